@@ -1,0 +1,24 @@
+"""Every golden file: case folder -> file name -> function of the committed document (or None) that builds it anew."""
+
+from functools import partial
+
+from . import c2d_cases as c2d
+from . import regression_cases as regression
+from . import riccati_cases as riccati
+from . import simulation_cases as simulation
+from . import zeros_cases as zeros
+
+CASES = {
+    "c2d_zoh": {"reference.json": partial(c2d.held_method, "zoh"), "octave.json": c2d.octave_file("zoh")},
+    "c2d_foh": {"reference.json": partial(c2d.held_method, "foh"), "octave.json": c2d.octave_file("foh")},
+    "c2d_impulse": {"reference.json": c2d.impulse},
+    "c2d_tustin": {"reference.json": c2d.tustin, "octave.json": c2d.octave_file("tustin")},
+    "c2d_matched": {"reference.json": c2d.matched, "octave.json": c2d.octave_file("matched")},
+    "c2d_least_squares": {"reference.json": c2d.least_squares},
+    "d2c_zoh": {"reference.json": simulation.d2c_zoh},
+    "lsim": {"reference.json": simulation.lsim},
+    "dlqr": {"reference.json": riccati.dlqr, "octave.json": riccati.dlqr_octave},
+    "dlqr_random": {"reference.json": riccati.dlqr_random},
+    "regression": {"reference.json": regression.regression},
+    "zeros": {"reference.json": zeros.zeros},
+}

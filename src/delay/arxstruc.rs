@@ -1,0 +1,95 @@
+//! The delay whose ARX model predicts best.
+//!
+//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + e(t).
+
+use super::{DelayError, DelayEstimate, DelayEstimator, Experiment, Outcome, PairEstimate, Search, every_pair, posterior};
+use crate::identify::{Record, arx_scan};
+
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
+///
+/// Assumes: noise that an AR(na) filter describes; holds for unstable plants and under feedback, as prediction-error methods do.
+/// Resolution and cost: one sample; O(N·(na + nb + delays)) for all delays together.
+/// Fails when: the input's first coefficient is small against the noise (the delay is then found late), or nb is large and leading coefficients may be zero
+/// (then early); a flat minimum shows as a wide interval or `flat`.
+/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.3 (na 10, nb 5); Ljung (1999), "System Identification", 2nd ed., section 4.2; MATLAB `arxstruc`.
+///
+/// # Example
+/// ```
+/// use deadtime::delay::{Arxstruc, DelayEstimator, Experiment, Search};
+/// use deadtime::time::SampleTime;
+/// let u: Vec<f64> = (0..400).map(|k: i32| f64::from(k * k % 7 - 3)).collect();
+/// let mut y = vec![0.0; 400];
+/// for t in 5..400 {
+///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
+/// }
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let answer = Arxstruc::default().estimate(&experiment, &Search::default())?;
+/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Arxstruc {
+    /// Past outputs; default 10, the best in Björklund's study.
+    pub na: usize,
+    /// Input coefficients; default 5, as above.
+    pub nb: usize,
+}
+
+impl Default for Arxstruc {
+    fn default() -> Self {
+        Self { na: 10, nb: 5 }
+    }
+}
+
+const NAME: &str = "arxstruc";
+
+impl DelayEstimator for Arxstruc {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+        if self.nb == 0 {
+            return Err(DelayError::Option { method: NAME, option: "nb", value: 0.0, allowed: "1 or more" });
+        }
+        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+    }
+}
+
+impl Arxstruc {
+    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+        let scan = arx_scan(records, self.na, self.nb, max_delay);
+        let parameters = self.na + self.nb;
+        let rows_needed = 2 * parameters;
+        if scan.rows < rows_needed {
+            return Err(DelayError::TooShort {
+                method: NAME,
+                needed: self.na.max(max_delay + self.nb - 1) + rows_needed,
+                got: experiment.longest(),
+                remedy: "search a shorter --max-delay, or set smaller na and nb",
+            });
+        }
+        if scan.input_rank.iter().all(|&r| r == 0) {
+            return Ok(DelayEstimate::without(
+                Outcome::NotRichEnough,
+                "past outputs explain every lag of the input: it hardly moves in the rows used",
+            ));
+        }
+        #[allow(clippy::cast_precision_loss)]
+        let rows = scan.rows as f64;
+        let Some(posterior) = posterior::posterior(&scan.loss, scan.power, rows) else {
+            return Ok(DelayEstimate::without(Outcome::Singular, "no delay has a finite loss: the numbers overflow; scale the channels"));
+        };
+        let best = posterior.best;
+        let gain = rows * (scan.loss_without_input / scan.loss[best].max(f64::MIN_POSITIVE)).ln();
+        let delays = max_delay + 1;
+        if gain < posterior::visible_gain(self.nb, delays) {
+            let note = format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input");
+            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+        }
+        if posterior.set > delays / 2 || posterior.ties > parameters {
+            let fits = posterior.set.max(posterior.ties);
+            return Ok(DelayEstimate::without(Outcome::Flat, format!("{fits} of {delays} delays fit equally well")));
+        }
+        #[allow(clippy::cast_precision_loss)]
+        let raw = best as f64;
+        Ok(DelayEstimate::counted(raw, posterior.std, posterior.interval, best == max_delay, bias, experiment.sample_time))
+    }
+}

@@ -1,0 +1,131 @@
+//! From the losses of a scan over delays to a probability of each: p(nk) ∝ V(nk)^(−N/2).
+
+/// What the losses say.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Posterior {
+    /// The delay with the smallest loss; of those that tie to rounding, the longest.
+    pub(super) best: usize,
+    /// Delays whose losses tie with the smallest to rounding.
+    pub(super) ties: usize,
+    /// Standard deviation, samples, the grid's own resolution included.
+    pub(super) std: f64,
+    /// First and last delay of the smallest set that holds 95 % of the probability, each widened by half a sample.
+    pub(super) interval: [f64; 2],
+    /// Delays in that set.
+    pub(super) set: usize,
+}
+
+/// Losses below this share of the signal's power are zero but for rounding.
+const ROUNDING: f64 = 1e-20;
+
+/// `losses` from delay 0 on, NaN where there is none; `power` is the mean square of the output; `samples` the independent ones among the residuals.
+///
+/// The flat prior over the window and p ∝ V^(−N/2) are the profile likelihood of Gaussian noise of unknown variance.
+/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, for the losses; the posterior is the usual Bayesian reading of them.
+pub(super) fn posterior(losses: &[f64], power: f64, samples: f64) -> Option<Posterior> {
+    let floor = ROUNDING * power;
+    let smallest = losses.iter().copied().filter(|v| v.is_finite()).min_by(f64::total_cmp)?;
+    let mut tied: Vec<usize> = (0..losses.len()).filter(|&nk| losses[nk] <= floor).collect();
+    if tied.is_empty() {
+        tied.extend(losses.iter().position(|&v| v == smallest));
+    }
+    let best = *tied.last()?;
+    let logs: Vec<f64> = losses
+        .iter()
+        .map(|&v| if v.is_finite() { -0.5 * samples * (v.max(floor) / smallest.max(floor)).ln() } else { f64::NEG_INFINITY })
+        .collect();
+    // Shorter delays that tie to rounding only carry leading zeros: they are the same model.
+    let weight = |nk: usize| if nk < best && tied.contains(&nk) { 0.0 } else { logs[nk].exp() };
+    let total: f64 = (0..losses.len()).map(weight).sum();
+    #[allow(clippy::cast_precision_loss)]
+    let real = |nk: usize| nk as f64;
+    let variance: f64 = (0..losses.len()).map(|nk| weight(nk) / total * (real(nk) - real(best)).powi(2)).sum();
+    let mut order: Vec<usize> = (0..losses.len()).collect();
+    order.sort_by(|&a, &b| weight(b).total_cmp(&weight(a)));
+    let mut mass = 0.0;
+    let mut set = Vec::new();
+    for nk in order {
+        set.push(nk);
+        mass += weight(nk) / total;
+        if mass >= 0.95 {
+            break;
+        }
+    }
+    let (first, last) = (set.iter().min().copied().unwrap_or(best), set.iter().max().copied().unwrap_or(best));
+    Some(Posterior {
+        best,
+        ties: tied.len(),
+        std: (variance + RESOLUTION).sqrt(),
+        interval: [real(first) - 0.5, real(last) + 0.5],
+        set: set.len(),
+    })
+}
+
+/// Variance of a delay that is only known to the nearest sample.
+pub(super) const RESOLUTION: f64 = 1.0 / 12.0;
+
+/// How many of `residuals` are independent: N/(1 + 2Σρ), the sum up to the first correlation that is not positive.
+pub(super) fn effective_samples(residuals: &[f64]) -> f64 {
+    #[allow(clippy::cast_precision_loss)]
+    let n = residuals.len() as f64;
+    let power: f64 = residuals.iter().map(|e| e * e).sum();
+    if power <= 0.0 {
+        return n;
+    }
+    let mut sum = 0.0;
+    for lag in 1..(residuals.len() / 4).max(1) {
+        let rho: f64 = residuals.iter().zip(residuals.get(lag..).unwrap_or_default()).map(|(a, b)| a * b).sum::<f64>() / power;
+        if rho <= 0.0 {
+            break;
+        }
+        sum += rho;
+    }
+    (n / (1.0 + 2.0 * sum)).max(1.0)
+}
+
+/// The smallest N·ln(V₀/V) that `parameters` free parameters, searched over `delays`, reach by chance in one case of a hundred.
+pub(super) fn visible_gain(parameters: usize, delays: usize) -> f64 {
+    use statrs::distribution::{ChiSquared, ContinuousCDF};
+    #[allow(clippy::cast_precision_loss)]
+    let (freedom, tried) = (parameters.max(1) as f64, delays.max(1) as f64);
+    ChiSquared::new(freedom).map_or(f64::INFINITY, |d| d.inverse_cdf(1.0 - 0.01 / tried))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sharp_minimum_is_certain_to_half_a_sample() {
+        let p = posterior(&[3.0, 2.0, 1.0, 2.0], 10.0, 500.0).unwrap();
+        assert_eq!((p.best, p.set, p.interval), (2, 1, [1.5, 2.5]));
+        assert!((p.std - RESOLUTION.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn of_delays_that_tie_to_rounding_the_longest_is_meant() {
+        let p = posterior(&[1e-30, 3e-31, 2e-30, 1.0], 1.0, 500.0).unwrap();
+        assert_eq!((p.best, p.ties, p.set), (2, 3, 1));
+    }
+
+    #[test]
+    fn equal_losses_leave_every_delay_open() {
+        let p = posterior(&[1.0; 20], 10.0, 500.0).unwrap();
+        assert!(p.set >= 19 && p.std > 5.0);
+        assert!(posterior(&[f64::NAN], 1.0, 10.0).is_none());
+    }
+
+    #[test]
+    fn coloured_residuals_count_less() {
+        let mut e = vec![0.0; 4000];
+        let mut state = 1_u64;
+        for t in 1..4000 {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            e[t] = 0.8 * e[t - 1] + ((state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5);
+        }
+        // AR(1) with ρ = 0.8: N·(1 − ρ)/(1 + ρ).
+        let expected = 4000.0 / 9.0;
+        let got = effective_samples(&e);
+        assert!((got / expected - 1.0).abs() < 0.4, "{got}");
+    }
+}

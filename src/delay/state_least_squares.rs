@@ -1,0 +1,354 @@
+//! The delay of every input from measured states and known dynamics.
+//!
+//! Equation: z(k) = x(k+1) − A x(k) = Σⱼ Σᵢ γᵢⱼ Bⱼ uⱼ(k − tᵢ), γ by least squares; one γ per input is 1, at its delay.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{DelayError, DelayEstimate, DelayEstimator, Experiment, Outcome, PairEstimate, PlantModel, Search};
+use crate::identify::lag_matrix;
+use crate::model::c2d::{Hold, transition};
+use crate::model::exp;
+
+/// How the delay is read from the coefficients γ.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Selection {
+    /// The lag of the largest coefficient, refined below one sample.
+    #[default]
+    Largest,
+    /// Σ γᵢtᵢ, the published formula, which gathers the noise of every coefficient.
+    ProductSum,
+    /// max γᵢtᵢ, the thesis' algorithm 3.9: rounding noise where the delay is 0, and the wrong lag under noise. For comparison only.
+    LargestProduct,
+}
+
+/// Inputs: every input and every state of the model on one even grid, A and B. Output: seconds per input, positive = the state lags the input.
+///
+/// Assumes: A and B are those of the plant, the states are measured with little noise, inputs that are not combinations of each other's lags.
+/// Holds for unstable plants and under feedback, and for inputs with different delays: all are found together.
+/// Resolution and cost: below one sample (exactly for a continuous model behind a zero-order hold, by interpolation of B for a sampled one); O(N·inputs²·delays).
+/// Fails when: inputs move together or hardly at all (`singular`), or the model does not describe the data: one delay per input then explains much less than all
+/// lags together (`not_applicable`).
+/// Source: Waschburger and Galvão (2013), "Time delay estimation in discrete-time state-space models", Signal Processing 93, 904-912.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct StateLeastSquares {
+    /// How the delay is read from the coefficients; default the largest one.
+    pub selection: Selection,
+}
+
+const NAME: &str = "state_least_squares";
+
+/// Below this share of what all lags together explain, one delay per input does not describe the data.
+const DESCRIBES: f64 = 0.5;
+
+impl DelayEstimator for StateLeastSquares {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+        experiment.check()?;
+        let mut estimates = self.window(experiment, search.max_delay)?;
+        if estimates.iter().any(|e| e.outcome == Outcome::AtEdge)
+            && let Ok(wider) = self.window(experiment, 2 * search.max_delay)
+        {
+            estimates = wider;
+        }
+        Ok(estimates.into_iter().enumerate().map(|(input, estimate)| PairEstimate { input, output: None, estimate }).collect())
+    }
+}
+
+/// A recording as this method sees it.
+struct Rows<'a> {
+    /// z(k) = x(k+1) − A x(k), states × samples.
+    z: DMatrix<f64>,
+    u: Vec<&'a [f64]>,
+}
+
+/// The sampled plant, and how a fraction f of a sample splits an input's effect between u(k − d) and u(k − d − 1).
+struct Plant {
+    a: DMatrix<f64>,
+    b: DMatrix<f64>,
+    /// A and B in continuous time, and the sample time, where they are known.
+    continuous: Option<(DMatrix<f64>, DMatrix<f64>, f64)>,
+}
+
+impl Plant {
+    fn new(experiment: &Experiment) -> Result<Self, DelayError> {
+        let ts = experiment.sample_time.seconds();
+        let plant = match &experiment.model {
+            None => return Err(DelayError::NoStates { method: NAME }),
+            Some(PlantModel::Sampled(sys)) => Self { a: sys.a().clone(), b: sys.b().clone(), continuous: None },
+            Some(PlantModel::Continuous(sys)) => {
+                let (a, b, _) = transition(sys.a(), sys.b(), ts, Hold::Zero);
+                Self { a, b, continuous: Some((sys.a().clone(), sys.b().clone(), ts)) }
+            }
+        };
+        let (n, m) = plant.b.shape();
+        if experiment.recordings.iter().any(|r| r.states.len() != n || n == 0) {
+            return Err(DelayError::NoStates { method: NAME });
+        }
+        if m != experiment.inputs.len() {
+            return Err(DelayError::Count {
+                what: "inputs (the method needs all of the model's)",
+                needed: m,
+                got: experiment.inputs.len(),
+            });
+        }
+        Ok(plant)
+    }
+
+    /// Γ₀, Γ₁ and dΓ₁/df = −dΓ₀/df of one input.
+    fn split(&self, input: usize, f: f64) -> [DVector<f64>; 3] {
+        let whole = self.b.column(input).into_owned();
+        match &self.continuous {
+            None => [&whole * (1.0 - f), &whole * f, whole],
+            Some((a, b, ts)) => {
+                let column = b.columns(input, 1).into_owned();
+                let early = transition(a, &column, ts * (1.0 - f), Hold::Zero).1.column(0).into_owned();
+                let slope = (exp(&(a * (ts * (1.0 - f)))) * column * *ts).column(0).into_owned();
+                [early.clone(), whole - early, slope]
+            }
+        }
+    }
+}
+
+impl StateLeastSquares {
+    fn window(&self, experiment: &Experiment, max_delay: usize) -> Result<Vec<DelayEstimate>, DelayError> {
+        let plant = Plant::new(experiment)?;
+        let (n, m) = plant.b.shape();
+        let lags = max_delay + 1;
+        let parameters = m * lags;
+        // One row is kept ahead of the window for the sub-sample split.
+        let first = max_delay + 1;
+        let recordings: Vec<Rows<'_>> =
+            experiment.recordings.iter().filter(|r| r.inputs[0].len() > first + 1).map(|r| rows(r, &plant.a)).collect();
+        let samples: usize = recordings.iter().map(|r| r.z.ncols() - first).sum();
+        let needed_rows = parameters.div_ceil(n) + 1;
+        if samples < needed_rows {
+            return Err(DelayError::TooShort {
+                method: NAME,
+                needed: first + 1 + needed_rows,
+                got: experiment.longest(),
+                remedy: "search a shorter --max-delay",
+            });
+        }
+        let (mut gram, mut right, mut power) = (DMatrix::zeros(parameters, parameters), DVector::zeros(parameters), 0.0);
+        for r in &recordings {
+            power += r.z.columns(first, r.z.ncols() - first).norm_squared();
+            for j in 0..m {
+                let bz: Vec<f64> = r.z.column_iter().map(|z| z.dot(&plant.b.column(j))).collect();
+                let products = lag_matrix(&bz, Some(r.u[j]), first, (1, lags));
+                for i in 0..lags {
+                    right[j * lags + i] += products[(0, i)];
+                }
+                for l in j..m {
+                    let weight = plant.b.column(j).dot(&plant.b.column(l));
+                    let block = lag_matrix(r.u[j], if l == j { None } else { Some(r.u[l]) }, first, (lags, lags)) * weight;
+                    let mut at = gram.view_mut((j * lags, l * lags), (lags, lags));
+                    at += &block;
+                    if l != j {
+                        let mut at = gram.view_mut((l * lags, j * lags), (lags, lags));
+                        at += block.transpose();
+                    }
+                }
+            }
+        }
+        let Some((gamma, inverse)) = solve(&gram, &right) else {
+            let note = "the lags of the inputs are combinations of each other: they do not move enough, or move together";
+            return Ok(vec![DelayEstimate::without(Outcome::Singular, note); m]);
+        };
+        let explained_by_all = (gamma.dot(&right) / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        #[allow(clippy::cast_precision_loss)]
+        let freedom = (samples * n).saturating_sub(parameters).max(1) as f64;
+        let noise = power * (1.0 - explained_by_all) / freedom;
+        let of = |j: usize| (0..lags).map(move |i| j * lags + i);
+        let largest = |j: usize| of(j).max_by(|&a, &b| gamma[a].total_cmp(&gamma[b])).unwrap_or(j * lags) - j * lags;
+        // Start of the refinement: the largest coefficient and its larger neighbour share one delay.
+        let start: Vec<f64> = (0..m).map(|j| interpolated(&gamma.as_slice()[j * lags..(j + 1) * lags], largest(j))).collect();
+        let refined = refine(&plant, &recordings, first, &start, max_delay);
+        let explained = (1.0 - refined.residual / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        #[allow(clippy::cast_precision_loss)]
+        let gain = freedom * -(1.0 - explained_by_all).max(1e-300).ln();
+        Ok((0..m)
+            .map(|j| {
+                let sum: f64 = (0..lags).map(|i| gamma[j * lags + i] * real(i)).sum();
+                let product = (0..lags).map(|i| gamma[j * lags + i] * real(i)).fold(f64::NEG_INFINITY, f64::max);
+                let peak = largest(j);
+                let coefficient = gamma[j * lags + peak];
+                let strength = coefficient / (noise * inverse[(j * lags + peak, j * lags + peak)]).max(f64::MIN_POSITIVE).sqrt();
+                if gain < super::posterior::visible_gain(parameters, 1) || (strength < 3.0 && coefficient < 0.5) {
+                    let note = format!("no lag of this input stands out (largest coefficient {coefficient:.3}, {strength:.1} standard deviations)");
+                    return DelayEstimate::without(Outcome::NotVisible, note);
+                }
+                if explained < DESCRIBES * explained_by_all {
+                    let note = format!(
+                        "one delay per input explains {:.0} % of the state's motion, all lags together {:.0} %: A and B do not describe this plant",
+                        100.0 * explained,
+                        100.0 * explained_by_all
+                    );
+                    return DelayEstimate::without(Outcome::NotApplicable, note);
+                }
+                let (delay, std) = match self.selection {
+                    Selection::Largest => (refined.delays[j], refined.std[j]),
+                    Selection::ProductSum => {
+                        let weights = DVector::from_fn(parameters, |i, _| if i / lags == j { real(i % lags) } else { 0.0 });
+                        (sum, (noise * weights.dot(&(&inverse * &weights))).max(0.0).sqrt())
+                    }
+                    Selection::LargestProduct => (product, f64::NAN),
+                };
+                let ts = experiment.sample_time;
+                let at_edge = peak == max_delay;
+                let note = format!(
+                    "largest coefficient {coefficient:.3} at lag {peak} (1 if A and B are exact); one delay per input explains {:.1} % of the state's motion",
+                    100.0 * explained
+                );
+                let finite = std.is_finite();
+                DelayEstimate {
+                    outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
+                    delay_s: Some(ts.to_seconds(delay)),
+                    std_s: finite.then(|| ts.to_seconds(std)),
+                    ci95_s: finite.then(|| [delay - 1.96 * std, delay + 1.96 * std].map(|d| ts.to_seconds(d.max(0.0)))),
+                    raw_delay_s: Some(ts.to_seconds(sum)),
+                    degree_bias_samples: 0,
+                    note: Some(note),
+                }
+            })
+            .collect())
+    }
+}
+
+#[allow(clippy::cast_precision_loss)]
+fn real(i: usize) -> f64 {
+    i as f64
+}
+
+fn rows<'a>(recording: &'a super::Recording, a: &DMatrix<f64>) -> Rows<'a> {
+    let samples = recording.inputs[0].len();
+    let x = DMatrix::from_fn(recording.states.len(), samples, |i, k| recording.states[i][k]);
+    let z = x.columns(1, samples - 1) - a * x.columns(0, samples - 1);
+    Rows { z, u: recording.inputs.iter().map(|u| &u[..samples - 1]).collect() }
+}
+
+/// Coefficients and inverse Gram matrix, `None` where it is singular.
+fn solve(gram: &DMatrix<f64>, right: &DVector<f64>) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    let scale = gram.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
+    if scale.iter().any(|&s| s == 0.0) {
+        return None;
+    }
+    let scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| gram[(i, j)] * scale[i] * scale[j]);
+    let factor = scaled.cholesky()?;
+    let pivots = factor.l_dirty().diagonal();
+    // Beyond this the coefficients have fewer than four digits.
+    if pivots.min() < 1e-6 * pivots.max() {
+        return None;
+    }
+    let inverse = factor.inverse();
+    let inverse = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| inverse[(i, j)] * scale[i] * scale[j]);
+    Some((&inverse * right, inverse))
+}
+
+/// The delay between a coefficient and its larger neighbour.
+fn interpolated(gamma: &[f64], peak: usize) -> f64 {
+    let at = |i: Option<usize>| i.and_then(|i| gamma.get(i)).copied().unwrap_or(0.0).max(0.0);
+    let (before, here, after) = (at(peak.checked_sub(1)), at(Some(peak)), at(Some(peak + 1)));
+    let (from, low, high) = if after >= before { (peak, here, after) } else { (peak - 1, before, here) };
+    real(from) + if low + high > 0.0 { high / (low + high) } else { 0.0 }
+}
+
+struct Refined {
+    /// Samples, one per input.
+    delays: Vec<f64>,
+    std: Vec<f64>,
+    /// Σ of squared residuals.
+    residual: f64,
+}
+
+/// One continuous delay per input by Gauss-Newton on z, and its sandwich standard deviation (the noise of z reaches over neighbouring samples).
+fn refine(plant: &Plant, recordings: &[Rows<'_>], first: usize, start: &[f64], max_delay: usize) -> Refined {
+    let m = start.len();
+    let mut delays = start.to_vec();
+    let mut best: Option<Refined> = None;
+    for _ in 0..30 {
+        let evaluated = evaluate(plant, recordings, first, &delays);
+        let improved = best.as_ref().is_none_or(|b| evaluated.residual < b.residual);
+        let Some(step) = evaluated.information.clone().cholesky().map(|c| c.solve(&evaluated.gradient)) else { break };
+        if improved {
+            let std = sandwich(&evaluated);
+            best = Some(Refined { delays: delays.clone(), std, residual: evaluated.residual });
+        }
+        let from = best.as_ref().map_or(&delays, |b| &b.delays).clone();
+        // After a step that made it worse, half the way back to the best point.
+        let next: Vec<f64> = if improved {
+            (0..m).map(|j| (delays[j] - step[j].clamp(-0.5, 0.5)).clamp(0.0, real(max_delay))).collect()
+        } else {
+            (0..m).map(|j| 0.5 * (delays[j] + from[j])).collect()
+        };
+        let change = (0..m).map(|j| (next[j] - delays[j]).abs()).fold(0.0, f64::max);
+        delays = next;
+        if change < 1e-12 {
+            break;
+        }
+    }
+    best.unwrap_or_else(|| Refined { delays: start.to_vec(), std: vec![f64::NAN; m], residual: f64::INFINITY })
+}
+
+struct Evaluated {
+    residual: f64,
+    gradient: DVector<f64>,
+    information: DMatrix<f64>,
+    /// Scores Jᵀr, one column per row of the regression; records follow each other.
+    scores: DMatrix<f64>,
+}
+
+fn evaluate(plant: &Plant, recordings: &[Rows<'_>], first: usize, delays: &[f64]) -> Evaluated {
+    let m = delays.len();
+    let parts: Vec<(usize, [DVector<f64>; 3])> = (delays.iter().enumerate())
+        .map(|(j, &d)| {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            let whole = d.floor() as usize;
+            (whole, plant.split(j, d - d.floor()))
+        })
+        .collect();
+    let total: usize = recordings.iter().map(|r| r.z.ncols() - first).sum();
+    let mut evaluated =
+        Evaluated { residual: 0.0, gradient: DVector::zeros(m), information: DMatrix::zeros(m, m), scores: DMatrix::zeros(m, total) };
+    let slopes = DMatrix::from_fn(m, m, |i, j| parts[i].1[2].dot(&parts[j].1[2]));
+    let mut column = 0;
+    for r in recordings {
+        for k in first..r.z.ncols() {
+            let mut residual = r.z.column(k).into_owned();
+            let mut moved = DVector::zeros(m);
+            for (j, (whole, [now, before, _])) in parts.iter().enumerate() {
+                let (u0, u1) = (r.u[j][k - whole], r.u[j][k - whole - 1]);
+                residual.axpy(-u0, now, 1.0);
+                residual.axpy(-u1, before, 1.0);
+                // d(residual)/df = slope·(u0 − u1)
+                moved[j] = u0 - u1;
+            }
+            evaluated.residual += residual.norm_squared();
+            for j in 0..m {
+                let score = moved[j] * parts[j].1[2].dot(&residual);
+                evaluated.gradient[j] += score;
+                evaluated.scores[(j, column)] = score;
+                for l in 0..m {
+                    evaluated.information[(j, l)] += moved[j] * moved[l] * slopes[(j, l)];
+                }
+            }
+            column += 1;
+        }
+    }
+    evaluated
+}
+
+/// Standard deviations from scores that neighbouring samples share (lags up to 2, Bartlett's weights).
+fn sandwich(evaluated: &Evaluated) -> Vec<f64> {
+    let m = evaluated.gradient.len();
+    let Some(bread) = evaluated.information.clone().cholesky().map(|c| c.inverse()) else { return vec![f64::NAN; m] };
+    let s = &evaluated.scores;
+    let mut meat = s * s.transpose();
+    for lag in 1..=2_usize {
+        let columns = s.ncols().saturating_sub(lag);
+        let shifted = s.columns(lag, columns) * s.columns(0, columns).transpose() * (1.0 - real(lag) / 3.0);
+        meat += &shifted + shifted.transpose();
+    }
+    let covariance = &bread * meat * &bread;
+    (0..m).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect()
+}

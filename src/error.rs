@@ -1,0 +1,48 @@
+//! The one public error type; each module keeps the facts of its own failures in a small enum.
+
+use std::path::{Path, PathBuf};
+
+/// Everything that can stop `deadtime` from answering. "No delay visible" and its like are results, not errors.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A sample time or delay that cannot be.
+    #[error(transparent)]
+    Time(#[from] crate::time::TimeError),
+    /// A log that cannot be read or used.
+    #[error(transparent)]
+    Log(#[from] crate::log::LogError),
+    /// A model that cannot be built, read or converted.
+    #[error(transparent)]
+    Model(#[from] crate::model::ModelError),
+    /// A signal that cannot be made.
+    #[error(transparent)]
+    Signal(#[from] crate::signal::SignalError),
+    /// A simulation that cannot be run.
+    #[error(transparent)]
+    Simulate(#[from] crate::simulate::SimulateError),
+    /// An estimation that cannot be set up.
+    #[error(transparent)]
+    Delay(#[from] crate::delay::DelayError),
+    /// A name or option that a registry does not know.
+    #[error(transparent)]
+    Registry(#[from] crate::registry::RegistryError),
+    /// The operating system refused a file.
+    #[error("{path}: {source}", path = path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+}
+
+/// The crate's result type.
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// Wraps an operating-system error with the file it is about.
+    pub fn io(path: &Path, source: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), source }
+    }
+}

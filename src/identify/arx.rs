@@ -1,0 +1,74 @@
+//! ARX models for every delay from one factorisation.
+
+use super::least_squares;
+use super::regression::{DEPENDENT, Record, Regression};
+
+/// The losses of A(q) y = B(q) u(t − nk) for nk = 0, 1, …, all over the same rows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ArxScan {
+    /// Σ e²/rows for every nk.
+    pub loss: Vec<f64>,
+    /// −a₁ … −a_na, b₀ … for every nk.
+    pub coefficients: Vec<Vec<f64>>,
+    /// The loss without any input: A(q) y = e.
+    pub loss_without_input: f64,
+    /// Σ y²/rows.
+    pub power: f64,
+    /// Rows behind every loss.
+    pub rows: usize,
+    /// Independent columns among the `nb` of the input, past outputs taken out, for every nk.
+    pub input_rank: Vec<usize>,
+}
+
+/// ARX(na, nb, nk) for nk = 0 … `max_delay`.
+///
+/// The rows are those that the longest delay has, so that losses compare. One triangular factor of all lags is made, by lag products in O(N·(na + lags));
+/// each delay then costs a least-squares problem of nb columns inside that triangle, whatever N is.
+///
+/// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2 and 10.1; MATLAB `arxstruc`.
+#[must_use]
+pub fn scan(records: &[Record], na: usize, nb: usize, max_delay: usize) -> ArxScan {
+    let lags = max_delay + nb;
+    let regression = Regression { na, lags };
+    let triangle = regression.factor(records);
+    let (r, norms) = (&triangle.r, &triangle.norms);
+    let last = regression.columns();
+    // Rows that the past outputs use up; where one of them repeats the others, its row stays with the input.
+    let (used, free): (Vec<usize>, Vec<usize>) = (0..na).partition(|&i| r[(i, i)].abs() > DEPENDENT * norms[i]);
+    #[allow(clippy::cast_precision_loss)]
+    let rows = triangle.rows.max(1) as f64;
+    let tail = |column: usize, from: usize| -> Vec<f64> {
+        free.iter().map(|&i| r[(i, column)]).chain((na..from).map(|i| r[(i, column)])).collect()
+    };
+    let everything = tail(last, last + 1);
+    let without: f64 = everything.iter().map(|v| v * v).sum();
+    let mut scan = ArxScan {
+        loss: Vec::with_capacity(max_delay + 1),
+        coefficients: Vec::with_capacity(max_delay + 1),
+        loss_without_input: without / rows,
+        power: norms[last].powi(2) / rows,
+        rows: triangle.rows,
+        input_rank: Vec::with_capacity(max_delay + 1),
+    };
+    for nk in 0..=max_delay {
+        // Columns nk … nk+nb−1 of a triangle end at row na+nk+nb; below, the target is untouched.
+        let end = na + nk + nb;
+        let mut columns: Vec<Vec<f64>> = (0..nb).map(|j| tail(na + nk + j, end)).collect();
+        let mut target = tail(last, end);
+        let below: f64 = (end..=last).map(|i| r[(i, last)].powi(2)).sum();
+        let small: Vec<f64> = (0..nb).map(|j| DEPENDENT * norms[na + nk + j]).collect();
+        let solved = least_squares::solve(&mut columns, &mut target, &small);
+        scan.loss.push((solved.residual + below) / rows);
+        scan.input_rank.push(solved.rank);
+        // Past outputs by back substitution in the rows they use.
+        let mut coefficients = vec![0.0; na];
+        for &i in used.iter().rev() {
+            let inputs: f64 = (0..nb).map(|j| r[(i, na + nk + j)] * solved.coefficients[j]).sum();
+            let outputs: f64 = (i + 1..na).map(|k| r[(i, k)] * coefficients[k]).sum();
+            coefficients[i] = (r[(i, last)] - inputs - outputs) / r[(i, i)];
+        }
+        coefficients.extend(solved.coefficients);
+        scan.coefficients.push(coefficients);
+    }
+    scan
+}

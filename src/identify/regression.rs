@@ -1,0 +1,356 @@
+//! Regressions of an output on its own past and on the input's: one triangular factor that every ARX and FIR fit is read from.
+
+use nalgebra::DMatrix;
+
+/// One record of one input and one output on an even grid.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    /// Input.
+    pub u: Vec<f64>,
+    /// Output, as long as the input.
+    pub y: Vec<f64>,
+    /// Which output samples were measured; `None`: all.
+    pub present: Option<Vec<bool>>,
+}
+
+impl Record {
+    /// A record without missing samples.
+    #[must_use]
+    pub fn new(u: Vec<f64>, y: Vec<f64>) -> Self {
+        Self { u, y, present: None }
+    }
+
+    /// Number of samples.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.u.len().min(self.y.len())
+    }
+
+    /// No samples.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    fn has(&self, t: usize) -> bool {
+        self.present.as_ref().is_none_or(|p| p[t])
+    }
+}
+
+/// Columns y(t−1) … y(t−na), u(t) … u(t−lags+1) and the target y(t), over every row t ≥ max(na, lags − 1) whose outputs are all there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Regression {
+    /// Past outputs.
+    pub na: usize,
+    /// Input lags, from 0.
+    pub lags: usize,
+}
+
+/// A column that adds less than this share of its own norm to the ones before it is their combination.
+pub(crate) const DEPENDENT: f64 = 1e-11;
+
+/// How many columns of a regression are independent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Rank {
+    pub(crate) rank: usize,
+    pub(crate) columns: usize,
+}
+
+/// The upper triangular factor of [regressors, target], and the number of rows behind it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Triangle {
+    pub(crate) r: DMatrix<f64>,
+    pub(crate) rows: usize,
+    /// Norms of the columns that were factored, which say what is small.
+    pub(crate) norms: Vec<f64>,
+}
+
+impl Regression {
+    /// Number of regressors, without the target.
+    #[must_use]
+    pub fn columns(self) -> usize {
+        self.na + self.lags
+    }
+
+    /// The first row that sees no sample before the record.
+    #[must_use]
+    pub fn first_row(self) -> usize {
+        self.na.max(self.lags.saturating_sub(1))
+    }
+
+    /// The triangular factor over all records: by lag products where they are accurate enough, else by QR of the rows.
+    pub(crate) fn factor(self, records: &[Record]) -> Triangle {
+        if let Some((gram, rows)) = self.gram(records)
+            && let Some(triangle) = cholesky(&gram, rows)
+        {
+            return triangle;
+        }
+        self.qr(records)
+    }
+
+    /// The Gram matrix of [regressors, target] by running lag products, O(samples·columns); `None` where a sample is missing.
+    ///
+    /// Each product of two lagged signals follows from its neighbour one sample earlier by two corrections at the ends of the record.
+    pub(crate) fn gram(self, records: &[Record]) -> Option<(DMatrix<f64>, usize)> {
+        let size = self.columns() + 1;
+        let mut gram = DMatrix::zeros(size, size);
+        let mut rows = 0;
+        for record in records {
+            if record.present.is_some() {
+                return None;
+            }
+            let (first, end) = (self.first_row(), record.len());
+            if end <= first {
+                continue;
+            }
+            rows += end - first;
+            self.add_lag_products(&mut gram, record, first, end);
+        }
+        Some((gram, rows))
+    }
+
+    fn add_lag_products(self, gram: &mut DMatrix<f64>, record: &Record, first: usize, end: usize) {
+        let (y, u) = (&record.y[..end], &record.u[..end]);
+        let target = self.columns();
+        // Columns of y(t), y(t−1) … and of u(t), u(t−1) …
+        let outputs: Vec<usize> = std::iter::once(target).chain(0..self.na).collect();
+        let inputs: Vec<usize> = (self.na..target).collect();
+        let mut put = |rows: &[usize], columns: &[usize], products: &DMatrix<f64>| {
+            for (i, &row) in rows.iter().enumerate() {
+                for (j, &column) in columns.iter().enumerate() {
+                    gram[(row, column)] += products[(i, j)];
+                }
+            }
+        };
+        put(&outputs, &outputs, &lag_matrix(y, None, first, (self.na + 1, self.na + 1)));
+        put(&inputs, &inputs, &lag_matrix(u, None, first, (self.lags, self.lags)));
+        let cross = lag_matrix(y, Some(u), first, (self.na + 1, self.lags));
+        put(&outputs, &inputs, &cross);
+        put(&inputs, &outputs, &cross.transpose());
+    }
+
+    /// The triangular factor by Householder reflections of the rows themselves, a block at a time.
+    pub(crate) fn qr(self, records: &[Record]) -> Triangle {
+        let size = self.columns() + 1;
+        let mut block = DMatrix::zeros(size + ROWS, size);
+        let mut filled = 0;
+        let mut have_r = false;
+        let mut rows = 0;
+        let mut squares = vec![0.0; size];
+        let flush = |block: &mut DMatrix<f64>, filled: &mut usize, have_r: &mut bool| {
+            let used = size + *filled;
+            let r = block.rows(0, used).into_owned().qr().r();
+            block.fill(0.0);
+            block.view_mut((0, 0), (size, size)).copy_from(&r.view((0, 0), (size, size)));
+            *filled = 0;
+            *have_r = true;
+        };
+        for record in records {
+            for t in self.first_row()..record.len() {
+                if !record.has(t) || (1..=self.na).any(|i| !record.has(t - i)) {
+                    continue;
+                }
+                rows += 1;
+                let row = size + filled;
+                for i in 1..=self.na {
+                    block[(row, i - 1)] = record.y[t - i];
+                }
+                for j in 0..self.lags {
+                    block[(row, self.na + j)] = record.u[t - j];
+                }
+                block[(row, size - 1)] = record.y[t];
+                for (column, square) in squares.iter_mut().enumerate() {
+                    *square += block[(row, column)].powi(2);
+                }
+                filled += 1;
+                if filled == ROWS {
+                    flush(&mut block, &mut filled, &mut have_r);
+                }
+            }
+        }
+        flush(&mut block, &mut filled, &mut have_r);
+        let r = block.view((0, 0), (size, size)).into_owned();
+        Triangle { r, rows, norms: squares.into_iter().map(f64::sqrt).collect() }
+    }
+}
+
+/// Rows that one QR step takes in.
+const ROWS: usize = 256;
+/// Samples that one pass of lag products keeps in cache.
+const BLOCK: usize = 2048;
+
+/// Σ over t = first … of a(t − i)·b(t − j), i and j below the two `lags`; without b, of a with itself.
+///
+/// Products with one lag 0 are summed; every other follows from its neighbour one sample earlier by corrections at the two ends.
+pub(crate) fn lag_matrix(a: &[f64], b: Option<&[f64]>, first: usize, lags: (usize, usize)) -> DMatrix<f64> {
+    let mut products = DMatrix::zeros(lags.0, lags.1);
+    let end = a.len();
+    if lags.0 == 0 || lags.1 == 0 || end <= first {
+        return products;
+    }
+    let (mut row, mut column) = (vec![0.0; lags.1], vec![0.0; lags.0 - 1]);
+    let right = b.unwrap_or(a);
+    for start in (first..end).step_by(BLOCK) {
+        let stop = (start + BLOCK).min(end);
+        lag_products(&a[start..stop], right, start, 0, &mut row);
+        if b.is_some() {
+            lag_products(&right[start..stop], a, start, 1, &mut column);
+        }
+    }
+    if b.is_none() {
+        column.copy_from_slice(&row[1..]);
+    }
+    for (j, value) in row.into_iter().enumerate() {
+        products[(0, j)] = value;
+    }
+    for (i, value) in column.into_iter().enumerate() {
+        products[(i + 1, 0)] = value;
+    }
+    for j in 1..lags.1 {
+        for i in 1..lags.0 {
+            products[(i, j)] = products[(i - 1, j - 1)] + a[first - i] * right[first - j] - a[end - i] * right[end - j];
+        }
+    }
+    products
+}
+
+/// Adds Σ a[k]·b[start + k − lag] to `sums[lag − from]` for every lag.
+fn lag_products(a: &[f64], b: &[f64], start: usize, from: usize, sums: &mut [f64]) {
+    let mut lags = sums.chunks_exact_mut(4);
+    let mut lag = from;
+    for group in &mut lags {
+        let shifted = [0, 1, 2, 3].map(|i| &b[start - lag - i..start - lag - i + a.len()]);
+        for (sum, product) in group.iter_mut().zip(products4(a, shifted)) {
+            *sum += product;
+        }
+        lag += 4;
+    }
+    for sum in lags.into_remainder() {
+        *sum += dot(a, &b[start - lag..start - lag + a.len()]);
+        lag += 1;
+    }
+}
+
+/// Four dot products with one left side, in independent partial sums so that they vectorise.
+fn products4(a: &[f64], b: [&[f64]; 4]) -> [f64; 4] {
+    const LANES: usize = 4;
+    let mut sums = [[0.0; LANES]; 4];
+    let whole = a.len() / LANES * LANES;
+    for k in (0..whole).step_by(LANES) {
+        let left: [f64; LANES] = std::array::from_fn(|l| a[k + l]);
+        for (sum, right) in sums.iter_mut().zip(b) {
+            let right = &right[k..k + LANES];
+            for l in 0..LANES {
+                sum[l] += left[l] * right[l];
+            }
+        }
+    }
+    std::array::from_fn(|i| sums[i].iter().sum::<f64>() + (whole..a.len()).map(|k| a[k] * b[i][k]).sum::<f64>())
+}
+
+/// Σ a·b in eight partial sums.
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 8];
+    let (left, right) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f64 = left.remainder().iter().zip(right.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in left.zip(right) {
+        for l in 0..8 {
+            sums[l] += x[l] * y[l];
+        }
+    }
+    sums.iter().sum::<f64>() + rest
+}
+
+/// The factor of a Gram matrix, or `None` where squaring the condition number costs too many digits.
+fn cholesky(gram: &DMatrix<f64>, rows: usize) -> Option<Triangle> {
+    let n = gram.nrows();
+    let norms: Vec<f64> = (0..n).map(|i| gram[(i, i)].max(0.0).sqrt()).collect();
+    if norms[..n - 1].iter().any(|&s| s == 0.0) {
+        return None;
+    }
+    let mut r = DMatrix::zeros(n, n);
+    for i in 0..n {
+        for j in i..n {
+            let inner: f64 = (0..i).map(|k| r[(k, i)] * r[(k, j)]).sum();
+            let value = gram[(i, j)] - inner;
+            if i < j {
+                r[(i, j)] = value / r[(i, i)];
+            } else if i + 1 < n {
+                // A pivot below this share of its column has lost half of its digits.
+                if value <= 1e-7 * gram[(i, i)] {
+                    return None;
+                }
+                r[(i, i)] = value.sqrt();
+            } else {
+                // The residual: zero to rounding is for QR to resolve.
+                if value <= 1e-9 * gram[(i, i)] {
+                    return None;
+                }
+                r[(i, i)] = value.sqrt();
+            }
+        }
+    }
+    Some(Triangle { r, rows, norms })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(samples: usize, seed: u64) -> Record {
+        let mut state = seed;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        };
+        Record::new((0..samples).map(|_| next()).collect(), (0..samples).map(|_| next()).collect())
+    }
+
+    /// The oracle: every product summed on its own.
+    fn direct(regression: Regression, records: &[Record]) -> DMatrix<f64> {
+        let size = regression.columns() + 1;
+        let mut gram = DMatrix::zeros(size, size);
+        for r in records {
+            for t in regression.first_row()..r.len() {
+                let row: Vec<f64> =
+                    (1..=regression.na).map(|i| r.y[t - i]).chain((0..regression.lags).map(|j| r.u[t - j])).chain([r.y[t]]).collect();
+                let row = nalgebra::DVector::from_vec(row);
+                gram += &row * row.transpose();
+            }
+        }
+        gram
+    }
+
+    #[test]
+    fn lag_products_equal_the_direct_sums() {
+        for (na, lags) in [(0, 1), (0, 7), (3, 1), (10, 40), (1, 71), (4, 0)] {
+            let regression = Regression { na, lags };
+            let records = [record(150, 3), record(3000, 4), record(5, 9)];
+            let (gram, rows) = regression.gram(&records).unwrap();
+            let oracle = direct(regression, &records);
+            assert!((&gram - &oracle).amax() < 1e-11 * oracle.amax(), "{na} {lags}");
+            assert_eq!(rows, records.iter().map(|r| r.len().saturating_sub(regression.first_row())).sum::<usize>());
+        }
+    }
+
+    #[test]
+    fn both_factors_have_the_gram_matrix() {
+        let regression = Regression { na: 5, lags: 9 };
+        let records = [record(700, 1)];
+        let (gram, rows) = regression.gram(&records).unwrap();
+        let (a, b) = (cholesky(&gram, rows).unwrap(), regression.qr(&records));
+        for triangle in [a, b] {
+            assert!((triangle.r.transpose() * &triangle.r - &gram).amax() < 1e-11 * gram.amax());
+            assert_eq!(triangle.rows, rows);
+        }
+    }
+
+    #[test]
+    fn missing_outputs_drop_the_rows_that_see_them() {
+        let mut with = record(300, 5);
+        with.present = Some((0..300).map(|t| t != 120).collect());
+        let whole = record(300, 5);
+        let regression = Regression { na: 2, lags: 4 };
+        assert_eq!(regression.factor(&[with]).rows, regression.factor(&[whole]).rows - 3);
+    }
+}

@@ -1,0 +1,15 @@
+//! Dead time between command and response, and the gap between simulator and reality, from a measured log.
+
+pub mod delay;
+pub mod error;
+pub mod file;
+pub mod fit;
+pub mod identify;
+pub mod log;
+pub mod model;
+pub mod registry;
+pub mod signal;
+pub mod simulate;
+pub mod time;
+
+pub use error::{Error, Result};

@@ -1,0 +1,390 @@
+//! What can be wrong with a log; every variant holds the facts, every message says what, where and what to do.
+
+/// A log that cannot be read or used. `file` is the log's source, `row` the line as an editor counts it (the header is row 1).
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LogError {
+    /// Nothing in the file.
+    #[error("{file}: the file is empty; it needs a header row that begins with `time` and one row per sample")]
+    Empty {
+        /// The log.
+        file: String,
+    },
+    /// A header and nothing below it, or a log built from no samples.
+    #[error("{file}: no samples below the header row; record or export at least one row")]
+    NoSamples {
+        /// The log.
+        file: String,
+    },
+    /// Bytes that are no UTF-8 text.
+    #[error("{file}, row {row}: not text; export the log as CSV in UTF-8 (or as .csv.gz)")]
+    NotText {
+        /// The log.
+        file: String,
+        /// The line with the first such byte.
+        row: usize,
+    },
+    /// Called .gz and is none.
+    #[error("{file}: called .gz but not compressed by gzip; rename it to .csv if it is plain text, or compress it with gzip")]
+    NotGzip {
+        /// The log.
+        file: String,
+    },
+    /// A gzip stream that breaks off or does not decode.
+    #[error("{file}: the gzip stream is damaged or cut off after row {row} ({reason}); copy or compress the file again")]
+    Gzip {
+        /// The log.
+        file: String,
+        /// The last line that could be read; 0 when there was none.
+        row: usize,
+        /// What the decoder said.
+        reason: String,
+    },
+    /// The header does not begin with `time`.
+    #[error("{file}, row 1: the first column is called `{found}`; call it `time` (in seconds) and separate columns by commas")]
+    FirstColumn {
+        /// The log.
+        file: String,
+        /// The first cell of the header.
+        found: String,
+    },
+    /// Time in another unit than seconds.
+    #[error("{file}, row 1: time is in `{unit}`; convert it to seconds and call the column `time` or `time [s]`")]
+    TimeUnit {
+        /// The log.
+        file: String,
+        /// The unit that the header gives.
+        unit: String,
+    },
+    /// A column without a name.
+    #[error("{file}, row 1: column {column} has no name; name it or delete it")]
+    UnnamedColumn {
+        /// The log.
+        file: String,
+        /// Its number; the first is 1.
+        column: usize,
+    },
+    /// Two columns of one name.
+    #[error("{file}: two columns are called `{channel}`; rename or delete one of them")]
+    DuplicateChannel {
+        /// The log.
+        file: String,
+        /// Their name.
+        channel: String,
+    },
+    /// A name or unit that a header could not carry: empty, `time`, with control characters, or ending like a unit.
+    #[error(
+        "{file}: `{channel}` cannot be the header of a channel; choose a name other than `time`, of one line, that \
+         does not end like ` [unit]`"
+    )]
+    BadName {
+        /// The log.
+        file: String,
+        /// The header it would get.
+        channel: String,
+    },
+    /// Too many or too few cells.
+    #[error(
+        "{file}, row {row}: {found} cells where the header has {expected}; complete or delete the row, and write \
+         numbers with a decimal point"
+    )]
+    RowLength {
+        /// The log.
+        file: String,
+        /// The line.
+        row: usize,
+        /// The cells of the header.
+        expected: usize,
+        /// The cells of this row.
+        found: usize,
+    },
+    /// A quoted cell does not end in its line.
+    #[error("{file}, row {row}: a quote is opened and not closed; keep each sample on one line and close the quote")]
+    OpenQuote {
+        /// The log.
+        file: String,
+        /// The line.
+        row: usize,
+    },
+    /// Channels of different lengths.
+    #[error("{file}: channel `{channel}` has {found} samples where time has {expected}; give every channel one value per time stamp")]
+    Length {
+        /// The log.
+        file: String,
+        /// The channel.
+        channel: String,
+        /// The number of time stamps.
+        expected: usize,
+        /// The channel's number of values (or of marks for missing ones).
+        found: usize,
+    },
+    /// Text where a number belongs.
+    #[error(
+        "{file}, row {row}: channel `{channel}` holds `{text}`, which is no number; correct it, or leave the cell \
+         empty for a missing sample"
+    )]
+    NotANumber {
+        /// The log.
+        file: String,
+        /// The line.
+        row: usize,
+        /// The column.
+        channel: String,
+        /// The cell, shortened if long.
+        text: String,
+    },
+    /// NaN, an infinity, or a number beyond the range of `f64`.
+    #[error("{file}, row {row}: channel `{channel}` holds `{text}`, which is no finite number; leave the cell empty for a missing sample")]
+    NotFinite {
+        /// The log.
+        file: String,
+        /// The line.
+        row: usize,
+        /// The column.
+        channel: String,
+        /// The cell, shortened if long.
+        text: String,
+    },
+    /// A row without a time.
+    #[error("{file}, row {row}: the `time` cell is empty; give every row its time in seconds or delete the row")]
+    EmptyTime {
+        /// The log.
+        file: String,
+        /// The line.
+        row: usize,
+    },
+    /// A time stamp too large for arithmetic.
+    #[error("{file}, row {row}: channel `time` holds {time_s:e} s, beyond ±1e100 s; correct it or delete the row")]
+    TimeRange {
+        /// The log.
+        file: String,
+        /// The line.
+        row: usize,
+        /// The time stamp, in seconds.
+        time_s: f64,
+    },
+    /// The same time stamp twice running.
+    #[error("{file}, row {row}: channel `time` stands still at {time_s} s; delete the repeated row, or log time with more digits")]
+    TimeStandsStill {
+        /// The log.
+        file: String,
+        /// The second of the two lines.
+        row: usize,
+        /// Both time stamps, in seconds.
+        time_s: f64,
+    },
+    /// A time stamp before its predecessor.
+    #[error(
+        "{file}, row {row}: channel `time` runs back from {before_s} s to {time_s} s; sort the rows, or, if the file \
+         holds several records, \
+         name the column that tells them apart with `--records COLUMN`"
+    )]
+    TimeRunsBack {
+        /// The log.
+        file: String,
+        /// The line where time runs back.
+        row: usize,
+        /// The time stamp before, in seconds.
+        before_s: f64,
+        /// The time stamp in `row`, in seconds.
+        time_s: f64,
+    },
+    /// A row that belongs to no record.
+    #[error("{file}, row {row}: the cell of `{channel}`, which names the record, is empty; fill it or delete the row")]
+    EmptyRecord {
+        /// The log.
+        file: String,
+        /// The line.
+        row: usize,
+        /// The column that tells the records apart.
+        channel: String,
+    },
+    /// No such channel.
+    #[error("{file}: no channel is called `{channel}`{}; it has {}", suggestion(closest.as_deref()), listing(existing))]
+    UnknownChannel {
+        /// The log.
+        file: String,
+        /// The name asked for.
+        channel: String,
+        /// The name nearest to it by edit distance, if any is near.
+        closest: Option<String>,
+        /// The log's channels.
+        existing: Vec<String>,
+    },
+    /// An input must be known at every sample.
+    #[error(
+        "{file}, row {row}: input `{channel}` has no sample at {time_s} s; fill the cell, delete the row, or cut the \
+         log with `--from S --to S` \
+         (only outputs may miss samples)"
+    )]
+    MissingInput {
+        /// The log.
+        file: String,
+        /// The line of the first missing sample.
+        row: usize,
+        /// The input.
+        channel: String,
+        /// Its time as logged, in seconds.
+        time_s: f64,
+    },
+    /// A channel without a single sample.
+    #[error("{file}: channel `{channel}` has no sample in any row; choose another channel or another part of the log")]
+    MissingThroughout {
+        /// The log.
+        file: String,
+        /// The channel.
+        channel: String,
+    },
+    /// A grid needs two samples.
+    #[error("{file}: {found} samples, at least {needed} are needed; give a longer log or a wider `--from S --to S`")]
+    TooShort {
+        /// The log.
+        file: String,
+        /// The samples needed.
+        needed: usize,
+        /// The samples there are.
+        found: usize,
+    },
+    /// Time stamps off the straight line through all of them.
+    #[error(
+        "{file}, row {row}: time is uneven: the stamp {time_s} s is {deviation_samples:.3} samples from the straight \
+         line through all stamps \
+         (at most 0.05 counts as even); put the log on an even grid with `--resample TS`, for instance `--resample {suggested_s}`"
+    )]
+    UnevenTime {
+        /// The log.
+        file: String,
+        /// The line of the worst stamp.
+        row: usize,
+        /// The worst stamp as logged, in seconds.
+        time_s: f64,
+        /// Its distance from the line, in samples; positive when it is late.
+        deviation_samples: f64,
+        /// The median step to six digits, in seconds.
+        suggested_s: f64,
+    },
+    /// A window that holds no sample.
+    #[error(
+        "{file}: no sample from {from_s} s to {to_s} s; choose `--from S --to S` within 0 s to {duration_s} s, \
+         counted from the first sample"
+    )]
+    EmptyWindow {
+        /// The log.
+        file: String,
+        /// Where the window begins, in seconds from the first sample.
+        from_s: f64,
+        /// Where it ends, in seconds from the first sample.
+        to_s: f64,
+        /// The log's last sample, in seconds from its first.
+        duration_s: f64,
+    },
+    /// A resampled log that would not fit.
+    #[error(
+        "{file}: a sample time of {sample_time_s} s makes {samples:e} samples of {duration_s} s; give `--resample TS` a larger sample time"
+    )]
+    TooFine {
+        /// The log.
+        file: String,
+        /// The sample time asked for, in seconds.
+        sample_time_s: f64,
+        /// The samples that it would make.
+        samples: f64,
+        /// The log's length, in seconds.
+        duration_s: f64,
+    },
+    /// A column is given two names.
+    #[error("{file}: column `{channel}` is mapped twice, to `{first}` and to `{second}`; give each column one `--map model_name=column`")]
+    MappedTwice {
+        /// The log.
+        file: String,
+        /// The column.
+        channel: String,
+        /// Its first new name.
+        first: String,
+        /// Its second new name.
+        second: String,
+    },
+    /// Two columns would have the same name.
+    #[error(
+        "{file}: `--map` makes two columns called `{channel}`; give each column a name of its own, and map an \
+         existing `{channel}` to another name"
+    )]
+    NameTaken {
+        /// The log.
+        file: String,
+        /// The name.
+        channel: String,
+    },
+}
+
+/// Names in a message beyond this many are counted, not listed.
+const LISTED: usize = 40;
+
+fn suggestion(closest: Option<&str>) -> String {
+    closest.map_or_else(String::new, |name| format!(" (did you mean `{name}`?)"))
+}
+
+fn listing(names: &[String]) -> String {
+    if names.is_empty() {
+        return "no channels besides `time`".into();
+    }
+    let shown: Vec<String> = names.iter().take(LISTED).map(|name| format!("`{name}`")).collect();
+    let rest = names.len() - shown.len();
+    if rest == 0 { shown.join(", ") } else { format!("{} and {rest} more", shown.join(", ")) }
+}
+
+/// The name nearest to `wanted` by edit distance, capitals ignored, unless more than half of the letters differ.
+pub(super) fn closest<'a>(wanted: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let wanted: Vec<char> = wanted.to_lowercase().chars().collect();
+    names
+        .map(|name| {
+            let letters: Vec<char> = name.to_lowercase().chars().collect();
+            (edit_distance(&wanted, &letters), wanted.len().max(letters.len()), name)
+        })
+        .filter(|(distance, length, _)| 2 * distance <= *length)
+        .min_by_key(|(distance, _, _)| *distance)
+        .map(|(_, _, name)| name)
+}
+
+/// Insertions, deletions and substitutions that lead from `a` to `b` (Levenshtein 1966), row by row.
+fn edit_distance(a: &[char], b: &[char]) -> usize {
+    let mut above: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.iter().enumerate() {
+        let mut row = Vec::with_capacity(above.len());
+        let mut left = i + 1;
+        row.push(left);
+        for (y, pair) in b.iter().zip(above.windows(2)) {
+            // `windows(2)` yields slices of two.
+            let (diagonal, up) = (pair[0], pair[1]);
+            left = (diagonal + usize::from(x != y)).min(up + 1).min(left + 1);
+            row.push(left);
+        }
+        above = row;
+    }
+    above.last().copied().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn distance(a: &str, b: &str) -> usize {
+        edit_distance(&a.chars().collect::<Vec<_>>(), &b.chars().collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn edit_distance_counts_insertions_deletions_and_substitutions() {
+        assert_eq!(distance("kitten", "sitting"), 3);
+        assert_eq!(distance("", "abc"), 3);
+        assert_eq!(distance("abc", ""), 3);
+        assert_eq!(distance("same", "same"), 0);
+    }
+
+    #[test]
+    fn closest_ignores_capitals_and_offers_nothing_far_away() {
+        let names = ["heater", "temperature"];
+        assert_eq!(closest("Heater", names.into_iter()), Some("heater"));
+        assert_eq!(closest("temprature", names.into_iter()), Some("temperature"));
+        assert_eq!(closest("zzz", names.into_iter()), None);
+    }
+}

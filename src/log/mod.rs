@@ -1,0 +1,361 @@
+//! Measured logs: time stamps and named channels, checked once when built; one reader per file format.
+//!
+//! NaN and infinities never leave this module: a missing sample is a mark beside the value, and only outputs may have one.
+
+pub mod csv;
+mod error;
+mod grid;
+#[cfg(test)]
+mod tests;
+
+pub use self::csv::{read, read_records};
+pub use self::error::LogError;
+
+use std::collections::HashSet;
+
+/// Time stamps beyond this many seconds are refused: their differences would lose all meaning long before they overflow.
+const TIME_LIMIT_S: f64 = 1e100;
+
+/// A measured log: N time stamps (strictly increasing, perhaps uneven) and channels of N samples each, N at least 1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Log {
+    source: String,
+    time_s: Vec<f64>,
+    channels: Vec<Channel>,
+    unusable: Vec<Unusable>,
+    rows: Rows,
+}
+
+/// One named column of numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Channel {
+    name: String,
+    unit: Option<String>,
+    values: Vec<f64>,
+    present: Option<Vec<bool>>,
+}
+
+/// A channel that may miss samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Output<'a> {
+    /// One value per time stamp, in the channel's unit; 0 where missing.
+    pub values: &'a [f64],
+    /// Which samples are there; `None` when all are.
+    pub present: Option<&'a [bool]>,
+}
+
+/// A column that holds something else than numbers, and what to say when somebody asks for it.
+#[derive(Debug, Clone, PartialEq)]
+struct Unusable {
+    name: String,
+    error: LogError,
+}
+
+/// Which line of the file a sample came from: from sample `.0` on, lines count up from `.1`. Nothing stored: from line 2, below a header.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct Rows(Vec<(usize, usize)>);
+
+impl Rows {
+    fn of(&self, sample: usize) -> usize {
+        let after = self.0.partition_point(|&(first, _)| first <= sample);
+        let (first, row) = after.checked_sub(1).and_then(|i| self.0.get(i)).copied().unwrap_or((0, 2));
+        row + (sample - first)
+    }
+
+    /// Notes the line of `sample`; samples come in order.
+    fn note(&mut self, sample: usize, row: usize) {
+        if self.of(sample) != row {
+            self.0.push((sample, row));
+        }
+    }
+
+    /// The lines of the samples `from..to` of this log, counted from 0.
+    fn cut(&self, from: usize, to: usize) -> Self {
+        let mut rows = Self::default();
+        rows.note(0, self.of(from));
+        for &(first, row) in self.0.iter().filter(|(first, _)| (from + 1..to).contains(first)) {
+            rows.note(first - from, row);
+        }
+        rows
+    }
+}
+
+impl<'a> Output<'a> {
+    /// The sample at `index`; `None` when it is missing or beyond the end.
+    #[must_use]
+    pub fn get(&self, index: usize) -> Option<f64> {
+        let there = self.present.is_none_or(|present| present.get(index).copied().unwrap_or(false));
+        if there { self.values.get(index).copied() } else { None }
+    }
+
+    /// How many samples are there.
+    #[must_use]
+    pub fn present_count(&self) -> usize {
+        self.present.map_or(self.values.len(), |present| present.iter().filter(|there| **there).count())
+    }
+}
+
+impl Channel {
+    /// A channel without missing samples; `values` in `unit`, one per time stamp. [`Log::new`] checks it.
+    pub fn new(name: impl Into<String>, unit: Option<&str>, values: Vec<f64>) -> Self {
+        Self { name: name.into(), unit: unit.map(Into::into), values, present: None }
+    }
+
+    /// A channel with missing samples, `present` false for these; their values do not matter. [`Log::new`] checks it.
+    pub fn partial(name: impl Into<String>, unit: Option<&str>, values: Vec<f64>, present: Vec<bool>) -> Self {
+        Self { name: name.into(), unit: unit.map(Into::into), values, present: Some(present) }
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its unit, if the log gives one.
+    #[must_use]
+    pub fn unit(&self) -> Option<&str> {
+        self.unit.as_deref()
+    }
+
+    /// Its samples, missing ones marked.
+    #[must_use]
+    pub fn samples(&self) -> Output<'_> {
+        Output { values: &self.values, present: self.present.as_deref() }
+    }
+
+    /// Its header in a CSV file: `name` or `name [unit]`.
+    fn header(&self) -> String {
+        self.unit.as_ref().map_or_else(|| self.name.clone(), |unit| format!("{} [{unit}]", self.name))
+    }
+
+    /// Checks name, lengths and numbers; missing values become 0 and a mark that marks nothing goes.
+    fn checked(mut self, file: &str, samples: usize, rows: &Rows) -> Result<Self, LogError> {
+        let header = self.header();
+        let (name, unit) = csv::name_and_unit(&header);
+        let one_line = !header.chars().any(|c| c.is_control() && c != '\t');
+        if name != self.name || unit != self.unit.as_deref() || name.is_empty() || name == "time" || !one_line {
+            return Err(LogError::BadName { file: file.into(), channel: header });
+        }
+        let length = |found| LogError::Length { file: file.into(), channel: self.name.clone(), expected: samples, found };
+        if self.values.len() != samples {
+            return Err(length(self.values.len()));
+        }
+        if let Some(present) = &self.present {
+            if present.len() != samples {
+                return Err(length(present.len()));
+            }
+            for (value, _) in self.values.iter_mut().zip(present).filter(|(_, there)| !**there) {
+                *value = 0.0;
+            }
+            if present.iter().all(|there| *there) {
+                self.present = None;
+            }
+        }
+        match self.values.iter().position(|value| !value.is_finite()) {
+            Some(i) => {
+                let text = self.values.get(i).map_or_else(String::new, f64::to_string);
+                Err(LogError::NotFinite { file: file.into(), row: rows.of(i), channel: self.name, text })
+            }
+            None => Ok(self),
+        }
+    }
+}
+
+impl Log {
+    /// A log from numbers in memory. `source` names it in errors and results (a file's name, say), `time_s` in seconds.
+    ///
+    /// Rows in errors count as in the CSV file that [`Log::write_csv`] would write: the first sample is row 2.
+    ///
+    /// # Errors
+    /// [`LogError`] when there is no sample, time does not increase, a number is not finite, lengths differ,
+    /// or a name is taken or cannot be a header.
+    ///
+    /// # Example
+    /// ```
+    /// use deadtime::log::{Channel, Log};
+    /// let log = Log::new("dryer", vec![0.0, 0.08, 0.16], vec![Channel::new("heater", Some("V"), vec![3.4, 6.4, 6.4])])?;
+    /// assert_eq!(log.even_grid()?.seconds(), 0.08);
+    /// assert_eq!(log.input("heater")?, [3.4, 6.4, 6.4]);
+    /// # Ok::<(), deadtime::log::LogError>(())
+    /// ```
+    pub fn new(source: impl Into<String>, time_s: Vec<f64>, channels: Vec<Channel>) -> Result<Self, LogError> {
+        Self::assemble(source.into(), time_s, channels, Vec::new(), Rows::default())
+    }
+
+    fn assemble(source: String, time_s: Vec<f64>, channels: Vec<Channel>, unusable: Vec<Unusable>, rows: Rows) -> Result<Self, LogError> {
+        if time_s.is_empty() {
+            return Err(LogError::NoSamples { file: source });
+        }
+        let mut before_s = None;
+        for (i, &now_s) in time_s.iter().enumerate() {
+            time_follows(&source, || rows.of(i), before_s, now_s)?;
+            before_s = Some(now_s);
+        }
+        let channels = channels.into_iter().map(|channel| channel.checked(&source, time_s.len(), &rows)).collect::<Result<Vec<_>, _>>()?;
+        let log = Self { source, time_s, channels, unusable, rows };
+        let mut seen = HashSet::new();
+        if let Some(twice) = log.all_names().find(|name| !seen.insert(*name)) {
+            return Err(LogError::DuplicateChannel { file: log.source.clone(), channel: twice.into() });
+        }
+        Ok(log)
+    }
+
+    /// Where the log came from: the file as it was given, `FILE#VALUE` for one of several records.
+    #[must_use]
+    pub fn source(&self) -> &str {
+        &self.source
+    }
+
+    /// The time stamps as logged, in seconds; strictly increasing.
+    #[must_use]
+    pub fn time_s(&self) -> &[f64] {
+        &self.time_s
+    }
+
+    /// The number of samples, at least 1.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.time_s.len()
+    }
+
+    /// Never: a log has at least one sample.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.time_s.is_empty()
+    }
+
+    /// The time from the first sample to the last, in seconds.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.time_s.last().copied().unwrap_or(0.0) - self.start_s()
+    }
+
+    /// The channels of numbers, in the file's order.
+    pub fn channels(&self) -> impl ExactSizeIterator<Item = &Channel> {
+        self.channels.iter()
+    }
+
+    /// The names of the channels of numbers, in the file's order.
+    pub fn names(&self) -> impl ExactSizeIterator<Item = &str> {
+        self.channels.iter().map(Channel::name)
+    }
+
+    /// The unit of a channel; `None` when the log gives none or has no such channel.
+    #[must_use]
+    pub fn unit(&self, name: &str) -> Option<&str> {
+        self.channels.iter().find(|channel| channel.name == name).and_then(Channel::unit)
+    }
+
+    /// The line of the file that a sample came from, for messages; the header is row 1. After [`Log::resample`], the line of the
+    /// logged sample at or before it.
+    #[must_use]
+    pub fn row(&self, sample: usize) -> usize {
+        self.rows.of(sample)
+    }
+
+    /// A channel by its name.
+    ///
+    /// # Errors
+    /// [`LogError::UnknownChannel`] with the names there are; [`LogError::NotANumber`] or [`LogError::NotFinite`] when the column holds
+    /// such a cell.
+    pub fn channel(&self, name: &str) -> Result<&Channel, LogError> {
+        if let Some(channel) = self.channels.iter().find(|channel| channel.name == name) {
+            return Ok(channel);
+        }
+        match self.unusable.iter().find(|column| column.name == name) {
+            Some(column) => Err(column.error.clone()),
+            None => Err(LogError::UnknownChannel {
+                file: self.source.clone(),
+                channel: name.into(),
+                closest: error::closest(name, self.all_names()).map(Into::into),
+                existing: self.all_names().map(Into::into).collect(),
+            }),
+        }
+    }
+
+    /// A channel that must have every sample: one value per time stamp, in the channel's unit.
+    ///
+    /// # Errors
+    /// As [`Log::channel`]; [`LogError::MissingInput`] naming the first missing sample.
+    pub fn input(&self, name: &str) -> Result<&[f64], LogError> {
+        let channel = self.channel(name)?;
+        let missing = channel.present.as_ref().and_then(|present| present.iter().position(|there| !there));
+        match missing {
+            None => Ok(&channel.values),
+            Some(i) => Err(LogError::MissingInput {
+                file: self.source.clone(),
+                row: self.rows.of(i),
+                channel: name.into(),
+                time_s: self.time_s.get(i).copied().unwrap_or(0.0),
+            }),
+        }
+    }
+
+    /// A channel that may miss samples, but not all of them.
+    ///
+    /// # Errors
+    /// As [`Log::channel`]; [`LogError::MissingThroughout`].
+    pub fn output(&self, name: &str) -> Result<Output<'_>, LogError> {
+        let output = self.channel(name)?.samples();
+        if output.present_count() == 0 {
+            return Err(LogError::MissingThroughout { file: self.source.clone(), channel: name.into() });
+        }
+        Ok(output)
+    }
+
+    /// The log with columns called by the model's names: pairs (model name, column), applied at once, so two columns may swap names.
+    ///
+    /// # Errors
+    /// [`LogError::UnknownChannel`] for a column that is not there, [`LogError::MappedTwice`], [`LogError::NameTaken`],
+    /// [`LogError::BadName`]; [`LogError::NotANumber`] or [`LogError::NotFinite`] for a column that cannot be used.
+    pub fn rename(mut self, map: &[(String, String)]) -> Result<Self, LogError> {
+        let mut targets: Vec<Option<&str>> = vec![None; self.channels.len()];
+        for (name, column) in map {
+            self.channel(column)?;
+            let place = self.channels.iter().position(|channel| channel.name == *column);
+            let Some(target) = place.and_then(|i| targets.get_mut(i)) else { continue };
+            if let Some(first) = target.replace(name) {
+                return Err(LogError::MappedTwice {
+                    file: self.source,
+                    channel: column.clone(),
+                    first: first.into(),
+                    second: name.clone(),
+                });
+            }
+        }
+        for (channel, target) in self.channels.iter_mut().zip(targets) {
+            if let Some(name) = target {
+                channel.name = name.into();
+            }
+        }
+        Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows).map_err(|error| match error {
+            LogError::DuplicateChannel { file, channel } => LogError::NameTaken { file, channel },
+            other => other,
+        })
+    }
+
+    /// All columns' names, those that hold no numbers last.
+    fn all_names(&self) -> impl Iterator<Item = &str> {
+        self.names().chain(self.unusable.iter().map(|column| column.name.as_str()))
+    }
+
+    fn start_s(&self) -> f64 {
+        self.time_s.first().copied().unwrap_or(0.0)
+    }
+}
+
+/// Checks one time stamp against the one before it.
+fn time_follows(file: &str, row: impl Fn() -> usize, before_s: Option<f64>, time_s: f64) -> Result<(), LogError> {
+    if !time_s.is_finite() {
+        return Err(LogError::NotFinite { file: file.into(), row: row(), channel: "time".into(), text: time_s.to_string() });
+    }
+    if time_s.abs() > TIME_LIMIT_S {
+        return Err(LogError::TimeRange { file: file.into(), row: row(), time_s });
+    }
+    match before_s {
+        Some(before_s) if time_s == before_s => Err(LogError::TimeStandsStill { file: file.into(), row: row(), time_s }),
+        Some(before_s) if time_s < before_s => Err(LogError::TimeRunsBack { file: file.into(), row: row(), before_s, time_s }),
+        _ => Ok(()),
+    }
+}

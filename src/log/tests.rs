@@ -1,0 +1,624 @@
+use std::io::{Read, Write};
+
+use proptest::prelude::*;
+
+use super::csv::{read_from, read_records_from};
+use super::*;
+use crate::error::Error;
+use crate::time::SampleTime;
+
+fn log(text: &str) -> Log {
+    read_from("a.csv", text.as_bytes()).unwrap()
+}
+
+fn refusal(bytes: impl AsRef<[u8]>) -> LogError {
+    match read_from("a.csv", bytes.as_ref()) {
+        Err(Error::Log(error)) => error,
+        other => panic!("expected a refusal, got {other:?}"),
+    }
+}
+
+/// The message names all of these.
+fn says(error: &impl std::fmt::Display, parts: &[&str]) {
+    let message = error.to_string();
+    for part in parts {
+        assert!(message.contains(part), "`{message}` lacks `{part}`");
+    }
+    assert!(!message.ends_with('.'), "`{message}` ends in a full stop");
+}
+
+fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+fn bits(values: &[f64]) -> Vec<u64> {
+    values.iter().map(|x| x.to_bits()).collect()
+}
+
+/// Time stamps on a grid of 0.01 s, alternately early and late by `jitter` samples.
+fn jittered(samples: usize, jitter: f64) -> Log {
+    let time_s = (0..samples).map(|k| 0.01 * (k as f64 + if k % 2 == 0 { jitter } else { -jitter })).collect();
+    Log::new("a.csv", time_s, vec![]).unwrap()
+}
+
+// What is read.
+
+#[test]
+fn csv_reads_names_units_and_numbers() {
+    let log = log("\u{feff}time [s], heater [V] ,\"temp, inner [degC]\"\r\n0, 1e-3 ,5\r\n\r\n0.5,-2,\"6.5\"\r\n");
+    assert_eq!(log.source(), "a.csv");
+    assert_eq!(log.names().collect::<Vec<_>>(), ["heater", "temp, inner"]);
+    assert_eq!((log.unit("heater"), log.unit("temp, inner"), log.unit("none")), (Some("V"), Some("degC"), None));
+    assert_eq!(log.time_s(), [0.0, 0.5]);
+    assert_eq!(log.input("heater").unwrap(), [1e-3, -2.0]);
+    assert_eq!(log.input("temp, inner").unwrap(), [5.0, 6.5]);
+    assert_eq!((log.len(), log.duration_s(), log.is_empty()), (2, 0.5, false));
+}
+
+#[test]
+fn rows_count_as_in_an_editor_behind_blank_lines_and_crlf() {
+    let log = log("time,u\r\n0,1\r\n\r\n1,\r\n2,3\r\n");
+    assert_eq!((log.row(0), log.row(1), log.row(2)), (2, 4, 5));
+    says(&log.input("u").unwrap_err(), &["a.csv", "row 4", "`u`", "at 1 s", "fill the cell"]);
+    says(&log.window(Some(1.0), None).unwrap().input("u").unwrap_err(), &["row 4"]);
+    assert_eq!(log.window(Some(2.0), None).unwrap().row(0), 5);
+}
+
+#[test]
+fn gzip_is_read_by_its_first_bytes_and_by_name() {
+    let packed = gzip(b"time,u\n0,1\n1,2\n");
+    assert_eq!(read_from("a.csv", packed.as_slice()).unwrap().input("u").unwrap(), [1.0, 2.0]);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.csv.gz");
+    std::fs::write(&path, &packed).unwrap();
+    assert_eq!(read(&path).unwrap().len(), 2);
+    let records = read_records(&path, "u").unwrap();
+    assert_eq!(records[1].source(), format!("{}#2", path.display()));
+}
+
+#[test]
+fn context_columns_of_text_load_and_are_refused_only_when_asked_for() {
+    let log = log("time,mode,u,v\n0,hover,1,1\n1,land,2,nan\n");
+    assert_eq!(log.names().collect::<Vec<_>>(), ["u"]);
+    let text = log.channel("mode").unwrap_err();
+    assert!(matches!(&text, LogError::NotANumber { row: 2, text, .. } if text == "hover"));
+    says(&text, &["a.csv", "row 2", "`mode`", "`hover`", "correct it"]);
+    let nan = log.output("v").unwrap_err();
+    assert!(matches!(&nan, LogError::NotFinite { row: 3, text, .. } if text == "nan"));
+    says(&nan, &["a.csv", "row 3", "`v`", "`nan`", "leave the cell empty"]);
+}
+
+// What is refused.
+
+#[test]
+fn missing_file_says_what_the_system_said() {
+    let error = read("/nowhere/a.csv".as_ref()).unwrap_err();
+    assert!(matches!(&error, Error::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound));
+    says(&error, &["/nowhere/a.csv", "No such file"]);
+}
+
+#[test]
+fn folder_is_refused_by_the_system() {
+    assert!(matches!(read(std::env::temp_dir().as_path()), Err(Error::Io { .. })));
+}
+
+#[test]
+fn empty_file_is_refused() {
+    for text in ["", "\n \r\n", "\u{feff}"] {
+        let error = refusal(text);
+        assert!(matches!(error, LogError::Empty { .. }), "{error:?}");
+        says(&error, &["a.csv", "empty", "header row"]);
+    }
+}
+
+#[test]
+fn header_only_is_refused() {
+    for text in ["time,u", "time,u\n\n"] {
+        let error = refusal(text);
+        assert!(matches!(error, LogError::NoSamples { .. }));
+        says(&error, &["a.csv", "no samples", "at least one row"]);
+    }
+}
+
+#[test]
+fn first_column_must_be_time_in_seconds() {
+    for (text, found) in [("t,u\n0,1\n", "`t`"), ("time;u\n0;1\n", "`time;u`"), ("0,1\n1,1\n", "`0`"), (",time\n0,1\n", "``")] {
+        let error = refusal(text);
+        assert!(matches!(error, LogError::FirstColumn { .. }));
+        says(&error, &["a.csv", "row 1", found, "`time`", "commas"]);
+    }
+    let error = refusal("time [ms],u\n0,1\n");
+    assert!(matches!(&error, LogError::TimeUnit { unit, .. } if unit == "ms"));
+    says(&error, &["a.csv", "row 1", "`ms`", "convert it to seconds"]);
+}
+
+#[test]
+fn columns_need_names_of_their_own() {
+    let error = refusal("time,u,\n0,1,2\n");
+    assert!(matches!(error, LogError::UnnamedColumn { column: 3, .. }));
+    says(&error, &["a.csv", "row 1", "column 3", "name it"]);
+    for text in ["time,u,u [V]\n0,1,2\n", "time,time\n0,1\n"] {
+        let error = refusal(text);
+        assert!(matches!(error, LogError::DuplicateChannel { .. }));
+        says(&error, &["a.csv", "two columns", "rename or delete"]);
+    }
+}
+
+#[test]
+fn row_of_another_length_is_refused() {
+    for (text, cells) in [("time,u\n0,1\n1\n2,3\n", 1), ("time,u\n0,1\n0,5,1\n", 3)] {
+        let error = refusal(text);
+        assert_eq!(error, LogError::RowLength { file: "a.csv".into(), row: 3, expected: 2, found: cells });
+        says(&error, &["a.csv", "row 3", "header has 2", "complete or delete", "decimal point"]);
+    }
+}
+
+#[test]
+fn text_in_time_is_refused() {
+    let error = refusal("time,u\n0,1\n12:30:01,2\n");
+    assert!(matches!(error, LogError::NotANumber { row: 3, .. }));
+    says(&error, &["a.csv", "row 3", "`time`", "`12:30:01`", "correct it"]);
+}
+
+#[test]
+fn nan_and_infinity_in_time_are_refused() {
+    for text in ["NaN", "nan", "inf", "-Infinity", "1e999"] {
+        let error = refusal(format!("time,u\n0,1\n{text},2\n"));
+        assert!(matches!(error, LogError::NotFinite { row: 3, .. }), "{error:?}");
+        says(&error, &["a.csv", "row 3", "`time`", text]);
+    }
+    let error = refusal("time,u\n0,1\n1e200,2\n");
+    assert!(matches!(error, LogError::TimeRange { row: 3, .. }));
+    says(&error, &["a.csv", "row 3", "`time`", "1e200", "correct it"]);
+}
+
+#[test]
+fn nan_and_infinity_in_a_channel_are_refused() {
+    for text in ["NaN", "nan", "inf", "-Infinity", "-1e999"] {
+        let error = log(&format!("time,u\n0,1\n1,{text}\n")).input("u").unwrap_err();
+        assert!(matches!(error, LogError::NotFinite { row: 3, .. }), "{error:?}");
+        says(&error, &["a.csv", "row 3", "`u`", text, "leave the cell empty"]);
+    }
+}
+
+#[test]
+fn text_in_a_number_column_is_refused_and_shown_shortened() {
+    let error = log(&format!("time,u\n0,1\n1,{}\n", "x".repeat(500))).input("u").unwrap_err();
+    assert!(matches!(error, LogError::NotANumber { row: 3, .. }));
+    says(&error, &["a.csv", "row 3", "`u`", "xxx…", "leave the cell empty"]);
+    assert!(error.to_string().len() < 250);
+}
+
+#[test]
+fn empty_time_is_refused() {
+    let error = refusal("time,u\n0,1\n ,2\n");
+    assert_eq!(error, LogError::EmptyTime { file: "a.csv".into(), row: 3 });
+    says(&error, &["a.csv", "row 3", "`time`", "delete the row"]);
+}
+
+#[test]
+fn time_standing_still_is_refused() {
+    let error = refusal("time,u\n0,1\n0.5,2\n0.50,3\n");
+    assert_eq!(error, LogError::TimeStandsStill { file: "a.csv".into(), row: 4, time_s: 0.5 });
+    says(&error, &["a.csv", "row 4", "`time`", "0.5 s", "delete the repeated row"]);
+}
+
+#[test]
+fn time_running_back_is_refused_and_offers_records() {
+    let error = refusal("time,u\n0,1\n0.5,2\n0.25,3\n");
+    assert_eq!(error, LogError::TimeRunsBack { file: "a.csv".into(), row: 4, before_s: 0.5, time_s: 0.25 });
+    says(&error, &["a.csv", "row 4", "`time`", "0.5 s", "0.25 s", "--records COLUMN"]);
+}
+
+#[test]
+fn binary_is_refused() {
+    for bytes in [b"\x89PNG\r\n\x1a\n\0\0".as_slice(), b"time,\x01\n", b"\xff\xfet\0i\0m\0e\0", b"time,\xb0C\n0,1\n"] {
+        let error = refusal(bytes);
+        assert!(matches!(error, LogError::NotText { row: 1, .. }), "{error:?}");
+        says(&error, &["a.csv", "row 1", "not text", "UTF-8"]);
+    }
+    assert!(matches!(refusal(b"time,u\n0,1\n\0\0\0"), LogError::NotText { row: 3, .. }));
+    let endless = read_from("a.csv", std::io::repeat(b'x')).unwrap_err();
+    assert!(matches!(endless, Error::Log(LogError::NotText { row: 1, .. })));
+}
+
+#[test]
+fn cut_off_gzip_is_refused() {
+    let text = (0..20_000).fold("time,u\n".to_owned(), |text, k| text + &format!("{k},{}\n", k * k % 977));
+    let whole = gzip(text.as_bytes());
+    let error = refusal(&whole[..whole.len() / 2]);
+    assert!(matches!(error, LogError::Gzip { row, .. } if row > 1000), "{error:?}");
+    says(&error, &["a.csv", "damaged or cut off", "row", "again"]);
+    assert!(matches!(refusal(&whole[..whole.len() - 4]), LogError::Gzip { .. }));
+    assert!(matches!(refusal(b"\x1f\x8bgarbage and more garbage"), LogError::Gzip { row: 0, .. }));
+}
+
+#[test]
+fn plain_text_called_gz_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.csv.gz");
+    std::fs::write(&path, "time,u\n0,1\n").unwrap();
+    let error = read(&path).unwrap_err();
+    assert!(matches!(error, Error::Log(LogError::NotGzip { .. })));
+    says(&error, &["a.csv.gz", "not compressed", "rename it"]);
+    std::fs::write(&path, "").unwrap();
+    assert!(matches!(read(&path), Err(Error::Log(LogError::Empty { .. }))));
+}
+
+#[test]
+fn open_quote_is_refused() {
+    let error = refusal("time,u\n0,\"1\n1,2\"\n");
+    assert_eq!(error, LogError::OpenQuote { file: "a.csv".into(), row: 2 });
+    says(&error, &["a.csv", "row 2", "close the quote"]);
+}
+
+#[test]
+fn unknown_channel_lists_what_exists_and_suggests_the_nearest() {
+    let error = log("time,heater,temperature,mode\n0,1,2,on\n").input("temprature").unwrap_err();
+    assert!(matches!(&error, LogError::UnknownChannel { closest: Some(name), .. } if name == "temperature"));
+    says(&error, &["a.csv", "`temprature`", "did you mean `temperature`?", "`heater`, `temperature`, `mode`"]);
+    says(&log("time\n0\n").input("u").unwrap_err(), &["a.csv", "`u`", "no channels besides `time`"]);
+    let many = (0..50).map(|i| Channel::new(format!("c{i}"), None, vec![0.0])).collect();
+    says(&Log::new("a.csv", vec![0.0], many).unwrap().input("speed").unwrap_err(), &["`c39` and 10 more"]);
+}
+
+#[test]
+fn log_from_memory_is_checked() {
+    let new = |time_s: &[f64], channels| Log::new("mem", time_s.to_vec(), channels).unwrap_err();
+    let u = |values: &[f64]| Channel::new("u", None, values.to_vec());
+    assert!(matches!(new(&[], vec![]), LogError::NoSamples { .. }));
+    assert!(matches!(new(&[0.0, f64::NAN], vec![]), LogError::NotFinite { row: 3, .. }));
+    assert!(matches!(new(&[0.0, 0.0], vec![]), LogError::TimeStandsStill { row: 3, .. }));
+    assert!(matches!(new(&[0.0, 1.0], vec![u(&[1.0])]), LogError::Length { expected: 2, found: 1, .. }));
+    assert!(matches!(new(&[0.0], vec![Channel::partial("u", None, vec![1.0], vec![])]), LogError::Length { found: 0, .. }));
+    assert!(matches!(new(&[0.0], vec![u(&[f64::INFINITY])]), LogError::NotFinite { row: 2, .. }));
+    assert!(matches!(new(&[0.0], vec![u(&[1.0]), u(&[1.0])]), LogError::DuplicateChannel { .. }));
+    for name in ["", "time", " u", "u [V]", "u\n", "u\r"] {
+        let error = new(&[0.0], vec![Channel::new(name, None, vec![1.0])]);
+        assert!(matches!(error, LogError::BadName { .. }), "{name:?}: {error:?}");
+        says(&error, &["mem", "choose a name"]);
+    }
+}
+
+// Missing samples.
+
+#[test]
+fn missing_output_sample_is_marked_and_never_nan() {
+    let log = log("time,u,y,z\n0,1,,\n1,2,5,\n");
+    let y = log.output("y").unwrap();
+    assert_eq!((y.values, y.present), ([0.0, 5.0].as_slice(), Some([false, true].as_slice())));
+    assert_eq!((y.get(0), y.get(1), y.get(2), y.present_count()), (None, Some(5.0), None, 1));
+    assert_eq!(log.output("u").unwrap().present, None);
+    let error = log.output("z").unwrap_err();
+    assert_eq!(error, LogError::MissingThroughout { file: "a.csv".into(), channel: "z".into() });
+    says(&error, &["a.csv", "`z`", "any row", "choose another"]);
+    let error = log.input("y").unwrap_err();
+    assert_eq!(error, LogError::MissingInput { file: "a.csv".into(), row: 2, channel: "y".into(), time_s: 0.0 });
+}
+
+#[test]
+fn placeholder_of_a_missing_sample_is_zero_and_a_full_mask_goes() {
+    let channels = vec![
+        Channel::partial("y", None, vec![f64::NAN, 1.0], vec![false, true]),
+        Channel::partial("u", None, vec![1.0, 2.0], vec![true, true]),
+    ];
+    let log = Log::new("mem", vec![0.0, 1.0], channels).unwrap();
+    assert_eq!(log.output("y").unwrap().values, [0.0, 1.0]);
+    assert_eq!(log.output("u").unwrap().present, None);
+}
+
+// Even grids.
+
+#[test]
+fn even_grid_accepts_jitter_of_0_049_samples_and_refuses_0_06() {
+    assert!((jittered(1000, 0.049).even_grid().unwrap().seconds() - 0.01).abs() < 1e-6);
+    let error = jittered(1000, 0.06).even_grid().unwrap_err();
+    assert!(matches!(error, LogError::UnevenTime { deviation_samples, .. } if (deviation_samples.abs() - 0.06).abs() < 1e-3));
+    says(&error, &["a.csv", "row", "samples from the straight line", "--resample 0.0"]);
+}
+
+#[test]
+fn even_grid_names_the_worst_row_and_offers_the_median_step() {
+    let time_s = (0..101).map(|k| 0.01 * (f64::from(k) + if k == 50 { 0.4 } else { 0.0 })).collect();
+    let error = Log::new("a.csv", time_s, vec![]).unwrap().even_grid().unwrap_err();
+    let LogError::UnevenTime { row, time_s, deviation_samples, suggested_s, .. } = &error else { panic!("{error:?}") };
+    assert_eq!((*row, *suggested_s), (52, 0.01));
+    assert!((time_s - 0.504).abs() < 1e-12);
+    assert!((deviation_samples - 0.4).abs() < 0.01);
+    says(&error, &["a.csv", "row 52", "0.504 s", "0.396", "--resample 0.01"]);
+}
+
+#[test]
+fn even_grid_keeps_round_sample_times_round() {
+    for ts in [0.08, 0.01, 0.1, 0.004, 1.0, 2.0] {
+        for start_s in [0.0, 3.7, 1.7e9] {
+            let time_s = (0..2000).map(|k| start_s + f64::from(k) * ts).collect();
+            assert_eq!(Log::new("a.csv", time_s, vec![]).unwrap().even_grid().unwrap().seconds(), ts);
+        }
+    }
+    let third = (0..2000).map(|k| f64::from(k) / 3.0).collect();
+    let third = Log::new("a.csv", third, vec![]).unwrap().even_grid().unwrap().seconds();
+    assert!((third - 1.0 / 3.0).abs() < 1e-15);
+}
+
+#[test]
+fn even_grid_is_the_least_squares_slope() {
+    let t = [0.0, 1.02, 1.98, 3.01, 4.0];
+    let slope = (-2.0 * t[0] - t[1] + t[3] + 2.0 * t[4]) / 10.0;
+    let found = Log::new("a.csv", t.to_vec(), vec![]).unwrap().even_grid().unwrap().seconds();
+    assert!((found - slope).abs() < 1e-14);
+}
+
+#[test]
+fn even_grid_sees_one_lost_row_and_a_clock_that_drifts() {
+    let lost = (0..1000).filter(|k| *k != 500).map(|k| f64::from(k) * 0.01).collect();
+    assert!(matches!(Log::new("a.csv", lost, vec![]).unwrap().even_grid(), Err(LogError::UnevenTime { .. })));
+    let drift = (0..1000).map(|k| f64::from(k) * 0.01 + 1e-8 * f64::from(k * k)).collect();
+    assert!(matches!(Log::new("a.csv", drift, vec![]).unwrap().even_grid(), Err(LogError::UnevenTime { .. })));
+}
+
+#[test]
+fn even_grid_of_one_sample_is_refused() {
+    let error = log("time,u\n0,1\n").even_grid().unwrap_err();
+    assert_eq!(error, LogError::TooShort { file: "a.csv".into(), needed: 2, found: 1 });
+    says(&error, &["a.csv", "1 samples", "at least 2", "longer log"]);
+}
+
+// Windows.
+
+#[test]
+fn window_counts_from_the_first_sample_and_includes_both_ends() {
+    let log = log("time,u,y,m\n10.1,1,,a\n10.2,2,5,b\n10.3,3,6,c\n10.4,4,,d\n");
+    let cut = log.window(Some(0.1), Some(0.2)).unwrap();
+    assert_eq!(cut.time_s(), [10.2, 10.3]);
+    assert_eq!(cut.input("u").unwrap(), [2.0, 3.0]);
+    assert_eq!(cut.output("y").unwrap().present, None);
+    assert_eq!((cut.row(0), cut.source()), (3, "a.csv"));
+    assert!(matches!(cut.channel("m"), Err(LogError::NotANumber { .. })));
+    assert_eq!(log.window(None, None).unwrap(), log);
+    assert_eq!(log.window(Some(0.25), None).unwrap().len(), 1);
+    assert_eq!(log.window(None, Some(0.25)).unwrap().len(), 3);
+}
+
+#[test]
+fn empty_window_says_the_logs_span() {
+    let log = log("time,u\n10,1\n11,2\n12,3\n");
+    for (from, to) in [(Some(5.0), None), (Some(1.5), Some(1.4)), (None, Some(-1.0)), (Some(0.2), Some(0.3)), (Some(f64::NAN), None)] {
+        let error = log.window(from, to).unwrap_err();
+        assert!(matches!(error, LogError::EmptyWindow { duration_s: 2.0, .. }), "{error:?}");
+        says(&error, &["a.csv", "0 s to 2 s", "--from S --to S"]);
+    }
+}
+
+// Resampling.
+
+#[test]
+fn resample_holds_inputs_and_interpolates_outputs() {
+    let log = log("time,u,y\n1,10,0\n2,20,1\n4,30,3\n");
+    let even = log.resample(SampleTime::new(0.5).unwrap(), &["u"]).unwrap();
+    assert_eq!(even.time_s(), [1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0]);
+    assert_eq!(even.input("u").unwrap(), [10.0, 10.0, 20.0, 20.0, 20.0, 20.0, 30.0]);
+    assert_eq!(even.input("y").unwrap(), [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0]);
+    assert_eq!((even.row(0), even.row(3), even.row(6)), (2, 3, 4));
+    assert_eq!(even.even_grid().unwrap().seconds(), 0.5);
+}
+
+#[test]
+fn resample_onto_its_own_grid_changes_no_value() {
+    let text = (0..500).fold("time,u,y\n".to_owned(), |text, k| text + &format!("{},{k},{}\n", f64::from(k) / 10.0, k * 7 % 11));
+    let log = log(&text);
+    let even = log.resample(SampleTime::new(0.1).unwrap(), &["u"]).unwrap();
+    assert_eq!(even.len(), 500);
+    assert_eq!(even.input("u").unwrap(), log.input("u").unwrap());
+    assert_eq!(even.input("y").unwrap(), log.input("y").unwrap());
+}
+
+#[test]
+fn resample_leaves_missing_what_needs_a_missing_neighbour() {
+    let log = log("time,u,y\n0,1,1\n1,,\n2,3,3\n3,4,4\n");
+    let even = log.resample(SampleTime::new(0.5).unwrap(), &["u"]).unwrap();
+    let there = |name| even.output(name).unwrap().present.unwrap().to_vec();
+    assert_eq!(there("y"), [true, false, false, false, true, true, true]);
+    assert_eq!(there("u"), [true, true, false, false, true, true, true]);
+    says(&even.input("u").unwrap_err(), &["row 3", "at 1 s"]);
+}
+
+#[test]
+fn resample_refuses_unknown_channels_and_absurd_sample_times() {
+    let log = log("time,u\n0,1\n100,2\n");
+    assert!(matches!(log.resample(SampleTime::new(1.0).unwrap(), &["v"]), Err(LogError::UnknownChannel { .. })));
+    let error = log.resample(SampleTime::new(1e-9).unwrap(), &[]).unwrap_err();
+    assert!(matches!(error, LogError::TooFine { .. }));
+    says(&error, &["a.csv", "0.000000001 s", "100 s", "--resample TS", "larger"]);
+}
+
+// Names.
+
+#[test]
+fn rename_gives_columns_the_models_names_and_may_swap_them() {
+    let map = |pairs: &[(&str, &str)]| pairs.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())).collect::<Vec<_>>();
+    let log = log("time,a [V],b,m\n0,1,2,x\n");
+    let swapped = log.clone().rename(&map(&[("a", "b"), ("b", "a")])).unwrap();
+    assert_eq!((swapped.input("a").unwrap(), swapped.unit("b")), ([2.0].as_slice(), Some("V")));
+    let error = log.clone().rename(&map(&[("u", "c")])).unwrap_err();
+    assert!(matches!(error, LogError::UnknownChannel { .. }));
+    says(&error, &["a.csv", "`c`", "`a`, `b`"]);
+    let error = log.clone().rename(&map(&[("u", "a"), ("v", "a")])).unwrap_err();
+    assert!(matches!(error, LogError::MappedTwice { .. }));
+    says(&error, &["a.csv", "`a`", "`u`", "`v`", "--map model_name=column"]);
+    for taken in [map(&[("b", "a")]), map(&[("m", "a")]), map(&[("x", "a"), ("x", "b")])] {
+        let error = log.clone().rename(&taken).unwrap_err();
+        assert!(matches!(error, LogError::NameTaken { .. }));
+        says(&error, &["a.csv", "--map", "two columns", "a name of its own"]);
+    }
+    assert!(matches!(log.clone().rename(&map(&[("time", "a")])), Err(LogError::BadName { .. })));
+    assert!(matches!(log.rename(&map(&[("u", "m")])), Err(LogError::NotANumber { .. })));
+}
+
+// Records.
+
+const SERVO: &str = "time,rollout,action,angle\n0.00,0,1,0\n0.02,0,1,0.5\n0.04,0,1,\n0.00,1,2,0\n0.02,1,2,0.7\n";
+
+#[test]
+fn records_split_where_the_column_changes_and_time_may_start_afresh() {
+    let records = read_records_from("servo.csv", SERVO.as_bytes(), "rollout").unwrap();
+    assert_eq!(records.iter().map(Log::source).collect::<Vec<_>>(), ["servo.csv#0", "servo.csv#1"]);
+    let [first, second] = records.as_slice() else { panic!("{records:?}") };
+    assert_eq!((first.time_s(), second.time_s()), ([0.0, 0.02, 0.04].as_slice(), [0.0, 0.02].as_slice()));
+    assert_eq!((first.output("angle").unwrap().present_count(), second.input("angle").unwrap()), (2, [0.0, 0.7].as_slice()));
+    assert_eq!((first.row(0), second.row(0), second.row(1)), (2, 5, 6));
+    assert_eq!(second.input("rollout").unwrap(), [1.0, 1.0]);
+    assert!(matches!(refusal(SERVO), LogError::TimeRunsBack { row: 5, .. }));
+}
+
+#[test]
+fn records_may_be_named_by_text_and_come_back() {
+    let text = "time,phase,u\n0,up,1\n1,up,2\n2,down,3\n3,up,4\n";
+    let records = read_records_from("a.csv", gzip(text.as_bytes()).as_slice(), "phase").unwrap();
+    assert_eq!(records.iter().map(Log::source).collect::<Vec<_>>(), ["a.csv#up", "a.csv#down", "a.csv#up"]);
+}
+
+#[test]
+fn records_refuse_what_names_no_record() {
+    let refused = |text: &str, column| match read_records_from("a.csv", text.as_bytes(), column) {
+        Err(Error::Log(error)) => error,
+        other => panic!("expected a refusal, got {other:?}"),
+    };
+    let error = refused(SERVO, "rolout");
+    assert!(matches!(error, LogError::UnknownChannel { .. }));
+    says(&error, &["a.csv", "`rolout`", "did you mean `rollout`?"]);
+    let error = refused("time,r\n0,\n", "r");
+    assert!(matches!(error, LogError::EmptyRecord { row: 2, .. }));
+    says(&error, &["a.csv", "row 2", "`r`", "fill it"]);
+    assert!(matches!(refused("time,r\n", "r"), LogError::NoSamples { .. }));
+    assert!(matches!(refused("time,r\n0\n", "r"), LogError::RowLength { .. }));
+    let error = refused("time,r\n1,7\n0,7\n", "r");
+    assert!(matches!(error, LogError::TimeRunsBack { row: 3, .. }));
+    says(&error, &["a.csv#7", "row 3"]);
+}
+
+// Writing.
+
+#[test]
+fn write_csv_keeps_units_gaps_and_bits_plain_and_compressed() {
+    let channels = vec![
+        Channel::new("a, \"b\"", Some("m/s^2"), vec![-0.0, f64::MIN_POSITIVE / 3.0]),
+        Channel::partial("y", None, vec![0.1 + 0.2, 0.0], vec![true, false]),
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["deep/a.csv", "a.csv.gz"] {
+        let path = folder.path().join(name);
+        let log = Log::new(path.display().to_string(), vec![-1e-7, 1e20], channels.clone()).unwrap();
+        log.write_csv(&path).unwrap();
+        let back = read(&path).unwrap();
+        assert_eq!(back, log);
+        assert_eq!(bits(back.channel("a, \"b\"").unwrap().samples().values), bits(&[-0.0, f64::MIN_POSITIVE / 3.0]));
+    }
+    let text = std::fs::read_to_string(folder.path().join("deep/a.csv")).unwrap();
+    assert!(text.starts_with("time,\"a, \"\"b\"\" [m/s^2]\",y\n-1e-7,-0,0.30000000000000004\n1e20,"), "{text}");
+}
+
+// Any input at all.
+
+fn number() -> impl Strategy<Value = f64> {
+    any::<u64>().prop_map(f64::from_bits).prop_filter("finite", |x| x.is_finite())
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_never_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+        let _ = read_from("a.csv", bytes.as_slice());
+        let _ = read_from("a.csv", [b"\x1f\x8b".as_slice(), &bytes].concat().as_slice());
+        let _ = read_from("a.csv", [b"time,u\n".as_slice(), &bytes].concat().as_slice());
+    }
+
+    #[test]
+    fn anything_like_csv_never_panics_and_nothing_but_numbers_leaves(
+        text in "(time( \\[s\\])?(,[a-c\" \\[\\]]{0,4}){0,3}\r?\n)?([-0-9.,eE\"na inf\r\n]{0,12}\n?){0,12}",
+        ts in 1e-3..1e3_f64, from in -10.0..10.0_f64, to in -10.0..10.0_f64,
+    ) {
+        let _ = read_records_from("a.csv", text.as_bytes(), "a");
+        if let Ok(log) = read_from("a.csv", text.as_bytes()) {
+            let _ = log.even_grid();
+            let ts = SampleTime::new(ts).unwrap();
+            let others = [log.window(Some(from), Some(to)), log.resample(ts, &[]), log.rename(&[("x".into(), "a".into())])];
+            for log in others.into_iter().flatten() {
+                prop_assert!(log.time_s().windows(2).all(|pair| pair[0] < pair[1]));
+                prop_assert!(log.channels().all(|channel| channel.samples().values.iter().all(|x| x.is_finite())));
+            }
+        }
+    }
+
+    #[test]
+    fn write_then_read_gives_the_same_bits(
+        steps in proptest::collection::vec(1e-6..1e3_f64, 1..40),
+        start_s in -1e6..1e6_f64,
+        seeds in proptest::collection::vec((number(), number(), any::<bool>()), 40),
+    ) {
+        let time_s: Vec<f64> = steps.iter().scan(start_s, |t, step| { *t += step; Some(*t) }).collect();
+        let pick = seeds.iter().take(time_s.len());
+        let channels = vec![
+            Channel::new("u", Some("N m"), pick.clone().map(|s| s.0).collect()),
+            Channel::partial("y", None, pick.clone().map(|s| s.1).collect(), pick.map(|s| s.2).collect()),
+        ];
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        let log = Log::new(path.display().to_string(), time_s, channels).unwrap();
+        log.write_csv(&path).unwrap();
+        let back = read(&path).unwrap();
+        prop_assert_eq!(&back, &log);
+        prop_assert_eq!(bits(back.time_s()), bits(log.time_s()));
+        prop_assert_eq!(bits(back.input("u").unwrap()), bits(log.input("u").unwrap()));
+        prop_assert_eq!(
+            bits(back.channel("y").unwrap().samples().values),
+            bits(log.channel("y").unwrap().samples().values)
+        );
+    }
+
+    #[test]
+    fn interpolated_values_lie_between_their_neighbours(a in number(), b in number(), ts in 0.01..0.99_f64) {
+        let log = Log::new("a.csv", vec![0.0, 1.0], vec![Channel::new("y", None, vec![a, b])]).unwrap();
+        let even = log.resample(SampleTime::new(ts).unwrap(), &[]).unwrap();
+        let slack = 1e-15 * a.abs().max(b.abs());
+        prop_assert!(even.input("y").unwrap().iter().all(|y| *y >= a.min(b) - slack && *y <= a.max(b) + slack));
+    }
+}
+
+// Size.
+
+/// A log of `rows` rows that is made while it is read.
+struct Endless {
+    rows: u64,
+    made: u64,
+    text: Vec<u8>,
+    read: usize,
+}
+
+impl Read for Endless {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        if self.read == self.text.len() {
+            self.text.clear();
+            self.read = 0;
+            for k in self.made..(self.made + 1000).min(self.rows) {
+                writeln!(self.text, "{}.{:03},{},{}.{}", k / 1000, k % 1000, k % 7, k % 5, k % 10)?;
+            }
+            self.made = (self.made + 1000).min(self.rows);
+        }
+        let n = into.len().min(self.text.len() - self.read);
+        into[..n].copy_from_slice(&self.text[self.read..self.read + n]);
+        self.read += n;
+        Ok(n)
+    }
+}
+
+#[test]
+fn ten_million_rows_load_and_keep_an_exact_grid() {
+    let rows = 10_000_000;
+    let log = read_from("big.csv", Endless { rows, made: 0, text: b"time,u,y\n".to_vec(), read: 0 }).unwrap();
+    assert_eq!(log.len() as u64, rows);
+    assert_eq!(log.even_grid().unwrap().seconds(), 0.001);
+    assert_eq!(log.row(9_999_999), 10_000_001);
+    assert_eq!(log.input("y").unwrap()[9_999_999], 4.9);
+}

@@ -1,0 +1,451 @@
+//! The model file, `deadtime/model@1`: TOML or JSON, as the extension says.
+
+use std::path::Path;
+
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+use super::{Continuous, ModelError, Sampled, StateSpace};
+use crate::error::{Error, Result};
+use crate::time::SampleTime;
+
+const FORMAT: &str = "deadtime/model@1";
+
+/// The point at which a model was linearised: the matrices act on u − operating and give y − operating.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Operating {
+    /// A number in the channel's unit.
+    Value(f64),
+    /// The channel's mean over the training logs, written `"mean"`.
+    Mean(Mean),
+}
+
+/// The word `mean`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mean {
+    /// The channel's mean.
+    Mean,
+}
+
+impl Default for Operating {
+    fn default() -> Self {
+        Self::Value(0.0)
+    }
+}
+
+/// An input or output.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Channel {
+    /// The name that a log's column carries.
+    pub name: String,
+    /// Its unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// The operating point.
+    #[serde(default)]
+    pub operating: Operating,
+}
+
+/// A state.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct State {
+    /// Its name.
+    pub name: String,
+    /// Its unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+}
+
+/// An effect that already belongs to the simulator, kept as it stands in the file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EffectEntry {
+    /// The effect's name.
+    pub effect: String,
+    /// Where it acts.
+    pub channel: String,
+    /// Its parameters.
+    #[serde(default)]
+    pub parameters: std::collections::BTreeMap<String, f64>,
+}
+
+/// A linear model with the names, units and start that make it a simulator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelFile {
+    format: String,
+    /// The model's name.
+    pub name: String,
+    kind: String,
+    /// 0 or absent: continuous time.
+    #[serde(default)]
+    pub sample_time_s: f64,
+    /// The inputs.
+    pub inputs: Vec<Channel>,
+    /// The states.
+    pub states: Vec<State>,
+    /// The outputs.
+    pub outputs: Vec<Channel>,
+    /// One delay per input, seconds; empty: none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub input_delay_s: Vec<f64>,
+    /// The state when a log starts; empty: 0.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub initial: Vec<f64>,
+    /// Standard deviation of `initial`; empty: the start is unknown.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub initial_std: Vec<f64>,
+    #[serde(rename = "A")]
+    a: Vec<Vec<f64>>,
+    #[serde(rename = "B")]
+    b: Vec<Vec<f64>>,
+    #[serde(rename = "C")]
+    c: Vec<Vec<f64>>,
+    #[serde(rename = "D")]
+    d: Vec<Vec<f64>>,
+    /// Effects that belong to the simulator.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<EffectEntry>,
+}
+
+#[derive(Clone, Copy)]
+enum Syntax {
+    Toml,
+    Json,
+}
+
+fn syntax(path: &Path) -> std::result::Result<Syntax, ModelError> {
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("toml") => Ok(Syntax::Toml),
+        Some("json") => Ok(Syntax::Json),
+        _ => Err(ModelError::Extension { path: path.to_owned() }),
+    }
+}
+
+/// The keys that say what the rest means.
+#[derive(Deserialize)]
+struct Header {
+    format: Option<String>,
+    kind: Option<String>,
+}
+
+impl ModelFile {
+    /// Reads and checks a model file.
+    ///
+    /// # Errors
+    /// [`Error::Io`], or a [`ModelError`] that names the file and what is wrong in it.
+    pub fn read(path: &Path) -> Result<Self> {
+        let syntax = syntax(path)?;
+        let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+        Ok(Self::parse(&text, syntax, path)?)
+    }
+
+    fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
+        let wrong = |detail: String| ModelError::File { path: path.to_owned(), detail };
+        let header: Header = match syntax {
+            Syntax::Toml => toml::from_str(text).map_err(|e| wrong(e.to_string()))?,
+            Syntax::Json => serde_json::from_str(text).map_err(|e| wrong(e.to_string()))?,
+        };
+        for (key, found, known) in [("format", header.format, FORMAT), ("kind", header.kind, "lti")] {
+            if found.as_deref() != Some(known) {
+                let found = found.unwrap_or_else(|| "missing".to_owned());
+                return Err(ModelError::Kind { path: path.to_owned(), key, found, known });
+            }
+        }
+        let model: Self = match syntax {
+            Syntax::Toml => toml::from_str(text).map_err(|e| wrong(e.to_string()))?,
+            Syntax::Json => serde_json::from_str(text).map_err(|e| wrong(e.to_string()))?,
+        };
+        model.check(path)?;
+        Ok(model)
+    }
+
+    fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
+        let inputs: Vec<&str> = self.inputs.iter().map(|c| c.name.as_str()).collect();
+        let states: Vec<&str> = self.states.iter().map(|s| s.name.as_str()).collect();
+        let outputs: Vec<&str> = self.outputs.iter().map(|c| c.name.as_str()).collect();
+        for (what, names) in [("input", &inputs), ("state", &states), ("output", &outputs)] {
+            if let Some(name) = names.iter().enumerate().find(|(i, n)| names[..*i].contains(n)).map(|(_, n)| (*n).to_owned()) {
+                return Err(ModelError::Duplicate { path: path.to_owned(), what, name });
+            }
+        }
+        let not_negative = "it must be finite and not negative";
+        let lists: [(&'static str, &[f64], usize, bool); 3] = [
+            ("input_delay_s", &self.input_delay_s, inputs.len(), true),
+            ("initial", &self.initial, states.len(), false),
+            ("initial_std", &self.initial_std, states.len(), true),
+        ];
+        for (key, list, needed, positive) in lists {
+            if !list.is_empty() && list.len() != needed {
+                return Err(ModelError::File {
+                    path: path.to_owned(),
+                    detail: ModelError::Count { what: key, needed, got: list.len() }.to_string(),
+                });
+            }
+            if let Some(&value) = list.iter().find(|v| !v.is_finite() || (positive && **v < 0.0)) {
+                let rule = if positive { not_negative } else { "it must be finite" };
+                return Err(ModelError::Number { path: path.to_owned(), key, value, rule });
+            }
+        }
+        let operating = self.inputs.iter().chain(&self.outputs).find_map(|c| match c.operating {
+            Operating::Value(v) if !v.is_finite() => Some(v),
+            _ => None,
+        });
+        if let Some(value) = operating {
+            return Err(ModelError::Number { path: path.to_owned(), key: "operating", value, rule: "it must be finite" });
+        }
+        if !(self.sample_time_s.is_finite() && self.sample_time_s >= 0.0) {
+            return Err(ModelError::Number {
+                path: path.to_owned(),
+                key: "sample_time_s",
+                value: self.sample_time_s,
+                rule: "it must be above 0, or 0 for continuous time",
+            });
+        }
+        let named = |e: ModelError| ModelError::File { path: path.to_owned(), detail: e.to_string() };
+        if self.sample_time_s > 0.0 { self.sampled().map(drop).map_err(named) } else { self.continuous().map(drop).map_err(named) }
+    }
+
+    /// A file for a continuous model.
+    ///
+    /// # Errors
+    /// [`ModelError::Count`] where names and matrices do not fit.
+    pub fn from_continuous(
+        name: &str,
+        sys: &StateSpace<Continuous>,
+        inputs: Vec<Channel>,
+        states: Vec<State>,
+        outputs: Vec<Channel>,
+    ) -> std::result::Result<Self, ModelError> {
+        let delays = sys.input_delay().to_vec();
+        Self::from_matrices(name, 0.0, [sys.a(), sys.b(), sys.c(), sys.d()], delays, (inputs, states, outputs))
+    }
+
+    /// A file for a sampled model. States that a conversion added get names of their own where `states` is too short.
+    ///
+    /// # Errors
+    /// [`ModelError::Count`] where names and matrices do not fit.
+    pub fn from_sampled(
+        name: &str,
+        sys: &StateSpace<Sampled>,
+        inputs: Vec<Channel>,
+        mut states: Vec<State>,
+        outputs: Vec<Channel>,
+    ) -> std::result::Result<Self, ModelError> {
+        let ts = sys.sample_time();
+        #[allow(clippy::cast_precision_loss)]
+        let delays = sys.input_delay().iter().map(|&d| ts.to_seconds(d as f64)).collect();
+        // A realisation with fewer states than named (after cancellation) or of another kind has states of its own.
+        if sys.order() < states.len() {
+            states.clear();
+        }
+        for i in states.len()..sys.order() {
+            states.push(State { name: format!("x{}", i + 1), unit: None });
+        }
+        Self::from_matrices(name, ts.seconds(), [sys.a(), sys.b(), sys.c(), sys.d()], delays, (inputs, states, outputs))
+    }
+
+    fn from_matrices(
+        name: &str,
+        sample_time_s: f64,
+        [a, b, c, d]: [&DMatrix<f64>; 4],
+        input_delay_s: Vec<f64>,
+        (inputs, states, outputs): (Vec<Channel>, Vec<State>, Vec<Channel>),
+    ) -> std::result::Result<Self, ModelError> {
+        for (what, got, needed) in
+            [("input names", inputs.len(), d.ncols()), ("state names", states.len(), a.nrows()), ("output names", outputs.len(), d.nrows())]
+        {
+            if got != needed {
+                return Err(ModelError::Count { what, needed, got });
+            }
+        }
+        let rows = |m: &DMatrix<f64>| m.row_iter().map(|r| r.iter().copied().collect()).collect();
+        Ok(Self {
+            format: FORMAT.to_owned(),
+            name: name.to_owned(),
+            kind: "lti".to_owned(),
+            sample_time_s,
+            inputs,
+            states,
+            outputs,
+            input_delay_s,
+            initial: Vec::new(),
+            initial_std: Vec::new(),
+            a: rows(a),
+            b: rows(b),
+            c: rows(c),
+            d: rows(d),
+            effects: Vec::new(),
+        })
+    }
+
+    /// Writes the file, as TOML or JSON by its extension.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`ModelError::Extension`].
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let text = self.text(syntax(path)?).map_err(|detail| ModelError::File { path: path.to_owned(), detail })?;
+        crate::file::write_atomic(path, |out| out.write_all(text.as_bytes()))
+    }
+
+    /// The file's text as TOML.
+    ///
+    /// # Errors
+    /// [`ModelError::File`] if the writer refuses it.
+    pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
+        self.text(Syntax::Toml).map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
+    }
+
+    fn text(&self, syntax: Syntax) -> std::result::Result<String, String> {
+        match syntax {
+            Syntax::Toml => toml::to_string(self).map_err(|e| e.to_string()),
+            Syntax::Json => serde_json::to_string_pretty(self).map_err(|e| e.to_string()).map(|t| t + "\n"),
+        }
+    }
+
+    fn matrices(&self) -> std::result::Result<[DMatrix<f64>; 4], ModelError> {
+        let (n, m, p) = (self.states.len(), self.inputs.len(), self.outputs.len());
+        let matrix = |matrix: &'static str, rows: &[Vec<f64>], needed: (usize, usize)| {
+            // No states: the file may write [] for a matrix of no rows or of no columns.
+            let columns = rows.iter().find(|r| r.len() != needed.1).or(rows.first()).map_or(needed.1, Vec::len);
+            if rows.len() != needed.0 || columns != needed.1 {
+                return Err(ModelError::Shape { matrix, rows: needed.0, columns: needed.1, got_rows: rows.len(), got_columns: columns });
+            }
+            Ok(DMatrix::from_row_iterator(needed.0, needed.1, rows.iter().flatten().copied()))
+        };
+        Ok([matrix("A", &self.a, (n, n))?, matrix("B", &self.b, (n, m))?, matrix("C", &self.c, (p, n))?, matrix("D", &self.d, (p, m))?])
+    }
+
+    fn delays(&self) -> Vec<f64> {
+        if self.input_delay_s.is_empty() { vec![0.0; self.inputs.len()] } else { self.input_delay_s.clone() }
+    }
+
+    /// The continuous model.
+    ///
+    /// # Errors
+    /// [`ModelError::Domain`] if it is sampled, [`ModelError::Shape`] or [`ModelError::NotFinite`].
+    pub fn continuous(&self) -> std::result::Result<StateSpace<Continuous>, ModelError> {
+        if self.is_sampled() {
+            return Err(ModelError::Domain { what: "this step", needed: "continuous", name: self.name.clone(), found: "sampled" });
+        }
+        let [a, b, c, d] = self.matrices()?;
+        StateSpace::continuous(a, b, c, d)?.with_input_delay(self.delays())
+    }
+
+    /// The sampled model; a delay that is no multiple of the sample time is an error.
+    ///
+    /// # Errors
+    /// [`ModelError::Domain`] if it is continuous, [`ModelError::Shape`], [`ModelError::NotFinite`] or [`ModelError::Number`].
+    pub fn sampled(&self) -> std::result::Result<StateSpace<Sampled>, ModelError> {
+        if !self.is_sampled() {
+            return Err(ModelError::Domain { what: "this step", needed: "sampled", name: self.name.clone(), found: "continuous" });
+        }
+        let ts = SampleTime::new(self.sample_time_s)?;
+        let [a, b, c, d] = self.matrices()?;
+        let mut whole = Vec::with_capacity(self.inputs.len());
+        for delay_s in self.delays() {
+            let delay = ts.samples(delay_s)?;
+            if delay.fraction != 0.0 {
+                return Err(ModelError::Number {
+                    path: self.name.clone().into(),
+                    key: "input_delay_s",
+                    value: delay_s,
+                    rule: "a sampled model's delays are multiples of its sample time; convert the continuous model instead",
+                });
+            }
+            whole.push(delay.whole);
+        }
+        StateSpace::sampled(a, b, c, d, ts)?.with_input_delay(whole)
+    }
+
+    /// Sampled, not continuous.
+    #[must_use]
+    pub fn is_sampled(&self) -> bool {
+        self.sample_time_s > 0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::uav::Dynamics;
+
+    const LATERAL: &str = r#"
+format = "deadtime/model@1"
+name   = "lateral"
+kind   = "lti"
+sample_time_s = 0.0
+inputs  = [{ name = "delta_lat", unit = "1", operating = "mean" }]
+states  = [{ name = "v", unit = "m/s" }, { name = "p", unit = "rad/s" }, { name = "phi", unit = "rad" }]
+outputs = [{ name = "p", unit = "rad/s" }, { name = "ay", unit = "m/s^2", operating = 0.5 }]
+input_delay_s = [0.031]
+initial_std = [0.0, 0.1, 0.0]
+A = [[-0.211, 0, 9.81], [-3.613, 0.0, 0.0], [0.0, 1.0, 0.0]]
+B = [[9.379], [851.287], [0.0]]
+C = [[0.0, 1.0, 0.0], [-0.211, 0.0, 0.0]]
+D = [[0.0], [9.379]]
+[[effects]]
+effect = "input_delay"
+channel = "delta_lat"
+parameters = { delay = 0.031 }
+"#;
+
+    fn parse(text: &str) -> std::result::Result<ModelFile, ModelError> {
+        ModelFile::parse(text, Syntax::Toml, Path::new("m.toml"))
+    }
+
+    #[test]
+    fn the_documented_example_is_the_thesis_model() {
+        let file = parse(LATERAL).unwrap();
+        let model = Dynamics::Lateral.model().with_input_delay(vec![0.031]).unwrap();
+        assert_eq!(file.continuous().unwrap(), model);
+        assert_eq!(file.inputs[0].operating, Operating::Mean(Mean::Mean));
+        assert_eq!(file.outputs[1].operating, Operating::Value(0.5));
+        assert_eq!(file.effects[0].parameters["delay"], 0.031);
+        assert!(file.sampled().is_err());
+    }
+
+    #[test]
+    fn writing_and_reading_gives_the_same_model_in_both_syntaxes() {
+        let file = parse(LATERAL).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.toml", "a.json"] {
+            let path = folder.path().join(name);
+            file.write(&path).unwrap();
+            assert_eq!(ModelFile::read(&path).unwrap(), file, "{name}");
+        }
+    }
+
+    #[test]
+    fn every_fault_names_the_file_and_the_fault() {
+        for (from, to, expect) in [
+            ("model@1", "model@9", "deadtime/model@1"),
+            ("\"lti\"", "\"equations\"", "lti"),
+            ("name   = \"lateral\"", "nmae = \"lateral\"", "nmae"),
+            ("[[9.379], [851.287], [0.0]]", "[[9.379], [851.287]]", "matrix B is 2 by 1"),
+            ("[[0.0], [9.379]]", "[[0.0], [nan]]", "matrix D"),
+            ("input_delay_s = [0.031]", "input_delay_s = [-1.0]", "input_delay_s"),
+            ("input_delay_s = [0.031]", "input_delay_s = [0.1, 0.2]", "input_delay_s"),
+            ("name = \"phi\"", "name = \"p\"", "named twice"),
+            ("sample_time_s = 0.0", "sample_time_s = -0.1", "sample_time_s"),
+            ("operating = 0.5", "operating = \"median\"", "operating"),
+        ] {
+            assert!(LATERAL.contains(from));
+            let message = parse(&LATERAL.replace(from, to)).unwrap_err().to_string();
+            assert!(message.contains("m.toml") && message.contains(expect), "{to}: {message}");
+        }
+        assert!(matches!(ModelFile::read(Path::new("m.yaml")), Err(Error::Model(ModelError::Extension { .. }))));
+        assert!(matches!(ModelFile::read(Path::new("no/such.toml")), Err(Error::Io { .. })));
+    }
+
+    #[test]
+    fn a_sampled_model_must_have_whole_delays() {
+        let text = LATERAL.replace("sample_time_s = 0.0", "sample_time_s = 0.01");
+        assert!(parse(&text).unwrap_err().to_string().contains("multiples of its sample time"));
+        assert!(parse(&text.replace("input_delay_s = [0.031]", "input_delay_s = [0.03]")).unwrap().sampled().is_ok());
+    }
+}

@@ -1,0 +1,89 @@
+//! Functions of matrices: exponential and logarithm.
+
+use nalgebra::{Complex, DMatrix, Schur};
+
+/// exp(M).
+///
+/// Source: Al-Mohy and Higham (2009), SIAM J. Matrix Anal. Appl. 31(3), 970-989, doi:10.1137/09074721X (nalgebra's implementation).
+pub(crate) fn exp(m: &DMatrix<f64>) -> DMatrix<f64> {
+    if m.is_empty() { m.clone() } else { m.exp() }
+}
+
+/// The real principal logarithm, or the eigenvalue (zero, or real and negative) that forbids it.
+///
+/// Inverse scaling and squaring on the complex Schur form: square roots of the triangle until it is near I, then log by Gauss-Legendre quadrature of
+/// ∫₀¹ (T − I)(I + t(T − I))⁻¹ dt, which is the [8/8] Padé approximant.
+///
+/// Source: Higham (2008), "Functions of Matrices", algorithm 11.9, doi:10.1137/1.9780898717778.
+pub(super) fn log(m: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
+    let n = m.nrows();
+    if n == 0 {
+        return Ok(m.clone());
+    }
+    let (q, mut t) = Schur::new(m.map(|v| Complex::new(v, 0.0))).unpack();
+    let floor = 1e-14 * m.norm();
+    for i in 0..n {
+        let lambda = t[(i, i)];
+        if lambda.norm() <= floor || (lambda.re < 0.0 && lambda.im.abs() <= 1e-10 * lambda.norm()) {
+            return Err(lambda.re);
+        }
+    }
+    let identity = DMatrix::<Complex<f64>>::identity(n, n);
+    let mut doublings = 0;
+    while (&t - &identity).norm() > 0.2 && doublings < 100 {
+        t = triangular_sqrt(&t);
+        doublings += 1;
+    }
+    let e = &t - &identity;
+    let mut sum = DMatrix::<Complex<f64>>::zeros(n, n);
+    for (node, weight) in GAUSS_LEGENDRE_8 {
+        for (t, w) in [(0.5 - 0.5 * node, 0.5 * weight), (0.5 + 0.5 * node, 0.5 * weight)] {
+            let shifted = &identity + &e * Complex::new(t, 0.0);
+            if let Some(term) = shifted.solve_upper_triangular(&e) {
+                sum += term * Complex::new(w, 0.0);
+            }
+        }
+    }
+    let log = &q * sum * q.adjoint() * Complex::new(f64::from(doublings).exp2(), 0.0);
+    Ok(log.map(|v| v.re))
+}
+
+/// Positive nodes and weights of 8-point Gauss-Legendre quadrature on [−1, 1]; the negative ones mirror them.
+const GAUSS_LEGENDRE_8: [(f64, f64); 4] = [
+    (0.183_434_642_495_649_8, 0.362_683_783_378_362),
+    (0.525_532_409_916_329, 0.313_706_645_877_887_3),
+    (0.796_666_477_413_626_7, 0.222_381_034_453_374_48),
+    (0.960_289_856_497_536_3, 0.101_228_536_290_376_26),
+];
+
+/// The upper triangular square root with the principal root on the diagonal (Björck and Hammarling 1983, doi:10.1016/0024-3795(83)80010-X).
+fn triangular_sqrt(t: &DMatrix<Complex<f64>>) -> DMatrix<Complex<f64>> {
+    let n = t.nrows();
+    let mut r = DMatrix::zeros(n, n);
+    for j in 0..n {
+        r[(j, j)] = t[(j, j)].sqrt();
+        for i in (0..j).rev() {
+            let inner: Complex<f64> = (i + 1..j).map(|k| r[(i, k)] * r[(k, j)]).sum();
+            r[(i, j)] = (t[(i, j)] - inner) / (r[(i, i)] + r[(j, j)]);
+        }
+    }
+    r
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn log_undoes_exp_also_for_a_defective_matrix() {
+        let m = DMatrix::from_row_slice(4, 4, &[-0.2, 0.3, 9.8, 0.1, -3.6, 0.0, 0.0, 8.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]) * 0.1;
+        let back = log(&exp(&m)).unwrap();
+        assert!((back - &m).norm() < 1e-13 * m.norm().max(1.0));
+    }
+
+    #[test]
+    fn log_names_the_eigenvalue_that_forbids_it() {
+        let m = DMatrix::from_row_slice(2, 2, &[-0.5, 1.0, 0.0, 0.3]);
+        assert!((log(&m).unwrap_err() + 0.5).abs() < 1e-12);
+    }
+}

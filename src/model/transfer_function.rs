@@ -1,0 +1,169 @@
+//! Transfer functions of one input-output pair, kept as zeros, poles and gain.
+
+use nalgebra::{Complex, DMatrix};
+
+use super::{ModelError, StateSpace, TimeDomain, cascade, zeros};
+
+/// gain · Π(s − zero) / Π(s − pole) · exp(−delay·s), or the same in z.
+///
+/// Zeros, poles and gain lose less to rounding than polynomial coefficients, whose roots near z = 1 are ill conditioned.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TransferFunction<T: TimeDomain> {
+    zeros: Vec<Complex<f64>>,
+    poles: Vec<Complex<f64>>,
+    gain: f64,
+    delay: T::Delay,
+    domain: T,
+}
+
+impl<T: TimeDomain> TransferFunction<T> {
+    /// From zeros, poles and gain; complex ones in conjugate pairs.
+    ///
+    /// # Errors
+    /// [`ModelError::Improper`] with more zeros than poles, [`ModelError::Unpaired`] for a root without its conjugate, [`ModelError::NotFinite`],
+    /// [`ModelError::Time`] for a delay that cannot be.
+    pub fn from_zeros_poles_gain(
+        zeros: Vec<Complex<f64>>,
+        poles: Vec<Complex<f64>>,
+        gain: f64,
+        delay: T::Delay,
+        domain: T,
+    ) -> Result<Self, ModelError> {
+        if zeros.len() > poles.len() {
+            return Err(ModelError::Improper { zeros: zeros.len(), poles: poles.len() });
+        }
+        domain.check_delay(delay)?;
+        if !gain.is_finite() {
+            return Err(ModelError::NotFinite { matrix: "gain", row: 1, column: 1, value: gain });
+        }
+        let zeros = cascade::pair_conjugates("zero", zeros)?;
+        let poles = cascade::pair_conjugates("pole", poles)?;
+        Ok(Self { zeros, poles, gain, delay, domain })
+    }
+
+    /// From polynomial coefficients, highest power first.
+    ///
+    /// # Errors
+    /// [`ModelError::Improper`] for a numerator of the higher degree, [`ModelError::NotFinite`] for a coefficient that is not finite or a denominator of zeros.
+    pub fn from_polynomials(numerator: &[f64], denominator: &[f64], delay: T::Delay, domain: T) -> Result<Self, ModelError> {
+        let (zeros, num_lead) = roots("numerator", numerator)?;
+        let (poles, den_lead) = roots("denominator", denominator)?;
+        Self::from_zeros_poles_gain(zeros, poles, num_lead / den_lead, delay, domain)
+    }
+
+    /// The zeros.
+    #[must_use]
+    pub fn zeros(&self) -> &[Complex<f64>] {
+        &self.zeros
+    }
+    /// The poles.
+    #[must_use]
+    pub fn poles(&self) -> &[Complex<f64>] {
+        &self.poles
+    }
+    /// The ratio of the leading coefficients.
+    #[must_use]
+    pub fn gain(&self) -> f64 {
+        self.gain
+    }
+    /// The delay: seconds, or whole samples.
+    #[must_use]
+    pub fn delay(&self) -> T::Delay {
+        self.delay
+    }
+    /// Continuous or sampled.
+    #[must_use]
+    pub fn domain(&self) -> T {
+        self.domain
+    }
+    /// Poles minus zeros.
+    #[must_use]
+    pub fn relative_degree(&self) -> usize {
+        self.poles.len() - self.zeros.len()
+    }
+    /// Numerator coefficients, highest power first.
+    #[must_use]
+    pub fn numerator(&self) -> Vec<f64> {
+        expand(&self.zeros, self.gain)
+    }
+    /// Denominator coefficients, highest power first, the first one 1.
+    #[must_use]
+    pub fn denominator(&self) -> Vec<f64> {
+        expand(&self.poles, 1.0)
+    }
+
+    /// The value without the delay at a point s or z.
+    #[must_use]
+    pub fn at(&self, point: Complex<f64>) -> Complex<f64> {
+        // Interleaved, so that neither product overflows on its own.
+        let mut value = Complex::new(self.gain, 0.0);
+        for i in 0..self.poles.len() {
+            if let Some(zero) = self.zeros.get(i) {
+                value *= point - zero;
+            }
+            value /= point - self.poles[i];
+        }
+        value
+    }
+
+    /// The frequency response, delay included.
+    #[must_use]
+    pub fn frequency_response(&self, omega_rad_s: f64) -> Complex<f64> {
+        self.at(self.domain.point(omega_rad_s)) * Complex::from_polar(1.0, -omega_rad_s * self.domain.delay_s(self.delay))
+    }
+
+    /// The same function with every zero and pole closer than `tolerance` (relative to their size, at least 1) taken off in pairs.
+    #[must_use]
+    pub fn cancelled(&self, tolerance: f64) -> Self {
+        let mut zeros = self.zeros.clone();
+        let mut poles = Vec::with_capacity(self.poles.len());
+        for &pole in &self.poles {
+            let near = |z: &Complex<f64>| (z - pole).norm() <= tolerance * pole.norm().max(1.0);
+            match zeros.iter().position(near) {
+                Some(at) => drop(zeros.remove(at)),
+                None => poles.push(pole),
+            }
+        }
+        let cancelled = Self { zeros, poles, ..self.clone() };
+        // Cancelling must not part a conjugate pair; where it would, nothing is cancelled.
+        let whole = |roots: &[Complex<f64>]| cascade::pair_conjugates("root", roots.to_vec()).is_ok();
+        if whole(&cancelled.zeros) && whole(&cancelled.poles) { cancelled } else { self.clone() }
+    }
+
+    /// A state-space realisation: a cascade of sections of first and second order.
+    ///
+    /// # Errors
+    /// [`ModelError::Unpaired`] cannot happen for a function built by this type's constructors.
+    pub fn to_state_space(&self) -> Result<StateSpace<T>, ModelError> {
+        let (a, b, c, d) = cascade::realise(&self.zeros, &self.poles, self.gain)?;
+        StateSpace::new(a, b, c, d, self.domain)?.with_input_delay(vec![self.delay])
+    }
+}
+
+/// Roots of a polynomial (highest power first) and its leading coefficient; leading zeros are dropped.
+fn roots(matrix: &'static str, coefficients: &[f64]) -> Result<(Vec<Complex<f64>>, f64), ModelError> {
+    let start = coefficients.iter().position(|&c| c != 0.0).unwrap_or(coefficients.len());
+    let coefficients = &coefficients[start..];
+    if let Some(at) = coefficients.iter().position(|c| !c.is_finite()) {
+        return Err(ModelError::NotFinite { matrix, row: 1, column: start + at + 1, value: coefficients[at] });
+    }
+    let Some((&lead, rest)) = coefficients.split_first() else {
+        return Err(ModelError::NotFinite { matrix, row: 1, column: 1, value: 0.0 });
+    };
+    let n = rest.len();
+    let companion = DMatrix::from_fn(n, n, |i, j| if i == 0 { -rest[j] / lead } else { f64::from(u8::from(i == j + 1)) });
+    Ok((zeros::eigenvalues(&companion), lead))
+}
+
+/// Coefficients of gain·Π(x − root), highest power first.
+fn expand(roots: &[Complex<f64>], gain: f64) -> Vec<f64> {
+    let mut coefficients = vec![Complex::new(gain, 0.0)];
+    for root in roots {
+        coefficients.push(Complex::default());
+        for i in (1..coefficients.len()).rev() {
+            let previous = coefficients[i - 1];
+            coefficients[i] -= root * previous;
+        }
+    }
+    coefficients.into_iter().map(|c| c.re).collect()
+}

@@ -1,0 +1,78 @@
+//! Invariant zeros of a state-space model, by reduction to a model with an invertible D.
+
+use nalgebra::{Complex, DMatrix};
+
+/// Eigenvalues of a real square matrix.
+pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
+    if a.is_empty() { Vec::new() } else { a.complex_eigenvalues().iter().copied().collect() }
+}
+
+/// The finite s where [A − sI, B; C, D] loses rank against its normal rank.
+///
+/// Source: Emami-Naeini and Van Dooren (1982), "Computation of zeros of linear multivariable systems", Automatica 18(4), 415-430,
+/// doi:10.1016/0005-1098(82)90070-X.
+pub(super) fn invariant_zeros(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, d: &DMatrix<f64>) -> Vec<Complex<f64>> {
+    let scale = [a, b, c, d].iter().map(|m| m.norm()).fold(0.0, f64::max);
+    let tolerance = scale * 1e-13;
+    let [a, b, c, d] = reduce([a.clone(), b.clone(), c.clone(), d.clone()], tolerance);
+    let [a, c, b, d] = reduce([a.transpose(), c.transpose(), b.transpose(), d.transpose()], tolerance).map(|m| m.transpose());
+    if a.is_empty() {
+        return Vec::new();
+    }
+    if d.is_empty() {
+        return eigenvalues(&a);
+    }
+    match d.lu().solve(&c) {
+        Some(feedback) => eigenvalues(&(a - b * feedback)),
+        None => Vec::new(),
+    }
+}
+
+/// Takes states off until D has full row rank; the zeros stay the same.
+fn reduce([mut a, mut b, mut c, mut d]: [DMatrix<f64>; 4], tolerance: f64) -> [DMatrix<f64>; 4] {
+    loop {
+        let (n, m) = (a.nrows(), d.ncols());
+        // Rows of [C D] rotated so that D is [D1; 0] with D1 of full row rank.
+        let (rotation, rank) = row_compression(&d, tolerance);
+        c = &rotation * c;
+        d = &rotation * d;
+        let rows = c.nrows();
+        let c2 = c.rows(rank, rows - rank).into_owned();
+        // States rotated so that C2 is [0 S] with S of full column rank.
+        let (state_rotation, seen) = row_compression(&c2.transpose(), tolerance);
+        if seen == 0 {
+            return [a, b, c.rows(0, rank).into_owned(), d.rows(0, rank).into_owned()];
+        }
+        // row_compression puts the seen directions first; they are wanted last.
+        let order: Vec<usize> = (seen..n).chain(0..seen).collect();
+        let v = state_rotation.select_rows(&order).transpose();
+        let rotated = v.transpose() * &a * &v;
+        let rotated_b = v.transpose() * &b;
+        let c1 = c.rows(0, rank) * &v;
+        let kept = n - seen;
+        a = rotated.view((0, 0), (kept, kept)).into_owned();
+        b = rotated_b.rows(0, kept).into_owned();
+        let mut new_c = DMatrix::zeros(seen + rank, kept);
+        new_c.view_mut((0, 0), (seen, kept)).copy_from(&rotated.view((kept, 0), (seen, kept)));
+        new_c.view_mut((seen, 0), (rank, kept)).copy_from(&c1.columns(0, kept));
+        let mut new_d = DMatrix::zeros(seen + rank, m);
+        new_d.view_mut((0, 0), (seen, m)).copy_from(&rotated_b.rows(kept, seen));
+        new_d.view_mut((seen, 0), (rank, m)).copy_from(&d.rows(0, rank));
+        c = new_c;
+        d = new_d;
+    }
+}
+
+/// An orthogonal U with U·M = [R; 0], R of full row rank, and that rank.
+fn row_compression(m: &DMatrix<f64>, tolerance: f64) -> (DMatrix<f64>, usize) {
+    let rows = m.nrows();
+    if m.is_empty() {
+        return (DMatrix::identity(rows, rows), 0);
+    }
+    // A square pad makes the thin SVD give all of U.
+    let mut padded = DMatrix::zeros(rows, m.ncols().max(rows));
+    padded.view_mut((0, 0), m.shape()).copy_from(m);
+    let svd = padded.svd(true, false);
+    let rank = svd.singular_values.iter().filter(|&&s| s > tolerance).count();
+    (svd.u.map_or_else(|| DMatrix::identity(rows, rows), |u| u.transpose()), rank)
+}

@@ -1,0 +1,59 @@
+//! Simulation of linear models: exact for held and interpolated inputs, with delays that need not be whole samples.
+
+mod lsim;
+
+pub use lsim::{Options, Prehistory, Response, lsim, lsim_sampled, lsim_uneven};
+
+/// How the input runs between samples.
+pub use crate::model::c2d::Hold;
+
+/// A simulation that cannot be run.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimulateError {
+    /// The input matrix does not have a column per input.
+    #[error("the model has {needed} inputs, the signal has {got}")]
+    Inputs {
+        /// Inputs of the model.
+        needed: usize,
+        /// Columns of the signal.
+        got: usize,
+    },
+    /// The initial state has the wrong length.
+    #[error("the model has {needed} states, the initial state has {got}")]
+    InitialState {
+        /// States of the model.
+        needed: usize,
+        /// Length of the initial state.
+        got: usize,
+    },
+    /// A signal holds NaN or infinity.
+    #[error("input {input} (counted from 0) is {value} at sample {sample}: every input sample must be finite")]
+    NotFinite {
+        /// Input, counted from 0.
+        input: usize,
+        /// Sample, counted from 0.
+        sample: usize,
+        /// The value.
+        value: f64,
+    },
+    /// Time stamps that do not increase.
+    #[error("time goes from {before_s} s to {after_s} s at sample {sample}; it must increase")]
+    Time {
+        /// Sample, counted from 0.
+        sample: usize,
+        /// Time before.
+        before_s: f64,
+        /// Time there.
+        after_s: f64,
+    },
+    /// The state left the range of numbers.
+    #[error("the simulation explodes: the state is no longer finite at t = {time_s} s; the model is unstable or its units are wrong")]
+    Explodes {
+        /// When.
+        time_s: f64,
+    },
+    /// A delay that cannot be.
+    #[error(transparent)]
+    DelayTime(#[from] crate::time::TimeError),
+}
