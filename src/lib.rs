@@ -1,5 +1,7 @@
 //! Dead time between command and response, and the gap between simulator and reality, from a measured log.
 
+#[cfg(feature = "cli")]
+pub mod cli;
 pub mod delay;
 pub mod error;
 pub mod file;
@@ -8,6 +10,7 @@ pub mod identify;
 pub mod log;
 pub mod model;
 pub mod registry;
+pub mod report;
 pub mod signal;
 pub mod simulate;
 pub mod time;

@@ -1,6 +1,7 @@
 //! The delay whose ARX model predicts best.
 //!
-//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + e(t).
+//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + e(t); leading coefficients of B that the data do not ask for are taken
+//! off the answer, the published minimum stays beside it as the raw value.
 
 use super::{DelayError, DelayEstimate, DelayEstimator, Experiment, Outcome, PairEstimate, Search, every_pair, posterior};
 use crate::identify::{Record, arx_scan};
@@ -9,8 +10,9 @@ use crate::identify::{Record, arx_scan};
 ///
 /// Assumes: noise that an AR(na) filter describes; holds for unstable plants and under feedback, as prediction-error methods do.
 /// Resolution and cost: one sample; O(N·(na + nb + delays)) for all delays together.
-/// Fails when: the input's first coefficient is small against the noise (the delay is then found late), or nb is large and leading coefficients may be zero
-/// (then early); a flat minimum shows as a wide interval or `flat`.
+/// Fails when: the input's first coefficient is small against the noise (the delay is then found late); many delays that fit alike show as a wide interval or `flat`.
+/// With nb above 1 the published minimum is often early, because leading coefficients may be zero; the answer weighs numerators of 1 to nb coefficients by their
+/// evidence instead.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.3 (na 10, nb 5); Ljung (1999), "System Identification", 2nd ed., section 4.2; MATLAB `arxstruc`.
 ///
 /// # Example
@@ -56,8 +58,7 @@ impl DelayEstimator for Arxstruc {
 impl Arxstruc {
     fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
         let scan = arx_scan(records, self.na, self.nb, max_delay);
-        let parameters = self.na + self.nb;
-        let rows_needed = 2 * parameters;
+        let rows_needed = 2 * (self.na + self.nb);
         if scan.rows < rows_needed {
             return Err(DelayError::TooShort {
                 method: NAME,
@@ -74,22 +75,28 @@ impl Arxstruc {
         }
         #[allow(clippy::cast_precision_loss)]
         let rows = scan.rows as f64;
-        let Some(posterior) = posterior::posterior(&scan.loss, scan.power, rows) else {
+        let minimum = (0..scan.loss.len()).filter(|&nk| scan.loss[nk].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
+        let (Some(minimum), Some(posterior)) = (minimum, posterior::posterior_of_start(&scan.by_count, scan.power, rows)) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "no delay has a finite loss: the numbers overflow; scale the channels"));
         };
         let best = posterior.best;
-        let gain = rows * (scan.loss_without_input / scan.loss[best].max(f64::MIN_POSITIVE)).ln();
+        let gain = rows * (scan.loss_without_input / scan.loss[minimum].max(f64::MIN_POSITIVE)).ln();
         let delays = max_delay + 1;
         if gain < posterior::visible_gain(self.nb, delays) {
             let note = format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input");
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
-        if posterior.set > delays / 2 || posterior.ties > parameters {
-            let fits = posterior.set.max(posterior.ties);
-            return Ok(DelayEstimate::without(Outcome::Flat, format!("{fits} of {delays} delays fit equally well")));
+        if posterior.set > delays / 2 {
+            return Ok(DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set)));
         }
         #[allow(clippy::cast_precision_loss)]
-        let raw = best as f64;
-        Ok(DelayEstimate::counted(raw, posterior.std, posterior.interval, best == max_delay, bias, experiment.sample_time))
+        let (start, raw) = (best as f64, minimum as f64);
+        let estimate =
+            DelayEstimate::counted(start, posterior.std, posterior.within_sample(), best == max_delay, bias, experiment.sample_time);
+        let leading = best.saturating_sub(minimum);
+        let note = (leading > 0).then(|| {
+            format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise")
+        });
+        Ok(DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(raw)), ..estimate }.noting(note))
     }
 }

@@ -3,9 +3,9 @@
 /// What the losses say.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Posterior {
-    /// The delay with the smallest loss; of those that tie to rounding, the longest.
+    /// The most probable delay.
     pub(super) best: usize,
-    /// Delays whose losses tie with the smallest to rounding.
+    /// Delays whose losses are zero but for rounding.
     pub(super) ties: usize,
     /// Standard deviation, samples, the grid's own resolution included.
     pub(super) std: f64,
@@ -13,6 +13,14 @@ pub(super) struct Posterior {
     pub(super) interval: [f64; 2],
     /// Delays in that set.
     pub(super) set: usize,
+}
+
+impl Posterior {
+    /// The interval where the delay is read from the first coefficient that is not zero: a dead time that ends within a sample shows in that sample's
+    /// coefficient, so the truth is up to a sample above.
+    pub(super) fn within_sample(&self) -> [f64; 2] {
+        [self.interval[0], self.interval[1] + 0.5]
+    }
 }
 
 /// Losses below this share of the signal's power are zero but for rounding.
@@ -24,23 +32,41 @@ const ROUNDING: f64 = 1e-20;
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, for the losses; the posterior is the usual Bayesian reading of them.
 pub(super) fn posterior(losses: &[f64], power: f64, samples: f64) -> Option<Posterior> {
     let floor = ROUNDING * power;
-    let smallest = losses.iter().copied().filter(|v| v.is_finite()).min_by(f64::total_cmp)?;
-    let mut tied: Vec<usize> = (0..losses.len()).filter(|&nk| losses[nk] <= floor).collect();
-    if tied.is_empty() {
-        tied.extend(losses.iter().position(|&v| v == smallest));
-    }
-    let best = *tied.last()?;
+    let logs: Vec<f64> = losses.iter().map(|&v| log_weight(v, floor, samples)).collect();
+    from_logs(&logs, losses.iter().filter(|&&v| v <= floor).count())
+}
+
+/// The same where the response may begin later than the first of the coefficients fitted: `losses[nk][m − 1]` has m coefficients from lag nk on. Each model weighs
+/// V^(−N/2)·N^(−m/2), Schwarz's approximation of its evidence, so that coefficients that are zero are not paid for.
+///
+/// Source: Schwarz (1978), Ann. Statist. 6(2), 461-464, doi:10.1214/aos/1176344136.
+pub(super) fn posterior_of_start(losses: &[Vec<f64>], power: f64, samples: f64) -> Option<Posterior> {
+    let floor = ROUNDING * power;
+    #[allow(clippy::cast_precision_loss)]
+    let evidence = |m: usize, loss: f64| log_weight(loss, floor, samples) - 0.5 * (m as f64 + 1.0) * samples.ln();
     let logs: Vec<f64> = losses
         .iter()
-        .map(|&v| if v.is_finite() { -0.5 * samples * (v.max(floor) / smallest.max(floor)).ln() } else { f64::NEG_INFINITY })
+        .map(|counts| {
+            let each: Vec<f64> = counts.iter().enumerate().map(|(m, &loss)| evidence(m, loss)).collect();
+            let largest = each.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            if largest.is_finite() { largest + each.iter().map(|e| (e - largest).exp()).sum::<f64>().ln() } else { largest }
+        })
         .collect();
-    // Shorter delays that tie to rounding only carry leading zeros: they are the same model.
-    let weight = |nk: usize| if nk < best && tied.contains(&nk) { 0.0 } else { logs[nk].exp() };
-    let total: f64 = (0..losses.len()).map(weight).sum();
+    from_logs(&logs, 1)
+}
+
+fn log_weight(loss: f64, floor: f64, samples: f64) -> f64 {
+    if loss.is_finite() { -0.5 * samples * loss.max(floor).max(f64::MIN_POSITIVE).ln() } else { f64::NEG_INFINITY }
+}
+
+fn from_logs(logs: &[f64], ties: usize) -> Option<Posterior> {
+    let best = (0..logs.len()).filter(|&nk| logs[nk] > f64::NEG_INFINITY).max_by(|&a, &b| logs[a].total_cmp(&logs[b]))?;
+    let weight = |nk: usize| (logs[nk] - logs[best]).exp();
+    let total: f64 = (0..logs.len()).map(weight).sum();
     #[allow(clippy::cast_precision_loss)]
     let real = |nk: usize| nk as f64;
-    let variance: f64 = (0..losses.len()).map(|nk| weight(nk) / total * (real(nk) - real(best)).powi(2)).sum();
-    let mut order: Vec<usize> = (0..losses.len()).collect();
+    let variance: f64 = (0..logs.len()).map(|nk| weight(nk) / total * (real(nk) - real(best)).powi(2)).sum();
+    let mut order: Vec<usize> = (0..logs.len()).collect();
     order.sort_by(|&a, &b| weight(b).total_cmp(&weight(a)));
     let mut mass = 0.0;
     let mut set = Vec::new();
@@ -52,13 +78,7 @@ pub(super) fn posterior(losses: &[f64], power: f64, samples: f64) -> Option<Post
         }
     }
     let (first, last) = (set.iter().min().copied().unwrap_or(best), set.iter().max().copied().unwrap_or(best));
-    Some(Posterior {
-        best,
-        ties: tied.len(),
-        std: (variance + RESOLUTION).sqrt(),
-        interval: [real(first) - 0.5, real(last) + 0.5],
-        set: set.len(),
-    })
+    Some(Posterior { best, ties, std: (variance + RESOLUTION).sqrt(), interval: [real(first) - 0.5, real(last) + 0.5], set: set.len() })
 }
 
 /// Variance of a delay that is only known to the nearest sample.
@@ -103,9 +123,16 @@ mod tests {
     }
 
     #[test]
-    fn of_delays_that_tie_to_rounding_the_longest_is_meant() {
-        let p = posterior(&[1e-30, 3e-31, 2e-30, 1.0], 1.0, 500.0).unwrap();
-        assert_eq!((p.best, p.ties, p.set), (2, 3, 1));
+    fn delays_that_fit_exactly_are_counted() {
+        assert_eq!(posterior(&[1e-30, 3e-31, 2e-30, 1.0], 1.0, 500.0).unwrap().ties, 3);
+    }
+
+    #[test]
+    fn leading_zeros_are_not_paid_for() {
+        // Three coefficients from lag 0 on fit as well as two from lag 1 and one from lag 2.
+        let losses = [vec![9.0, 4.0, 1.0], vec![4.0, 1.0, 1.0], vec![1.0, 1.0, 1.0], vec![9.0, 9.0, 9.0]];
+        let p = posterior_of_start(&losses, 10.0, 500.0).unwrap();
+        assert_eq!((p.best, p.interval), (2, [1.5, 2.5]));
     }
 
     #[test]

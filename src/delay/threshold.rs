@@ -3,7 +3,7 @@
 //! Equation: τ̂ = Ts·min{ i : |ĥᵢ| > h_std·σ̂ᵢ }, ĥ the finite impulse response by least squares and σ̂ its standard deviations.
 
 use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::{DelayError, DelayEstimate, DelayEstimator, Experiment, Outcome, PairEstimate, Search, every_pair};
 use crate::identify::{Fir, Record, fir_or_rank};
@@ -161,25 +161,19 @@ impl Threshold {
                 format!("no sample of the response up to the longest delay exceeds {multiple:.2} standard deviations"),
             );
         };
-        let Spread { std, upper } = spread(response, &threshold, max_delay);
-        // Back to where the response may have begun: samples of the same sign beyond two standard deviations.
-        let mut began = first;
-        while began > 0
-            && response.values[began - 1] * response.values[first] > 0.0
-            && response.values[began - 1].abs() > (2.0 * response.std[began - 1]).max(floor)
-        {
-            began -= 1;
-        }
+        let began = onset(response, first);
         #[allow(clippy::cast_precision_loss)]
         let (raw, began) = (first as f64, began as f64);
-        let interval = [began - 0.5, upper.max(raw) + 0.5];
+        // A dead time that ends within a sample shows in that sample's coefficient: the truth is up to a sample above.
+        let interval = [began - 0.5, raw + 1.0];
         let at_edge = first == max_delay;
         let tail = taps - taps.div_ceil(10);
         let alive = (tail..taps).filter(|&i| response.values[i].abs() > (3.0 * response.std[i]).max(floor)).count();
         let note = (settles && 2 * alive > taps - tail)
             .then(|| format!("the impulse response has not died out after {taps} taps: set more of them"));
-        let spread = (std * std + (raw - began).powi(2) / 3.0).sqrt();
-        DelayEstimate::counted(raw, spread, interval, at_edge, bias, experiment.sample_time).noting(note)
+        // The true start is anywhere between: a uniform distribution's standard deviation.
+        let std = (interval[1] - interval[0]) * super::posterior::RESOLUTION.sqrt();
+        DelayEstimate::counted(raw, std, interval, at_edge, bias, experiment.sample_time).noting(note)
     }
 }
 
@@ -199,41 +193,22 @@ fn averaged(responses: Vec<Response>) -> Response {
     sum
 }
 
-/// How the first crossing would vary if the noise were drawn again.
-struct Spread {
-    /// Standard deviation, samples, the grid's resolution included.
-    std: f64,
-    /// 97.5 % quantile, samples.
-    upper: f64,
-}
-
-/// The distribution of the first crossing for a response redrawn around the estimate, coefficients taken as independent.
-fn spread(response: &Response, threshold: &DVector<f64>, max_delay: usize) -> Spread {
-    let exceed = |i: usize| {
-        let (value, std) = (response.values[i].abs(), response.std[i]);
-        match Normal::new(value, std) {
-            Ok(normal) => 1.0 - normal.cdf(threshold[i]) + normal.cdf(-threshold[i]),
-            Err(_) => f64::from(u8::from(value > threshold[i])),
+/// The earliest sample at which the response may have begun: a ramp from there to the crossing fits the samples before the crossing as well as the best ramp
+/// does, to a likelihood ratio of 3.84 (95 %). A crossing that noise alone made is so rare at the limits used that nothing later is considered.
+fn onset(response: &Response, crossing: usize) -> usize {
+    let misfit = |start: usize| {
+        let (mut up, mut down, mut total) = (0.0, 0.0, 0.0);
+        for k in 0..=crossing {
+            let weight = 1.0 / response.std[k].max(1e-9 * response.values[crossing].abs()).powi(2);
+            #[allow(clippy::cast_precision_loss)]
+            let ramp = if k < start { 0.0 } else { (k - start + 1) as f64 };
+            up += weight * ramp * response.values[k];
+            down += weight * ramp * ramp;
+            total += weight * response.values[k].powi(2);
         }
+        total - up * up / down
     };
-    let (mut none_yet, mut mean, mut square, mut upper) = (1.0, 0.0, 0.0, f64::NAN);
-    for i in 0..=max_delay {
-        #[allow(clippy::cast_precision_loss)]
-        let lag = i as f64;
-        let here = none_yet * exceed(i);
-        mean += here * lag;
-        square += here * lag * lag;
-        none_yet -= here;
-        if upper.is_nan() && none_yet <= 0.025 {
-            upper = lag;
-        }
-    }
-    #[allow(clippy::cast_precision_loss)]
-    let edge = max_delay as f64;
-    mean += none_yet * edge;
-    square += none_yet * edge * edge;
-    Spread {
-        std: ((square - mean * mean).max(0.0) + super::posterior::RESOLUTION).sqrt(),
-        upper: if upper.is_nan() { edge } else { upper },
-    }
+    let misfits: Vec<f64> = (0..=crossing).map(misfit).collect();
+    let best = misfits.iter().copied().fold(f64::INFINITY, f64::min);
+    misfits.iter().position(|&m| m - best <= 3.84).unwrap_or(crossing)
 }

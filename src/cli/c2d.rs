@@ -1,0 +1,89 @@
+//! `deadtime c2d`: a sampled model from a continuous one.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+
+use crate::model::c2d::CONVERSIONS;
+use crate::model::{Channel, ModelFile};
+use crate::registry::{find, options};
+use crate::time::SampleTime;
+
+/// Convert a continuous model to a sampled one
+#[derive(Debug, clap::Args)]
+pub(super) struct C2d {
+    /// The model, deadtime/model@1
+    model: PathBuf,
+    /// Sample time, seconds
+    #[arg(long, value_name = "S")]
+    sample_time: f64,
+    /// Conversion; `deadtime list conversions` shows them
+    #[arg(long, value_name = "NAME", default_value = "zoh")]
+    method: String,
+    /// An option of the conversion, such as `feedthrough=drop` or `prewarp_rad_s=3`; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Take this input only
+    #[arg(long, value_name = "U")]
+    input: Option<String>,
+    /// Take this output only
+    #[arg(long, value_name = "Y")]
+    output: Option<String>,
+    /// File to write (.toml or .json); without it the model goes to standard output
+    #[arg(short, long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+impl C2d {
+    pub(super) fn run(&self) -> anyhow::Result<()> {
+        let file = ModelFile::read(&self.model)?;
+        let conversion = find(CONVERSIONS, "conversion", &self.method)?.with(options(self.set.iter().map(String::as_str))?)?;
+        let about = || self.model.display().to_string();
+        let mut sys = file.continuous().with_context(about)?;
+        let (mut inputs, mut outputs) = (file.inputs.clone(), file.outputs.clone());
+        if self.input.is_some() || self.output.is_some() {
+            let input = position("input", &inputs, self.input.as_deref())?;
+            let output = position("output", &outputs, self.output.as_deref())?;
+            sys = sys.pair(output, input)?;
+            (inputs, outputs) = (vec![inputs.swap_remove(input)], vec![outputs.swap_remove(output)]);
+        }
+        let sample_time = SampleTime::new(self.sample_time)?;
+        let sampled = conversion.c2d(&sys, sample_time).with_context(about)?;
+        let mut result = ModelFile::from_sampled(&file.name, &sampled, inputs, file.states.clone(), outputs)?;
+        // A start in other states than the file's means nothing here.
+        if sampled.order() == file.states.len() && self.method == "zoh" {
+            (result.initial, result.initial_std) = (file.initial.clone(), file.initial_std.clone());
+        }
+        match &self.out {
+            Some(path) => {
+                result.write(path)?;
+                println!(
+                    "{}: {} by {} every {} s, {} states, {}; written to {}",
+                    about(),
+                    file.name,
+                    self.method,
+                    self.sample_time,
+                    sampled.order(),
+                    if sampled.is_stable() { "stable" } else { "not stable" },
+                    path.display()
+                );
+                Ok(())
+            }
+            None => std::io::stdout().lock().write_all(result.to_toml()?.as_bytes()).context("standard output"),
+        }
+    }
+}
+
+/// The channel asked for; without a name, the only one there is.
+fn position(what: &str, channels: &[Channel], name: Option<&str>) -> anyhow::Result<usize> {
+    let names = || channels.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
+    match name {
+        Some(name) => match channels.iter().position(|c| c.name == name) {
+            Some(at) => Ok(at),
+            None => bail!("the model has no {what} `{name}`; it has {}", names()),
+        },
+        None if channels.len() == 1 => Ok(0),
+        None => bail!("name the {what} too (--{what}): the model has {}", names()),
+    }
+}

@@ -1,0 +1,282 @@
+//! `deadtime estimate`: the dead time in a measured log, by every method.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, bail};
+use nalgebra::DVector;
+use serde_json::Value;
+
+use super::source::Source;
+use crate::delay::{
+    DelayEstimate, DelayEstimator, Detrend, Experiment, METHODS, Method, Outcome, PlantModel, Recording, Scope, Search, Start, verdict,
+};
+use crate::file::write_atomic;
+use crate::log::Log;
+use crate::model::c2d::{Conversion, ZeroOrderHold};
+use crate::model::{ModelFile, Operating, Sampled, StateSpace};
+use crate::registry::{RegistryError, options};
+use crate::report::estimate::{Estimate as Row, FORMAT, Pair, Report};
+use crate::time::SampleTime;
+
+/// Estimate the dead time between inputs and outputs of a log, by one method or all, and say what to believe
+#[derive(Debug, clap::Args)]
+pub(super) struct Estimate {
+    #[command(flatten)]
+    source: Source,
+    /// Input channel (the command); may be repeated
+    #[arg(long, value_name = "U", required = true)]
+    input: Vec<String>,
+    /// Output channel (the response); may be repeated
+    #[arg(long, value_name = "Y", required = true)]
+    output: Vec<String>,
+    /// Method, or `all`; may be repeated; `deadtime list methods` shows them
+    #[arg(long, value_name = "NAME", default_value = "all")]
+    method: Vec<String>,
+    /// Longest delay to search, seconds; default 35 samples
+    #[arg(long, value_name = "S")]
+    max_delay: Option<f64>,
+    /// Model of the plant: adds `state_least_squares` and the model's own relative degree
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// What to take off each channel first
+    #[arg(long, value_enum, default_value_t = Detrend::Mean)]
+    detrend: Detrend,
+    /// Samples that the plant needs to respond without any dead time (its relative degree when sampled); default: the model's, or 1
+    #[arg(long, value_name = "N")]
+    degree_bias: Option<usize>,
+    /// An option of a method, such as `oestruc.nf=3`; may be repeated
+    #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
+    set: Vec<String>,
+    /// Also write the estimates as deadtime/estimate@1
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+impl Estimate {
+    pub(super) fn run(&self) -> anyhow::Result<()> {
+        let logs = self.source.read(&self.input)?;
+        let job = Job {
+            name: self.source.log.display().to_string(),
+            logs,
+            inputs: self.input.clone(),
+            outputs: self.output.clone(),
+            methods: chosen(&self.method, &self.set, self.model.is_some())?,
+            model: self.model.as_deref().map(ModelFile::read).transpose()?,
+            max_delay_s: self.max_delay,
+            degree_bias: self.degree_bias,
+            detrend: self.detrend,
+        };
+        let (report, preamble) = job.run()?;
+        println!("{preamble}");
+        print!("{}", report.text());
+        if let Some(path) = &self.json {
+            write_json(path, &report)?;
+            println!("\nWritten: {}", path.display());
+        }
+        Ok(())
+    }
+}
+
+/// Writes a report as JSON.
+pub(super) fn write_json(path: &std::path::Path, report: &impl serde::Serialize) -> anyhow::Result<()> {
+    let text = serde_json::to_string_pretty(report).with_context(|| path.display().to_string())?;
+    Ok(write_atomic(path, |out| writeln!(out, "{text}"))?)
+}
+
+/// A method, ready to run.
+pub(super) struct Ready {
+    method: &'static Method,
+    estimator: Box<dyn DelayEstimator>,
+}
+
+/// The methods asked for, with their options.
+pub(super) fn chosen(names: &[String], set: &[String], with_model: bool) -> anyhow::Result<Vec<Ready>> {
+    let known = || METHODS.iter().map(|m| m.entry.name).collect::<Vec<_>>();
+    let unknown = |name: &str| RegistryError::Unknown { kind: "method", name: name.to_owned(), known: known() };
+    let all = names.iter().any(|n| n == "all");
+    if let Some(name) = names.iter().find(|n| *n != "all" && !known().contains(&n.as_str())) {
+        return Err(unknown(name).into());
+    }
+    let mut per_method: Vec<Vec<&str>> = vec![Vec::new(); METHODS.len()];
+    for text in set {
+        let Some((method, option)) = text.split_once('.').filter(|(_, o)| o.contains('=')) else {
+            bail!("--set {text}: write it as METHOD.KEY=VALUE, such as oestruc.nf=3");
+        };
+        let at = METHODS.iter().position(|m| m.entry.name == method).ok_or_else(|| unknown(method))?;
+        per_method[at].push(option);
+    }
+    let mut ready = Vec::new();
+    for (method, texts) in METHODS.iter().zip(per_method) {
+        let named = names.iter().any(|n| n == method.entry.name);
+        if named || (all && (method.scope == Scope::Pair || with_model)) {
+            let given: Value = options(texts)?;
+            ready.push(Ready { method, estimator: method.entry.with(given)? });
+        }
+    }
+    Ok(ready)
+}
+
+/// Everything that an estimation needs.
+pub(super) struct Job {
+    pub(super) name: String,
+    pub(super) logs: Vec<Log>,
+    pub(super) inputs: Vec<String>,
+    pub(super) outputs: Vec<String>,
+    pub(super) methods: Vec<Ready>,
+    pub(super) model: Option<ModelFile>,
+    pub(super) max_delay_s: Option<f64>,
+    pub(super) degree_bias: Option<usize>,
+    pub(super) detrend: Detrend,
+}
+
+impl Job {
+    /// The report, and a sentence on what was searched and assumed.
+    pub(super) fn run(&self) -> anyhow::Result<(Report, String)> {
+        let mut experiment = Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, self.detrend)?;
+        experiment.check().with_context(|| self.name.clone())?;
+        let ts = experiment.sample_time;
+        let mut search = Search { max_delay: self.max_delay(ts)?, ..Search::default() };
+        let mut bias = "assumed relative degree 1 (a strictly proper plant behind a zero-order hold)".to_owned();
+        if let Some(model) = &self.model {
+            search.bias = self.relative_degrees(model, ts)?;
+            bias = format!("relative degrees of {} behind a zero-order hold", model.name);
+        }
+        if let Some(given) = self.degree_bias {
+            (search.bias, search.default_bias) = (Vec::new(), given);
+            bias = format!("relative degree {given} as given");
+        }
+        let mut pairs = self.pairs(&experiment, &search)?;
+        if let Some(model) = &self.model {
+            experiment = self.with_states(model, ts)?;
+            pairs.extend(self.inputs_by_state(&experiment, &search)?);
+        }
+        let samples: usize = self.logs.iter().map(Log::len).sum();
+        let records = if self.logs.len() > 1 { format!(" in {} records", self.logs.len()) } else { String::new() };
+        #[allow(clippy::cast_precision_loss)]
+        let max_delay_s = ts.to_seconds(search.max_delay as f64);
+        let preamble =
+            format!("{}: {samples} samples{records}, one every {} s; searched 0 to {max_delay_s:.4} s; {bias}", self.name, ts.seconds());
+        Ok((Report { format: FORMAT, log: self.name.clone(), sample_time_s: ts.seconds(), max_delay_s, pairs }, preamble))
+    }
+
+    fn max_delay(&self, ts: SampleTime) -> anyhow::Result<usize> {
+        let Some(seconds) = self.max_delay_s else { return Ok(Search::default().max_delay) };
+        let samples = ts.samples(seconds)?;
+        let longest = samples.whole + usize::from(samples.fraction > 0.0);
+        let rows = self.logs.iter().map(Log::len).max().unwrap_or(0);
+        if longest == 0 || longest >= rows {
+            bail!("--max-delay {seconds}: give at least one sample ({} s) and less than the log is long ({} samples)", ts.seconds(), rows);
+        }
+        Ok(longest)
+    }
+
+    /// Every pair by every method that looks at pairs.
+    fn pairs(&self, experiment: &Experiment, search: &Search) -> anyhow::Result<Vec<Pair>> {
+        let methods: Vec<&Ready> = self.methods.iter().filter(|r| r.method.scope == Scope::Pair).collect();
+        let mut pairs = Vec::new();
+        if methods.is_empty() {
+            return Ok(pairs);
+        }
+        for (o, output) in self.outputs.iter().enumerate() {
+            for (i, input) in self.inputs.iter().enumerate() {
+                let one = experiment.select(i, o)?;
+                let rested = if self.detrend == Detrend::Mean { one.from_rest() } else { None };
+                let own = search.bias.get(o).and_then(|row| row.get(i)).map(|&b| vec![vec![b]]).unwrap_or_default();
+                let search = Search { bias: own, ..search.clone() };
+                let mut answers = Vec::new();
+                for ready in &methods {
+                    let clock = Instant::now();
+                    // What a method cannot do with this log is its answer; the others go on.
+                    let estimate = match ready
+                        .estimator
+                        .estimate(rested.as_ref().filter(|_| ready.method.start == Start::Rest).unwrap_or(&one), &search)
+                    {
+                        Ok(mut estimates) if estimates.len() == 1 => estimates.remove(0).estimate,
+                        Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for this pair"),
+                        Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+                    };
+                    answers.push((ready.method.entry.name, estimate, clock.elapsed().as_secs_f64()));
+                }
+                pairs.push(pair(input, output, &answers));
+            }
+        }
+        Ok(pairs)
+    }
+
+    /// Every input by every method that looks at the states.
+    fn inputs_by_state(&self, experiment: &Experiment, search: &Search) -> anyhow::Result<Vec<Pair>> {
+        let mut pairs = Vec::new();
+        for ready in self.methods.iter().filter(|r| r.method.scope == Scope::States) {
+            let clock = Instant::now();
+            let answers = ready.estimator.estimate(experiment, search);
+            let time_s = clock.elapsed().as_secs_f64();
+            for (i, input) in experiment.inputs.iter().enumerate() {
+                let estimate = match &answers {
+                    Ok(estimates) => estimates
+                        .iter()
+                        .find(|e| e.input == i)
+                        .map_or_else(|| DelayEstimate::without(Outcome::NotApplicable, "no answer for this input"), |e| e.estimate.clone()),
+                    Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+                };
+                pairs.push(pair(input, "*", &[(ready.method.entry.name, estimate, time_s)]));
+            }
+        }
+        Ok(pairs)
+    }
+
+    /// Relative degrees of the sampled model by output and input of the command line; 1 where the model lacks the pair.
+    fn relative_degrees(&self, model: &ModelFile, ts: SampleTime) -> anyhow::Result<Vec<Vec<usize>>> {
+        let sampled = sampled(model, ts)?;
+        let degree = |output: &String, input: &String| {
+            let output = model.outputs.iter().position(|c| &c.name == output)?;
+            let input = model.inputs.iter().position(|c| &c.name == input)?;
+            sampled.relative_degree(output, input)
+        };
+        Ok(self.outputs.iter().map(|o| self.inputs.iter().map(|i| degree(o, i).unwrap_or(1)).collect()).collect())
+    }
+
+    /// All inputs of the model and its states, as logged: A and B are about the channels themselves, so nothing is detrended.
+    fn with_states(&self, model: &ModelFile, ts: SampleTime) -> anyhow::Result<Experiment> {
+        let inputs: Vec<String> = model.inputs.iter().map(|c| c.name.clone()).collect();
+        let plant = if model.is_sampled() { PlantModel::Sampled(sampled(model, ts)?) } else { PlantModel::Continuous(model.continuous()?) };
+        let mut experiment = Experiment::from_logs(&self.logs, &inputs, &self.outputs, Detrend::None)?;
+        for (log, recording) in self.logs.iter().zip(&mut experiment.recordings) {
+            for (channel, values) in model.inputs.iter().zip(&mut recording.inputs) {
+                let operating = match channel.operating {
+                    Operating::Value(v) => v,
+                    Operating::Mean(_) => DVector::from_column_slice(values).mean(),
+                };
+                values.iter_mut().for_each(|v| *v -= operating);
+            }
+            states(log, model, recording);
+        }
+        experiment.model = Some(plant);
+        Ok(experiment)
+    }
+}
+
+/// Adds the measured states where the log has all of them.
+fn states(log: &Log, model: &ModelFile, recording: &mut Recording) {
+    let columns: Result<Vec<Vec<f64>>, _> = model.states.iter().map(|s| log.input(&s.name).map(<[f64]>::to_vec)).collect();
+    recording.states = columns.unwrap_or_default();
+}
+
+fn sampled(model: &ModelFile, ts: SampleTime) -> anyhow::Result<StateSpace<Sampled>> {
+    if model.is_sampled() {
+        let sampled = model.sampled()?;
+        sampled.sample_time().must_equal(ts).with_context(|| format!("model {} and log", model.name))?;
+        return Ok(sampled);
+    }
+    Ok(ZeroOrderHold {}.c2d(&model.continuous()?, ts)?)
+}
+
+fn pair(input: &str, output: &str, answers: &[(&str, DelayEstimate, f64)]) -> Pair {
+    let by_trust: Vec<(&str, &DelayEstimate)> = answers.iter().map(|(m, e, _)| (*m, e)).collect();
+    Pair {
+        input: input.to_owned(),
+        output: output.to_owned(),
+        estimates: answers.iter().map(|(m, e, t)| Row::new(m, e, *t)).collect(),
+        verdict: verdict(&by_trust),
+    }
+}

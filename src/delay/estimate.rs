@@ -1,0 +1,119 @@
+//! What an estimator answers.
+
+use crate::time::SampleTime;
+
+/// What came of an estimation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// A delay was found.
+    Found,
+    /// The best delay is the longest that was searched.
+    AtEdge,
+    /// The output does not visibly follow the input.
+    NotVisible,
+    /// The input does not excite what the method must estimate.
+    NotRichEnough,
+    /// The equations have no unique solution.
+    Singular,
+    /// The optimiser found no minimum.
+    NotConverged,
+    /// Many delays fit equally well.
+    Flat,
+    /// The method cannot be used on this data.
+    NotApplicable,
+}
+
+impl Outcome {
+    /// A delay comes with it.
+    #[must_use]
+    pub fn has_delay(self) -> bool {
+        matches!(self, Self::Found | Self::AtEdge)
+    }
+
+    /// The name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Found => "found",
+            Self::AtEdge => "at_edge",
+            Self::NotVisible => "not_visible",
+            Self::NotRichEnough => "not_rich_enough",
+            Self::Singular => "singular",
+            Self::NotConverged => "not_converged",
+            Self::Flat => "flat",
+            Self::NotApplicable => "not_applicable",
+        }
+    }
+}
+
+/// One method's answer for one input and one output.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DelayEstimate {
+    /// What came of it.
+    pub outcome: Outcome,
+    /// The dead time, s, the degree bias taken off; with `Found` and `AtEdge` only.
+    pub delay_s: Option<f64>,
+    /// Its standard deviation, s, the resolution of the method included.
+    pub std_s: Option<f64>,
+    /// Its 95 % interval, s.
+    pub ci95_s: Option<[f64; 2]>,
+    /// What the method's original definition returns, s.
+    pub raw_delay_s: Option<f64>,
+    /// Samples that were taken off the raw value: the relative degree of the sampled plant.
+    pub degree_bias_samples: usize,
+    /// What a reader must know besides.
+    pub note: Option<String>,
+}
+
+impl DelayEstimate {
+    /// An answer without a delay.
+    #[must_use]
+    pub fn without(outcome: Outcome, note: impl Into<String>) -> Self {
+        Self { outcome, delay_s: None, std_s: None, ci95_s: None, raw_delay_s: None, degree_bias_samples: 0, note: Some(note.into()) }
+    }
+
+    /// An answer of a method that counts samples: raw value, standard deviation and interval in samples, before the bias is taken off.
+    pub(super) fn counted(raw: f64, std: f64, interval: [f64; 2], at_edge: bool, bias: usize, sample_time: SampleTime) -> Self {
+        #[allow(clippy::cast_precision_loss)]
+        let off = bias as f64;
+        let seconds = |samples: f64| sample_time.to_seconds((samples - off).max(0.0));
+        let mut notes = Vec::new();
+        if raw < off {
+            notes.push("the output reacts within the sample: no dead time, and a direct path or a faster response than assumed".to_owned());
+        }
+        if at_edge {
+            notes.push("the best delay is the longest searched: give a longer --max-delay".to_owned());
+        }
+        Self {
+            outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
+            delay_s: Some(seconds(raw)),
+            std_s: Some(sample_time.to_seconds(std)),
+            ci95_s: Some(interval.map(seconds)),
+            raw_delay_s: Some(sample_time.to_seconds(raw)),
+            degree_bias_samples: bias,
+            note: if notes.is_empty() { None } else { Some(notes.join("; ")) },
+        }
+    }
+
+    /// Adds a sentence to the note.
+    #[must_use]
+    pub(super) fn noting(mut self, more: Option<String>) -> Self {
+        self.note = match (self.note, more) {
+            (Some(a), Some(b)) => Some(format!("{a}; {b}")),
+            (a, b) => a.or(b),
+        };
+        self
+    }
+}
+
+/// An estimate and the pair it belongs to; `output: None` where it holds for the input whatever the output.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PairEstimate {
+    /// Input, counted from 0.
+    pub input: usize,
+    /// Output, counted from 0.
+    pub output: Option<usize>,
+    /// The answer.
+    pub estimate: DelayEstimate,
+}

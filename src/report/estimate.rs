@@ -1,0 +1,143 @@
+//! Estimates for people (a table and a sentence) and for machines (`deadtime/estimate@1`).
+
+use std::fmt::Write;
+
+use serde::Serialize;
+
+use super::{Table, seconds};
+use crate::delay::{DelayEstimate, Outcome, Verdict};
+
+/// One method's answer, as the file has it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Estimate {
+    /// The method.
+    pub method: String,
+    /// What came of it.
+    pub outcome: Outcome,
+    /// The dead time, s.
+    pub delay_s: Option<f64>,
+    /// Its standard deviation, s.
+    pub std_s: Option<f64>,
+    /// Its 95 % interval, s.
+    pub ci95_s: Option<[f64; 2]>,
+    /// What the method's original definition returns, s.
+    pub raw_delay_s: Option<f64>,
+    /// Samples taken off the raw value.
+    pub degree_bias_samples: usize,
+    /// What a reader must know besides.
+    pub note: Option<String>,
+    /// Run time, s.
+    pub time_s: f64,
+}
+
+impl Estimate {
+    /// An answer with the name and run time that go with it.
+    #[must_use]
+    pub fn new(method: &str, estimate: &DelayEstimate, time_s: f64) -> Self {
+        Self {
+            method: method.to_owned(),
+            outcome: estimate.outcome,
+            delay_s: estimate.delay_s,
+            std_s: estimate.std_s,
+            ci95_s: estimate.ci95_s,
+            raw_delay_s: estimate.raw_delay_s,
+            degree_bias_samples: estimate.degree_bias_samples,
+            note: estimate.note.clone(),
+            time_s,
+        }
+    }
+}
+
+/// All answers for one pair.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Pair {
+    /// The input.
+    pub input: String,
+    /// The output; `*` where an answer holds whatever the output.
+    pub output: String,
+    /// One answer per method.
+    pub estimates: Vec<Estimate>,
+    /// What to believe.
+    pub verdict: Verdict,
+}
+
+/// The file `deadtime/estimate@1`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// `deadtime/estimate@1`.
+    pub format: &'static str,
+    /// The log.
+    pub log: String,
+    /// The sample time, s.
+    pub sample_time_s: f64,
+    /// The longest delay searched, s.
+    pub max_delay_s: f64,
+    /// One entry per input and output.
+    pub pairs: Vec<Pair>,
+}
+
+/// The value of [`Report::format`].
+pub const FORMAT: &str = "deadtime/estimate@1";
+
+impl Report {
+    /// The tables and sentences for a terminal.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        for pair in &self.pairs {
+            let arrow = if pair.output == "*" { "the states".to_owned() } else { pair.output.clone() };
+            let _ = writeln!(text, "\n{} → {arrow}", pair.input);
+            text.push_str(&self.table(pair).to_string());
+            for estimate in &pair.estimates {
+                if let Some(note) = &estimate.note {
+                    let _ = writeln!(text, "  {}: {note}", estimate.method);
+                }
+            }
+            let step = self.sample_time_s;
+            let _ = match (&pair.verdict.delay_s, &pair.verdict.ci95_s) {
+                (Some(delay), Some([from, to])) => writeln!(
+                    text,
+                    "Believe a dead time of {} s ({} to {} s): {}.",
+                    seconds(*delay, step),
+                    seconds(*from, step),
+                    seconds(*to, step),
+                    pair.verdict.why
+                ),
+                _ => writeln!(text, "Believe none of it: {}.", pair.verdict.why),
+            };
+        }
+        text
+    }
+
+    fn table(&self, pair: &Pair) -> Table {
+        let headings = ["method", "outcome", "dead time (s)", "std (s)", "95 % interval (s)", "raw (s)", "bias (samples)", "run time"];
+        let mut table = Table::new(&headings, &[0, 1]);
+        let step = self.sample_time_s;
+        let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| seconds(v, step));
+        for e in &pair.estimates {
+            let interval = e.ci95_s.map_or_else(|| "–".to_owned(), |[a, b]| format!("{} … {}", seconds(a, step), seconds(b, step)));
+            let bias = if e.delay_s.is_some() { e.degree_bias_samples.to_string() } else { "–".to_owned() };
+            table.row(vec![
+                e.method.clone(),
+                e.outcome.name().replace('_', " "),
+                number(e.delay_s),
+                number(e.std_s),
+                interval,
+                number(e.raw_delay_s),
+                bias,
+                run_time(e.time_s),
+            ]);
+        }
+        table
+    }
+}
+
+fn run_time(time_s: f64) -> String {
+    if time_s < 1e-3 {
+        format!("{:.0} µs", time_s * 1e6)
+    } else if time_s < 1.0 {
+        format!("{:.1} ms", time_s * 1e3)
+    } else {
+        format!("{time_s:.1} s")
+    }
+}
