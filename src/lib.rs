@@ -13,6 +13,7 @@ pub mod registry;
 pub mod report;
 pub mod signal;
 pub mod simulate;
+pub mod study;
 pub mod time;
 
 pub use error::{Error, Result};

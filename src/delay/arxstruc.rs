@@ -91,8 +91,14 @@ impl Arxstruc {
         }
         #[allow(clippy::cast_precision_loss)]
         let (start, raw) = (best as f64, minimum as f64);
-        let estimate =
-            DelayEstimate::counted(start, posterior.std, posterior.within_sample(), best == max_delay, bias, experiment.sample_time);
+        let estimate = DelayEstimate::counted(
+            start,
+            posterior.std,
+            posterior::first_coefficient(posterior.ends[0], posterior.ends[1], bias),
+            best == max_delay,
+            bias,
+            experiment.sample_time,
+        );
         let leading = best.saturating_sub(minimum);
         let note = (leading > 0).then(|| {
             format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise")

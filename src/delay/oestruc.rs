@@ -118,7 +118,8 @@ impl Oestruc {
         #[allow(clippy::cast_precision_loss)]
         let raw = best as f64;
         let note = shortened.then(|| format!("used the first {} of {got} samples", self.max_samples));
-        let estimate = DelayEstimate::counted(raw, posterior.std, posterior.interval, best == max_delay, bias, experiment.sample_time);
+        let [from, to] = posterior.ends;
+        let estimate = DelayEstimate::counted(raw, posterior.std, [from - 0.5, to + 0.5], best == max_delay, bias, experiment.sample_time);
         Ok(estimate.noting(note))
     }
 }

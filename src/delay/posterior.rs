@@ -9,18 +9,19 @@ pub(super) struct Posterior {
     pub(super) ties: usize,
     /// Standard deviation, samples, the grid's own resolution included.
     pub(super) std: f64,
-    /// First and last delay of the smallest set that holds 95 % of the probability, each widened by half a sample.
-    pub(super) interval: [f64; 2],
+    /// First and last delay of the smallest set that holds 95 % of the probability.
+    pub(super) ends: [f64; 2],
     /// Delays in that set.
     pub(super) set: usize,
 }
 
-impl Posterior {
-    /// The interval where the delay is read from the first coefficient that is not zero: a dead time that ends within a sample shows in that sample's
-    /// coefficient, so the truth is up to a sample above.
-    pub(super) fn within_sample(&self) -> [f64; 2] {
-        [self.interval[0], self.interval[1] + 0.5]
-    }
+/// The 95 % interval, samples, of a delay read from the first coefficient that is not zero, between the first and last sample at which it may stand.
+///
+/// A dead time that ends within a sample shows in one coefficient for all its fractions: a strictly proper plant (bias 1 or more) answers at the end of that sample,
+/// so the truth is up to a sample above; a direct path (bias 0) at its next sampling instant, so it is up to a sample below. Half a sample on the other side is for a
+/// coefficient too small to be seen.
+pub(super) fn first_coefficient(from: f64, to: f64, bias: usize) -> [f64; 2] {
+    if bias == 0 { [from - 1.0, to + 0.5] } else { [from - 0.5, to + 1.0] }
 }
 
 /// Losses below this share of the signal's power are zero but for rounding.
@@ -78,7 +79,7 @@ fn from_logs(logs: &[f64], ties: usize) -> Option<Posterior> {
         }
     }
     let (first, last) = (set.iter().min().copied().unwrap_or(best), set.iter().max().copied().unwrap_or(best));
-    Some(Posterior { best, ties, std: (variance + RESOLUTION).sqrt(), interval: [real(first) - 0.5, real(last) + 0.5], set: set.len() })
+    Some(Posterior { best, ties, std: (variance + RESOLUTION).sqrt(), ends: [real(first), real(last)], set: set.len() })
 }
 
 /// Variance of a delay that is only known to the nearest sample.
@@ -118,7 +119,7 @@ mod tests {
     #[test]
     fn a_sharp_minimum_is_certain_to_half_a_sample() {
         let p = posterior(&[3.0, 2.0, 1.0, 2.0], 10.0, 500.0).unwrap();
-        assert_eq!((p.best, p.set, p.interval), (2, 1, [1.5, 2.5]));
+        assert_eq!((p.best, p.set, p.ends), (2, 1, [2.0, 2.0]));
         assert!((p.std - RESOLUTION.sqrt()).abs() < 1e-12);
     }
 
@@ -132,7 +133,7 @@ mod tests {
         // Three coefficients from lag 0 on fit as well as two from lag 1 and one from lag 2.
         let losses = [vec![9.0, 4.0, 1.0], vec![4.0, 1.0, 1.0], vec![1.0, 1.0, 1.0], vec![9.0, 9.0, 9.0]];
         let p = posterior_of_start(&losses, 10.0, 500.0).unwrap();
-        assert_eq!((p.best, p.interval), (2, [1.5, 2.5]));
+        assert_eq!((p.best, p.ends), (2, [2.0, 2.0]));
     }
 
     #[test]

@@ -164,8 +164,7 @@ impl Threshold {
         let began = onset(response, first);
         #[allow(clippy::cast_precision_loss)]
         let (raw, began) = (first as f64, began as f64);
-        // A dead time that ends within a sample shows in that sample's coefficient: the truth is up to a sample above.
-        let interval = [began - 0.5, raw + 1.0];
+        let interval = super::posterior::first_coefficient(began, raw, bias);
         let at_edge = first == max_delay;
         let tail = taps - taps.div_ceil(10);
         let alive = (tail..taps).filter(|&i| response.values[i].abs() > (3.0 * response.std[i]).max(floor)).count();
