@@ -1,4 +1,4 @@
-//! Dead time between command and response, and the gap between simulator and reality, from a measured log.
+#![doc = include_str!("../README.md")]
 
 #[cfg(feature = "cli")]
 pub mod cli;

@@ -1,10 +1,11 @@
 //! `deadtime c2d`: a sampled model from a continuous one.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
+use super::write_json;
 use crate::model::c2d::CONVERSIONS;
 use crate::model::{Channel, ModelFile};
 use crate::registry::{find, options};
@@ -36,7 +37,8 @@ pub(super) struct C2d {
 }
 
 impl C2d {
-    pub(super) fn run(&self) -> anyhow::Result<()> {
+    /// Writes the sampled model; as JSON it is deadtime/model@1.
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let file = ModelFile::read(&self.model)?;
         let conversion = find(CONVERSIONS, "conversion", &self.method)?.with(options(self.set.iter().map(String::as_str))?)?;
         let about = || self.model.display().to_string();
@@ -55,6 +57,7 @@ impl C2d {
         if sampled.order() == file.states.len() && self.method == "zoh" {
             (result.initial, result.initial_std) = (file.initial.clone(), file.initial_std.clone());
         }
+        write_json(json, &result)?;
         match &self.out {
             Some(path) => {
                 result.write(path)?;

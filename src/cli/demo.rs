@@ -1,8 +1,9 @@
 //! `deadtime demo`: the main job on a simulated flight that ships with the program.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use super::estimate::{Job, chosen, write_json};
+use super::estimate::{Job, chosen};
+use super::write_json;
 use crate::delay::{DelayEstimator, Detrend, METHODS};
 use crate::file::write_atomic;
 use crate::log;
@@ -21,9 +22,6 @@ pub(super) struct Demo {
     /// Seed of the accuracy study
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Also write the estimates here, as deadtime/estimate@1
-    #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
 }
 
 /// Thirty seconds of the thesis' lateral dynamics under a stabilising feedback, random binary reference, noise at a ratio of variances of 100.
@@ -35,7 +33,7 @@ const TRUTH_S: f64 = 0.13;
 const TRIALS: usize = 40;
 
 impl Demo {
-    pub(super) fn run(&self) -> anyhow::Result<()> {
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let file = |name: &str| self.out.join(name);
         for (name, text) in [("uav_flight.csv", FLIGHT), ("uav_lateral_stabilised.toml", MODEL)] {
             write_atomic(&file(name), |out| out.write_all(text.as_bytes()))?;
@@ -62,10 +60,8 @@ impl Demo {
         let (report, preamble) = job.run()?;
         println!("{preamble}");
         print!("{}", report.text());
-        write_json(&file("estimate.json"), &report)?;
-        if let Some(path) = &self.json {
-            write_json(path, &report)?;
-        }
+        write_json(Some(&file("estimate.json")), &report)?;
+        write_json(json, &report)?;
         println!(
             "\n   The truth is {TRUTH_S} s, six samples and a half. Methods that count samples can only come to within one; the one that knows the"
         );

@@ -1,6 +1,6 @@
 //! `deadtime estimate`: the dead time in a measured log, by every method.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, bail};
@@ -8,10 +8,10 @@ use nalgebra::DVector;
 use serde_json::Value;
 
 use super::source::Source;
+use super::write_json;
 use crate::delay::{
     DelayEstimate, DelayEstimator, Detrend, Experiment, METHODS, Method, Outcome, PlantModel, Recording, Scope, Search, Start, verdict,
 };
-use crate::file::write_atomic;
 use crate::log::Log;
 use crate::model::c2d::{Conversion, ZeroOrderHold};
 use crate::model::{ModelFile, Operating, Sampled, StateSpace};
@@ -48,13 +48,11 @@ pub(super) struct Estimate {
     /// An option of a method, such as `oestruc.nf=3`; may be repeated
     #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
     set: Vec<String>,
-    /// Also write the estimates as deadtime/estimate@1
-    #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
 }
 
 impl Estimate {
-    pub(super) fn run(&self) -> anyhow::Result<()> {
+    /// Prints the estimates; as JSON they are deadtime/estimate@1.
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let logs = self.source.read(&self.input)?;
         let job = Job {
             name: self.source.log.display().to_string(),
@@ -70,18 +68,8 @@ impl Estimate {
         let (report, preamble) = job.run()?;
         println!("{preamble}");
         print!("{}", report.text());
-        if let Some(path) = &self.json {
-            write_json(path, &report)?;
-            println!("\nWritten: {}", path.display());
-        }
-        Ok(())
+        write_json(json, &report)
     }
-}
-
-/// Writes a report as JSON.
-pub(super) fn write_json(path: &std::path::Path, report: &impl serde::Serialize) -> anyhow::Result<()> {
-    let text = serde_json::to_string_pretty(report).with_context(|| path.display().to_string())?;
-    Ok(write_atomic(path, |out| writeln!(out, "{text}"))?)
 }
 
 /// A method, ready to run.

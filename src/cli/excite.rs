@@ -1,13 +1,14 @@
 //! `deadtime excite`: makes an excitation signal and writes it as a log.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde_json::Value;
 
+use super::write_json;
 use crate::file::write_atomic;
 use crate::registry::options;
 use crate::signal::excitation::by_name;
@@ -40,7 +41,7 @@ pub(crate) struct Excite {
 
 impl Excite {
     /// Makes the signal and writes it.
-    pub(crate) fn run(&self) -> anyhow::Result<()> {
+    pub(crate) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let entry = by_name(&self.name)?;
         let sample_time = SampleTime::new(self.sample_time)?;
         if self.channel.trim().is_empty() || self.channel == "time" {
@@ -49,6 +50,13 @@ impl Excite {
         let given = options(self.set.iter().map(String::as_str))?;
         let signal = entry.with(given.clone())?;
         let u = signal.generate(self.samples, &mut ChaCha8Rng::seed_from_u64(self.seed))?;
+        write_json(
+            json,
+            &serde_json::json!({
+                "signal": entry.name, "channel": self.channel, "samples": u.len(), "sample_time_s": self.sample_time, "seed": self.seed,
+                "options": given, "out": self.out
+            }),
+        )?;
         let Some(path) = &self.out else {
             return write_csv(&mut std::io::stdout().lock(), &self.channel, sample_time, &u).context("standard output");
         };
@@ -103,7 +111,7 @@ mod tests {
         words.extend(arguments.split_whitespace());
         let mut excite = Line::try_parse_from(words)?.excite;
         excite.out = Some(out.to_owned());
-        excite.run()?;
+        excite.run(None)?;
         Ok(std::fs::read_to_string(out)?)
     }
 

@@ -1,9 +1,12 @@
 //! `deadtime list`: what there is, with options and defaults.
 
 use std::io::Write;
+use std::path::Path;
 
 use anyhow::Context;
+use serde_json::{Value, json};
 
+use super::write_json;
 use crate::delay::METHODS;
 use crate::model::c2d::CONVERSIONS;
 use crate::model::uav::Dynamics;
@@ -27,7 +30,8 @@ enum What {
 }
 
 impl List {
-    pub(super) fn run(&self) -> anyhow::Result<()> {
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        write_json(json, &self.entries())?;
         let text = match self.what {
             What::Methods => METHODS.iter().map(|m| describe(&m.entry)).collect(),
             What::Excitations => EXCITATIONS.iter().map(describe).collect(),
@@ -41,6 +45,24 @@ impl List {
         };
         std::io::stdout().lock().write_all(String::as_bytes(&text)).context("standard output")
     }
+}
+
+impl List {
+    fn entries(&self) -> Vec<Value> {
+        match self.what {
+            What::Methods => METHODS.iter().map(|m| fields(&m.entry)).collect(),
+            What::Excitations => EXCITATIONS.iter().map(fields).collect(),
+            What::Conversions => CONVERSIONS.iter().map(fields).collect(),
+            What::Dynamics => Dynamics::ALL
+                .iter()
+                .map(|d| json!({ "name": d.name(), "states": d.states(), "input": d.input(), "outputs": d.outputs() }))
+                .collect(),
+        }
+    }
+}
+
+fn fields<T: ?Sized>(entry: &Entry<T>) -> Value {
+    json!({ "name": entry.name, "summary": entry.summary, "options": (entry.defaults)() })
 }
 
 fn describe<T: ?Sized>(entry: &Entry<T>) -> String {

@@ -8,7 +8,12 @@ mod list;
 mod simulate;
 mod source;
 
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
 use clap::Parser;
+
+use crate::file::write_atomic;
 
 /// Dead time between command and response, from a measured log
 ///
@@ -21,6 +26,9 @@ pub struct Cli {
     /// Threads to use; default: all
     #[arg(long, global = true, value_name = "N")]
     threads: Option<usize>,
+    /// Also write what was found as JSON
+    #[arg(long, global = true, value_name = "FILE")]
+    json: Option<PathBuf>,
 }
 
 #[derive(Debug, clap::Subcommand)]
@@ -42,13 +50,22 @@ impl Cli {
         if let Some(threads) = self.threads {
             rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
         }
+        let json = self.json.as_deref();
         match &self.command {
-            Command::Demo(c) => c.run(),
-            Command::Estimate(c) => c.run(),
-            Command::Simulate(c) => c.run(),
-            Command::C2d(c) => c.run(),
-            Command::Excite(c) => c.run(),
-            Command::List(c) => c.run(),
+            Command::Demo(c) => c.run(json),
+            Command::Estimate(c) => c.run(json),
+            Command::Simulate(c) => c.run(json),
+            Command::C2d(c) => c.run(json),
+            Command::Excite(c) => c.run(json),
+            Command::List(c) => c.run(json),
         }
     }
+}
+
+/// Writes `what` as JSON where a file was asked for.
+fn write_json(path: Option<&Path>, what: &impl serde::Serialize) -> anyhow::Result<()> {
+    let Some(path) = path else { return Ok(()) };
+    let text = serde_json::to_string_pretty(what).with_context(|| path.display().to_string())?;
+    write_atomic(path, |out| writeln!(out, "{text}"))?;
+    Ok(())
 }

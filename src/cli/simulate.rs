@@ -1,6 +1,6 @@
 //! `deadtime simulate`: what a model says to the inputs of a log.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use nalgebra::{DMatrix, DVector};
@@ -8,6 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 use super::source::Source;
+use super::write_json;
 use crate::log::{Channel, Log};
 use crate::model::{ModelFile, Operating};
 use crate::signal::{Noise, NoiseColour, NoiseScaling};
@@ -50,7 +51,7 @@ enum HoldName {
 }
 
 impl Simulate {
-    pub(super) fn run(&self) -> anyhow::Result<()> {
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let model = ModelFile::read(&self.model)?;
         if !model.effects.is_empty() {
             bail!(
@@ -111,6 +112,11 @@ impl Simulate {
         }
         Log::new(self.out.display().to_string(), log.time_s().to_vec(), channels)?.write_csv(&self.out)?;
         println!("{} on {}: {} samples written to {}", model.name, log.source(), log.len(), self.out.display());
+        let errors: serde_json::Map<_, _> = comparison.iter().map(|(name, nrmse)| (name.clone(), serde_json::json!(nrmse))).collect();
+        write_json(
+            json,
+            &serde_json::json!({ "model": model.name, "log": log.source(), "out": self.out, "samples": log.len(), "nrmse": errors }),
+        )?;
         for (name, nrmse) in comparison {
             match nrmse {
                 Some(v) => println!("  {name}: nrmse {v:.4} (rms of measured minus simulated over the measured standard deviation)"),
