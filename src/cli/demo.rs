@@ -61,6 +61,7 @@ impl Demo {
         println!("{preamble}");
         print!("{}", report.text());
         write_json(Some(&file("estimate.json")), &report)?;
+        job.draw(&report, &file("estimate.svg"))?;
         write_json(json, &report)?;
         println!(
             "\n   The truth is {TRUTH_S} s, six samples and a half. Methods that count samples can only come to within one; the one that knows the"
@@ -95,7 +96,7 @@ impl Demo {
         println!("   an interval that holds the truth about as often as it promises.");
 
         println!(
-            "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json, accuracy.md.",
+            "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy.md.",
             self.out.display()
         );
         println!("Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE");

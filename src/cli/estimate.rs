@@ -10,13 +10,17 @@ use serde_json::Value;
 use super::source::Source;
 use super::write_json;
 use crate::delay::{
-    DelayEstimate, DelayEstimator, Detrend, Experiment, METHODS, Method, Outcome, PlantModel, Recording, Scope, Search, Start, verdict,
+    DelayEstimate, DelayEstimator, Detrend, Experiment, METHODS, Method, Outcome, PlantModel, Recording, Scope, Search, Start, Threshold,
+    verdict,
 };
+use crate::file::write_atomic;
+use crate::identify::fir;
 use crate::log::Log;
 use crate::model::c2d::{Conversion, ZeroOrderHold};
 use crate::model::{ModelFile, Operating, Sampled, StateSpace};
 use crate::registry::{RegistryError, options};
 use crate::report::estimate::{Estimate as Row, FORMAT, Pair, Report};
+use crate::report::picture::{Panel, Response, svg};
 use crate::time::SampleTime;
 
 /// Estimate the dead time between inputs and outputs of a log, by one method or all, and say what to believe
@@ -48,6 +52,9 @@ pub(super) struct Estimate {
     /// An option of a method, such as `oestruc.nf=3`; may be repeated
     #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
     set: Vec<String>,
+    /// Also draw the answers and the impulse responses, as SVG
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
 }
 
 impl Estimate {
@@ -68,6 +75,9 @@ impl Estimate {
         let (report, preamble) = job.run()?;
         println!("{preamble}");
         print!("{}", report.text());
+        if let Some(path) = &self.plot {
+            job.draw(&report, path)?;
+        }
         write_json(json, &report)
     }
 }
@@ -146,6 +156,25 @@ impl Job {
         let preamble =
             format!("{}: {samples} samples{records}, one every {} s; searched 0 to {max_delay_s:.4} s; {bias}", self.name, ts.seconds());
         Ok((Report { format: FORMAT, log: self.name.clone(), sample_time_s: ts.seconds(), max_delay_s, pairs }, preamble))
+    }
+
+    /// Writes the picture of a report: answers, and impulse responses where the inputs allow them.
+    pub(super) fn draw(&self, report: &Report, path: &Path) -> anyhow::Result<()> {
+        let experiment = Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, self.detrend)?;
+        let response = |pair: &Pair| {
+            let input = self.inputs.iter().position(|c| *c == pair.input)?;
+            let output = self.outputs.iter().position(|c| *c == pair.output)?;
+            let taps = Threshold::default().taps;
+            let fir = fir(&experiment.pair(input, output).ok()?, taps)?;
+            Some(Response {
+                values: fir.coefficients.iter().copied().collect(),
+                std: fir.covariance.diagonal().map(|v| v.max(0.0).sqrt()).iter().copied().collect(),
+            })
+        };
+        let responses: Vec<Option<Response>> = report.pairs.iter().map(response).collect();
+        let panels: Vec<Panel<'_>> = report.pairs.iter().zip(&responses).map(|(pair, r)| Panel { pair, response: r.as_ref() }).collect();
+        let text = svg(&panels, report.sample_time_s).map_err(anyhow::Error::msg).with_context(|| path.display().to_string())?;
+        Ok(write_atomic(path, |out| out.write_all(text.as_bytes()))?)
     }
 
     fn max_delay(&self, ts: SampleTime) -> anyhow::Result<usize> {

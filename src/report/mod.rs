@@ -1,6 +1,8 @@
 //! What people and machines read. Nothing is computed here.
 
 pub mod estimate;
+#[cfg(feature = "cli")]
+pub mod picture;
 pub mod study;
 mod text;
 
