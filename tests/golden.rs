@@ -18,7 +18,7 @@ use nalgebra::{Complex, DMatrix};
 use serde_json::Value;
 use support::{
     Comparison, apart, cases, complex_list, count, golden, list, list_apart, matrix, number, points_apart, relative, responses_apart,
-    sets_apart, text, tolerance, vector,
+    responses_apart_together, sets_apart, text, tolerance, vector,
 };
 
 /// The model that a case names, by `key` in `models`.
@@ -203,7 +203,7 @@ fn zero_pole_matching_agrees_with_octave() {
 }
 
 #[test]
-fn least_squares_reaches_the_smallest_minimum_known_and_refuses_where_none_is_attained() {
+fn least_squares_reaches_the_smallest_minimum_known() {
     let file = golden("c2d_least_squares", "reference.json");
     let mut c = Comparison::new("c2d_least_squares/reference.json");
     for case in cases(&file) {
@@ -219,9 +219,14 @@ fn least_squares_reaches_the_smallest_minimum_known_and_refuses_where_none_is_at
         match converted {
             Err(error) => c.fail(format!("{id}: {error}")),
             Ok(sys) => {
-                c.check("J", id, relative(cost(&plant, &sys) - number(case, "J"), number(case, "J")), allowed(&file, "J", 1e-8));
-                compare_sampled(&mut c, &file, case, &sys, tolerance::LEAST_SQUARES);
-                compare_zeros_poles_gain(&mut c, &file, case, &sys, tolerance::LEAST_SQUARES);
+                c.check(
+                    "J",
+                    id,
+                    relative(cost(&plant, &sys) - number(case, "J"), number(case, "J")),
+                    allowed(&file, "J", tolerance::RELATIVE),
+                );
+                compare_sampled(&mut c, &file, case, &sys, tolerance::RELATIVE);
+                compare_zeros_poles_gain(&mut c, &file, case, &sys, tolerance::RELATIVE);
             }
         }
     }
@@ -265,9 +270,16 @@ fn simulations_agree_with_scipy_and_with_the_exact_solution_under_delay() {
     for case in cases(&file) {
         let (id, u, options) = (text(case, "id"), matrix(&case["u"]), simulation(case));
         let (x, y) = (matrix(&case["x"]), matrix(&case["y"]));
+        // The reference's matrix exponential couples blocks that have nothing to do with each other by 1e-17 (golden/lsim/SOURCE.md): beside
+        // unstable states that reach 1e12, the stable ones of the whole vehicle are compared with the largest of all states up to the sample.
+        let whole = text(case, "model") == "uav";
+        let far = |got: &DMatrix<f64>, expected: &DMatrix<f64>| {
+            if whole { responses_apart_together(got, expected) } else { responses_apart(got, expected) }
+        };
         let mut compare = |how: &str, response: deadtime::simulate::Response| {
-            c.check(&format!("{how} y (running maximum)"), id, responses_apart(&response.y, &y), allowed(&file, "y", tolerance::RELATIVE));
-            c.check(&format!("{how} x (running maximum)"), id, responses_apart(&response.x, &x), allowed(&file, "x", tolerance::RELATIVE));
+            let how = format!("{how}{}", if whole { " uav" } else { "" });
+            c.check(&format!("{how} y (running maximum)"), id, far(&response.y, &y), allowed(&file, "y", tolerance::RELATIVE));
+            c.check(&format!("{how} x (running maximum)"), id, far(&response.x, &x), allowed(&file, "x", tolerance::RELATIVE));
         };
         if text(case, "time") == "sampled" {
             let [a, b, cm, d] = ["sampled_A", "sampled_B", "sampled_C", "sampled_D"].map(|m| matrix(&case[m]));
@@ -286,6 +298,29 @@ fn simulations_agree_with_scipy_and_with_the_exact_solution_under_delay() {
     c.finish();
 }
 
+/// What the golden file cannot show of the whole vehicle: its stable states beside the unstable ones, digit by digit.
+#[test]
+fn the_whole_vehicle_moves_as_its_four_dynamics_do() {
+    use deadtime::model::uav::{self, Dynamics};
+    let file = golden("lsim", "reference.json");
+    let mut c = Comparison::new("lsim of the whole vehicle against its parts");
+    for case in cases(&file).iter().filter(|case| case["model"] == "uav" && case["time"] == "continuous") {
+        let (id, u, options, ts) = (text(case, "id"), matrix(&case["u"]), simulation(case), sample_time(case));
+        let delay_s = list(&case["delay_s"]);
+        let whole = lsim(&uav::model().with_input_delay(delay_s.clone()).unwrap(), &u, ts, &options).unwrap();
+        let mut at = 0;
+        for (input, dynamics) in Dynamics::ALL.into_iter().enumerate() {
+            let n = dynamics.states().len();
+            let part = dynamics.model().with_input_delay(vec![delay_s[input]]).unwrap();
+            let initial = options.initial.as_ref().map(|x| x.rows(at, n).into_owned());
+            let alone = lsim(&part, &u.columns(input, 1).into_owned(), ts, &Options { initial, ..options.clone() }).unwrap();
+            c.check("x (running maximum)", id, responses_apart(&whole.x.columns(at, n).into_owned(), &alone.x), tolerance::RELATIVE);
+            at += n;
+        }
+    }
+    c.finish();
+}
+
 /// K, S and E of every case; `problems` holds A, B, Q, R, N under the same ids.
 fn regulators(name: &str, answers: &str) {
     let (problems, file) = (golden(name, "reference.json"), golden(name, answers));
@@ -298,7 +333,7 @@ fn regulators(name: &str, answers: &str) {
         c.check("K", id, apart(&solution.k, &matrix(&case["K"])), allowed(&file, "K", tolerance::RELATIVE));
         c.check("S", id, apart(&solution.x, &matrix(&case["S"])), allowed(&file, "S", tolerance::RELATIVE));
         let poles = sets_apart(&solution.poles, &complex_list(&case["E"]));
-        c.check("E", id, poles, allowed(&file, "E", tolerance::EIGENVALUES));
+        c.check("E", id, poles, allowed(&file, "E", tolerance::RELATIVE));
         if n.amax() == 0.0 {
             let without = dlqr(&a, &b, &q, &r, None).unwrap();
             c.check("K without N", id, apart(&without.k, &solution.k), 1e-14);
@@ -466,7 +501,7 @@ fn poles_zeros_transfer_functions_and_relative_degrees_agree_with_exact_arithmet
         let [a, b, cm, d] = ["A", "B", "C", "D"].map(|m| matrix(&case[m]));
         let sys = StateSpace::continuous(a, b, cm, d).unwrap();
         c.check("poles", id, sets_apart(&sys.poles(), &complex_list(&case["poles"])), allowed(&file, "poles", tolerance::RELATIVE));
-        c.check("zeros", id, sets_apart(&sys.zeros(), &complex_list(&case["zeros"])), allowed(&file, "zeros", tolerance::ZEROS));
+        c.check("zeros", id, sets_apart(&sys.zeros(), &complex_list(&case["zeros"])), allowed(&file, "zeros", tolerance::RELATIVE));
         for output in 0..sys.outputs() {
             for input in 0..sys.inputs() {
                 let degree = case["relative_degree"][output][input].as_u64().map(|d| usize::try_from(d).unwrap());

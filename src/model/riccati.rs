@@ -31,6 +31,9 @@ pub fn dlqr(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f6
 
 /// (R + BᵀXB)⁻¹(BᵀXA + Nᵀ).
 fn gain(a: &DMatrix<f64>, b: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix<f64>>, x: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if a.is_empty() || b.is_empty() {
+        return Some(DMatrix::zeros(b.ncols(), a.nrows()));
+    }
     let xb = x * b;
     let weight = r + b.transpose() * &xb;
     let mut right = xb.transpose() * a;
@@ -60,6 +63,13 @@ pub fn dare(
 ) -> Result<DMatrix<f64>, ModelError> {
     check(a, b, q, r, n)?;
     let order = a.nrows();
+    if order == 0 {
+        return Ok(DMatrix::zeros(0, 0));
+    }
+    if b.ncols() == 0 {
+        // Nothing to steer with: as an input that moves nothing.
+        return dare(a, &DMatrix::zeros(order, 1), q, &DMatrix::identity(1, 1), None);
+    }
     let r_factor = r.clone().cholesky().ok_or_else(|| ModelError::WeightR { smallest: smallest_eigenvalue(r) })?;
     // The cross term goes into A and Q: u = v − R⁻¹Nᵀx.
     let (a0, q0) = match n {
@@ -216,4 +226,92 @@ fn why_none(
     }
     let smallest = smallest_eigenvalue(&joint);
     if smallest < -1e-12 * joint.norm() { ModelError::Indefinite { smallest } } else { ModelError::IllConditioned { residual: f64::NAN } }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn m(rows: usize, columns: usize, entries: &[f64]) -> DMatrix<f64> {
+        DMatrix::from_row_slice(rows, columns, entries)
+    }
+
+    fn identity(n: usize) -> DMatrix<f64> {
+        DMatrix::identity(n, n)
+    }
+
+    /// x = a²x − (abx)²/(r + b²x) + q by hand: a = b = q = r = 1 gives the golden ratio.
+    #[test]
+    fn the_scalar_equation_has_the_golden_ratio_as_its_solution() {
+        let one = identity(1);
+        let solution = dlqr(&one, &one, &one, &one, None).unwrap();
+        let golden = (1.0 + 5f64.sqrt()) / 2.0;
+        assert!((solution.x[(0, 0)] - golden).abs() < 1e-15);
+        assert!((solution.k[(0, 0)] - golden / (1.0 + golden)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn an_unstable_mode_that_no_input_moves_is_named() {
+        let a = m(2, 2, &[1.2, 0.0, 0.0, 0.5]);
+        let error = dlqr(&a, &m(2, 1, &[0.0, 1.0]), &identity(2), &identity(1), None).unwrap_err();
+        assert!(
+            matches!(error, ModelError::NotStabilisable { re, magnitude, .. } if (re - 1.2).abs() < 1e-12 && (magnitude - 1.2).abs() < 1e-12)
+        );
+    }
+
+    #[test]
+    fn an_unmoved_mode_on_the_circle_is_not_stabilisable_either() {
+        let error = dlqr(&m(2, 2, &[1.0, 0.0, 0.0, 0.5]), &m(2, 1, &[0.0, 1.0]), &identity(2), &identity(1), None).unwrap_err();
+        assert!(matches!(error, ModelError::NotStabilisable { .. }), "{error}");
+    }
+
+    #[test]
+    fn a_mode_on_the_circle_without_cost_is_named() {
+        for (a, q) in [
+            (m(1, 1, &[1.0]), m(1, 1, &[0.0])),
+            (m(2, 2, &[1.0, 0.1, 0.0, 0.7]), m(2, 2, &[0.0, 0.0, 0.0, 1.0])),
+            (m(2, 2, &[0.6, 0.8, -0.8, 0.6]), m(2, 2, &[0.0, 0.0, 0.0, 0.0])),
+        ] {
+            let n = a.nrows();
+            let b = DMatrix::from_element(n, 1, 1.0);
+            let error = dlqr(&a, &b, &q, &identity(1), None).unwrap_err();
+            assert!(matches!(error, ModelError::UnseenOnCircle { .. }), "{a} {error}");
+        }
+    }
+
+    #[test]
+    fn an_indefinite_cost_without_minimum_is_named() {
+        let error = dlqr(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[-100.0]), &identity(1), None).unwrap_err();
+        assert!(matches!(error, ModelError::Indefinite { smallest } if (smallest + 100.0).abs() < 1e-9), "{error}");
+        let error = dlqr(&m(1, 1, &[0.5]), &identity(1), &identity(1), &identity(1), Some(&m(1, 1, &[30.0]))).unwrap_err();
+        assert!(matches!(error, ModelError::Indefinite { .. }), "{error}");
+    }
+
+    #[test]
+    fn an_input_without_cost_is_named() {
+        for r in [0.0, -1.0] {
+            let error = dlqr(&identity(1), &identity(1), &identity(1), &m(1, 1, &[r]), None).unwrap_err();
+            assert!(matches!(error, ModelError::WeightR { smallest } if smallest == r), "{error}");
+        }
+    }
+
+    #[test]
+    fn shapes_symmetry_and_numbers_are_checked() {
+        let (one, two) = (identity(1), identity(2));
+        assert!(matches!(dare(&two, &one, &two, &one, None), Err(ModelError::Shape { matrix: "B", .. })));
+        assert!(matches!(dare(&m(1, 2, &[1.0, 1.0]), &one, &one, &one, None), Err(ModelError::Shape { matrix: "A", .. })));
+        assert!(matches!(dare(&one, &one, &one, &one, Some(&two)), Err(ModelError::Shape { matrix: "N", .. })));
+        let skew = m(2, 2, &[1.0, 0.5, 0.0, 1.0]);
+        assert!(matches!(dare(&two, &two, &skew, &two, None), Err(ModelError::NotSymmetric { matrix: "Q", row: 1, column: 2, .. })));
+        assert!(matches!(dare(&two, &two, &two, &skew, None), Err(ModelError::NotSymmetric { matrix: "R", .. })));
+        let nan = m(1, 1, &[f64::NAN]);
+        assert!(matches!(dare(&nan, &one, &one, &one, None), Err(ModelError::NotFinite { matrix: "A", row: 1, column: 1, .. })));
+    }
+
+    #[test]
+    fn an_unstable_mode_without_cost_is_reflected_into_the_circle() {
+        let solution = dlqr(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[0.0]), &identity(1), None).unwrap();
+        assert!((solution.poles[0].re - 0.5).abs() < 1e-12);
+        assert!((solution.x[(0, 0)] - 3.0).abs() < 1e-12);
+    }
 }

@@ -12,19 +12,13 @@ use serde_json::Value;
 pub mod tolerance {
     /// Of whatever a reference tool computes in double precision, unless a name below says more.
     pub const RELATIVE: f64 = 1e-10;
-    /// Of a least-squares conversion: 1e-8, because a minimum of the cost fixes its argument only to the root of the cost's rounding
-    /// (golden/c2d_least_squares/SOURCE.md).
-    pub const LEAST_SQUARES: f64 = 1e-8;
-    /// Of closed-loop eigenvalues, which may lie close to each other (golden/dlqr_random/SOURCE.md).
-    pub const EIGENVALUES: f64 = 1e-8;
     /// Of the denominator of an output-error fit, the argument of a minimum (golden/regression/SOURCE.md).
     pub const OE_DENOMINATOR: f64 = 1e-8;
     /// Of its initial state (golden/regression/SOURCE.md).
     pub const OE_INITIAL: f64 = 1e-7;
-    /// By how much the loss of a fit with many nearly equal minima may exceed the smallest one known (golden/regression/SOURCE.md).
-    pub const OE_LOSS_BOUND: f64 = 1e-2;
-    /// Of invariant zeros of random models (golden/zeros/SOURCE.md).
-    pub const ZEROS: f64 = 1e-9;
+    /// By how much the loss of a fit that explains next to nothing (above 0.8 of the output's power) may exceed the smallest known: the narrow resonances at
+    /// the edge of stability that fit noise best there are many, and the scan does not look for them all (golden/regression/SOURCE.md).
+    pub const OE_LOSS_BOUND: f64 = 5e-2;
 }
 
 /// The parsed golden file, `golden/<case>/<file>`.
@@ -103,6 +97,19 @@ pub fn responses_apart(got: &DMatrix<f64>, expected: &DMatrix<f64>) -> f64 {
             scale = scale.max(e.abs());
             worst = larger(worst, relative((g - e).abs(), scale));
         }
+    }
+    worst
+}
+
+/// As [`responses_apart`], over the largest magnitude of all channels up to the sample.
+pub fn responses_apart_together(got: &DMatrix<f64>, expected: &DMatrix<f64>) -> f64 {
+    if got.shape() != expected.shape() {
+        return f64::INFINITY;
+    }
+    let (mut worst, mut scale) = (0.0, 0.0);
+    for (g, e) in got.row_iter().zip(expected.row_iter()) {
+        scale = larger(scale, e.amax());
+        worst = larger(worst, relative((g - e).amax(), scale));
     }
     worst
 }
