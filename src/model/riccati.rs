@@ -45,7 +45,8 @@ fn gain(a: &DMatrix<f64>, b: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix
 
 /// The stabilising solution X of AᵀXA − X − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0.
 ///
-/// Structure-preserving doubling: quadratic convergence, no eigenvalue ordering; then one Newton step takes off what rounding left.
+/// Structure-preserving doubling: quadratic convergence, no eigenvalue ordering; where Q does not see an unstable mode, Hewer's policy iteration instead. Then
+/// one Newton step takes off what rounding left.
 ///
 /// Source: Chu, Fan, Lin and Wang (2004), "Structure-preserving algorithms for periodic discrete-time algebraic Riccati equations",
 /// Int. J. Control 77(8), 767-788, doi:10.1080/00207170410001714988.
@@ -80,36 +81,28 @@ pub fn dare(
         }
     };
     let g0 = symmetric(b * r_factor.solve(&b.transpose()));
-    let identity = DMatrix::<f64>::identity(order, order);
-    let (mut ak, mut gk, mut hk) = (a0.clone(), g0, q0.clone());
-    let mut settled = false;
-    for _ in 0..60 {
-        let w = (&identity + &gk * &hk).lu();
-        let (Some(wa), Some(wg)) = (w.solve(&ak), w.solve(&gk)) else { break };
-        let step = symmetric(ak.transpose() * &hk * &wa);
-        gk += symmetric(&ak * wg * ak.transpose());
-        ak = &ak * wa;
-        hk += &step;
-        if !hk.iter().all(|v| v.is_finite()) {
-            break;
-        }
-        if step.norm() <= 1e-16 * hk.norm() {
-            settled = true;
-            break;
-        }
-    }
     let closed = |x: &DMatrix<f64>| {
+        // Where R + BᵀXB is not positive the stationary point is no minimum.
+        (r + b.transpose() * x * b).cholesky()?;
         let k = gain(a, b, r, n, x)?;
         let loop_matrix = a - b * &k;
-        let radius = zeros::eigenvalues(&loop_matrix).iter().map(|p| p.norm()).fold(0.0, f64::max);
-        (radius < 1.0).then_some((k, loop_matrix))
+        (radius(&loop_matrix) < 1.0).then_some((k, loop_matrix))
     };
-    let Some((k, loop_matrix)) = (if settled { closed(&hk) } else { None }) else {
-        return Err(why_none(&a0, b, &q0, q, r, n));
+    let found = doubling(&a0, &g0, &q0).and_then(|x| closed(&x).map(|(k, l)| (x, k, l)));
+    let (first, k, loop_matrix) = match found {
+        Some(found) => found,
+        None => match why_none(&a0, b, &q0, q, r, n) {
+            // No assumption fails: an unstable mode that costs nothing, which doubling leaves alone.
+            ModelError::IllConditioned { residual } => {
+                let x = policy_iteration(&a0, b, &q0, r, &g0).ok_or(ModelError::IllConditioned { residual })?;
+                closed(&x).map(|(k, l)| (x, k, l)).ok_or(ModelError::IllConditioned { residual })?
+            }
+            reason => return Err(reason),
+        },
     };
     // One Newton step: the correction solves a Stein equation with the closed loop.
-    let correction = stein(&loop_matrix, &residual(a, q, r, n, &hk, &k, b));
-    let x = symmetric(&hk + correction);
+    let correction = stein(&loop_matrix, &residual(a, q, r, n, &first, &k, b));
+    let x = symmetric(first + correction);
     let Some((k, _)) = closed(&x) else {
         return Err(why_none(&a0, b, &q0, q, r, n));
     };
@@ -118,6 +111,53 @@ pub fn dare(
         return Err(ModelError::IllConditioned { residual: relative });
     }
     Ok(x)
+}
+
+/// The smallest nonnegative solution for A, G = BR⁻¹Bᵀ and Q, by doubling: the stabilising one where Q sees every unstable mode.
+fn doubling(a: &DMatrix<f64>, g: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let identity = DMatrix::<f64>::identity(a.nrows(), a.nrows());
+    let (mut ak, mut gk, mut hk) = (a.clone(), g.clone(), q.clone());
+    for _ in 0..60 {
+        let w = (&identity + &gk * &hk).lu();
+        let (wa, wg) = (w.solve(&ak)?, w.solve(&gk)?);
+        let step = symmetric(ak.transpose() * &hk * &wa);
+        gk += symmetric(&ak * wg * ak.transpose());
+        ak = &ak * wa;
+        hk += &step;
+        if !hk.iter().all(|v| v.is_finite()) {
+            return None;
+        }
+        if step.norm() <= 1e-16 * hk.norm() {
+            return Some(hk);
+        }
+    }
+    None
+}
+
+/// The largest solution, from the gain for Q = I: X of the loop closed so far, then the gain for that X, until it settles.
+///
+/// Source: Hewer (1971), "An iterative technique for the computation of the steady state gains for the discrete optimal regulator", IEEE Trans. Automatic
+/// Control 16(4), 382-384, doi:10.1109/TAC.1971.1099755.
+fn policy_iteration(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, g: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let mut x = doubling(a, g, &DMatrix::identity(a.nrows(), a.nrows()))?;
+    for _ in 0..60 {
+        let k = gain(a, b, r, None, &x)?;
+        let loop_matrix = a - b * &k;
+        if radius(&loop_matrix) >= 1.0 {
+            return None;
+        }
+        let next = symmetric(stein(&loop_matrix, &symmetric(q + k.transpose() * r * &k)));
+        let change = (&next - &x).norm();
+        x = next;
+        if change <= 1e-14 * x.norm() {
+            return Some(x);
+        }
+    }
+    None
+}
+
+fn radius(m: &DMatrix<f64>) -> f64 {
+    zeros::eigenvalues(m).iter().map(|p| p.norm()).fold(0.0, f64::max)
 }
 
 /// The residual in the form that loses least: (A − BK)ᵀX(A − BK) + Q + KᵀRK − NK − KᵀNᵀ − X.
@@ -313,5 +353,12 @@ mod tests {
         let solution = dlqr(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[0.0]), &identity(1), None).unwrap();
         assert!((solution.poles[0].re - 0.5).abs() < 1e-12);
         assert!((solution.x[(0, 0)] - 3.0).abs() < 1e-12);
+    }
+
+    /// With R = 1 and a = 2 the stationary point for Q = −100 has a stable loop, but R + BᵀXB < 0: it is a maximum.
+    #[test]
+    fn a_stationary_point_that_is_no_minimum_is_refused() {
+        let error = dare(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[-100.0]), &identity(1), None).unwrap_err();
+        assert!(matches!(error, ModelError::Indefinite { .. }), "{error}");
     }
 }

@@ -181,8 +181,7 @@ impl Comparison {
             entry.worst = disagreement;
             entry.at = case.into();
         }
-        // Written so that NaN fails.
-        if !(disagreement <= tolerance) {
+        if disagreement.is_nan() || disagreement > tolerance {
             self.failures.push(format!("{case}: {field} differs by {disagreement:.2e}, more than {tolerance:.0e}"));
         }
     }
