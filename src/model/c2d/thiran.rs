@@ -25,10 +25,7 @@ pub(super) fn with_delays(
     cascade_inputs(&sys, &filters)?.with_input_delay(whole)
 }
 
-/// A, B, C and the only entry of D.
-type AllPass = (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, f64);
-
-type Filter = Option<AllPass>;
+type Filter = Option<(DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, f64)>;
 
 /// Whole samples, and the all-pass filter for the rest.
 fn split(delay: Samples, order: usize) -> Result<(usize, Filter), ModelError> {
@@ -50,7 +47,7 @@ fn split(delay: Samples, order: usize) -> Result<(usize, Filter), ModelError> {
 /// a_k = (−1)ᵏ C(m,k) Π_{i=0..m} (δ−m+i)/(δ−m+k+i).
 ///
 /// Source: Thiran (1971), IEEE Trans. Circuit Theory 18(6), 659-664, doi:10.1109/TCT.1971.1083363.
-fn all_pass(m: usize, delay: f64) -> Result<AllPass, ModelError> {
+fn all_pass(m: usize, delay: f64) -> Result<(DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, f64), ModelError> {
     #[allow(clippy::cast_precision_loss)]
     let real = |k: usize| k as f64;
     let mut coefficients = vec![1.0];
