@@ -72,7 +72,8 @@ class _Problem:
     """Variable projection in d = (z - 1) / Ts: the numerator is linear, the denominator a product of real factors.
 
     A factor of order 1 is d + c, one of order 2 is d^2 + c1 d + c0; poles inside and outside the unit circle never
-    share one.
+    share one. The factor of the poles outside is written in m = (1/z - 1) / Ts: there a real pole that goes to infinity and
+    comes back with the other sign passes an ordinary point.
     """
 
     def __init__(self, plant: Plant, sample_time: float, fraction: float):
@@ -83,14 +84,17 @@ class _Problem:
         self.target = gain * np.prod(s[:, None] - zeros, axis=1) / np.prod(s[:, None] - poles, axis=1)
         self.target = self.target * np.exp(-s * fraction * sample_time)
         self.d = (np.exp(s * sample_time) - 1) / sample_time
+        z = np.exp(s * sample_time)
+        self.m = (1 / z - 1) / sample_time
         self.sides = self._group(np.exp(poles * sample_time))
+        self.turn = z ** -sum(len(group) for inside, group in self.sides if not inside)
         self.order = len(poles)
         self.powers = self.d[:, None] ** np.arange(self.order, -1, -1)
 
     @staticmethod
     def _group(poles: np.ndarray) -> list[tuple[bool, np.ndarray]]:
-        """(inside, poles) per factor; this data only needs one factor on either side."""
-        groups = [(True, poles[np.abs(poles) < 1]), (False, poles[np.abs(poles) > 1])]
+        """(inside, poles or, outside, their reciprocals) per factor; this data only needs one factor on either side."""
+        groups = [(True, poles[np.abs(poles) < 1]), (False, 1 / poles[np.abs(poles) > 1])]
         groups = [(inside, group) for inside, group in groups if len(group)]
         assert all(len(group) <= 2 for _, group in groups) and sum(len(g) for _, g in groups) == len(poles)
         return groups
@@ -106,18 +110,25 @@ class _Problem:
             at += len(group)
         return parts
 
+    def values(self, c: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """(variable, factor) of every side at all frequencies."""
+        variables = [self.d if inside else self.m for inside, _ in self.sides]
+        return [(x, np.polyval(factor, x)) for x, factor in zip(variables, self.factors(c))]
+
+    def roots(self, c: np.ndarray) -> list[np.ndarray]:
+        """Poles inside, reciprocals of the poles outside."""
+        return [1 + self.sample_time * np.roots(f).astype(complex) for f in self.factors(c)]
+
     def poles(self, c: np.ndarray) -> np.ndarray:
-        return np.concatenate([1 + self.sample_time * np.roots(f).astype(complex) for f in self.factors(c)])
+        return np.concatenate([r if inside else 1 / r for r, (inside, _) in zip(self.roots(c), self.sides)])
 
     def allowed(self, c: np.ndarray) -> bool:
-        poles = self.poles(c)
-        expected = np.concatenate([[inside] * len(group) for inside, group in self.sides]).astype(bool)
-        return bool(np.all((np.abs(poles) < 1) == expected))
+        return bool(np.all(np.abs(np.concatenate(self.roots(c))) < 1))
 
     def project(self, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Numerator, residual and denominator for fixed poles."""
-        denominator = np.prod([np.polyval(f, self.d) for f in self.factors(c)], axis=0)
-        basis = self.powers / denominator[:, None]
+        denominator = np.prod([value for _, value in self.values(c)], axis=0)
+        basis = self.powers * (self.turn / denominator)[:, None]
         stacked = np.vstack([basis.real, basis.imag])
         scale = np.linalg.norm(stacked, axis=0)
         solution = np.linalg.lstsq(stacked / scale, np.concatenate([self.target.real, self.target.imag]), rcond=None)[0]
@@ -132,9 +143,8 @@ class _Problem:
         numerator, residual, _ = self.project(c)
         fit = residual + self.target
         columns = []
-        for factor in self.factors(c):
-            value = np.polyval(factor, self.d)
-            columns += [-fit * self.d**power / value for power in range(len(factor) - 2, -1, -1)]
+        for (x, value), (_, group) in zip(self.values(c), self.sides):
+            columns += [-fit * x**power / value for power in range(len(group) - 1, -1, -1)]
         return np.array(columns).T, residual
 
     def gradient(self, c: np.ndarray) -> np.ndarray:
@@ -146,7 +156,8 @@ class _Problem:
         numerator = self.project(c)[0]
         first = next(i for i, v in enumerate(numerator) if v != 0)
         zeros = 1 + self.sample_time * np.roots(numerator[first:]).astype(complex)
-        return SampledZpk(zeros, self.poles(c), float(numerator[first]) * self.sample_time**first)
+        turned = np.prod([np.prod(-r) for r, (inside, _) in zip(self.roots(c), self.sides) if not inside]).real
+        return SampledZpk(zeros, self.poles(c), float(numerator[first]) * self.sample_time**first / turned)
 
 
 def _descend(problem: _Problem, start: np.ndarray) -> np.ndarray | None:
@@ -166,16 +177,18 @@ def _descend(problem: _Problem, start: np.ndarray) -> np.ndarray | None:
 
 
 def _starts(problem: _Problem) -> list[np.ndarray]:
-    """exp(p Ts), that with changed sizes of the coefficients, and random poles on the right side."""
+    """exp(p Ts), that with changed sizes of the coefficients, and random poles on the right side: pairs and real ones."""
     first = problem.start()
     generator = np.random.default_rng(7)
     starts = [first] + [first * (1 + size * generator.standard_normal(len(first))) for size in (1e-3, 0.03, 0.1, 0.3, 0.3)]
-    for _ in range(24):
+    for number in range(72):
         parts = []
-        for inside, group in problem.sides:
-            radius = generator.uniform(0.05, 0.98) if inside else 1 / generator.uniform(0.2, 0.98)
-            angle = generator.uniform(0, np.pi)
-            poles = radius * np.exp(1j * np.array([angle, -angle])) if len(group) == 2 else np.array([radius * np.sign(np.cos(angle))])
+        for _, group in problem.sides:
+            radius, angle = generator.uniform(0.05, 0.99), generator.uniform(0, np.pi)
+            if len(group) == 2 and number % 3:
+                poles = radius * np.exp(1j * np.array([angle, -angle]))
+            else:
+                poles = generator.uniform(-0.99, 0.99, len(group))
             parts.append(np.poly((poles - 1) / problem.sample_time).real[1:])
         starts.append(np.concatenate(parts))
     return [s for s in starts if problem.allowed(s)]

@@ -13,7 +13,7 @@ pub use arxstruc::Arxstruc;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use oestruc::Oestruc;
-pub use state_least_squares::{Selection, StateLeastSquares};
+pub use state_least_squares::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
 pub use verdict::{Verdict, verdict};
 
@@ -79,6 +79,12 @@ pub enum DelayError {
         value: f64,
         /// What it may be.
         allowed: &'static str,
+    },
+    /// Regressors that are combinations of each other, where the coefficients themselves were asked for.
+    #[error("{method}: the lags of the inputs are combinations of each other; use inputs that move more, and not together")]
+    Dependent {
+        /// The method.
+        method: &'static str,
     },
     /// A method that needs a model and measured states got none.
     #[error(

@@ -110,7 +110,81 @@ impl Plant {
     }
 }
 
+/// The coefficients γ of every lag of every input.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Coefficients {
+    /// γ, inputs × (`max_delay` + 1).
+    pub gamma: DMatrix<f64>,
+    /// Σ of squared residuals over all states and samples.
+    pub residual: f64,
+    /// Equations: states times samples.
+    pub rows: usize,
+}
+
+/// The normal equations of γ, and Σ z².
+struct Equations {
+    gram: DMatrix<f64>,
+    right: DVector<f64>,
+    power: f64,
+}
+
+/// By lag products, over the samples from `first` on.
+fn equations(plant: &Plant, recordings: &[Rows<'_>], first: usize, lags: usize) -> Equations {
+    let m = plant.b.ncols();
+    let parameters = m * lags;
+    let (mut gram, mut right, mut power) = (DMatrix::zeros(parameters, parameters), DVector::zeros(parameters), 0.0);
+    for r in recordings {
+        power += r.z.columns(first, r.z.ncols() - first).norm_squared();
+        for j in 0..m {
+            let bz: Vec<f64> = r.z.column_iter().map(|z| z.dot(&plant.b.column(j))).collect();
+            let products = lag_matrix(&bz, Some(r.u[j]), first, (1, lags));
+            for i in 0..lags {
+                right[j * lags + i] += products[(0, i)];
+            }
+            for l in j..m {
+                let weight = plant.b.column(j).dot(&plant.b.column(l));
+                let block = lag_matrix(r.u[j], if l == j { None } else { Some(r.u[l]) }, first, (lags, lags)) * weight;
+                let mut at = gram.view_mut((j * lags, l * lags), (lags, lags));
+                at += &block;
+                if l != j {
+                    let mut at = gram.view_mut((l * lags, j * lags), (lags, lags));
+                    at += block.transpose();
+                }
+            }
+        }
+    }
+    Equations { gram, right, power }
+}
+
 impl StateLeastSquares {
+    /// The plain least-squares solution for the lags 0 … `max_delay` of every input together, over the samples that see no input before the record.
+    ///
+    /// # Errors
+    /// As an estimation; [`DelayError::Dependent`] where the lags of the inputs are combinations of each other.
+    pub fn coefficients(&self, experiment: &Experiment, max_delay: usize) -> Result<Coefficients, DelayError> {
+        experiment.check()?;
+        let plant = Plant::new(experiment)?;
+        let (n, m) = plant.b.shape();
+        let lags = max_delay + 1;
+        let recordings = usable(experiment, &plant, max_delay);
+        let samples = samples(&recordings, max_delay);
+        enough(experiment, &plant, samples, max_delay, lags)?;
+        let Equations { gram, right, power: _ } = equations(&plant, &recordings, max_delay, lags);
+        let (gamma, _) = solve(&gram, &right).ok_or(DelayError::Dependent { method: NAME })?;
+        let mut residual = 0.0;
+        for r in &recordings {
+            for k in max_delay..r.z.ncols() {
+                let mut rest = r.z.column(k).into_owned();
+                for j in 0..m {
+                    let share: f64 = (0..lags).map(|l| gamma[j * lags + l] * r.u[j][k - l]).sum();
+                    rest.axpy(-share, &plant.b.column(j), 1.0);
+                }
+                residual += rest.norm_squared();
+            }
+        }
+        Ok(Coefficients { gamma: DMatrix::from_row_slice(m, lags, gamma.as_slice()), residual, rows: n * samples })
+    }
+
     fn window(&self, experiment: &Experiment, max_delay: usize) -> Result<Vec<DelayEstimate>, DelayError> {
         let plant = Plant::new(experiment)?;
         let (n, m) = plant.b.shape();
@@ -118,39 +192,10 @@ impl StateLeastSquares {
         let parameters = m * lags;
         // One row is kept ahead of the window for the sub-sample split.
         let first = max_delay + 1;
-        let recordings: Vec<Rows<'_>> =
-            experiment.recordings.iter().filter(|r| r.inputs[0].len() > first + 1).map(|r| rows(r, &plant.a)).collect();
-        let samples: usize = recordings.iter().map(|r| r.z.ncols() - first).sum();
-        let needed_rows = parameters.div_ceil(n) + 1;
-        if samples < needed_rows {
-            return Err(DelayError::TooShort {
-                method: NAME,
-                needed: first + 1 + needed_rows,
-                got: experiment.longest(),
-                remedy: "search a shorter --max-delay",
-            });
-        }
-        let (mut gram, mut right, mut power) = (DMatrix::zeros(parameters, parameters), DVector::zeros(parameters), 0.0);
-        for r in &recordings {
-            power += r.z.columns(first, r.z.ncols() - first).norm_squared();
-            for j in 0..m {
-                let bz: Vec<f64> = r.z.column_iter().map(|z| z.dot(&plant.b.column(j))).collect();
-                let products = lag_matrix(&bz, Some(r.u[j]), first, (1, lags));
-                for i in 0..lags {
-                    right[j * lags + i] += products[(0, i)];
-                }
-                for l in j..m {
-                    let weight = plant.b.column(j).dot(&plant.b.column(l));
-                    let block = lag_matrix(r.u[j], if l == j { None } else { Some(r.u[l]) }, first, (lags, lags)) * weight;
-                    let mut at = gram.view_mut((j * lags, l * lags), (lags, lags));
-                    at += &block;
-                    if l != j {
-                        let mut at = gram.view_mut((l * lags, j * lags), (lags, lags));
-                        at += block.transpose();
-                    }
-                }
-            }
-        }
+        let recordings = usable(experiment, &plant, first);
+        let samples = samples(&recordings, first);
+        enough(experiment, &plant, samples, first, lags)?;
+        let Equations { gram, right, power } = equations(&plant, &recordings, first, lags);
         let Some((gamma, inverse)) = solve(&gram, &right) else {
             let note = "the lags of the inputs are combinations of each other: they do not move enough, or move together";
             return Ok(vec![DelayEstimate::without(Outcome::Singular, note); m]);
@@ -225,6 +270,30 @@ fn rows<'a>(recording: &'a super::Recording, a: &DMatrix<f64>) -> Rows<'a> {
     let x = DMatrix::from_fn(recording.states.len(), samples, |i, k| recording.states[i][k]);
     let z = x.columns(1, samples - 1) - a * x.columns(0, samples - 1);
     Rows { z, u: recording.inputs.iter().map(|u| &u[..samples - 1]).collect() }
+}
+
+/// The recordings that have samples behind the first one.
+fn usable<'a>(experiment: &'a Experiment, plant: &Plant, first: usize) -> Vec<Rows<'a>> {
+    experiment.recordings.iter().filter(|r| r.inputs[0].len() > first + 1).map(|r| rows(r, &plant.a)).collect()
+}
+
+fn samples(recordings: &[Rows<'_>], first: usize) -> usize {
+    recordings.iter().map(|r| r.z.ncols() - first).sum()
+}
+
+/// More equations than coefficients.
+fn enough(experiment: &Experiment, plant: &Plant, samples: usize, first: usize, lags: usize) -> Result<(), DelayError> {
+    let (n, m) = plant.b.shape();
+    let needed_rows = (m * lags).div_ceil(n) + 1;
+    if samples >= needed_rows {
+        return Ok(());
+    }
+    Err(DelayError::TooShort {
+        method: NAME,
+        needed: first + 1 + needed_rows,
+        got: experiment.longest(),
+        remedy: "search a shorter --max-delay",
+    })
 }
 
 /// Coefficients and inverse Gram matrix, `None` where it is singular.

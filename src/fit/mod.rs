@@ -1,5 +1,7 @@
-//! Nonlinear least squares: bounded Levenberg-Marquardt.
+//! Nonlinear least squares: bounded Levenberg-Marquardt, and Newton's method for the last digits.
 
 mod levenberg_marquardt;
+mod newton;
 
 pub use levenberg_marquardt::{Fit, LevenbergMarquardt, Normal, Stopped};
+pub use newton::polish;

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::least_squares;
 use super::regression::{Record, dot};
-use crate::fit::{LevenbergMarquardt, Normal, Stopped};
+use crate::fit::{LevenbergMarquardt, Normal, Stopped, polish};
 
 /// What is assumed about the model's state when a record starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -399,8 +399,12 @@ impl OutputError {
         best.into_iter()
             .enumerate()
             .map(|(nk, fit)| {
-                let fit = fit?;
+                let mut fit = fit?;
                 problem.nk = nk;
+                // A model too small for its delay leaves large residuals, where Kaufman's approximation converges slowly.
+                if matches!(fit.stopped, Stopped::Step | Stopped::Iterations) {
+                    fit = polish(fit, |f| problem.evaluate(f));
+                }
                 problem.cost(&fit.parameters)?;
                 let b = problem.linear.iter().take(self.nb).copied().collect();
                 Some(OeFit { loss: fit.normal.cost / samples, b, f: fit.parameters, stopped: fit.stopped })

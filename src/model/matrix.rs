@@ -20,7 +20,9 @@ pub(super) fn log(m: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
     if n == 0 {
         return Ok(m.clone());
     }
-    let (q, mut t) = Schur::new(m.map(|v| Complex::new(v, 0.0))).unpack();
+    // The iteration stands still only where eigenvalues are 0.
+    let schur = Schur::try_new(m.map(|v| Complex::new(v, 0.0)), f64::EPSILON, 1000 * n).ok_or(0.0)?;
+    let (q, mut t) = schur.unpack();
     let floor = 1e-14 * m.norm();
     for i in 0..n {
         let lambda = t[(i, i)];

@@ -31,6 +31,9 @@ pub fn dlqr(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f6
 
 /// (R + BᵀXB)⁻¹(BᵀXA + Nᵀ).
 fn gain(a: &DMatrix<f64>, b: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix<f64>>, x: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if a.is_empty() || b.is_empty() {
+        return Some(DMatrix::zeros(b.ncols(), a.nrows()));
+    }
     let xb = x * b;
     let weight = r + b.transpose() * &xb;
     let mut right = xb.transpose() * a;
@@ -42,7 +45,8 @@ fn gain(a: &DMatrix<f64>, b: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix
 
 /// The stabilising solution X of AᵀXA − X − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0.
 ///
-/// Structure-preserving doubling: quadratic convergence, no eigenvalue ordering; then one Newton step takes off what rounding left.
+/// Structure-preserving doubling: quadratic convergence, no eigenvalue ordering; where Q does not see an unstable mode, Hewer's policy iteration instead. Then
+/// one Newton step takes off what rounding left.
 ///
 /// Source: Chu, Fan, Lin and Wang (2004), "Structure-preserving algorithms for periodic discrete-time algebraic Riccati equations",
 /// Int. J. Control 77(8), 767-788, doi:10.1080/00207170410001714988.
@@ -60,6 +64,13 @@ pub fn dare(
 ) -> Result<DMatrix<f64>, ModelError> {
     check(a, b, q, r, n)?;
     let order = a.nrows();
+    if order == 0 {
+        return Ok(DMatrix::zeros(0, 0));
+    }
+    if b.ncols() == 0 {
+        // Nothing to steer with: as an input that moves nothing.
+        return dare(a, &DMatrix::zeros(order, 1), q, &DMatrix::identity(1, 1), None);
+    }
     let r_factor = r.clone().cholesky().ok_or_else(|| ModelError::WeightR { smallest: smallest_eigenvalue(r) })?;
     // The cross term goes into A and Q: u = v − R⁻¹Nᵀx.
     let (a0, q0) = match n {
@@ -70,36 +81,28 @@ pub fn dare(
         }
     };
     let g0 = symmetric(b * r_factor.solve(&b.transpose()));
-    let identity = DMatrix::<f64>::identity(order, order);
-    let (mut ak, mut gk, mut hk) = (a0.clone(), g0, q0.clone());
-    let mut settled = false;
-    for _ in 0..60 {
-        let w = (&identity + &gk * &hk).lu();
-        let (Some(wa), Some(wg)) = (w.solve(&ak), w.solve(&gk)) else { break };
-        let step = symmetric(ak.transpose() * &hk * &wa);
-        gk += symmetric(&ak * wg * ak.transpose());
-        ak = &ak * wa;
-        hk += &step;
-        if !hk.iter().all(|v| v.is_finite()) {
-            break;
-        }
-        if step.norm() <= 1e-16 * hk.norm() {
-            settled = true;
-            break;
-        }
-    }
     let closed = |x: &DMatrix<f64>| {
+        // Where R + BᵀXB is not positive the stationary point is no minimum.
+        (r + b.transpose() * x * b).cholesky()?;
         let k = gain(a, b, r, n, x)?;
         let loop_matrix = a - b * &k;
-        let radius = zeros::eigenvalues(&loop_matrix).iter().map(|p| p.norm()).fold(0.0, f64::max);
-        (radius < 1.0).then_some((k, loop_matrix))
+        (radius(&loop_matrix) < 1.0).then_some((k, loop_matrix))
     };
-    let Some((k, loop_matrix)) = (if settled { closed(&hk) } else { None }) else {
-        return Err(why_none(&a0, b, &q0, q, r, n));
+    let found = doubling(&a0, &g0, &q0).and_then(|x| closed(&x).map(|(k, l)| (x, k, l)));
+    let (first, k, loop_matrix) = match found {
+        Some(found) => found,
+        None => match why_none(&a0, b, &q0, q, r, n) {
+            // No assumption fails: an unstable mode that costs nothing, which doubling leaves alone.
+            ModelError::IllConditioned { residual } => {
+                let x = policy_iteration(&a0, b, &q0, r, &g0).ok_or(ModelError::IllConditioned { residual })?;
+                closed(&x).map(|(k, l)| (x, k, l)).ok_or(ModelError::IllConditioned { residual })?
+            }
+            reason => return Err(reason),
+        },
     };
     // One Newton step: the correction solves a Stein equation with the closed loop.
-    let correction = stein(&loop_matrix, &residual(a, q, r, n, &hk, &k, b));
-    let x = symmetric(&hk + correction);
+    let correction = stein(&loop_matrix, &residual(a, q, r, n, &first, &k, b));
+    let x = symmetric(first + correction);
     let Some((k, _)) = closed(&x) else {
         return Err(why_none(&a0, b, &q0, q, r, n));
     };
@@ -108,6 +111,53 @@ pub fn dare(
         return Err(ModelError::IllConditioned { residual: relative });
     }
     Ok(x)
+}
+
+/// The smallest nonnegative solution for A, G = BR⁻¹Bᵀ and Q, by doubling: the stabilising one where Q sees every unstable mode.
+fn doubling(a: &DMatrix<f64>, g: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let identity = DMatrix::<f64>::identity(a.nrows(), a.nrows());
+    let (mut ak, mut gk, mut hk) = (a.clone(), g.clone(), q.clone());
+    for _ in 0..60 {
+        let w = (&identity + &gk * &hk).lu();
+        let (wa, wg) = (w.solve(&ak)?, w.solve(&gk)?);
+        let step = symmetric(ak.transpose() * &hk * &wa);
+        gk += symmetric(&ak * wg * ak.transpose());
+        ak = &ak * wa;
+        hk += &step;
+        if !hk.iter().all(|v| v.is_finite()) {
+            return None;
+        }
+        if step.norm() <= 1e-16 * hk.norm() {
+            return Some(hk);
+        }
+    }
+    None
+}
+
+/// The largest solution, from the gain for Q = I: X of the loop closed so far, then the gain for that X, until it settles.
+///
+/// Source: Hewer (1971), "An iterative technique for the computation of the steady state gains for the discrete optimal regulator", IEEE Trans. Automatic
+/// Control 16(4), 382-384, doi:10.1109/TAC.1971.1099755.
+fn policy_iteration(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, g: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let mut x = doubling(a, g, &DMatrix::identity(a.nrows(), a.nrows()))?;
+    for _ in 0..60 {
+        let k = gain(a, b, r, None, &x)?;
+        let loop_matrix = a - b * &k;
+        if radius(&loop_matrix) >= 1.0 {
+            return None;
+        }
+        let next = symmetric(stein(&loop_matrix, &symmetric(q + k.transpose() * r * &k)));
+        let change = (&next - &x).norm();
+        x = next;
+        if change <= 1e-14 * x.norm() {
+            return Some(x);
+        }
+    }
+    None
+}
+
+fn radius(m: &DMatrix<f64>) -> f64 {
+    zeros::eigenvalues(m).iter().map(|p| p.norm()).fold(0.0, f64::max)
 }
 
 /// The residual in the form that loses least: (A − BK)ᵀX(A − BK) + Q + KᵀRK − NK − KᵀNᵀ − X.
@@ -216,4 +266,99 @@ fn why_none(
     }
     let smallest = smallest_eigenvalue(&joint);
     if smallest < -1e-12 * joint.norm() { ModelError::Indefinite { smallest } } else { ModelError::IllConditioned { residual: f64::NAN } }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn m(rows: usize, columns: usize, entries: &[f64]) -> DMatrix<f64> {
+        DMatrix::from_row_slice(rows, columns, entries)
+    }
+
+    fn identity(n: usize) -> DMatrix<f64> {
+        DMatrix::identity(n, n)
+    }
+
+    /// x = a²x − (abx)²/(r + b²x) + q by hand: a = b = q = r = 1 gives the golden ratio.
+    #[test]
+    fn the_scalar_equation_has_the_golden_ratio_as_its_solution() {
+        let one = identity(1);
+        let solution = dlqr(&one, &one, &one, &one, None).unwrap();
+        let golden = (1.0 + 5f64.sqrt()) / 2.0;
+        assert!((solution.x[(0, 0)] - golden).abs() < 1e-15);
+        assert!((solution.k[(0, 0)] - golden / (1.0 + golden)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn an_unstable_mode_that_no_input_moves_is_named() {
+        let a = m(2, 2, &[1.2, 0.0, 0.0, 0.5]);
+        let error = dlqr(&a, &m(2, 1, &[0.0, 1.0]), &identity(2), &identity(1), None).unwrap_err();
+        assert!(
+            matches!(error, ModelError::NotStabilisable { re, magnitude, .. } if (re - 1.2).abs() < 1e-12 && (magnitude - 1.2).abs() < 1e-12)
+        );
+    }
+
+    #[test]
+    fn an_unmoved_mode_on_the_circle_is_not_stabilisable_either() {
+        let error = dlqr(&m(2, 2, &[1.0, 0.0, 0.0, 0.5]), &m(2, 1, &[0.0, 1.0]), &identity(2), &identity(1), None).unwrap_err();
+        assert!(matches!(error, ModelError::NotStabilisable { .. }), "{error}");
+    }
+
+    #[test]
+    fn a_mode_on_the_circle_without_cost_is_named() {
+        for (a, q) in [
+            (m(1, 1, &[1.0]), m(1, 1, &[0.0])),
+            (m(2, 2, &[1.0, 0.1, 0.0, 0.7]), m(2, 2, &[0.0, 0.0, 0.0, 1.0])),
+            (m(2, 2, &[0.6, 0.8, -0.8, 0.6]), m(2, 2, &[0.0, 0.0, 0.0, 0.0])),
+        ] {
+            let n = a.nrows();
+            let b = DMatrix::from_element(n, 1, 1.0);
+            let error = dlqr(&a, &b, &q, &identity(1), None).unwrap_err();
+            assert!(matches!(error, ModelError::UnseenOnCircle { .. }), "{a} {error}");
+        }
+    }
+
+    #[test]
+    fn an_indefinite_cost_without_minimum_is_named() {
+        let error = dlqr(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[-100.0]), &identity(1), None).unwrap_err();
+        assert!(matches!(error, ModelError::Indefinite { smallest } if (smallest + 100.0).abs() < 1e-9), "{error}");
+        let error = dlqr(&m(1, 1, &[0.5]), &identity(1), &identity(1), &identity(1), Some(&m(1, 1, &[30.0]))).unwrap_err();
+        assert!(matches!(error, ModelError::Indefinite { .. }), "{error}");
+    }
+
+    #[test]
+    fn an_input_without_cost_is_named() {
+        for r in [0.0, -1.0] {
+            let error = dlqr(&identity(1), &identity(1), &identity(1), &m(1, 1, &[r]), None).unwrap_err();
+            assert!(matches!(error, ModelError::WeightR { smallest } if smallest == r), "{error}");
+        }
+    }
+
+    #[test]
+    fn shapes_symmetry_and_numbers_are_checked() {
+        let (one, two) = (identity(1), identity(2));
+        assert!(matches!(dare(&two, &one, &two, &one, None), Err(ModelError::Shape { matrix: "B", .. })));
+        assert!(matches!(dare(&m(1, 2, &[1.0, 1.0]), &one, &one, &one, None), Err(ModelError::Shape { matrix: "A", .. })));
+        assert!(matches!(dare(&one, &one, &one, &one, Some(&two)), Err(ModelError::Shape { matrix: "N", .. })));
+        let skew = m(2, 2, &[1.0, 0.5, 0.0, 1.0]);
+        assert!(matches!(dare(&two, &two, &skew, &two, None), Err(ModelError::NotSymmetric { matrix: "Q", row: 1, column: 2, .. })));
+        assert!(matches!(dare(&two, &two, &two, &skew, None), Err(ModelError::NotSymmetric { matrix: "R", .. })));
+        let nan = m(1, 1, &[f64::NAN]);
+        assert!(matches!(dare(&nan, &one, &one, &one, None), Err(ModelError::NotFinite { matrix: "A", row: 1, column: 1, .. })));
+    }
+
+    #[test]
+    fn an_unstable_mode_without_cost_is_reflected_into_the_circle() {
+        let solution = dlqr(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[0.0]), &identity(1), None).unwrap();
+        assert!((solution.poles[0].re - 0.5).abs() < 1e-12);
+        assert!((solution.x[(0, 0)] - 3.0).abs() < 1e-12);
+    }
+
+    /// With R = 1 and a = 2 the stationary point for Q = −100 has a stable loop, but R + BᵀXB < 0: it is a maximum.
+    #[test]
+    fn a_stationary_point_that_is_no_minimum_is_refused() {
+        let error = dare(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[-100.0]), &identity(1), None).unwrap_err();
+        assert!(matches!(error, ModelError::Indefinite { .. }), "{error}");
+    }
 }

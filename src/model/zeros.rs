@@ -1,10 +1,43 @@
 //! Invariant zeros of a state-space model, by reduction to a model with an invertible D.
 
-use nalgebra::{Complex, DMatrix};
+use nalgebra::{Complex, DMatrix, Schur};
 
 /// Eigenvalues of a real square matrix.
+///
+/// States that only drive or only follow the others are taken off first: their eigenvalues stand on the diagonal (chains of integrators and of delays stay
+/// exact). The QR iteration of the rest is bounded; where it stands still, beside zeros on the diagonal, a shifted matrix is used.
+///
+/// Source: Parlett and Reinsch (1969), "Balancing a matrix for calculation of eigenvalues and eigenvectors", doi:10.1007/BF02165404 (its first step).
 pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
-    if a.is_empty() { Vec::new() } else { a.complex_eigenvalues().iter().copied().collect() }
+    let n = a.nrows();
+    if a.iter().any(|v| !v.is_finite()) {
+        return vec![Complex::new(f64::NAN, f64::NAN); n];
+    }
+    let mut left: Vec<usize> = (0..n).collect();
+    let mut found = Vec::with_capacity(n);
+    let alone = |left: &[usize], i: usize| {
+        let others = || left.iter().filter(|&&j| j != i);
+        others().all(|&j| a[(i, j)] == 0.0) || others().all(|&j| a[(j, i)] == 0.0)
+    };
+    while let Some(at) = (0..left.len()).find(|&at| alone(&left, left[at])) {
+        let i = left.remove(at);
+        found.push(Complex::new(a[(i, i)], 0.0));
+    }
+    if left.is_empty() {
+        return found;
+    }
+    let rest = a.select_rows(&left).select_columns(&left);
+    let iterations = 100 * left.len();
+    for share in [0.0, 1.0, -0.7] {
+        let shift = share * rest.norm();
+        let shifted = &rest + DMatrix::from_diagonal_element(left.len(), left.len(), shift);
+        if let Some(schur) = Schur::try_new(shifted, f64::EPSILON, iterations) {
+            found.extend(schur.complex_eigenvalues().iter().map(|v| v - shift));
+            return found;
+        }
+    }
+    found.resize(n, Complex::new(f64::NAN, f64::NAN));
+    found
 }
 
 /// The finite s where [A − sI, B; C, D] loses rank against its normal rank.
@@ -75,4 +108,31 @@ fn row_compression(m: &DMatrix<f64>, tolerance: f64) -> (DMatrix<f64>, usize) {
     let svd = padded.svd(true, false);
     let rank = svd.singular_values.iter().filter(|&&s| s > tolerance).count();
     (svd.u.map_or_else(|| DMatrix::identity(rows, rows), |u| u.transpose()), rank)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chains_of_integrators_have_exact_eigenvalues() {
+        for n in 1..6 {
+            let chain = DMatrix::from_fn(n, n, |i, j| f64::from(u8::from(i == j + 1)));
+            assert_eq!(eigenvalues(&chain), vec![Complex::default(); n]);
+        }
+    }
+
+    /// The same chain in rotated coordinates, where no zero is left to see; its eigenvalues are those of a matrix a rounding away.
+    #[test]
+    fn the_iteration_ends_for_a_nilpotent_matrix_without_zeros() {
+        let chain = DMatrix::from_fn(3, 3, |i, j| f64::from(u8::from(i == j + 1)));
+        let q = DMatrix::from_row_slice(3, 3, &[2.0, -1.0, 2.0, 2.0, 2.0, -1.0, -1.0, 2.0, 2.0]) / 3.0;
+        let found = eigenvalues(&(&q * chain * q.transpose()));
+        assert!(found.len() == 3 && found.iter().all(|v| v.norm() < 1e-4), "{found:?}");
+    }
+
+    #[test]
+    fn a_matrix_with_nan_has_no_eigenvalues_to_speak_of() {
+        assert!(eigenvalues(&DMatrix::from_element(2, 2, f64::NAN)).iter().all(|v| v.re.is_nan()));
+    }
 }

@@ -197,17 +197,22 @@ pub fn lsim_uneven(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64
         return Err(SimulateError::Time { sample: k, before_s: time_s[k - 1], after_s: time_s[k] });
     }
     let (samples, n, m) = (time_s.len().min(u.nrows()), sys.order(), sys.inputs());
-    // Value of input j at time t, from the left or from the right of an edge.
+    // Value of input j at time t, from the left or from the right of an edge. A time that only rounding parts from a stamp is that stamp.
     let value = |j: usize, t: f64, from_left: bool| {
-        let edge = |s: &f64| if from_left { *s < t } else { *s <= t };
-        let after = time_s[..samples].partition_point(edge);
+        let stamps = &time_s[..samples];
+        let mut after = stamps.partition_point(|s| if from_left { *s < t } else { *s <= t });
+        if from_left && after > 0 && t - stamps[after - 1] <= slack(stamps, after - 1) {
+            after -= 1;
+        } else if !from_left && after < samples && stamps[after] - t <= slack(stamps, after) {
+            after += 1;
+        }
         match (after, options.hold) {
             (0, _) => match options.prehistory {
                 Prehistory::Held => u[(0, j)],
                 Prehistory::Rest => 0.0,
             },
             (k, Hold::Linear) if k < samples => {
-                let share = (t - time_s[k - 1]) / (time_s[k] - time_s[k - 1]);
+                let share = ((t - time_s[k - 1]) / (time_s[k] - time_s[k - 1])).clamp(0.0, 1.0);
                 u[(k - 1, j)] * (1.0 - share) + u[(k, j)] * share
             }
             (k, _) => u[(k - 1, j)],
@@ -225,19 +230,17 @@ pub fn lsim_uneven(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64
         x.set_row(k, &state.transpose());
         let Some(&end) = time_s[..samples].get(k + 1) else { break };
         edges.clear();
+        let near = COINCIDE * (end - t) + rounding(end);
         for &delay in delays {
-            let first = time_s[..samples].partition_point(|s| s + delay <= t);
-            edges.extend(time_s[first..samples].iter().map(|s| s + delay).take_while(|&e| e < end));
+            let first = time_s[..samples].partition_point(|s| s + delay <= t + near);
+            edges.extend(time_s[first..samples].iter().map(|s| s + delay).take_while(|&e| e < end - near));
         }
-        edges.push(end);
         edges.sort_by(f64::total_cmp);
+        edges.dedup_by(|later, earlier| *later - *earlier <= near);
+        edges.push(end);
         let mut at = t;
         for &edge in &edges {
             let h = edge - at;
-            // Two edges that only rounding separates are one.
-            if h <= 1e-12 * (end - t) {
-                continue;
-            }
             let (phi, held, ramp) = steps.entry(h.to_bits()).or_insert_with(|| transition(sys.a(), sys.b(), h, Hold::Linear));
             let (begin, finish) = match options.hold {
                 Hold::Zero => {
@@ -261,6 +264,21 @@ pub fn lsim_uneven(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64
         }
     }
     Ok(Response { y, x })
+}
+
+/// Two instants closer than this share of a sample are one, as in [`SampleTime::samples`].
+const COINCIDE: f64 = 1e-9;
+
+/// How far from the stamp `at` an instant still counts as that stamp.
+fn slack(stamps: &[f64], at: usize) -> f64 {
+    let before = at.checked_sub(1).map(|i| stamps[at] - stamps[i]);
+    let after = stamps.get(at + 1).map(|next| next - stamps[at]);
+    COINCIDE * before.into_iter().chain(after).reduce(f64::min).unwrap_or(0.0) + rounding(stamps[at])
+}
+
+/// What rounding can do to an instant that is a stamp plus or minus a delay.
+fn rounding(time_s: f64) -> f64 {
+    4.0 * f64::EPSILON * time_s.abs()
 }
 
 #[cfg(test)]

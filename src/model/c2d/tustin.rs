@@ -33,6 +33,10 @@ impl Conversion for Tustin {
             }
         };
         let n = sys.order();
+        if n == 0 {
+            let gain = StateSpace::sampled(sys.a().clone(), sys.b().clone(), sys.c().clone(), sys.d().clone(), sample_time)?;
+            return thiran::with_delays(gain, sys.input_delay(), sample_time, self.fractional_delay_order);
+        }
         let half = sys.a() * (ts / 2.0);
         let identity = DMatrix::<f64>::identity(n, n);
         let denominator = (&identity - &half).lu();
