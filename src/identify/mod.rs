@@ -2,6 +2,7 @@
 
 mod arx;
 mod fir;
+mod lag_products;
 mod least_squares;
 mod oe;
 mod regression;
@@ -13,4 +14,4 @@ pub use regression::{Record, Regression};
 
 pub(crate) use fir::estimate as fir_or_rank;
 pub(crate) use oe::{largest_pole, power};
-pub(crate) use regression::lag_matrix;
+pub(crate) use lag_products::lag_matrix;
