@@ -18,6 +18,8 @@ pub struct ArxScan {
     pub rows: usize,
     /// Independent columns among the `nb` of the input, past outputs taken out, for every nk.
     pub input_rank: Vec<usize>,
+    /// Σ e²/rows with only the last 1, 2, … nb of the input's coefficients: `by_count[nk][m − 1]` has m of them, from lag nk on.
+    pub by_count: Vec<Vec<f64>>,
 }
 
 /// ARX(na, nb, nk) for nk = 0 … `max_delay`.
@@ -49,6 +51,7 @@ pub fn scan(records: &[Record], na: usize, nb: usize, max_delay: usize) -> ArxSc
         power: norms[last].powi(2) / rows,
         rows: triangle.rows,
         input_rank: Vec::with_capacity(max_delay + 1),
+        by_count: Vec::with_capacity(max_delay + 1),
     };
     for nk in 0..=max_delay {
         // Columns nk … nk+nb−1 of a triangle end at row na+nk+nb; below, the target is untouched.
@@ -59,6 +62,15 @@ pub fn scan(records: &[Record], na: usize, nb: usize, max_delay: usize) -> ArxSc
         let small: Vec<f64> = (0..nb).map(|j| DEPENDENT * norms[na + nk + j]).collect();
         let solved = least_squares::solve(&mut columns, &mut target, &small);
         scan.loss.push((solved.residual + below) / rows);
+        // Each column takes its own share off the loss: leaving the later ones out gives the shorter numerators.
+        let mut residual = solved.residual + below;
+        let mut counts: Vec<f64> = vec![residual / rows];
+        for share in solved.shares.iter().skip(1).rev() {
+            residual += share;
+            counts.push(residual / rows);
+        }
+        counts.reverse();
+        scan.by_count.push(counts);
         scan.input_rank.push(solved.rank);
         // Past outputs by back substitution in the rows they use.
         let mut coefficients = vec![0.0; na];

@@ -8,6 +8,8 @@ pub(super) struct Solved {
     pub(super) residual: f64,
     /// Columns that count.
     pub(super) rank: usize,
+    /// What each column takes off Σ of squares, after the ones before it.
+    pub(super) shares: Vec<f64>,
 }
 
 /// `columns` and `target` have equal lengths and are overwritten; `small[i]` is the norm below which column i is a combination of the ones before it.
@@ -15,12 +17,10 @@ pub(super) fn solve(columns: &mut [Vec<f64>], target: &mut [f64], small: &[f64])
     let rows = target.len();
     let mut pivots = Vec::with_capacity(columns.len());
     let mut top = 0;
-    for i in 0..columns.len() {
-        let (before, rest) = columns.split_at_mut(i);
-        let _ = before;
-        let Some((column, later)) = rest.split_first_mut() else { break };
+    for (i, &small) in small.iter().enumerate().take(columns.len()) {
+        let Some((column, later)) = columns[i..].split_first_mut() else { break };
         let norm = column[top.min(rows)..].iter().map(|v| v * v).sum::<f64>().sqrt();
-        if top >= rows || norm <= small[i] {
+        if top >= rows || norm <= small {
             continue;
         }
         // Reflect column[top..] onto the first axis.
@@ -47,5 +47,9 @@ pub(super) fn solve(columns: &mut [Vec<f64>], target: &mut [f64], small: &[f64])
         let known: f64 = pivots[row + 1..].iter().map(|&j| columns[j][row] * coefficients[j]).sum();
         coefficients[i] = (target[row] - known) / columns[i][row];
     }
-    Solved { coefficients, residual: target[top.min(rows)..].iter().map(|v| v * v).sum(), rank: pivots.len() }
+    let mut shares = vec![0.0; columns.len()];
+    for (row, &i) in pivots.iter().enumerate() {
+        shares[i] = target[row] * target[row];
+    }
+    Solved { coefficients, shares, residual: target[top.min(rows)..].iter().map(|v| v * v).sum(), rank: pivots.len() }
 }

@@ -54,8 +54,7 @@ fn is_stable(f: &[f64]) -> bool {
     a[..n].copy_from_slice(f);
     while n > 0 {
         let k = a[n - 1];
-        // NaN is not stable either.
-        if !(k.abs() < 1.0 - 1e-9) {
+        if k.is_nan() || k.abs() >= 1.0 - 1e-9 {
             return false;
         }
         let scale = 1.0 / (1.0 - k * k);
@@ -289,11 +288,10 @@ impl<'a> Problem<'a> {
                 filter(work.y, &f, &mut work.wf);
                 let first = nf.max(self.nk + nb - 1);
                 for t in first..work.y.len() {
-                    for i in 0..nf {
-                        columns[i].push(-work.wf[t - 1 - i]);
-                    }
-                    for j in 0..nb {
-                        columns[nf + j].push(work.uf[t - self.nk - j]);
+                    let past = (0..nf).map(|i| -work.wf[t - 1 - i]);
+                    let inputs = (0..nb).map(|j| work.uf[t - self.nk - j]);
+                    for (column, value) in columns.iter_mut().zip(past.chain(inputs)) {
+                        column.push(value);
                     }
                     target.push(work.wf[t]);
                 }

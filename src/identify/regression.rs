@@ -195,7 +195,7 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
 fn cholesky(gram: &DMatrix<f64>, rows: usize) -> Option<Triangle> {
     let n = gram.nrows();
     let norms: Vec<f64> = (0..n).map(|i| gram[(i, i)].max(0.0).sqrt()).collect();
-    if norms[..n - 1].iter().any(|&s| s == 0.0) {
+    if norms[..n - 1].contains(&0.0) {
         return None;
     }
     let mut r = DMatrix::zeros(n, n);
