@@ -23,10 +23,7 @@ pub struct Lqr {
 /// # Errors
 /// As [`dare`].
 pub fn dlqr(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix<f64>>) -> Result<Lqr, ModelError> {
-    let x = dare(a, b, q, r, n)?;
-    let k = gain(a, b, r, n, &x).ok_or(ModelError::IllConditioned { residual: f64::NAN })?;
-    let poles = zeros::eigenvalues(&(a - b * &k));
-    Ok(Lqr { k, x, poles })
+    solve(a, b, q, r, n)
 }
 
 /// (R + BᵀXB)⁻¹(BᵀXA + Nᵀ).
@@ -58,6 +55,11 @@ pub fn dare(
     r: &DMatrix<f64>,
     n: Option<&DMatrix<f64>>,
 ) -> Result<DMatrix<f64>, ModelError> {
+    Ok(solve(a, b, q, r, n)?.x)
+}
+
+/// The solution with its gain and closed loop, which prove it.
+fn solve(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix<f64>>) -> Result<Lqr, ModelError> {
     check(a, b, q, r, n)?;
     let order = a.nrows();
     let r_factor = r.clone().cholesky().ok_or_else(|| ModelError::WeightR { smallest: smallest_eigenvalue(r) })?;
@@ -88,26 +90,23 @@ pub fn dare(
             break;
         }
     }
-    let closed = |x: &DMatrix<f64>| {
-        let k = gain(a, b, r, n, x)?;
-        let loop_matrix = a - b * &k;
-        let radius = zeros::eigenvalues(&loop_matrix).iter().map(|p| p.norm()).fold(0.0, f64::max);
-        (radius < 1.0).then_some((k, loop_matrix))
-    };
-    let Some((k, loop_matrix)) = (if settled { closed(&hk) } else { None }) else {
+    let Some(k) = (if settled { gain(a, b, r, n, &hk) } else { None }) else {
         return Err(why_none(&a0, b, &q0, q, r, n));
     };
     // One Newton step: the correction solves a Stein equation with the closed loop.
-    let correction = stein(&loop_matrix, &residual(a, q, r, n, &hk, &k, b));
+    let correction = stein(&(a - b * &k), &residual(a, q, r, n, &hk, &k, b));
     let x = symmetric(&hk + correction);
-    let Some((k, _)) = closed(&x) else {
+    // The correction of a closed loop that is not stable overflows.
+    let gain = if x.iter().all(|v| v.is_finite()) { gain(a, b, r, n, &x) } else { None };
+    let closed = gain.map(|k| (zeros::eigenvalues(&(a - b * &k)), k)).filter(|(poles, _)| poles.iter().all(|p| p.norm() < 1.0));
+    let Some((poles, k)) = closed else {
         return Err(why_none(&a0, b, &q0, q, r, n));
     };
     let relative = residual(a, q, r, n, &x, &k, b).norm() / x.norm().max(q.norm()).max(f64::MIN_POSITIVE);
     if relative.is_nan() || relative > 1e-8 * (1.0 + a.norm().powi(2)) {
         return Err(ModelError::IllConditioned { residual: relative });
     }
-    Ok(x)
+    Ok(Lqr { k, x, poles })
 }
 
 /// The residual in the form that loses least: (A − BK)ᵀX(A − BK) + Q + KᵀRK − NK − KᵀNᵀ − X.
