@@ -75,7 +75,7 @@ impl Chunk<'_> {
     #[inline(always)]
     fn each(&mut self, start: usize, stop: usize) {
         let mut at = 0;
-        for task in self.tasks {
+        for task in self.tasks.iter().filter(|task| task.count > 0) {
             for t in start..stop {
                 let a = task.a[t];
                 let newest = t - task.from;
@@ -145,10 +145,10 @@ fn tile<S: Simd, const P: usize, const R: usize>(
     let mut acc = [[simd.splat_f64s(0.0); P]; R];
     // b[q] meets a[q + p + 1 − P]: all P of them inside the block, or those that are.
     let edge = |acc: &mut [[S::f64s; P]; R], q: usize| {
-        for p in 0..P {
-            if let Some(&left) = (q + p + 1).checked_sub(P).and_then(|m| a.get(m)) {
-                for r in 0..R {
-                    acc[r][p] = simd.mul_add_e_f64s(left, b[r][q], acc[r][p]);
+        for (row, right) in acc.iter_mut().zip(&b) {
+            for (p, sum) in row.iter_mut().enumerate() {
+                if let Some(&left) = (q + p + 1).checked_sub(P).and_then(|m| a.get(m)) {
+                    *sum = simd.mul_add_e_f64s(left, right[q], *sum);
                 }
             }
         }
@@ -199,6 +199,13 @@ pub(crate) fn lag_matrix(a: &[f64], b: Option<&[f64]>, first: usize, lags: (usiz
     }
 }
 
+/// Σ a(t)·b(t − lag), lag = 0 … lags − 1, signals being zero before t = 0.
+pub(super) fn lag_vector(a: &[f64], b: &[f64], lags: usize) -> Vec<f64> {
+    let padded = |x: &[f64]| [&vec![0.0; lags], x].concat();
+    let (a, b) = (padded(a), padded(b));
+    sums(&[Lags { a: &a, b: &b, from: 0, count: lags }], lags, a.len())
+}
+
 /// The lag matrices of a with itself, of a with b and of b with itself, in one pass over the signals.
 pub(super) fn lag_matrices(a: &[f64], b: &[f64], first: usize, lags: (usize, usize)) -> [DMatrix<f64>; 3] {
     let end = a.len();
@@ -216,11 +223,7 @@ pub(super) fn lag_matrices(a: &[f64], b: &[f64], first: usize, lags: (usize, usi
     let (aa, rest) = sums.split_at(lags.0);
     let (ab, rest) = rest.split_at(lags.1);
     let (ba, bb) = rest.split_at(lags.0 - 1);
-    [
-        fill(a, a, first, (lags.0, lags.0), aa, &aa[1..]),
-        fill(a, b, first, lags, ab, ba),
-        fill(b, b, first, (lags.1, lags.1), bb, &bb[1..]),
-    ]
+    [fill(a, a, first, (lags.0, lags.0), aa, &aa[1..]), fill(a, b, first, lags, ab, ba), fill(b, b, first, (lags.1, lags.1), bb, &bb[1..])]
 }
 
 /// Products with one lag 0 are given; every other follows from its neighbour one sample earlier by corrections at the two ends.
@@ -239,4 +242,32 @@ fn fill(a: &[f64], b: &[f64], first: usize, lags: (usize, usize), row: &[f64], c
         }
     }
     products
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Long enough for several chunks: the sums are the direct ones, and one thread finds the same bits as several.
+    #[test]
+    fn lag_sums_do_not_depend_on_the_number_of_threads() {
+        let signal = |step: usize| -> Vec<f64> { (0..2 * CHUNK + 777).map(|k| ((k * step) % 1009) as f64 / 500.0 - 1.0).collect() };
+        let (a, b) = (signal(7919), signal(104_729));
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| lag_matrices(&a, &b, 40, (11, 41)))
+        };
+        let one = run(1);
+        assert_eq!(one, run(3));
+        for (i, j) in [(0, 0), (0, 40), (10, 0), (7, 23)] {
+            let direct: f64 = (40..a.len()).map(|t| a[t - i] * b[t - j]).sum();
+            assert!((one[1][(i, j)] - direct).abs() < 1e-9 * a.len() as f64, "{i} {j}");
+        }
+    }
+
+    #[test]
+    fn lag_vectors_see_zeros_before_the_signal() {
+        let (a, b) = ([1.0, 2.0, 3.0], [1.0, 10.0, 100.0]);
+        assert_eq!(lag_vector(&a, &b, 4), [321.0, 32.0, 3.0, 0.0]);
+    }
 }

@@ -13,5 +13,5 @@ pub use oe::{Initial, MAX_ORDER as MAX_OE_ORDER, OeFit, OutputError};
 pub use regression::{Record, Regression};
 
 pub(crate) use fir::estimate as fir_or_rank;
-pub(crate) use oe::{largest_pole, power};
 pub(crate) use lag_products::lag_matrix;
+pub(crate) use oe::{largest_pole, power};
