@@ -10,7 +10,7 @@ use std::time::Instant;
 use deadtime::identify::{Initial, OutputError, Record, arx_scan, fir};
 use deadtime::model::c2d::{Conversion, ZeroOrderHold};
 use deadtime::model::{StateSpace, dlqr, uav};
-use deadtime::simulate::{Options, lsim};
+use deadtime::simulate::{Hold, Options, lsim};
 use deadtime::time::SampleTime;
 use nalgebra::DMatrix;
 
@@ -38,6 +38,8 @@ struct Request {
     r: Vec<Vec<f64>>,
     #[serde(default)]
     ts: f64,
+    #[serde(default)]
+    hold: Hold,
     #[serde(default)]
     max_delay: usize,
     #[serde(default)]
@@ -83,7 +85,8 @@ fn task(request: &Request) -> Result<Box<dyn Fn() -> Answer>, Box<dyn Error>> {
             let (sys, ts, u) = (uav::model(), sample_time()?, signal(&request.u)?);
             // One input after the other, as the matrix is stored.
             let u = DMatrix::from_vec(u.len() / sys.inputs(), sys.inputs(), u);
-            Box::new(move || Ok(lsim(&sys, &u, ts, &Options::default())?.y.data.into()))
+            let options = Options { hold: request.hold, ..Options::default() };
+            Box::new(move || Ok(lsim(&sys, &u, ts, &options)?.y.data.into()))
         }
         "arx" => {
             let records = records()?;

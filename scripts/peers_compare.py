@@ -185,49 +185,39 @@ def regulators(table, ours):
 
 def simulations(table, ours, rng):
     _, (a, b, c, d) = uav()
-    ts = 0.002
-    sys = control.ss(a, b, c, d)
-    sampled = scipy.signal.cont2discrete((a, b, c, d), ts, "zoh")
-    for samples in (150, LONG):
-        # The UAV is unstable: at a million samples a short step and a feedback that only the simulated input shows keep the numbers finite.
-        u = flown(sampled, rng, samples)
-        t = np.arange(samples) * ts
-        request = dict(task="lsim", u=ours.file(f"lsim{samples}", u.T), ts=ts)
-        result = ours.values(request).reshape(-1, samples)
-        # The input is held: python-control's forced_response of the sampled model, which is one matrix product a sample.
+    # The UAV is unstable: a short step keeps the numbers of the long record finite.
+    for samples, ts in ((150, 0.01), (LONG, 1e-4)):
+        sys = control.ss(a, b, c, d)
+        sampled = scipy.signal.cont2discrete((a, b, c, d), ts, "zoh")
         discrete = control.ss(*sampled[:4], ts)
-        # scipy's lsim holds the input, too (interp=False).
-        peers = {
-            "python-control `forced_response`, zoh model": (lambda: control.forced_response(discrete, t, u.T), 40, 1),
-            "python-control `forced_response`, continuous (linear input)": (lambda: control.forced_response(sys, t, u.T), 40, 1),
-            "scipy `lsim`, held input": (lambda: scipy.signal.lsim((a, b, c, d), u, t, interp=False), None, 1),
-            "scipy `dlsim`": (lambda: scipy.signal.dlsim((*sampled[:4], ts), u), None, 1),
-        }
-        outputs = [
-            control.forced_response(discrete, t, u.T).outputs,
-            None,
-            scipy.signal.lsim((a, b, c, d), u, t, interp=False)[1].T,
-            scipy.signal.dlsim((*sampled[:4], ts), u)[1].T,
-        ]
-        gaps = ["another input between samples" if y is None else gap(result, y) for y in outputs]
-        table.compare(f"lsim, 9-state UAV, {samples} samples", request, peers, dict(zip(peers, gaps)))
-
-
-def flown(sampled, rng, samples):
-    """Inputs under which the unstable UAV stays where it is: a random command plus state feedback, as flown."""
-    a, b = sampled[0], sampled[1]
-    x = scipy.linalg.solve_discrete_are(a, b, np.eye(a.shape[0]), np.eye(b.shape[1]))
-    k = np.linalg.solve(np.eye(b.shape[1]) + b.T @ x @ b, b.T @ x @ a)
-    u = rng.standard_normal((samples, b.shape[1])) * 0.01
-    if samples > 1000:
-        # An open-loop record this long would overflow: the unstable modes grow e-fold every 0.5 s or so.
-        u[:] = 0.0
-        return u
-    state = np.zeros(a.shape[0])
-    for row in u:
-        row -= k @ state
-        state = a @ state + b @ row
-    return u
+        u = rng.standard_normal((samples, b.shape[1]))
+        t = np.arange(samples) * ts
+        transposed = np.ascontiguousarray(u.T)
+        file = ours.file(f"lsim{samples}", transposed)
+        for hold, peers in (
+            (
+                "zero",
+                {
+                    "python-control `forced_response`, sampled model": (lambda: control.forced_response(discrete, t, transposed), 40, 1),
+                    "scipy `lsim`": (lambda: scipy.signal.lsim((a, b, c, d), u, t, interp=False), None, 1),
+                    "scipy `dlsim`": (lambda: scipy.signal.dlsim((*sampled[:4], ts), u), None, 1),
+                },
+            ),
+            (
+                "linear",
+                {
+                    "python-control `forced_response`, continuous model": (lambda: control.forced_response(sys, t, transposed), 40, 1),
+                    "scipy `lsim`": (lambda: scipy.signal.lsim((a, b, c, d), u, t, interp=True), None, 1),
+                },
+            ),
+        ):
+            request = dict(task="lsim", u=file, ts=ts, hold=hold)
+            result = ours.values(request).reshape(-1, samples)
+            gaps = {}
+            for peer, (function, _, _) in peers.items():
+                answer = function()
+                gaps[peer] = gap(result, answer.outputs if "control" in peer else answer[1].T)
+            table.compare(f"lsim, 9-state UAV, {samples} samples, {hold} hold", request, peers, gaps)
 
 
 def record(rng, samples, noise=0.05):
