@@ -2,6 +2,7 @@
 
 mod arx;
 mod fir;
+mod lag_products;
 mod least_squares;
 mod oe;
 mod regression;
@@ -12,5 +13,5 @@ pub use oe::{Initial, MAX_ORDER as MAX_OE_ORDER, OeFit, OutputError};
 pub use regression::{Record, Regression};
 
 pub(crate) use fir::estimate as fir_or_rank;
+pub(crate) use lag_products::lag_matrix;
 pub(crate) use oe::{largest_pole, power};
-pub(crate) use regression::lag_matrix;

@@ -1,10 +1,11 @@
 //! Output-error models y = B(q)/F(q) u(t − nk) + e, fitted for many delays at once.
 
 use nalgebra::{DMatrix, DVector};
+use pulp::{Arch, Simd, WithSimd};
 
-use super::least_squares;
+use super::lag_products::lag_vector;
 use super::regression::{Record, dot};
-use crate::fit::{LevenbergMarquardt, Normal, Stopped, polish};
+use crate::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
 
 /// What is assumed about the model's state when a record starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -113,6 +114,9 @@ struct Problem<'a> {
     records: Vec<Work<'a>>,
     /// Linear coefficients of the last evaluation: b, then the starts record by record.
     linear: DVector<f64>,
+    /// Σ y².
+    power: f64,
+    arch: Arch,
 }
 
 impl<'a> Problem<'a> {
@@ -130,7 +134,8 @@ impl<'a> Problem<'a> {
                 residual: vec![0.0; n],
             }
         };
-        Self { orders, nk: 0, records: records.iter().map(work).collect(), linear: DVector::zeros(0) }
+        let power = records.iter().map(|r| dot(&r.y, &r.y)).sum();
+        Self { orders, nk: 0, records: records.iter().map(work).collect(), linear: DVector::zeros(0), power, arch: Arch::new() }
     }
 
     fn linear_count(&self) -> usize {
@@ -222,10 +227,37 @@ impl<'a> Problem<'a> {
         Some((factor.inverse(), cost))
     }
 
-    /// Cost, gradient and information at F.
-    fn evaluate(&mut self, f: &[f64]) -> Option<Normal> {
+    /// The losses of all delays for filtered signals out of one correlation, good enough to rank starts; `None` but for one numerator coefficient, a start at
+    /// rest and no sample missing.
+    fn quick_costs(&self, max_delay: usize) -> Option<Vec<f64>> {
+        if self.orders.nb != 1 || self.orders.initial != Initial::Zero || self.records.iter().any(|r| r.weight.is_some()) {
+            return None;
+        }
+        let delays = max_delay + 1;
+        let (mut power, mut right, mut gram) = (0.0, vec![0.0; delays], vec![0.0; delays]);
+        for work in &self.records {
+            power += dot(work.y, work.y);
+            for (sum, value) in right.iter_mut().zip(lag_vector(work.y, &work.uf, delays)) {
+                *sum += value;
+            }
+            let (n, mut energy) = (work.uf.len(), dot(&work.uf, &work.uf));
+            for (nk, sum) in gram.iter_mut().enumerate().take(n) {
+                *sum += energy;
+                energy -= work.uf[n - 1 - nk].powi(2);
+            }
+        }
+        Some(right.iter().zip(&gram).map(|(r, g)| if *g > 0.0 { power - r * r / g } else { power }).collect())
+    }
+
+    /// Cost, gradient and information at F; may be `None` where the cost is not below `limit`.
+    fn evaluate(&mut self, f: &[f64], limit: f64) -> Option<Normal> {
         if !is_stable(f) {
             return None;
+        }
+        if let (&[f1, f2], 1, Initial::Zero) = (f, self.orders.nb, self.orders.initial)
+            && self.records.iter().all(|r| r.weight.is_none())
+        {
+            return self.evaluate_second_order(f1, f2, limit);
         }
         self.filter(f);
         let (inverse, cost) = self.project()?;
@@ -267,6 +299,12 @@ impl<'a> Problem<'a> {
         Some(Normal { cost, gradient, information })
     }
 
+    /// [`Self::evaluate`] for one numerator coefficient, two poles, a start at rest and no sample missing.
+    fn evaluate_second_order(&mut self, f1: f64, f2: f64, limit: f64) -> Option<Normal> {
+        let arch = self.arch;
+        arch.dispatch(SecondOrder { records: &mut self.records, nk: self.nk, f1, f2, power: self.power, limit })
+    }
+
     /// The loss alone.
     fn cost(&mut self, f: &[f64]) -> Option<f64> {
         if !is_stable(f) {
@@ -279,34 +317,123 @@ impl<'a> Problem<'a> {
     /// Steiglitz-McBride: ARX on signals filtered by the last 1/F.
     fn steiglitz_mcbride(&mut self, iterations: usize) -> Option<Vec<f64>> {
         let OutputError { nb, nf, .. } = self.orders;
+        let columns = nf + nb;
         let mut f = vec![0.0; nf];
         for _ in 0..iterations {
-            let mut columns: Vec<Vec<f64>> = vec![Vec::new(); nf + nb];
-            let mut target = Vec::new();
+            let mut gram = DMatrix::<f64>::zeros(columns, columns);
+            let mut right = DVector::<f64>::zeros(columns);
+            let mut rows = 0;
             for work in &mut self.records {
                 filter(work.u, &f, &mut work.uf);
                 filter(work.y, &f, &mut work.wf);
-                let first = nf.max(self.nk + nb - 1);
-                for t in first..work.y.len() {
-                    let past = (0..nf).map(|i| -work.wf[t - 1 - i]);
-                    let inputs = (0..nb).map(|j| work.uf[t - self.nk - j]);
-                    for (column, value) in columns.iter_mut().zip(past.chain(inputs)) {
-                        column.push(value);
+                let (first, end) = (nf.max(self.nk + nb - 1), work.y.len());
+                if end <= first {
+                    continue;
+                }
+                rows += end - first;
+                let (uf, wf, nk) = (&work.uf, &work.wf, self.nk);
+                // −y(t − 1) … −y(t − nf), u(t − nk) …
+                let column =
+                    |c: usize| if c < nf { &wf[first - 1 - c..end - 1 - c] } else { &uf[first - nk - (c - nf)..end - nk - (c - nf)] };
+                let sign = |c: usize| if c < nf { -1.0 } else { 1.0 };
+                for i in 0..columns {
+                    right[i] += sign(i) * dot(column(i), &wf[first..]);
+                    for j in 0..=i {
+                        gram[(i, j)] += sign(i) * sign(j) * dot(column(i), column(j));
                     }
-                    target.push(work.wf[t]);
                 }
             }
-            if target.len() <= nf + nb {
+            if rows <= columns {
                 return None;
             }
-            let small: Vec<f64> = columns.iter().map(|c| 1e-11 * c.iter().map(|v| v * v).sum::<f64>().sqrt()).collect();
-            let solved = least_squares::solve(&mut columns, &mut target, &small);
-            let next = solved.coefficients[..nf].to_vec();
-            f = stabilised(next)?;
+            // Only a start is wanted: a ridge of rounding size stands for a rank decision. The lower triangle is all that is read.
+            for i in 0..columns {
+                gram[(i, i)] += 1e-14 * gram[(i, i)] + f64::MIN_POSITIVE;
+            }
+            let solved = gram.cholesky()?.solve(&right);
+            f = stabilised(solved.as_slice()[..nf].to_vec())?;
         }
         Some(f)
     }
 }
+
+/// One evaluation of y = b/(1 + f₁q⁻¹ + f₂q⁻²) u(t − nk), in two passes over the records.
+struct SecondOrder<'a, 'b> {
+    records: &'a mut [Work<'b>],
+    nk: usize,
+    f1: f64,
+    f2: f64,
+    power: f64,
+    limit: f64,
+}
+
+impl WithSimd for SecondOrder<'_, '_> {
+    type Output = Option<Normal>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Option<Normal> {
+        // Fused where the processor can, which it can wherever it has vectors of four: the recursion waits for half as long.
+        let fused = |a: f64, b: f64, c: f64| if S::F64_LANES >= 4 { a.mul_add(b, c) } else { a * b + c };
+        let Self { records, nk, f1, f2, power, limit } = self;
+        let (mut gram, mut right) = (0.0, 0.0);
+        for work in records.iter_mut() {
+            let delayed = work.y.get(nk..).unwrap_or_default();
+            let (mut x1, mut x2) = (0.0, 0.0);
+            for ((to, &u), &y) in work.uf.iter_mut().zip(work.u).zip(delayed) {
+                let x = fused(-f1, x1, fused(-f2, x2, u));
+                (x2, x1) = (x1, x);
+                *to = x;
+                gram = fused(x, x, gram);
+                right = fused(x, y, right);
+            }
+        }
+        // As in `project`.
+        let ridged = gram + (1e-13 * gram + f64::MIN_POSITIVE);
+        let b = right / ridged;
+        // By Pythagoras, with room for its rounding.
+        if power - b * right > limit + 1e-9 * power {
+            return None;
+        }
+        let (mut cost, mut gradient, mut information, mut cross) = (0.0, [0.0; 2], [0.0; 3], [0.0; 2]);
+        for work in records.iter() {
+            let (before, delayed) = work.y.split_at(nk.min(work.y.len()));
+            cost += dot(before, before);
+            let (mut w1, mut w2) = (0.0, 0.0);
+            for (&x, &y) in work.uf.iter().zip(delayed) {
+                let model = b * x;
+                let r = y - model;
+                cost = fused(r, r, cost);
+                gradient[0] = fused(w1, r, gradient[0]);
+                gradient[1] = fused(w2, r, gradient[1]);
+                information[0] = fused(w1, w1, information[0]);
+                information[1] = fused(w1, w2, information[1]);
+                information[2] = fused(w2, w2, information[2]);
+                cross[0] = fused(x, w1, cross[0]);
+                cross[1] = fused(x, w2, cross[1]);
+                let w = fused(-f1, w1, fused(-f2, w2, model));
+                (w2, w1) = (w1, w);
+            }
+        }
+        let projected = |i: usize, j: usize| information[i + j] - cross[i] * cross[j] / ridged;
+        ridged.is_finite().then(|| Normal {
+            cost,
+            gradient: DVector::from_column_slice(&gradient),
+            information: DMatrix::from_fn(2, 2, projected),
+        })
+    }
+}
+
+/// The search has come back to a known minimum: its loss is hardly above it, and the quadratic model says that nothing lies between.
+fn is_same_minimum(f: &[f64], normal: &Normal, known: &Fit) -> bool {
+    let excess = NEAR * known.normal.cost;
+    let away = DVector::from_iterator(f.len(), f.iter().zip(&known.parameters).map(|(a, b)| a - b));
+    normal.cost >= known.normal.cost
+        && normal.cost - known.normal.cost <= excess
+        && (&known.normal.information * &away).dot(&away) <= 2.0 * excess
+}
+
+/// A loss this close to a minimum, relative, with parameters that explain it, belongs to that minimum.
+const NEAR: f64 = 1e-5;
 
 /// The polynomial, its roots pulled in by a common factor until they are inside the unit circle.
 fn stabilised(mut f: Vec<f64>) -> Option<Vec<f64>> {
@@ -357,12 +484,11 @@ impl OutputError {
     #[must_use]
     pub fn scan(&self, records: &[Record], max_delay: usize) -> Vec<Option<OeFit>> {
         let mut problem = Problem::new(*self, records);
-        let power: f64 = records.iter().map(|r| dot(&r.y, &r.y)).sum();
         let search = LevenbergMarquardt {
             max_iterations: 60,
             gradient_tolerance: 1e-9,
             step_tolerance: 1e-9,
-            cost_floor: 1e-28 * power,
+            cost_floor: 1e-28 * problem.power,
             ..LevenbergMarquardt::default()
         };
         let seeds = self.seeds(&mut problem, max_delay);
@@ -386,7 +512,20 @@ impl OutputError {
                     if known {
                         continue;
                     }
-                    let fit = search.minimise(start, |f| problem.evaluate(f));
+                    let known = best[nk].as_ref().filter(|fit| fit.stopped.converged());
+                    let (mut returned, mut lowest) = (false, f64::INFINITY);
+                    let fit = search.minimise(start, |f| {
+                        let mut normal = problem.evaluate(f, lowest)?;
+                        lowest = lowest.min(normal.cost);
+                        if known.is_some_and(|known| is_same_minimum(f, &normal, known)) {
+                            returned = true;
+                            normal.gradient.fill(0.0);
+                        }
+                        Some(normal)
+                    });
+                    if returned {
+                        continue;
+                    }
                     if fit.stopped != Stopped::Undefined
                         && best[nk].as_ref().is_none_or(|b| fit.normal.cost < b.normal.cost * (1.0 - 1e-12))
                     {
@@ -403,7 +542,7 @@ impl OutputError {
                 problem.nk = nk;
                 // A model too small for its delay leaves large residuals, where Kaufman's approximation converges slowly.
                 if matches!(fit.stopped, Stopped::Step | Stopped::Iterations) {
-                    fit = polish(fit, |f| problem.evaluate(f));
+                    fit = polish(fit, |f| problem.evaluate(f, f64::INFINITY));
                 }
                 problem.cost(&fit.parameters)?;
                 let b = problem.linear.iter().take(self.nb).copied().collect();
@@ -429,9 +568,14 @@ impl OutputError {
                 continue;
             }
             problem.filter(&f);
+            let quick = problem.quick_costs(max_delay);
             for (nk, entries) in ranked.iter_mut().enumerate() {
                 problem.nk = nk;
-                if let Some((_, cost)) = problem.project().filter(|(_, c)| c.is_finite()) {
+                let cost = match &quick {
+                    Some(costs) => Some(costs[nk]),
+                    None => problem.project().map(|(_, cost)| cost),
+                };
+                if let Some(cost) = cost.filter(|c| c.is_finite()) {
                     entries.push((cost, f.clone()));
                 }
             }
@@ -507,7 +651,7 @@ mod tests {
                 let mut problem = Problem::new(OutputError { nb: 2, nf: 2, initial }, &records);
                 problem.nk = 1;
                 let at = [-0.9, 0.3];
-                let normal = problem.evaluate(&at).unwrap();
+                let normal = problem.evaluate(&at, f64::INFINITY).unwrap();
                 for i in 0..2 {
                     let mut shifted = at;
                     let h = 1e-6;
@@ -519,6 +663,31 @@ mod tests {
                     assert!((normal.gradient[i] - numeric).abs() < 1e-6 * numeric.abs().max(1.0), "{} {numeric}", normal.gradient[i]);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn the_two_pass_evaluation_agrees_with_the_general_one() {
+        let u: Vec<f64> = (0..200).map(|k| f64::from((k * 7919 % 13) as u8) - 6.0).collect();
+        let mut y = vec![0.0; 200];
+        filter(&u, &[-1.2, 0.5], &mut y);
+        let noisy: Vec<f64> = y.iter().enumerate().map(|(k, v)| v + ((k * 31 % 17) as f64 - 8.0) * 0.3).collect();
+        // Weights that are all 1 lead through the general evaluation.
+        let records = [Record::new(u.clone(), noisy.clone()), Record::new(u[..90].to_vec(), noisy[..90].to_vec())];
+        let weighted = records.clone().map(|r| Record { present: Some(vec![true; r.len()]), ..r });
+        let orders = OutputError { nb: 1, nf: 2, initial: Initial::Zero };
+        let (mut quick, mut general) = (Problem::new(orders, &records), Problem::new(orders, &weighted));
+        for nk in [0, 3, 120] {
+            (quick.nk, general.nk) = (nk, nk);
+            let at = [-0.9, 0.3];
+            let (a, b) = (quick.evaluate(&at, f64::INFINITY).unwrap(), general.evaluate(&at, f64::INFINITY).unwrap());
+            assert!((a.cost - b.cost).abs() < 1e-12 * b.cost);
+            assert!((&a.gradient - &b.gradient).amax() < 1e-10 * b.gradient.amax());
+            assert!((&a.information - &b.information).amax() < 1e-10 * b.information.amax());
+            assert!(quick.evaluate(&at, 0.5 * b.cost).is_none());
+            quick.filter(&at);
+            let ranked = quick.quick_costs(nk).unwrap()[nk];
+            assert!((ranked - b.cost).abs() < 1e-10 * b.cost);
         }
     }
 }

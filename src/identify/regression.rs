@@ -2,6 +2,8 @@
 
 use nalgebra::DMatrix;
 
+use super::lag_products::lag_matrices;
+
 /// One record of one input and one output on an even grid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {
@@ -122,9 +124,9 @@ impl Regression {
                 }
             }
         };
-        put(&outputs, &outputs, &lag_matrix(y, None, first, (self.na + 1, self.na + 1)));
-        put(&inputs, &inputs, &lag_matrix(u, None, first, (self.lags, self.lags)));
-        let cross = lag_matrix(y, Some(u), first, (self.na + 1, self.lags));
+        let [past, cross, input] = lag_matrices(y, u, first, (self.na + 1, self.lags));
+        put(&outputs, &outputs, &past);
+        put(&inputs, &inputs, &input);
         put(&outputs, &inputs, &cross);
         put(&inputs, &outputs, &cross.transpose());
     }
@@ -176,78 +178,6 @@ impl Regression {
 
 /// Rows that one QR step takes in.
 const ROWS: usize = 256;
-/// Samples that one pass of lag products keeps in cache.
-const BLOCK: usize = 2048;
-
-/// Σ over t = first … of a(t − i)·b(t − j), i and j below the two `lags`; without b, of a with itself.
-///
-/// Products with one lag 0 are summed; every other follows from its neighbour one sample earlier by corrections at the two ends.
-pub(crate) fn lag_matrix(a: &[f64], b: Option<&[f64]>, first: usize, lags: (usize, usize)) -> DMatrix<f64> {
-    let mut products = DMatrix::zeros(lags.0, lags.1);
-    let end = a.len();
-    if lags.0 == 0 || lags.1 == 0 || end <= first {
-        return products;
-    }
-    let (mut row, mut column) = (vec![0.0; lags.1], vec![0.0; lags.0 - 1]);
-    let right = b.unwrap_or(a);
-    for start in (first..end).step_by(BLOCK) {
-        let stop = (start + BLOCK).min(end);
-        lag_products(&a[start..stop], right, start, 0, &mut row);
-        if b.is_some() {
-            lag_products(&right[start..stop], a, start, 1, &mut column);
-        }
-    }
-    if b.is_none() {
-        column.copy_from_slice(&row[1..]);
-    }
-    for (j, value) in row.into_iter().enumerate() {
-        products[(0, j)] = value;
-    }
-    for (i, value) in column.into_iter().enumerate() {
-        products[(i + 1, 0)] = value;
-    }
-    for j in 1..lags.1 {
-        for i in 1..lags.0 {
-            products[(i, j)] = products[(i - 1, j - 1)] + a[first - i] * right[first - j] - a[end - i] * right[end - j];
-        }
-    }
-    products
-}
-
-/// Adds Σ a[k]·b[start + k − lag] to `sums[lag − from]` for every lag.
-fn lag_products(a: &[f64], b: &[f64], start: usize, from: usize, sums: &mut [f64]) {
-    let mut lags = sums.chunks_exact_mut(4);
-    let mut lag = from;
-    for group in &mut lags {
-        let shifted = [0, 1, 2, 3].map(|i| &b[start - lag - i..start - lag - i + a.len()]);
-        for (sum, product) in group.iter_mut().zip(products4(a, shifted)) {
-            *sum += product;
-        }
-        lag += 4;
-    }
-    for sum in lags.into_remainder() {
-        *sum += dot(a, &b[start - lag..start - lag + a.len()]);
-        lag += 1;
-    }
-}
-
-/// Four dot products with one left side, in independent partial sums so that they vectorise.
-fn products4(a: &[f64], b: [&[f64]; 4]) -> [f64; 4] {
-    const LANES: usize = 4;
-    let mut sums = [[0.0; LANES]; 4];
-    let whole = a.len() / LANES * LANES;
-    for k in (0..whole).step_by(LANES) {
-        let left: [f64; LANES] = std::array::from_fn(|l| a[k + l]);
-        for (sum, right) in sums.iter_mut().zip(b) {
-            let right = &right[k..k + LANES];
-            for l in 0..LANES {
-                sum[l] += left[l] * right[l];
-            }
-        }
-    }
-    std::array::from_fn(|i| sums[i].iter().sum::<f64>() + (whole..a.len()).map(|k| a[k] * b[i][k]).sum::<f64>())
-}
-
 /// Σ a·b in eight partial sums.
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 8];

@@ -23,10 +23,7 @@ pub struct Lqr {
 /// # Errors
 /// As [`dare`].
 pub fn dlqr(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix<f64>>) -> Result<Lqr, ModelError> {
-    let x = dare(a, b, q, r, n)?;
-    let k = gain(a, b, r, n, &x).ok_or(ModelError::IllConditioned { residual: f64::NAN })?;
-    let poles = zeros::eigenvalues(&(a - b * &k));
-    Ok(Lqr { k, x, poles })
+    solve(a, b, q, r, n)
 }
 
 /// (R + BᵀXB)⁻¹(BᵀXA + Nᵀ).
@@ -62,14 +59,20 @@ pub fn dare(
     r: &DMatrix<f64>,
     n: Option<&DMatrix<f64>>,
 ) -> Result<DMatrix<f64>, ModelError> {
+    Ok(solve(a, b, q, r, n)?.x)
+}
+
+/// The solution with its gain and closed loop, which prove it.
+fn solve(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix<f64>>) -> Result<Lqr, ModelError> {
     check(a, b, q, r, n)?;
-    let order = a.nrows();
+    let (order, inputs) = (a.nrows(), b.ncols());
     if order == 0 {
-        return Ok(DMatrix::zeros(0, 0));
+        return Ok(Lqr { k: DMatrix::zeros(inputs, 0), x: DMatrix::zeros(0, 0), poles: Vec::new() });
     }
-    if b.ncols() == 0 {
+    if inputs == 0 {
         // Nothing to steer with: as an input that moves nothing.
-        return dare(a, &DMatrix::zeros(order, 1), q, &DMatrix::identity(1, 1), None);
+        let still = solve(a, &DMatrix::zeros(order, 1), q, &DMatrix::identity(1, 1), None)?;
+        return Ok(Lqr { k: DMatrix::zeros(0, order), ..still });
     }
     let r_factor = r.clone().cholesky().ok_or_else(|| ModelError::WeightR { smallest: smallest_eigenvalue(r) })?;
     // The cross term goes into A and Q: u = v − R⁻¹Nᵀx.
@@ -81,36 +84,30 @@ pub fn dare(
         }
     };
     let g0 = symmetric(b * r_factor.solve(&b.transpose()));
-    let closed = |x: &DMatrix<f64>| {
+    let polished = |first: DMatrix<f64>| {
+        let k = gain(a, b, r, n, &first)?;
+        // One Newton step: the correction solves a Stein equation with the closed loop; that of a loop that is not stable overflows.
+        let correction = stein(&(a - b * &k), &residual(a, q, r, n, &first, &k, b));
+        let x = symmetric(first + correction);
         // Where R + BᵀXB is not positive the stationary point is no minimum.
-        (r + b.transpose() * x * b).cholesky()?;
-        let k = gain(a, b, r, n, x)?;
-        let loop_matrix = a - b * &k;
-        (radius(&loop_matrix) < 1.0).then_some((k, loop_matrix))
+        (r + b.transpose() * &x * b).cholesky()?;
+        let k = gain(a, b, r, n, &x)?;
+        let poles = zeros::eigenvalues(&(a - b * &k));
+        poles.iter().all(|p| p.norm() < 1.0).then_some(Lqr { k, x, poles })
     };
-    let found = doubling(&a0, &g0, &q0).and_then(|x| closed(&x).map(|(k, l)| (x, k, l)));
-    let (first, k, loop_matrix) = match found {
-        Some(found) => found,
+    let lqr = match doubling(&a0, &g0, &q0).and_then(polished) {
+        Some(lqr) => lqr,
         None => match why_none(&a0, b, &q0, q, r, n) {
             // No assumption fails: an unstable mode that costs nothing, which doubling leaves alone.
-            ModelError::IllConditioned { residual } => {
-                let x = policy_iteration(&a0, b, &q0, r, &g0).ok_or(ModelError::IllConditioned { residual })?;
-                closed(&x).map(|(k, l)| (x, k, l)).ok_or(ModelError::IllConditioned { residual })?
-            }
+            ill @ ModelError::IllConditioned { .. } => policy_iteration(&a0, b, &q0, r, &g0).and_then(polished).ok_or(ill)?,
             reason => return Err(reason),
         },
     };
-    // One Newton step: the correction solves a Stein equation with the closed loop.
-    let correction = stein(&loop_matrix, &residual(a, q, r, n, &first, &k, b));
-    let x = symmetric(first + correction);
-    let Some((k, _)) = closed(&x) else {
-        return Err(why_none(&a0, b, &q0, q, r, n));
-    };
-    let relative = residual(a, q, r, n, &x, &k, b).norm() / x.norm().max(q.norm()).max(f64::MIN_POSITIVE);
+    let relative = residual(a, q, r, n, &lqr.x, &lqr.k, b).norm() / lqr.x.norm().max(q.norm()).max(f64::MIN_POSITIVE);
     if relative.is_nan() || relative > 1e-8 * (1.0 + a.norm().powi(2)) {
         return Err(ModelError::IllConditioned { residual: relative });
     }
-    Ok(x)
+    Ok(lqr)
 }
 
 /// The smallest nonnegative solution for A, G = BR⁻¹Bᵀ and Q, by doubling: the stabilising one where Q sees every unstable mode.

@@ -1,6 +1,7 @@
 //! Response of a linear model to a sampled input.
 
 use nalgebra::{DMatrix, DVector};
+use pulp::{Arch, Simd, WithSimd};
 
 use super::{Hold, SimulateError};
 use crate::model::c2d::{delayed_taps, transition};
@@ -75,44 +76,189 @@ impl Recursion {
         let samples = u.nrows();
         let n = self.states;
         let outputs = self.ends.len() - n;
-        let (mut y, mut x) = (DMatrix::zeros(samples, outputs), DMatrix::zeros(samples, n));
-        let mut from = vec![0.0; n + self.taps.len()];
+        // Zeroed memory that is first touched where it is written.
+        let (mut y, mut x) = (vec![0.0; samples * outputs], vec![0.0; samples * n]);
+        let arch = Arch::new();
+        let dense = Dense::new(self);
+        let (width, stride) = (self.taps.len(), dense.stride);
+        let mut taps = vec![0.0; BLOCK * width];
+        // The first row holds the state that a block starts from.
+        let mut rows = vec![0.0; (BLOCK + 1) * stride];
         if let Some(x0) = initial {
-            from[..n].copy_from_slice(x0.as_slice());
+            rows[..n].copy_from_slice(x0.as_slice());
         }
-        let mut to = vec![0.0; n];
-        let columns: Vec<&[f64]> = self.taps.iter().map(|&(input, _)| &u.as_slice()[input * samples..(input + 1) * samples]).collect();
-        for k in 0..samples {
-            for ((value, column), &(_, lag)) in from[n..].iter_mut().zip(&columns).zip(&self.taps) {
-                *value = match k.checked_add_signed(-lag) {
-                    Some(at) if at < samples => column[at],
-                    Some(_) => column[samples - 1],
-                    None if prehistory == Prehistory::Held => column[0],
-                    None => 0.0,
-                };
+        if samples > 0 {
+            for (i, &value) in rows[..n].iter().enumerate() {
+                x[i * samples] = value;
             }
-            let mut start = 0;
-            for (row, &end) in self.ends.iter().enumerate() {
-                let sum: f64 = self.terms[start..end].iter().map(|&(at, coefficient)| coefficient * from[at as usize]).sum();
-                start = end;
-                if row < n {
-                    to[row] = sum;
-                } else {
-                    y[(k, row - n)] = sum;
+        }
+        for start in (0..samples).step_by(BLOCK) {
+            let count = BLOCK.min(samples - start);
+            for (t, &(input, lag)) in self.taps.iter().enumerate() {
+                let column = &u.as_slice()[input * samples..(input + 1) * samples];
+                let past = start.checked_add_signed(-lag).and_then(|from| column.get(from..from + count));
+                if let Some(past) = past {
+                    for (k, &value) in past.iter().enumerate() {
+                        taps[k * width + t] = value;
+                    }
+                    continue;
+                }
+                for k in 0..count {
+                    taps[k * width + t] = match (start + k).checked_add_signed(-lag) {
+                        Some(at) if at < samples => column[at],
+                        Some(_) => column[samples - 1],
+                        None if prehistory == Prehistory::Held => column[0],
+                        None => 0.0,
+                    };
                 }
             }
-            for (i, (state, next)) in from[..n].iter_mut().zip(&to).enumerate() {
-                x[(k, i)] = *state;
-                *state = *next;
+            arch.dispatch(Steps { dense: &dense, taps: &taps, count, rows: &mut rows });
+            // Row k of the block holds x[start + k + 1], then y[start + k].
+            let block = &rows[stride..(count + 1) * stride];
+            let known = count.min(samples - start - 1);
+            let mut finite = true;
+            for i in 0..n {
+                let to = i * samples + start + 1;
+                let to = &mut x[to..to + known];
+                for (to, row) in to.iter_mut().zip(block.chunks_exact(stride)) {
+                    *to = row[i];
+                }
+                finite &= to.iter().fold(true, |finite, value| finite & value.is_finite());
             }
-            // One look per sample: an infinite or undefined state stays so.
-            if from[..n].iter().any(|v| !v.is_finite()) && k + 1 < samples {
+            for i in 0..outputs {
+                let to = i * samples + start;
+                for (to, row) in y[to..to + count].iter_mut().zip(block.chunks_exact(stride)) {
+                    *to = row[n + i];
+                }
+            }
+            if !finite {
+                let first = block.chunks_exact(stride).position(|row| row[..n].iter().any(|v| !v.is_finite())).unwrap_or(0);
                 #[allow(clippy::cast_precision_loss)]
-                return Err(SimulateError::Explodes { time_s: (k + 1) as f64 * ts });
+                return Err(SimulateError::Explodes { time_s: (start + first + 1) as f64 * ts });
             }
+            rows.copy_within(count * stride..(count + 1) * stride, 0);
         }
-        Ok(Response { y, x })
+        Ok(Response { y: DMatrix::from_vec(samples, outputs, y), x: DMatrix::from_vec(samples, n, x) })
     }
+}
+
+/// Samples between two looks at whether the state is still finite.
+const BLOCK: usize = 128;
+/// Numbers of a row that are stepped together; a multiple of every vector length.
+const PAD: usize = 8;
+
+/// The recursion as columns of a padded matrix, or by its terms where it is large and mostly zeros.
+struct Dense<'a> {
+    of: &'a Recursion,
+    /// Length of a padded column.
+    stride: usize,
+    /// One padded column per state, then per tap; empty where the terms are fewer.
+    columns: Vec<f64>,
+}
+
+impl<'a> Dense<'a> {
+    fn new(of: &'a Recursion) -> Self {
+        let stride = of.ends.len().max(1).next_multiple_of(PAD);
+        let size = stride * (of.states + of.taps.len());
+        if stride > 4 * PAD || size > 8 * of.terms.len() {
+            return Self { of, stride, columns: Vec::new() };
+        }
+        let mut columns = vec![0.0; size];
+        let mut start = 0;
+        for (row, &end) in of.ends.iter().enumerate() {
+            for &(at, coefficient) in &of.terms[start..end] {
+                columns[at as usize * stride + row] = coefficient;
+            }
+            start = end;
+        }
+        Self { of, stride, columns }
+    }
+}
+
+/// One block of samples: row k + 1 of `rows` becomes x\[k+1\], y\[k\]; row 0 starts with x\[0\].
+struct Steps<'a> {
+    dense: &'a Dense<'a>,
+    taps: &'a [f64],
+    count: usize,
+    rows: &'a mut [f64],
+}
+
+impl WithSimd for Steps<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        match (self.dense.columns.is_empty(), self.dense.stride / S::F64_LANES) {
+            (false, 1) => self.dense::<S, 1>(simd),
+            (false, 2) => self.dense::<S, 2>(simd),
+            (false, 3) => self.dense::<S, 3>(simd),
+            (false, 4) => self.dense::<S, 4>(simd),
+            (false, 6) => self.dense::<S, 6>(simd),
+            (false, 8) => self.dense::<S, 8>(simd),
+            _ => self.by_terms(),
+        }
+    }
+}
+
+impl Steps<'_> {
+    /// V vectors of rows; the taps first, which do not wait for the state.
+    #[inline(always)]
+    fn dense<S: Simd, const V: usize>(self, simd: S) {
+        let (n, stride) = (self.dense.of.states, self.dense.stride);
+        let (columns, _) = S::as_simd_f64s(&self.dense.columns);
+        let (states, inputs) = columns.split_at(n * V);
+        let zero = simd.splat_f64s(0.0);
+        let width = self.dense.of.taps.len();
+        let mut rows = self.rows.chunks_exact_mut(stride).take(self.count + 1);
+        let Some(mut state) = rows.next() else { return };
+        for (k, row) in rows.enumerate() {
+            let taps = &self.taps[k * width..(k + 1) * width];
+            let driven = combine::<S, V>(simd, inputs, taps, [[zero; V]; 2]);
+            let sum = combine::<S, V>(simd, states, &state[..n], driven);
+            let (to, _) = S::as_mut_simd_f64s(row);
+            for v in 0..V {
+                to[v] = simd.add_f64s(sum[0][v], sum[1][v]);
+            }
+            state = row;
+        }
+    }
+
+    fn by_terms(self) {
+        let Recursion { ends, terms, taps, states } = self.dense.of;
+        let mut rows = self.rows.chunks_exact_mut(self.dense.stride).take(self.count + 1);
+        let Some(mut state) = rows.next() else { return };
+        for (k, row) in rows.enumerate() {
+            let taps = &self.taps[k * taps.len()..(k + 1) * taps.len()];
+            let value = |at: u32| state[..*states].get(at as usize).or_else(|| taps.get(at as usize - states)).copied().unwrap_or(0.0);
+            let mut start = 0;
+            for (to, &end) in row.iter_mut().zip(ends) {
+                *to = terms[start..end].iter().map(|&(at, coefficient)| coefficient * value(at)).sum();
+                start = end;
+            }
+            state = row;
+        }
+    }
+}
+
+/// Σ columns·values on top of two partial sums, which halve the wait for each other.
+#[inline(always)]
+fn combine<S: Simd, const V: usize>(simd: S, columns: &[S::f64s], values: &[f64], mut sum: [[S::f64s; V]; 2]) -> [[S::f64s; V]; 2] {
+    let (pairs, of_pairs) = (values.chunks_exact(2), columns.chunks_exact(2 * V));
+    let (last, of_last) = (pairs.remainder(), of_pairs.remainder());
+    for (values, columns) in pairs.zip(of_pairs) {
+        let (even, odd) = (simd.splat_f64s(values[0]), simd.splat_f64s(values[1]));
+        for v in 0..V {
+            sum[0][v] = simd.mul_add_e_f64s(columns[v], even, sum[0][v]);
+            sum[1][v] = simd.mul_add_e_f64s(columns[V + v], odd, sum[1][v]);
+        }
+    }
+    if let (&[value], true) = (last, of_last.len() >= V) {
+        let value = simd.splat_f64s(value);
+        for v in 0..V {
+            sum[0][v] = simd.mul_add_e_f64s(of_last[v], value, sum[0][v]);
+        }
+    }
+    sum
 }
 
 fn check(u: &DMatrix<f64>, inputs: usize, states: usize, options: &Options) -> Result<(), SimulateError> {
