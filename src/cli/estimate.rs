@@ -68,11 +68,13 @@ impl Estimate {
             detrend: self.detrend,
         };
         let (report, preamble) = job.run()?;
-        println!("{preamble}");
-        print!("{}", report.text());
+        // The file first: whoever closes the pipe still gets it.
         if let Some(path) = &self.json {
             write_json(path, &report)?;
-            println!("\nWritten: {}", path.display());
+        }
+        say!("{preamble}\n{}", report.text().trim_end());
+        if let Some(path) = &self.json {
+            say!("\nWritten: {}", path.display());
         }
         Ok(())
     }
@@ -133,6 +135,8 @@ pub(super) struct Job {
 impl Job {
     /// The report, and a sentence on what was searched and assumed.
     pub(super) fn run(&self) -> anyhow::Result<(Report, String)> {
+        // Checked as logged first, so that a message shows the values that are in the file.
+        Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, Detrend::None)?.check().with_context(|| self.name.clone())?;
         let mut experiment = Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, self.detrend)?;
         experiment.check().with_context(|| self.name.clone())?;
         let ts = experiment.sample_time;
