@@ -18,8 +18,10 @@ use crate::identify::{Record, arx_scan};
 /// # Example
 /// ```
 /// use deadtime::delay::{Arxstruc, DelayEstimator, Experiment, Search};
+/// use deadtime::signal::{Excitation, excitation::Rbs};
 /// use deadtime::time::SampleTime;
-/// let u: Vec<f64> = (0..400).map(|k: i32| f64::from(k * k % 7 - 3)).collect();
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
 /// let mut y = vec![0.0; 400];
 /// for t in 5..400 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold

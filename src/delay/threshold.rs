@@ -32,9 +32,11 @@ pub enum Records {
 /// # Example
 /// ```
 /// use deadtime::delay::{DelayEstimator, Experiment, Search, Threshold};
+/// use deadtime::signal::{Excitation, excitation::Rbs};
 /// use deadtime::time::SampleTime;
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 /// let noise = |k: i32| f64::from((k * 7919 + k * k * 31) % 101 - 50) * 1e-3;
-/// let u: Vec<f64> = (0..600).map(|k: i32| if (k * k * 17 + k / 3) % 5 < 2 { 1.0 } else { -1.0 }).collect();
+/// let u = Rbs::default().generate(600, &mut ChaCha8Rng::seed_from_u64(1))?;
 /// let mut y = vec![0.0; 600];
 /// for t in 5..600 {
 ///     y[t] = 0.6 * y[t - 1] + u[t - 5] + noise(t as i32); // four samples of delay and one of the hold
