@@ -61,7 +61,7 @@ impl C2d {
         match &self.out {
             Some(path) => {
                 result.write(path)?;
-                println!(
+                say!(
                     "{}: {} by {} every {} s, {} states, {}; written to {}",
                     about(),
                     file.name,

@@ -40,10 +40,10 @@ impl Demo {
         }
         let model = ModelFile::read(&file("uav_lateral_stabilised.toml"))?;
 
-        println!(
+        say!(
             "1. How long is the dead time? A simulated UAV flies on a random binary roll command r; roll rate p, side acceleration ay and"
         );
-        println!(
+        say!(
             "   the states were logged, with noise. The command reached the vehicle late: by {TRUTH_S} s, which the methods are not told.\n"
         );
         let job = Job {
@@ -58,20 +58,20 @@ impl Demo {
             detrend: Detrend::Mean,
         };
         let (report, preamble) = job.run()?;
-        println!("{preamble}");
-        print!("{}", report.text());
+        say!("{preamble}");
+        say!("{}", report.text().trim_end());
         write_json(Some(&file("estimate.json")), &report)?;
         job.draw(&report, &file("estimate.svg"))?;
         write_json(json, &report)?;
-        println!(
+        say!(
             "\n   The truth is {TRUTH_S} s, six samples and a half. Methods that count samples can only come to within one; the one that knows the"
         );
-        println!("   dynamics and sees the states resolves the half sample. Their intervals say so.");
+        say!("   dynamics and sees the states resolves the half sample. Their intervals say so.");
 
-        println!(
+        say!(
             "\n2. Which method may be trusted to say so? The same vehicle again, {TRIALS} records for each of four delays that are injected and"
         );
-        println!("   so are known; output p, 600 samples, the same noise.\n");
+        say!("   so are known; output p, 600 samples, the same noise.\n");
         let study = Injected {
             plant: model.continuous()?,
             output: 0,
@@ -88,18 +88,18 @@ impl Demo {
         let borrowed: Vec<(&str, &dyn DelayEstimator)> = estimators.iter().map(|(n, e)| (*n, e.as_ref())).collect();
         let cells = study.run(&borrowed)?;
         let accuracy = table(&cells);
-        print!("{accuracy}");
+        say!("{}", accuracy.to_string().trim_end_matches('\n'));
         write_atomic(&file("accuracy.md"), |out| out.write_all(accuracy.markdown().as_bytes()))?;
-        println!(
+        say!(
             "\n   Bias and RMS error are in samples of 0.02 s, over the records that got an answer. A method to trust has a small error, and"
         );
-        println!("   an interval that holds the truth about as often as it promises.");
+        say!("   an interval that holds the truth about as often as it promises.");
 
-        println!(
+        say!(
             "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy.md.",
             self.out.display()
         );
-        println!("Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE");
+        say!("Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE");
         Ok(())
     }
 }

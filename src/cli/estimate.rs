@@ -73,12 +73,13 @@ impl Estimate {
             detrend: self.detrend,
         };
         let (report, preamble) = job.run()?;
-        println!("{preamble}");
-        print!("{}", report.text());
+        // The files first: whoever closes the pipe still gets them.
+        write_json(json, &report)?;
         if let Some(path) = &self.plot {
             job.draw(&report, path)?;
         }
-        write_json(json, &report)
+        say!("{preamble}\n{}", report.text().trim_end());
+        Ok(())
     }
 }
 
@@ -131,6 +132,8 @@ pub(super) struct Job {
 impl Job {
     /// The report, and a sentence on what was searched and assumed.
     pub(super) fn run(&self) -> anyhow::Result<(Report, String)> {
+        // Checked as logged first, so that a message shows the values that are in the file.
+        Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, Detrend::None)?.check().with_context(|| self.name.clone())?;
         let mut experiment = Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, self.detrend)?;
         experiment.check().with_context(|| self.name.clone())?;
         let ts = experiment.sample_time;

@@ -61,7 +61,7 @@ impl Excite {
             return write_csv(&mut std::io::stdout().lock(), &self.channel, sample_time, &u).context("standard output");
         };
         write_atomic(path, |file| write_csv(file, &self.channel, sample_time, &u))?;
-        println!(
+        say!(
             "{}: {} samples, one every {} s, {} s in all, seed {}, options {}; written to {} as channel {}",
             entry.name,
             u.len(),
@@ -88,9 +88,14 @@ fn in_force(mut defaults: Value, given: Value) -> Value {
 /// Header `time,<channel>`, then a row a sample; every number is the shortest that reads back to the same value.
 fn write_csv(out: &mut dyn Write, channel: &str, sample_time: SampleTime, u: &[f64]) -> std::io::Result<()> {
     let mut csv = csv::Writer::from_writer(out);
-    csv.write_record(["time", channel])?;
+    // The csv crate's own conversion hides what kind of error it was, a closed pipe too.
+    let plain = |e: csv::Error| match e.into_kind() {
+        csv::ErrorKind::Io(e) => e,
+        other => std::io::Error::other(format!("{other:?}")),
+    };
+    csv.write_record(["time", channel]).map_err(plain)?;
     for (k, v) in u.iter().enumerate() {
-        csv.write_record([sample_time.to_seconds(k as f64).to_string(), v.to_string()])?;
+        csv.write_record([sample_time.to_seconds(k as f64).to_string(), v.to_string()]).map_err(plain)?;
     }
     csv.flush()
 }

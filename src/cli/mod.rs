@@ -1,5 +1,13 @@
 //! The command line: one file per subcommand.
 
+/// `println!` that hands a closed pipe on as an error instead of panicking.
+macro_rules! say {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        anyhow::Context::context(writeln!(std::io::stdout().lock(), $($text)*), "standard output")?
+    }};
+}
+
 mod c2d;
 mod demo;
 mod estimate;

@@ -111,16 +111,16 @@ impl Simulate {
             }
         }
         Log::new(self.out.display().to_string(), log.time_s().to_vec(), channels)?.write_csv(&self.out)?;
-        println!("{} on {}: {} samples written to {}", model.name, log.source(), log.len(), self.out.display());
         let errors: serde_json::Map<_, _> = comparison.iter().map(|(name, nrmse)| (name.clone(), serde_json::json!(nrmse))).collect();
         write_json(
             json,
             &serde_json::json!({ "model": model.name, "log": log.source(), "out": self.out, "samples": log.len(), "nrmse": errors }),
         )?;
+        say!("{} on {}: {} samples written to {}", model.name, log.source(), log.len(), self.out.display());
         for (name, nrmse) in comparison {
             match nrmse {
-                Some(v) => println!("  {name}: nrmse {v:.4} (rms of measured minus simulated over the measured standard deviation)"),
-                None => println!("  {name}: the measured channel stands still, so it has no nrmse"),
+                Some(v) => say!("  {name}: nrmse {v:.4} (rms of measured minus simulated over the measured standard deviation)"),
+                None => say!("  {name}: the measured channel stands still, so it has no nrmse"),
             }
         }
         Ok(())

@@ -110,6 +110,12 @@ impl Experiment {
             };
             moves("output", channel, samples)?;
         }
+        // A state may rest, but it must be a number; states have no names here but those of the model.
+        for state in self.recordings.iter().flat_map(|r| r.states.iter().enumerate()) {
+            if let (number, Some(sample)) = (state.0 + 1, state.1.iter().position(|v| !v.is_finite())) {
+                return Err(DelayError::NotFinite { role: "state", channel: format!("x{number}"), sample, value: state.1[sample] });
+            }
+        }
         Ok(())
     }
 
@@ -123,7 +129,15 @@ impl Experiment {
             return Err(DelayError::Count { what: "channels", needed, got });
         }
         Ok((self.recordings.iter())
-            .map(|r| Record { u: r.inputs[input].clone(), y: r.outputs[output].values.clone(), present: r.outputs[output].present.clone() })
+            .map(|r| {
+                let series = &r.outputs[output];
+                let mut y = series.values.clone();
+                // A weight of 0 does not silence a NaN.
+                for (value, _) in y.iter_mut().zip(series.present.iter().flatten()).filter(|(_, there)| !**there) {
+                    *value = 0.0;
+                }
+                Record { u: r.inputs[input].clone(), y, present: series.present.clone() }
+            })
             .collect())
     }
 
@@ -187,6 +201,15 @@ impl Detrend {
         let there = |t: usize| series.present.as_ref().is_none_or(|p| p[t]);
         #[allow(clippy::cast_precision_loss)]
         let points: Vec<(f64, f64)> = series.values.iter().enumerate().filter(|(t, _)| there(*t)).map(|(t, v)| (t as f64, *v)).collect();
+        // A constant leaves nothing, not the rounding of its mean.
+        if let Some(&(_, level)) = points.first()
+            && points.iter().all(|p| p.1 == level)
+        {
+            if self != Self::None {
+                series.values.fill(0.0);
+            }
+            return;
+        }
         #[allow(clippy::cast_precision_loss)]
         let count = points.len().max(1) as f64;
         let (mean_t, mean) = (points.iter().map(|p| p.0).sum::<f64>() / count, points.iter().map(|p| p.1).sum::<f64>() / count);

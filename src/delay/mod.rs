@@ -235,7 +235,10 @@ pub const METHODS: &[Method] = &[
         entry: entry!("threshold_step", "first sample of the estimated step response above its threshold", Step, dyn DelayEstimator),
         scope: Scope::Pair,
         start: Start::Any,
-        exempt: &[],
+        exempt: &[(
+            Law::Exact,
+            "the running sum gathers the errors of all coefficients before it, such as those of a response that outlives the taps",
+        )],
     },
     Method {
         entry: entry!(

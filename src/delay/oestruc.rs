@@ -92,15 +92,25 @@ impl Oestruc {
             return Ok(DelayEstimate::without(Outcome::NotRichEnough, "the input is zero wherever a model could use it"));
         };
         let residuals = fits[at].as_ref().and_then(|fit| orders.residuals(records, at, &fit.f)).unwrap_or_default();
-        let independent = posterior::effective_samples(&residuals);
+        // Residuals of rounding size are correlated as rounding happens to be, which says nothing of how much the data know.
+        #[allow(clippy::cast_precision_loss)]
+        let exact = losses[at] <= posterior::ROUNDING * power;
+        let independent = if exact { residuals.len() as f64 } else { posterior::effective_samples(&residuals) };
         let Some(posterior) = posterior::posterior(&losses, power, independent) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "no delay has a finite loss: the numbers overflow; scale the channels"));
         };
         let best = posterior.best;
         let delays = max_delay + 1;
-        let gain = independent * (power / losses[best].max(f64::MIN_POSITIVE)).ln();
+        let measured =
+            records.iter().flat_map(|r| (0..r.len()).map(|t| if r.present.as_ref().is_none_or(|p| p[t]) { r.y[t] } else { 0.0 }));
+        let model: Vec<f64> = measured.zip(&residuals).map(|(y, e)| y - e).collect();
+        let counting = if exact { independent } else { posterior::samples_under(&model, &residuals) };
+        let gain = counting * (power / losses[best].max(f64::MIN_POSITIVE)).ln();
         let free = parameters + if self.initial == Initial::Estimated { self.nf } else { 0 };
-        if gain < posterior::visible_gain(free, delays) {
+        // A pole pair may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let tried = delays + if self.nf >= 2 { (counting / 2.0) as usize } else { 0 };
+        if gain < posterior::visible_gain(free, tried) {
             let note = format!("no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input");
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }

@@ -25,7 +25,7 @@ pub(super) fn first_coefficient(from: f64, to: f64, bias: usize) -> [f64; 2] {
 }
 
 /// Losses below this share of the signal's power are zero but for rounding.
-const ROUNDING: f64 = 1e-20;
+pub(super) const ROUNDING: f64 = 1e-20;
 
 /// `losses` from delay 0 on, NaN where there is none; `power` is the mean square of the output; `samples` the independent ones among the residuals.
 ///
@@ -104,6 +104,28 @@ pub(super) fn effective_samples(residuals: &[f64]) -> f64 {
     (n / (1.0 + 2.0 * sum)).max(1.0)
 }
 
+/// How many samples count when a `signal` is sought under such `residuals`: N/(1 + 2Σρₛρₑ), at most N. What varies quickly shows under slow noise sample by sample.
+///
+/// Source: Bartlett (1935), J. R. Stat. Soc. 98(3), 536-543, doi:10.2307/2342284.
+pub(super) fn samples_under(signal: &[f64], residuals: &[f64]) -> f64 {
+    #[allow(clippy::cast_precision_loss)]
+    let n = residuals.len() as f64;
+    let product = |x: &[f64], lag: usize| -> f64 { x.iter().zip(x.get(lag..).unwrap_or_default()).map(|(a, b)| a * b).sum() };
+    let power = product(signal, 0) * product(residuals, 0);
+    if power <= 0.0 {
+        return n;
+    }
+    let mut sum = 0.0;
+    for lag in 1..(residuals.len() / 4).max(1) {
+        let of_residuals = product(residuals, lag);
+        if of_residuals <= 0.0 {
+            break;
+        }
+        sum += product(signal, lag) * of_residuals / power;
+    }
+    (n / (1.0 + 2.0 * sum).max(1.0)).max(1.0)
+}
+
 /// The smallest N·ln(V₀/V) that `parameters` free parameters, searched over `delays`, reach by chance in one case of a hundred.
 pub(super) fn visible_gain(parameters: usize, delays: usize) -> f64 {
     use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -155,5 +177,10 @@ mod tests {
         let expected = 4000.0 / 9.0;
         let got = effective_samples(&e);
         assert!((got / expected - 1.0).abs() < 0.4, "{got}");
+        // A signal of the same colour: 1 + 2Σρ²ᵏ = 4.56; one that alternates is not hidden at all.
+        let slow = samples_under(&e, &e);
+        assert!((slow * 4.56 / 4000.0 - 1.0).abs() < 0.2, "{slow}");
+        let fast: Vec<f64> = (0..4000).map(|t| if t % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        assert_eq!(samples_under(&fast, &e), 4000.0);
     }
 }
