@@ -42,8 +42,8 @@ fn gain(a: &DMatrix<f64>, b: &DMatrix<f64>, r: &DMatrix<f64>, n: Option<&DMatrix
 
 /// The stabilising solution X of AᵀXA − X − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0.
 ///
-/// Structure-preserving doubling: quadratic convergence, no eigenvalue ordering; where Q does not see an unstable mode, Hewer's policy iteration instead. Then
-/// one Newton step takes off what rounding left.
+/// Structure-preserving doubling: quadratic convergence, no eigenvalue ordering; where Q does not see an unstable mode, Hewer's policy iteration instead. Where
+/// rounding left a residual, one Newton step takes it off.
 ///
 /// Source: Chu, Fan, Lin and Wang (2004), "Structure-preserving algorithms for periodic discrete-time algebraic Riccati equations",
 /// Int. J. Control 77(8), 767-788, doi:10.1080/00207170410001714988.
@@ -85,25 +85,29 @@ fn solve(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>,
     };
     let g0 = symmetric(b * r_factor.solve(&b.transpose()));
     let polished = |first: DMatrix<f64>| {
-        let k = gain(a, b, r, n, &first)?;
-        // One Newton step: the correction solves a Stein equation with the closed loop; that of a loop that is not stable overflows.
-        let correction = stein(&(a - b * &k), &residual(a, q, r, n, &first, &k, b));
-        let x = symmetric(first + correction);
+        let mut k = gain(a, b, r, n, &first)?;
+        let mut x = first;
+        let mut error = residual(a, q, r, n, &x, &k, b);
+        if error.norm() > 1e-14 * x.norm() {
+            // One Newton step: the correction solves a Stein equation with the closed loop; that of a loop that is not stable overflows.
+            x = symmetric(&x + stein(&(a - b * &k), &error));
+            k = gain(a, b, r, n, &x)?;
+            error = residual(a, q, r, n, &x, &k, b);
+        }
         // Where R + BᵀXB is not positive the stationary point is no minimum.
         (r + b.transpose() * &x * b).cholesky()?;
-        let k = gain(a, b, r, n, &x)?;
         let poles = zeros::eigenvalues(&(a - b * &k));
-        poles.iter().all(|p| p.norm() < 1.0).then_some(Lqr { k, x, poles })
+        poles.iter().all(|p| p.norm() < 1.0).then(|| (error.norm(), Lqr { k, x, poles }))
     };
-    let lqr = match doubling(&a0, &g0, &q0).and_then(polished) {
-        Some(lqr) => lqr,
+    let (error, lqr) = match doubling(&a0, &g0, &q0).and_then(polished) {
+        Some(found) => found,
         None => match why_none(&a0, b, &q0, q, r, n) {
             // No assumption fails: an unstable mode that costs nothing, which doubling leaves alone.
             ill @ ModelError::IllConditioned { .. } => policy_iteration(&a0, b, &q0, r, &g0).and_then(polished).ok_or(ill)?,
             reason => return Err(reason),
         },
     };
-    let relative = residual(a, q, r, n, &lqr.x, &lqr.k, b).norm() / lqr.x.norm().max(q.norm()).max(f64::MIN_POSITIVE);
+    let relative = error / lqr.x.norm().max(q.norm()).max(f64::MIN_POSITIVE);
     if relative.is_nan() || relative > 1e-8 * (1.0 + a.norm().powi(2)) {
         return Err(ModelError::IllConditioned { residual: relative });
     }
