@@ -21,7 +21,7 @@ impl Normal {
     }
 
     /// The largest cosine between the residuals and a column of the Jacobian: 0 at a minimum whatever the units.
-    pub(super) fn slope(&self, free: &[bool]) -> f64 {
+    pub(crate) fn slope(&self, free: &[bool]) -> f64 {
         let scale = self.cost.sqrt();
         (0..self.gradient.len())
             .filter(|&i| free[i] && self.information[(i, i)] > 0.0)

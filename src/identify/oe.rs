@@ -477,6 +477,9 @@ fn table(nf: usize) -> Vec<Vec<f64>> {
     seeds
 }
 
+/// Slope and relative step at which a minimum is found.
+const TIGHT: f64 = 1e-9;
+
 impl OutputError {
     /// The best model for nk = 0 … `max_delay`; `None` for a delay whose model cannot be evaluated (the input is zero, say).
     ///
@@ -486,8 +489,8 @@ impl OutputError {
         let mut problem = Problem::new(*self, records);
         let search = LevenbergMarquardt {
             max_iterations: 60,
-            gradient_tolerance: 1e-9,
-            step_tolerance: 1e-9,
+            gradient_tolerance: 1e-4,
+            step_tolerance: 1e-4,
             cost_floor: 1e-28 * problem.power,
             ..LevenbergMarquardt::default()
         };
@@ -540,9 +543,15 @@ impl OutputError {
             .map(|(nk, fit)| {
                 let mut fit = fit?;
                 problem.nk = nk;
-                // A model too small for its delay leaves large residuals, where Kaufman's approximation converges slowly.
-                if matches!(fit.stopped, Stopped::Step | Stopped::Iterations) {
+                // The search only finds the valley; the minimum in it is Newton's, and where curvature does not let it, that of a search with tight tolerances.
+                if fit.stopped != Stopped::Cost {
                     fit = polish(fit, |f| problem.evaluate(f, f64::INFINITY));
+                    if fit.normal.slope(&vec![true; fit.parameters.len()]) > TIGHT {
+                        let tight = LevenbergMarquardt { gradient_tolerance: TIGHT, step_tolerance: TIGHT, ..search.clone() };
+                        fit = polish(tight.minimise(&fit.parameters, |f| problem.evaluate(f, f64::INFINITY)), |f| {
+                            problem.evaluate(f, f64::INFINITY)
+                        });
+                    }
                 }
                 problem.cost(&fit.parameters)?;
                 let b = problem.linear.iter().take(self.nb).copied().collect();
