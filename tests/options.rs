@@ -1,7 +1,9 @@
 //! What the options of the estimators change: thresholds, averaging over records, and the ways to read a delay from coefficients.
+#![allow(clippy::unwrap_used)]
 
 use deadtime::delay::{
-    DelayEstimate, DelayEstimator, Experiment, Outcome, PlantModel, Recording, Records, Search, Selection, Series, StateLeastSquares, Threshold,
+    DelayEstimate, DelayEstimator, Experiment, Outcome, PlantModel, Recording, Records, Search, Selection, Series, StateLeastSquares,
+    Threshold,
 };
 use deadtime::model::StateSpace;
 use deadtime::signal::{NoiseColour, add_noise, unit_noise};
@@ -56,7 +58,11 @@ fn averaging_over_records_finds_what_one_record_hides() {
         for t in 6..400 {
             y[t] = 0.5 * y[t - 1] + u[t - 6];
         }
-        Recording { inputs: vec![u], outputs: vec![Series::from(add_noise(&y, 0.1, &NoiseColour::White, rng).unwrap())], states: Vec::new() }
+        Recording {
+            inputs: vec![u],
+            outputs: vec![Series::from(add_noise(&y, 0.1, &NoiseColour::White, rng).unwrap())],
+            states: Vec::new(),
+        }
     };
     let mut experiment = Experiment::siso(ts(), Vec::new(), Vec::new());
     experiment.recordings = (0..30).map(|_| record(&mut rng)).collect();
