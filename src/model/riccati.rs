@@ -15,7 +15,7 @@ pub struct Lqr {
     pub poles: Vec<Complex<f64>>,
 }
 
-/// The gain K that minimises Σ xᵀQx + uᵀRu + 2xᵀNu over x[k+1] = A x[k] + B u[k] by u = −K x, as MATLAB's `dlqr`.
+/// The gain K that minimises Σ xᵀQx + uᵀRu + 2xᵀNu over x(k+1) = A x(k) + B u(k) by u = −K x, as MATLAB's `dlqr`.
 ///
 /// Shapes: A n×n, B n×m, Q n×n, R m×m, N n×m (`None`: 0). The gain belongs to the state's realisation: two realisations of one transfer function
 /// (the Tustin models of different tools, say) have different gains.

@@ -63,7 +63,7 @@ impl TimeDomain for Sampled {
     }
 }
 
-/// A linear model, ẋ = A x + B u or x[k+1] = A x[k] + B u[k], y = C x + D u, with a delay at each input.
+/// A linear model, ẋ = A x + B u or x(k+1) = A x(k) + B u(k), y = C x + D u, with a delay at each input.
 ///
 /// Shapes: A n×n, B n×m, C p×n, D p×m; n may be 0 (a gain).
 #[derive(Debug, Clone, PartialEq)]

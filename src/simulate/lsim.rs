@@ -12,7 +12,7 @@ use crate::time::SampleTime;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Prehistory {
-    /// u\[0\], as the log format says.
+    /// u(0), as the log format says.
     #[default]
     Held,
     /// 0.
@@ -26,7 +26,7 @@ pub struct Options {
     pub initial: Option<DVector<f64>>,
     /// How the input runs between samples; default held.
     pub hold: Hold,
-    /// The input before the first sample; default u\[0\].
+    /// The input before the first sample; default u(0).
     pub prehistory: Prehistory,
 }
 
@@ -39,7 +39,7 @@ pub struct Response {
     pub x: DMatrix<f64>,
 }
 
-/// One step of the recursion with its zeros left out: rows of x\[k+1\] and y\[k\] as sums over (x\[k\], tap values).
+/// One step of the recursion with its zeros left out: rows of x(k+1) and y(k) as sums over (x(k), tap values).
 struct Recursion {
     /// Row ends into `terms`: first the states, then the outputs.
     ends: Vec<usize>,
@@ -175,7 +175,7 @@ impl<'a> Dense<'a> {
     }
 }
 
-/// One block of samples: row k + 1 of `rows` becomes x\[k+1\], y\[k\]; row 0 starts with x\[0\].
+/// One block of samples: row k + 1 of `rows` becomes x(k+1), y(k); row 0 starts with x\[0\].
 struct Steps<'a> {
     dense: &'a Dense<'a>,
     taps: &'a [f64],

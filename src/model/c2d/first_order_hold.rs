@@ -4,7 +4,7 @@ use super::{Conversion, Hold, zero_order_hold};
 use crate::model::{Continuous, ModelError, Sampled, StateSpace};
 use crate::time::SampleTime;
 
-/// The triangle hold: the input runs straight from u[k] to u[k+1]. The state is z = x − Γ₊u, so that the model is causal.
+/// The triangle hold: the input runs straight from u(k) to u(k+1). The state is z = x − Γ₊u, so that the model is causal.
 ///
 /// Source: Franklin, Powell and Workman (1998), "Digital Control of Dynamic Systems", 3rd ed., section 6.3.2.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]

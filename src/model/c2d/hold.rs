@@ -9,17 +9,17 @@ use crate::time::Samples;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Hold {
-    /// u\[k\] holds on [t_k, t_k+1) (zero-order hold).
+    /// u(k) holds on [t_k, t_k+1) (zero-order hold).
     #[default]
     Zero,
-    /// A straight line from u\[k\] to u\[k+1\] (first-order, triangle hold).
+    /// A straight line from u(k) to u(k+1) (first-order, triangle hold).
     Linear,
 }
 
-/// One term Γ·u[k − lag] of x[k+1] = Φx[k] + Σ Γ u[k − lag], and of y[k] = C x[k] + D Σ weight·u[k − lag].
+/// One term Γ·u(k − lag) of x(k+1) = Φx(k) + Σ Γ u(k − lag), and of y(k) = C x(k) + D Σ weight·u(k − lag).
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Tap {
-    /// Samples that the term looks back; −1 looks ahead to u[k + 1].
+    /// Samples that the term looks back; −1 looks ahead to u(k + 1).
     pub(crate) lag: isize,
     /// Γ, one number per state.
     pub(crate) gamma: DVector<f64>,
@@ -70,7 +70,7 @@ pub(crate) fn transition(a: &DMatrix<f64>, b: &DMatrix<f64>, h: f64, hold: Hold)
 
 /// The taps of one input whose delay has this fraction; lags count from the delay's whole part.
 ///
-/// Zero-order hold (Åström and Wittenmark 1997, "Computer-Controlled Systems", section 2.3): u[k−1] acts until the fraction has passed, then u[k].
+/// Zero-order hold (Åström and Wittenmark 1997, "Computer-Controlled Systems", section 2.3): u(k−1) acts until the fraction has passed, then u(k).
 /// First-order hold: the delayed straight lines meet where the fraction ends.
 pub(crate) fn delayed_taps(a: &DMatrix<f64>, b: DVectorView<'_, f64>, ts: f64, delay: Samples, hold: Hold) -> Vec<Tap> {
     let f = delay.fraction;

@@ -6,7 +6,7 @@ use super::{Conversion, Hold, delayed_taps, transition};
 use crate::model::{Continuous, ModelError, Sampled, StateSpace};
 use crate::time::SampleTime;
 
-/// x[k+1] = Φx[k] + Γ₀u[k−d] + Γ₁u[k−d−1], exact for held inputs and any delay (d+f)·Ts.
+/// x(k+1) = Φx(k) + Γ₀u(k−d) + Γ₁u(k−d−1), exact for held inputs and any delay (d+f)·Ts.
 ///
 /// A fractional delay adds one state, the input one sample ago, per delayed input.
 /// Source: Åström and Wittenmark (1997), "Computer-Controlled Systems", 3rd ed., section 2.3.
