@@ -1,8 +1,9 @@
-//! Linear models, their conversion between continuous and sampled time, their optimal gains, and the model file.
+//! Linear models, their conversion between continuous and sampled time, their optimal gains, nonlinear models as equations, and the model file.
 
 pub mod c2d;
 mod cascade;
 mod d2c;
+mod equations;
 mod file;
 mod matrix;
 mod riccati;
@@ -12,6 +13,9 @@ pub mod uav;
 mod zeros;
 
 pub use d2c::d2c;
+pub use equations::{
+    Breakdown, EquationError, Equations, Fault, Linearisation, NonFinite, OutputVariable, Parameter, StateVariable, Symbol, Workspace, Wrt,
+};
 pub use file::{Channel, EffectEntry, ModelFile, Operating, State};
 pub use riccati::{Lqr, dare, dlqr};
 pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};

@@ -1,6 +1,7 @@
-//! Simulation of linear models: exact for held and interpolated inputs, with delays that need not be whole samples.
+//! Simulation of linear models (exact for held and interpolated inputs, with delays that need not be whole samples) and of nonlinear ones.
 
 mod lsim;
+pub mod ode;
 
 pub use lsim::{Options, Prehistory, Response, lsim, lsim_sampled, lsim_uneven};
 
@@ -52,6 +53,33 @@ pub enum SimulateError {
     Explodes {
         /// When.
         time_s: f64,
+    },
+    /// An integration that was to run backwards.
+    #[error("the integration is to run from {from_s} s to {to_s} s; it can only run forwards, over finite times")]
+    Backwards {
+        /// From when.
+        from_s: f64,
+        /// To when.
+        to_s: f64,
+    },
+    /// A derivative that is not finite at a finite state.
+    #[error("the equations have no finite value at t = {time_s} s; check the initial state and the parameters there")]
+    Undefined {
+        /// When.
+        time_s: f64,
+    },
+    /// Neither an explicit nor an implicit method gets on.
+    #[error(
+        "the equations are too stiff or change too abruptly at t = {time_s} s ({steps} steps, the last of {step_s:e} s); \
+         look for time constants far below the sample time, or for a jump in a derivative there"
+    )]
+    Stiff {
+        /// When.
+        time_s: f64,
+        /// Steps made.
+        steps: usize,
+        /// The last step.
+        step_s: f64,
     },
     /// A delay that cannot be.
     #[error(transparent)]

@@ -1,0 +1,102 @@
+//! Why an expression has no finite value at a point.
+
+use std::fmt;
+
+use super::function::Operation;
+use super::parse::{Kind, Leaf, Tree};
+use super::program::Point;
+
+/// The part of an equation that first has no finite value.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{equation}: {part} {breakdown} at t = {time_s} s")]
+pub struct NonFinite {
+    /// Which equation, as `derivatives.speed`.
+    pub equation: String,
+    /// The part's text.
+    pub part: String,
+    /// What happens there.
+    pub breakdown: Breakdown,
+    /// When.
+    pub time_s: f64,
+}
+
+/// How a finite calculation leaves the finite numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Breakdown {
+    /// By a division.
+    DivisionByZero,
+    /// By a function outside of its domain.
+    Domain {
+        /// `log`, `sqrt`, …
+        function: &'static str,
+        /// What it was given.
+        argument: f64,
+    },
+    /// By a power of a negative number, or of 0 with a negative exponent.
+    Power {
+        /// The base.
+        base: f64,
+        /// The exponent.
+        exponent: f64,
+    },
+    /// By growing too large.
+    Overflow,
+    /// A state, input or parameter comes in as NaN or infinite.
+    Given {
+        /// What came in.
+        value: f64,
+    },
+}
+
+impl fmt::Display for Breakdown {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::DivisionByZero => write!(f, "divides by zero"),
+            Self::Domain { function, argument } => write!(f, "takes the {function} of {argument}, which has none"),
+            Self::Power { base, exponent } => write!(f, "raises {base} to the power {exponent}, which has no value"),
+            Self::Overflow => write!(f, "grows beyond all numbers"),
+            Self::Given { value } => write!(f, "is {value}"),
+        }
+    }
+}
+
+/// The first part of the tree without a finite value although its own parts have one; `None` if the whole is finite.
+pub(super) fn explain(equation: &str, tree: &Tree, at: Point<'_>) -> Option<NonFinite> {
+    let mut values: Vec<f64> = Vec::with_capacity(tree.nodes.len());
+    for node in &tree.nodes {
+        let of = |list: &[f64], i: usize| list.get(i).copied().unwrap_or(f64::NAN);
+        values.push(match node.kind {
+            Kind::Number(value) => value,
+            Kind::Leaf(Leaf::Time) => at.t,
+            Kind::Leaf(Leaf::State(i)) => of(at.x, i),
+            Kind::Leaf(Leaf::Input(i)) => of(at.u, i),
+            Kind::Leaf(Leaf::Parameter(i)) => of(at.p, i),
+            Kind::Operation(operation, a, b) => operation.apply(values[a], values[b]),
+        });
+    }
+    if values.last()?.is_finite() {
+        return None;
+    }
+    let broken = values.iter().position(|v| !v.is_finite())?;
+    let breakdown = match tree.nodes[broken].kind {
+        Kind::Operation(operation, a, b) => breakdown(operation, values[a], values[b]),
+        Kind::Number(value) => Breakdown::Given { value },
+        Kind::Leaf(_) => Breakdown::Given { value: values[broken] },
+    };
+    Some(NonFinite { equation: equation.to_owned(), part: tree.said(broken).to_owned(), breakdown, time_s: at.t })
+}
+
+fn breakdown(operation: Operation, a: f64, b: f64) -> Breakdown {
+    let domain = |function| Breakdown::Domain { function, argument: a };
+    match operation {
+        Operation::Divide if b == 0.0 => Breakdown::DivisionByZero,
+        Operation::Log => domain("logarithm"),
+        Operation::Sqrt => domain("square root"),
+        Operation::Asin => domain("arc sine"),
+        Operation::Acos => domain("arc cosine"),
+        Operation::Power if a < 0.0 && b.fract() != 0.0 => Breakdown::Power { base: a, exponent: b },
+        Operation::Power if a == 0.0 => Breakdown::Power { base: a, exponent: b },
+        _ => Breakdown::Overflow,
+    }
+}

@@ -1,0 +1,311 @@
+//! Expressions compiled to a flat list of operations on registers: constants folded, nothing calculated twice.
+//!
+//! Registers: constants, time, states, inputs, parameters, then one for each operation. Operations on parameters and constants alone come first and are
+//! calculated again only when a parameter has changed.
+
+use std::collections::HashMap;
+use std::hash::{Hash, Hasher};
+
+use super::function::Operation;
+use super::parse::{Kind, Leaf, Tree};
+
+/// Numbers of states, inputs and parameters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct Sizes {
+    pub(super) states: usize,
+    pub(super) inputs: usize,
+    pub(super) parameters: usize,
+}
+
+/// Where an evaluation takes place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Point<'a> {
+    pub(super) t: f64,
+    pub(super) x: &'a [f64],
+    pub(super) u: &'a [f64],
+    pub(super) p: &'a [f64],
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Step {
+    operation: Operation,
+    a: u32,
+    b: u32,
+}
+
+/// A compiled list of expressions.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Program {
+    sizes: Sizes,
+    constants: Vec<f64>,
+    steps: Vec<Step>,
+    /// So many steps need nothing but constants and parameters.
+    prepared: usize,
+    /// The register of each expression.
+    roots: Vec<u32>,
+    fingerprint: u64,
+}
+
+/// The registers of one program.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Registers {
+    values: Vec<f64>,
+    tangents: Vec<f64>,
+    fingerprint: u64,
+}
+
+/// An operand while the program grows: registers get their numbers at the end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Place {
+    Constant(u64),
+    Leaf(Leaf),
+    Step(usize),
+}
+
+#[derive(Default)]
+struct Builder {
+    steps: Vec<(Operation, Place, Place)>,
+    known: HashMap<(Operation, Place, Place), Place>,
+}
+
+impl Builder {
+    fn constant(value: f64) -> Place {
+        Place::Constant(value.to_bits())
+    }
+
+    fn operation(&mut self, operation: Operation, a: Place, b: Place) -> Place {
+        use Operation::{Add, Divide, Multiply, Negate, Power, Sqrt, Subtract};
+        let value = |p: Place| if let Place::Constant(bits) = p { Some(f64::from_bits(bits)) } else { None };
+        match (operation, value(a), value(b)) {
+            (_, Some(a), Some(b)) => return Self::constant(operation.apply(a, b)),
+            (Add, Some(0.0), _) | (Multiply, Some(1.0), _) => return b,
+            (Add | Subtract, _, Some(0.0)) | (Multiply | Divide | Power, _, Some(1.0)) => return a,
+            (Power, _, Some(2.0)) => return self.operation(Multiply, a, a),
+            (Power, _, Some(3.0)) => {
+                let square = self.operation(Multiply, a, a);
+                return self.operation(Multiply, square, a);
+            }
+            (Power, _, Some(4.0)) => {
+                let square = self.operation(Multiply, a, a);
+                return self.operation(Multiply, square, square);
+            }
+            (Power, _, Some(0.5)) => return self.operation(Sqrt, a, a),
+            (Power, _, Some(-1.0)) => return self.operation(Divide, Self::constant(1.0), a),
+            _ => {}
+        }
+        if let (Negate, Place::Step(at)) = (operation, a)
+            && let (Negate, inner, _) = self.steps[at]
+        {
+            return inner;
+        }
+        // A canonical order of the operands finds a*b and b*a alike.
+        let rank = |p: Place| match p {
+            Place::Constant(bits) => (0, bits, 0),
+            Place::Leaf(Leaf::Time) => (1, 0, 0),
+            Place::Leaf(Leaf::State(i)) => (2, 0, i),
+            Place::Leaf(Leaf::Input(i)) => (3, 0, i),
+            Place::Leaf(Leaf::Parameter(i)) => (4, 0, i),
+            Place::Step(i) => (5, 0, i),
+        };
+        let (a, b) = if operation.commutes() && rank(b) < rank(a) { (b, a) } else { (a, b) };
+        if let Some(&place) = self.known.get(&(operation, a, b)) {
+            return place;
+        }
+        self.steps.push((operation, a, b));
+        let place = Place::Step(self.steps.len() - 1);
+        self.known.insert((operation, a, b), place);
+        place
+    }
+}
+
+impl Program {
+    pub(super) fn compile(trees: &[Tree], sizes: Sizes) -> Self {
+        let mut builder = Builder::default();
+        let roots: Vec<Place> = trees
+            .iter()
+            .map(|tree| {
+                let mut places: Vec<Place> = Vec::with_capacity(tree.nodes.len());
+                for node in &tree.nodes {
+                    places.push(match node.kind {
+                        Kind::Number(value) => Builder::constant(value),
+                        Kind::Leaf(leaf) => Place::Leaf(leaf),
+                        Kind::Operation(operation, a, b) => builder.operation(operation, places[a], places[b]),
+                    });
+                }
+                places.last().copied().unwrap_or(Builder::constant(f64::NAN))
+            })
+            .collect();
+        Self::lay_out(&builder.steps, &roots, sizes)
+    }
+
+    fn lay_out(steps: &[(Operation, Place, Place)], roots: &[Place], sizes: Sizes) -> Self {
+        // Folding leaves steps behind that nothing needs.
+        let mut needed = vec![false; steps.len()];
+        let mark = |p: Place, needed: &mut Vec<bool>| {
+            if let Place::Step(i) = p {
+                needed[i] = true;
+            }
+        };
+        roots.iter().for_each(|&r| mark(r, &mut needed));
+        for i in (0..steps.len()).rev().collect::<Vec<_>>() {
+            if needed[i] {
+                mark(steps[i].1, &mut needed);
+                mark(steps[i].2, &mut needed);
+            }
+        }
+        let mut early = vec![false; steps.len()];
+        for (i, (_, a, b)) in steps.iter().enumerate() {
+            early[i] = [a, b].into_iter().all(|p| match p {
+                Place::Constant(_) | Place::Leaf(Leaf::Parameter(_)) => true,
+                Place::Leaf(_) => false,
+                Place::Step(i) => early[*i],
+            });
+        }
+        let mut order: Vec<usize> = (0..steps.len()).filter(|&i| needed[i] && early[i]).collect();
+        let prepared = order.len();
+        order.extend((0..steps.len()).filter(|&i| needed[i] && !early[i]));
+        let mut numbers: HashMap<u64, u32> = HashMap::new();
+        let mut constants = Vec::new();
+        for p in order.iter().flat_map(|&i| [steps[i].1, steps[i].2]).chain(roots.iter().copied()) {
+            if let Place::Constant(bits) = p {
+                numbers.entry(bits).or_insert_with(|| {
+                    constants.push(f64::from_bits(bits));
+                    register(constants.len() - 1)
+                });
+            }
+        }
+        let time = constants.len();
+        let base = time + 1 + sizes.states + sizes.inputs + sizes.parameters;
+        let mut place_of = vec![0; steps.len()];
+        for (k, &i) in order.iter().enumerate() {
+            place_of[i] = base + k;
+        }
+        let number = |p: Place| match p {
+            Place::Constant(bits) => numbers.get(&bits).copied().unwrap_or(0),
+            Place::Leaf(Leaf::Time) => register(time),
+            Place::Leaf(Leaf::State(i)) => register(time + 1 + i),
+            Place::Leaf(Leaf::Input(i)) => register(time + 1 + sizes.states + i),
+            Place::Leaf(Leaf::Parameter(i)) => register(time + 1 + sizes.states + sizes.inputs + i),
+            Place::Step(i) => register(place_of[i]),
+        };
+        let steps = order.iter().map(|&i| Step { operation: steps[i].0, a: number(steps[i].1), b: number(steps[i].2) }).collect();
+        let mut program = Self { sizes, constants, steps, prepared, roots: roots.iter().map(|&r| number(r)).collect(), fingerprint: 0 };
+        program.fingerprint = program.hash();
+        program
+    }
+
+    /// Tells programs apart, so that registers of one are never taken for those of another.
+    fn hash(&self) -> u64 {
+        let mut hasher = std::hash::DefaultHasher::new();
+        (self.sizes, &self.steps, &self.roots).hash(&mut hasher);
+        self.constants.iter().for_each(|c| c.to_bits().hash(&mut hasher));
+        hasher.finish().max(1)
+    }
+
+    fn base(&self) -> usize {
+        self.constants.len() + 1 + self.sizes.states + self.sizes.inputs + self.sizes.parameters
+    }
+
+    /// Makes registers fit this program, which allocates when they belonged to another.
+    pub(super) fn fit(&self, registers: &mut Registers) {
+        registers.values.clear();
+        registers.values.extend_from_slice(&self.constants);
+        registers.values.resize(self.base() + self.steps.len(), f64::NAN);
+        let widest = self.sizes.states.max(self.sizes.inputs).max(self.sizes.parameters);
+        registers.tangents.resize(registers.values.len() * widest, 0.0);
+        registers.fingerprint = self.fingerprint;
+    }
+
+    /// Evaluates at a point. Slices shorter than the model's lists leave registers as they were; the callers check.
+    #[inline]
+    fn run(&self, at: Point<'_>, registers: &mut Registers) {
+        if registers.fingerprint != self.fingerprint {
+            self.fit(registers);
+        }
+        let values = &mut registers.values[..];
+        let Sizes { states, inputs, parameters } = self.sizes;
+        let time = self.constants.len();
+        values[time] = at.t;
+        let leaves = &mut values[time + 1..time + 1 + states + inputs + parameters];
+        let (x, leaves) = leaves.split_at_mut(states);
+        let (u, p) = leaves.split_at_mut(inputs);
+        x.iter_mut().zip(at.x).for_each(|(to, from)| *to = *from);
+        u.iter_mut().zip(at.u).for_each(|(to, from)| *to = *from);
+        let mut first = self.prepared;
+        for (to, from) in p.iter_mut().zip(at.p) {
+            if to.to_bits() != from.to_bits() {
+                *to = *from;
+                first = 0;
+            }
+        }
+        let base = time + 1 + states + inputs + parameters;
+        for (k, step) in self.steps.iter().enumerate().skip(first) {
+            values[base + k] = step.operation.apply(values[step.a as usize], values[step.b as usize]);
+        }
+    }
+
+    /// The values of the expressions.
+    #[inline]
+    pub(super) fn evaluate(&self, at: Point<'_>, registers: &mut Registers, to: &mut [f64]) {
+        self.run(at, registers);
+        for (to, &root) in to.iter_mut().zip(&self.roots) {
+            *to = registers.values[root as usize];
+        }
+    }
+
+    /// Derivatives of the expressions with respect to `count` leaves from `first`, column by column.
+    pub(super) fn differentiate(&self, at: Point<'_>, leaves: (usize, usize), registers: &mut Registers, jacobian: &mut [f64]) {
+        self.run(at, registers);
+        let (first, count) = leaves;
+        let (base, rows) = (self.base(), self.roots.len());
+        let first = self.constants.len() + first;
+        let tangents = &mut registers.tangents[..];
+        tangents[..base * count].fill(0.0);
+        for i in 0..count {
+            tangents[(first + i) * count + i] = 1.0;
+        }
+        for (k, step) in self.steps.iter().enumerate() {
+            let (a, b) = (step.a as usize, step.b as usize);
+            let (da, db) = step.operation.partials(registers.values[a], registers.values[b], registers.values[base + k]);
+            let (before, row) = tangents.split_at_mut((base + k) * count);
+            let (of_a, of_b) = (&before[a * count..(a + 1) * count], &before[b * count..(b + 1) * count]);
+            for ((to, ta), tb) in row.iter_mut().zip(of_a).zip(of_b) {
+                // What does not depend on the leaf stays 0 where a partial is infinite.
+                let part = |d: f64, tangent: f64| if tangent == 0.0 { 0.0 } else { d * tangent };
+                *to = part(da, *ta) + part(db, *tb);
+            }
+        }
+        for (i, &root) in self.roots.iter().enumerate() {
+            for j in 0..count {
+                jacobian[i + rows * j] = tangents[root as usize * count + j];
+            }
+        }
+    }
+
+    /// Whether an expression is built from a leaf (counted from time, states, inputs, parameters).
+    pub(super) fn depends(&self, expression: usize, leaf: usize) -> bool {
+        let base = self.base();
+        let wanted = register(self.constants.len() + leaf);
+        let Some(&root) = self.roots.get(expression) else { return false };
+        let mut reached = vec![false; base + self.steps.len()];
+        reached[root as usize] = true;
+        for (k, step) in self.steps.iter().enumerate().rev() {
+            if reached[base + k] {
+                reached[step.a as usize] = true;
+                reached[step.b as usize] = true;
+            }
+        }
+        reached[wanted as usize]
+    }
+
+    /// Steps of one evaluation, those aside that wait for a parameter to change.
+    pub(super) fn len(&self) -> usize {
+        self.steps.len() - self.prepared
+    }
+}
+
+/// Registers are counted by expressions of bounded length: far below 2³².
+#[allow(clippy::cast_possible_truncation)]
+fn register(at: usize) -> u32 {
+    at as u32
+}
