@@ -16,7 +16,7 @@ pub use d2c::d2c;
 pub use equations::{
     Breakdown, EquationError, Equations, Fault, Linearisation, NonFinite, OutputVariable, Parameter, StateVariable, Symbol, Workspace, Wrt,
 };
-pub use file::{Channel, EffectEntry, ModelFile, Operating, State};
+pub use file::{Channel, EffectEntry, EquationsFile, ModelDocument, ModelFile, Operating, ParameterEntry, State, StateEntry};
 pub use riccati::{Lqr, dare, dlqr};
 pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 pub use transfer_function::TransferFunction;
@@ -223,6 +223,34 @@ pub enum ModelError {
         found: String,
         /// What is understood.
         known: &'static str,
+    },
+    /// A nonlinear model where a linear one is needed.
+    #[error("{path}: this needs a linear model (kind `lti`); the file's kind is `{kind}`", path = path.display())]
+    NotLinear {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Its kind.
+        kind: String,
+    },
+    /// Equations that cannot be compiled.
+    #[error("{path}: {source}", path = path.display())]
+    Equations {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong, and where in the equation.
+        source: EquationError,
+    },
+    /// A state without a derivative, an output without an equation, or the reverse.
+    #[error("{path}: {what} `{name}` {lacks}", path = path.display())]
+    Unmatched {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What has the name.
+        what: &'static str,
+        /// The name.
+        name: String,
+        /// What is missing, and the remedy.
+        lacks: &'static str,
     },
     /// A file name whose extension says neither TOML nor JSON.
     #[error("{path}: the extension decides the format of a model file; name it .toml or .json", path = path.display())]

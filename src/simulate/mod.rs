@@ -1,8 +1,10 @@
 //! Simulation of linear models (exact for held and interpolated inputs, with delays that need not be whole samples) and of nonlinear ones.
 
+mod equations;
 mod lsim;
 pub mod ode;
 
+pub use equations::{DrivenEquations, EquationOptions, simulate_equations};
 pub use lsim::{Options, Prehistory, Response, lsim, lsim_sampled, lsim_uneven};
 
 /// How the input runs between samples.
@@ -27,6 +29,22 @@ pub enum SimulateError {
         needed: usize,
         /// Length of the initial state.
         got: usize,
+    },
+    /// The parameters have the wrong number.
+    #[error("the model has {needed} parameters, {got} are given")]
+    Parameters {
+        /// Parameters of the model.
+        needed: usize,
+        /// Parameters given.
+        got: usize,
+    },
+    /// Time stamps and input samples differ in number.
+    #[error("there are {time} time stamps and {input} input samples; every sample needs its time")]
+    Samples {
+        /// Time stamps.
+        time: usize,
+        /// Rows of the input.
+        input: usize,
     },
     /// A signal holds NaN or infinity.
     #[error("input {input} (counted from 0) is {value} at sample {sample}: every input sample must be finite")]
@@ -68,6 +86,9 @@ pub enum SimulateError {
         /// When.
         time_s: f64,
     },
+    /// An equation that has no finite value.
+    #[error("{0}; the model is undefined there: check initial state, parameters and inputs")]
+    Equation(crate::model::NonFinite),
     /// Neither an explicit nor an implicit method gets on.
     #[error(
         "the equations are too stiff or change too abruptly at t = {time_s} s ({steps} steps, the last of {step_s:e} s); \

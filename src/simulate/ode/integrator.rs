@@ -70,12 +70,18 @@ pub struct Integrator {
 pub(super) type Event<'a> = &'a mut dyn FnMut(f64, &[f64]) -> f64;
 
 impl Integrator {
-    /// Memory for `n` states.
+    /// Memory for `n` states, and the default tolerances.
     #[must_use]
     pub fn new(n: usize) -> Self {
+        Self::with_tolerance(n, 1e-8, 1e-10)
+    }
+
+    /// Memory for `n` states.
+    #[must_use]
+    pub fn with_tolerance(n: usize, rtol: f64, atol: f64) -> Self {
         Self {
-            rtol: 1e-8,
-            atol: 1e-10,
+            rtol,
+            atol,
             max_steps: 100_000,
             n,
             h: 0.0,

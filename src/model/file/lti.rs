@@ -1,53 +1,14 @@
-//! The model file, `deadtime/model@1`: TOML or JSON, as the extension says.
+//! The model file of a linear model, `kind = "lti"`.
 
 use std::path::Path;
 
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::{Continuous, ModelError, Sampled, StateSpace};
-use crate::error::{Error, Result};
+use super::{Channel, EffectEntry, FORMAT, Sign, Syntax, parse_text, read_text, syntax, write_text};
+use crate::error::Result;
+use crate::model::{Continuous, ModelError, Sampled, StateSpace};
 use crate::time::SampleTime;
-
-const FORMAT: &str = "deadtime/model@1";
-
-/// The point at which a model was linearised: the matrices act on u − operating and give y − operating.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub enum Operating {
-    /// A number in the channel's unit.
-    Value(f64),
-    /// The channel's mean over the training logs, written `"mean"`.
-    Mean(Mean),
-}
-
-/// The word `mean`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Mean {
-    /// The channel's mean.
-    Mean,
-}
-
-impl Default for Operating {
-    fn default() -> Self {
-        Self::Value(0.0)
-    }
-}
-
-/// An input or output.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Channel {
-    /// The name that a log's column carries.
-    pub name: String,
-    /// Its unit.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub unit: Option<String>,
-    /// The operating point.
-    #[serde(default)]
-    pub operating: Operating,
-}
 
 /// A state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -58,19 +19,6 @@ pub struct State {
     /// Its unit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-}
-
-/// An effect that already belongs to the simulator, kept as it stands in the file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct EffectEntry {
-    /// The effect's name.
-    pub effect: String,
-    /// Where it acts.
-    pub channel: String,
-    /// Its parameters.
-    #[serde(default)]
-    pub parameters: std::collections::BTreeMap<String, f64>,
 }
 
 /// A linear model with the names, units and start that make it a simulator.
@@ -112,92 +60,33 @@ pub struct ModelFile {
     pub effects: Vec<EffectEntry>,
 }
 
-#[derive(Clone, Copy)]
-enum Syntax {
-    Toml,
-    Json,
-}
-
-fn syntax(path: &Path) -> std::result::Result<Syntax, ModelError> {
-    match path.extension().and_then(|e| e.to_str()) {
-        Some("toml") => Ok(Syntax::Toml),
-        Some("json") => Ok(Syntax::Json),
-        _ => Err(ModelError::Extension { path: path.to_owned() }),
-    }
-}
-
-/// The keys that say what the rest means.
-#[derive(Deserialize)]
-struct Header {
-    format: Option<String>,
-    kind: Option<String>,
-}
-
 impl ModelFile {
     /// Reads and checks a model file.
     ///
     /// # Errors
     /// [`Error::Io`], or a [`ModelError`] that names the file and what is wrong in it.
     pub fn read(path: &Path) -> Result<Self> {
-        let syntax = syntax(path)?;
-        let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+        let (text, syntax) = read_text(path)?;
         Ok(Self::parse(&text, syntax, path)?)
     }
 
-    fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
-        let wrong = |detail: String| ModelError::File { path: path.to_owned(), detail };
-        let header: Header = match syntax {
-            Syntax::Toml => toml::from_str(text).map_err(|e| wrong(e.to_string()))?,
-            Syntax::Json => serde_json::from_str(text).map_err(|e| wrong(e.to_string()))?,
-        };
-        for (key, found, known) in [("format", header.format, FORMAT), ("kind", header.kind, "lti")] {
-            if found.as_deref() != Some(known) {
-                let found = found.unwrap_or_else(|| "missing".to_owned());
-                return Err(ModelError::Kind { path: path.to_owned(), key, found, known });
-            }
+    pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
+        let kind = super::kind(text, syntax, path)?;
+        if kind != "lti" {
+            return Err(ModelError::NotLinear { path: path.to_owned(), kind });
         }
-        let model: Self = match syntax {
-            Syntax::Toml => toml::from_str(text).map_err(|e| wrong(e.to_string()))?,
-            Syntax::Json => serde_json::from_str(text).map_err(|e| wrong(e.to_string()))?,
-        };
+        let model: Self = parse_text(text, syntax, path)?;
         model.check(path)?;
         Ok(model)
     }
 
     fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
-        let inputs: Vec<&str> = self.inputs.iter().map(|c| c.name.as_str()).collect();
         let states: Vec<&str> = self.states.iter().map(|s| s.name.as_str()).collect();
-        let outputs: Vec<&str> = self.outputs.iter().map(|c| c.name.as_str()).collect();
-        for (what, names) in [("input", &inputs), ("state", &states), ("output", &outputs)] {
-            if let Some(name) = names.iter().enumerate().find(|(i, n)| names[..*i].contains(n)).map(|(_, n)| (*n).to_owned()) {
-                return Err(ModelError::Duplicate { path: path.to_owned(), what, name });
-            }
-        }
-        let not_negative = "it must be finite and not negative";
-        let lists: [(&'static str, &[f64], usize, bool); 3] = [
-            ("input_delay_s", &self.input_delay_s, inputs.len(), true),
-            ("initial", &self.initial, states.len(), false),
-            ("initial_std", &self.initial_std, states.len(), true),
-        ];
-        for (key, list, needed, positive) in lists {
-            if !list.is_empty() && list.len() != needed {
-                return Err(ModelError::File {
-                    path: path.to_owned(),
-                    detail: ModelError::Count { what: key, needed, got: list.len() }.to_string(),
-                });
-            }
-            if let Some(&value) = list.iter().find(|v| !v.is_finite() || (positive && **v < 0.0)) {
-                let rule = if positive { not_negative } else { "it must be finite" };
-                return Err(ModelError::Number { path: path.to_owned(), key, value, rule });
-            }
-        }
-        let operating = self.inputs.iter().chain(&self.outputs).find_map(|c| match c.operating {
-            Operating::Value(v) if !v.is_finite() => Some(v),
-            _ => None,
-        });
-        if let Some(value) = operating {
-            return Err(ModelError::Number { path: path.to_owned(), key: "operating", value, rule: "it must be finite" });
-        }
+        super::check_channels(path, &self.inputs, &self.outputs)?;
+        super::check_names(path, "state", &states)?;
+        super::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;
+        super::check_list(path, "initial", &self.initial, states.len(), Sign::Any)?;
+        super::check_list(path, "initial_std", &self.initial_std, states.len(), Sign::NotNegative)?;
         if !(self.sample_time_s.is_finite() && self.sample_time_s >= 0.0) {
             return Err(ModelError::Number {
                 path: path.to_owned(),
@@ -288,8 +177,7 @@ impl ModelFile {
     /// # Errors
     /// [`Error::Io`], [`ModelError::Extension`].
     pub fn write(&self, path: &Path) -> Result<()> {
-        let text = self.text(syntax(path)?).map_err(|detail| ModelError::File { path: path.to_owned(), detail })?;
-        crate::file::write_atomic(path, |out| out.write_all(text.as_bytes()))
+        write_text(path, self, syntax(path)?)
     }
 
     /// The file's text as TOML.
@@ -297,14 +185,7 @@ impl ModelFile {
     /// # Errors
     /// [`ModelError::File`] if the writer refuses it.
     pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
-        self.text(Syntax::Toml).map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
-    }
-
-    fn text(&self, syntax: Syntax) -> std::result::Result<String, String> {
-        match syntax {
-            Syntax::Toml => toml::to_string(self).map_err(|e| e.to_string()),
-            Syntax::Json => serde_json::to_string_pretty(self).map_err(|e| e.to_string()).map(|t| t + "\n"),
-        }
+        super::text(self, Syntax::Toml).map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
     }
 
     fn matrices(&self) -> std::result::Result<[DMatrix<f64>; 4], ModelError> {
@@ -372,6 +253,8 @@ impl ModelFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::Error;
+    use crate::model::file::{Mean, Operating};
     use crate::model::uav::Dynamics;
 
     const LATERAL: &str = r#"
@@ -425,6 +308,7 @@ parameters = { delay = 0.031 }
         for (from, to, expect) in [
             ("model@1", "model@9", "deadtime/model@1"),
             ("\"lti\"", "\"equations\"", "lti"),
+            ("\"lti\"", "\"fuzzy\"", "equations"),
             ("name   = \"lateral\"", "nmae = \"lateral\"", "nmae"),
             ("[[9.379], [851.287], [0.0]]", "[[9.379], [851.287]]", "matrix B is 2 by 1"),
             ("[[0.0], [9.379]]", "[[0.0], [nan]]", "matrix D"),

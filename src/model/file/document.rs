@@ -1,0 +1,114 @@
+//! A model file of any kind.
+
+use std::path::Path;
+
+use super::{Channel, EffectEntry, EquationsFile, ModelFile, read_text};
+use crate::error::Result;
+use crate::model::ModelError;
+
+/// A model file, linear or as equations.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ModelDocument {
+    /// `kind = "lti"`.
+    Lti(ModelFile),
+    /// `kind = "equations"`.
+    Equations(EquationsFile),
+}
+
+impl ModelDocument {
+    /// Reads and checks a model file of either kind.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], or a [`ModelError`] that names the file and what is wrong in it.
+    pub fn read(path: &Path) -> Result<Self> {
+        let (text, syntax) = read_text(path)?;
+        let kind = super::kind(&text, syntax, path)?;
+        Ok(if kind == "equations" {
+            Self::Equations(EquationsFile::parse(&text, syntax, path)?)
+        } else {
+            Self::Lti(ModelFile::parse(&text, syntax, path)?)
+        })
+    }
+
+    /// Writes the file, as TOML or JSON by its extension.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`ModelError::Extension`].
+    pub fn write(&self, path: &Path) -> Result<()> {
+        match self {
+            Self::Lti(file) => file.write(path),
+            Self::Equations(file) => file.write(path),
+        }
+    }
+
+    /// The file's text as TOML.
+    ///
+    /// # Errors
+    /// [`ModelError::File`] if the writer refuses it.
+    pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
+        match self {
+            Self::Lti(file) => file.to_toml(),
+            Self::Equations(file) => file.to_toml(),
+        }
+    }
+
+    /// The model's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Lti(file) => &file.name,
+            Self::Equations(file) => &file.name,
+        }
+    }
+
+    /// The inputs, in order.
+    #[must_use]
+    pub fn inputs(&self) -> &[Channel] {
+        match self {
+            Self::Lti(file) => &file.inputs,
+            Self::Equations(file) => &file.inputs,
+        }
+    }
+
+    /// The outputs, in order.
+    #[must_use]
+    pub fn outputs(&self) -> &[Channel] {
+        match self {
+            Self::Lti(file) => &file.outputs,
+            Self::Equations(file) => &file.outputs,
+        }
+    }
+
+    /// Name and unit of each state, in order.
+    pub fn states(&self) -> impl Iterator<Item = (&str, Option<&str>)> {
+        let (lti, equations): (&[_], &[_]) = match self {
+            Self::Lti(file) => (&file.states, &[]),
+            Self::Equations(file) => (&[], &file.states),
+        };
+        let lti = lti.iter().map(|s: &super::State| (s.name.as_str(), s.unit.as_deref()));
+        lti.chain(equations.iter().map(|(name, s)| (name.as_str(), s.unit.as_deref())))
+    }
+
+    /// Effects that already belong to the simulator.
+    #[must_use]
+    pub fn effects(&self) -> &[EffectEntry] {
+        match self {
+            Self::Lti(file) => &file.effects,
+            Self::Equations(file) => &file.effects,
+        }
+    }
+
+    /// The same, to be changed.
+    pub fn effects_mut(&mut self) -> &mut Vec<EffectEntry> {
+        match self {
+            Self::Lti(file) => &mut file.effects,
+            Self::Equations(file) => &mut file.effects,
+        }
+    }
+
+    /// Sampled, not continuous.
+    #[must_use]
+    pub fn is_sampled(&self) -> bool {
+        matches!(self, Self::Lti(file) if file.is_sampled())
+    }
+}

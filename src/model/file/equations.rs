@@ -1,0 +1,208 @@
+//! The model file of a nonlinear model, `kind = "equations"`.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize, Serializer};
+
+use super::table::{self, Table};
+use super::{Channel, EffectEntry, FORMAT, Operating, Sign, Syntax, parse_text, read_text, syntax, write_text};
+use crate::error::Result;
+use crate::model::{EquationError, Equations, ModelError, OutputVariable, Parameter, StateVariable, Symbol};
+
+/// A state's unit and start.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StateEntry {
+    /// Its unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// The value when a log starts.
+    #[serde(default)]
+    pub initial: f64,
+    /// How far `initial` is trusted, 0: exactly; `None`: the start is unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub initial_std: Option<f64>,
+}
+
+/// A parameter's unit and value.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ParameterEntry {
+    /// Its unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// Its value.
+    pub value: f64,
+}
+
+/// A nonlinear model as it stands in its file. The tables keep the file's order; that of `states` is the order of the states.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EquationsFile {
+    format: String,
+    /// The model's name.
+    pub name: String,
+    kind: String,
+    #[serde(default, skip_serializing)]
+    sample_time_s: f64,
+    /// The inputs.
+    #[serde(serialize_with = "without_operating")]
+    pub inputs: Vec<Channel>,
+    /// The outputs.
+    #[serde(serialize_with = "without_operating")]
+    pub outputs: Vec<Channel>,
+    /// One delay per input, seconds; empty: none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub input_delay_s: Vec<f64>,
+    /// The states, in order.
+    #[serde(with = "table")]
+    pub states: Vec<(String, StateEntry)>,
+    /// The parameters, in order.
+    #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
+    pub parameters: Vec<(String, ParameterEntry)>,
+    /// dx/dt of each state.
+    #[serde(with = "table")]
+    pub derivatives: Vec<(String, String)>,
+    /// Each output.
+    #[serde(with = "table")]
+    pub output_equations: Vec<(String, String)>,
+    /// Effects that belong to the simulator.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<EffectEntry>,
+}
+
+/// Channels without the operating point, which only linear models have.
+fn without_operating<S: Serializer>(channels: &[Channel], serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Named<'a> {
+        name: &'a str,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        unit: Option<&'a str>,
+    }
+    serializer.collect_seq(channels.iter().map(|c| Named { name: &c.name, unit: c.unit.as_deref() }))
+}
+
+/// The value of a key.
+fn entry<'a, T>(table: &'a Table<T>, key: &str) -> Option<&'a T> {
+    table.iter().find(|(name, _)| name == key).map(|(_, value)| value)
+}
+
+impl EquationsFile {
+    /// A file for compiled equations.
+    #[must_use]
+    pub fn from_equations(name: &str, model: &Equations) -> Self {
+        let channel =
+            |name: &str, unit: Option<&String>| Channel { name: name.to_owned(), unit: unit.cloned(), operating: Operating::default() };
+        let states = model.state_variables();
+        let outputs = model.output_variables();
+        Self {
+            format: FORMAT.to_owned(),
+            name: name.to_owned(),
+            kind: "equations".to_owned(),
+            sample_time_s: 0.0,
+            inputs: model.input_symbols().iter().map(|s| channel(&s.name, s.unit.as_ref())).collect(),
+            outputs: outputs.iter().map(|o| channel(&o.name, o.unit.as_ref())).collect(),
+            input_delay_s: Vec::new(),
+            states: states
+                .iter()
+                .map(|s| (s.name.clone(), StateEntry { unit: s.unit.clone(), initial: s.initial, initial_std: s.initial_std }))
+                .collect(),
+            parameters: model
+                .parameters()
+                .iter()
+                .map(|p| (p.name.clone(), ParameterEntry { unit: p.unit.clone(), value: p.value }))
+                .collect(),
+            derivatives: states.iter().map(|s| (s.name.clone(), s.derivative.clone())).collect(),
+            output_equations: outputs.iter().map(|o| (o.name.clone(), o.equation.clone())).collect(),
+            effects: Vec::new(),
+        }
+    }
+
+    /// Reads and checks a model file.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], or a [`ModelError`] that names the file and what is wrong in it.
+    pub fn read(path: &Path) -> Result<Self> {
+        let (text, syntax) = read_text(path)?;
+        Ok(Self::parse(&text, syntax, path)?)
+    }
+
+    pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
+        let kind = super::kind(text, syntax, path)?;
+        if kind != "equations" {
+            return Err(ModelError::Kind { path: path.to_owned(), key: "kind", found: kind, known: "equations here" });
+        }
+        let file: Self = parse_text(text, syntax, path)?;
+        file.check(path)?;
+        Ok(file)
+    }
+
+    fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
+        super::check_channels(path, &self.inputs, &self.outputs)?;
+        super::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;
+        let number = |key, value, rule| Err(ModelError::Number { path: path.to_owned(), key, value, rule });
+        if self.sample_time_s != 0.0 {
+            return number("sample_time_s", self.sample_time_s, "equations are in continuous time; leave it out");
+        }
+        let rule = "only a linear model has an operating point; leave it out";
+        match self.inputs.iter().chain(&self.outputs).map(|c| c.operating).find(|o| *o != Operating::default()) {
+            Some(Operating::Value(value)) => return number("operating", value, rule),
+            Some(Operating::Mean(_)) => return number("operating", f64::NAN, rule),
+            None => {}
+        }
+        self.compile(path).map(drop)
+    }
+
+    /// The compiled model.
+    ///
+    /// # Errors
+    /// [`ModelError::Equations`], which points into the expression; [`ModelError::Unmatched`] for a state without a derivative and its like.
+    pub fn equations(&self) -> std::result::Result<Equations, ModelError> {
+        self.compile(Path::new(&self.name))
+    }
+
+    fn compile(&self, path: &Path) -> std::result::Result<Equations, ModelError> {
+        let unmatched = |what, name: &str, lacks| ModelError::Unmatched { path: path.to_owned(), what, name: name.to_owned(), lacks };
+        if let Some((name, _)) = self.derivatives.iter().find(|(name, _)| entry(&self.states, name).is_none()) {
+            return Err(unmatched("the derivative", name, "belongs to no state; add it to [states] or correct its name"));
+        }
+        if let Some((name, _)) = self.output_equations.iter().find(|(name, _)| !self.outputs.iter().any(|o| o.name == *name)) {
+            return Err(unmatched("the output equation", name, "belongs to no output; add it to `outputs` or correct its name"));
+        }
+        let states = self.states.iter().map(|(name, state)| {
+            let derivative = entry(&self.derivatives, name)
+                .ok_or_else(|| unmatched("the state", name, "has no derivative; add its equation to [derivatives]"))?;
+            let StateEntry { unit, initial, initial_std } = state.clone();
+            Ok(StateVariable { name: name.clone(), unit, initial, initial_std, derivative: derivative.clone() })
+        });
+        let states = states.collect::<std::result::Result<_, ModelError>>()?;
+        let outputs = self.outputs.iter().map(|output| {
+            let equation = entry(&self.output_equations, &output.name)
+                .ok_or_else(|| unmatched("the output", &output.name, "has no equation; add one to [output_equations]"))?;
+            Ok(OutputVariable { name: output.name.clone(), unit: output.unit.clone(), equation: equation.clone() })
+        });
+        let outputs = outputs.collect::<std::result::Result<_, ModelError>>()?;
+        let inputs = self.inputs.iter().map(|c| Symbol { name: c.name.clone(), unit: c.unit.clone() }).collect();
+        let parameter =
+            |(name, entry): &(String, ParameterEntry)| Parameter { name: name.clone(), unit: entry.unit.clone(), value: entry.value };
+        let parameters = self.parameters.iter().map(parameter).collect();
+        let wrong = |source: EquationError| ModelError::Equations { path: path.to_owned(), source };
+        Equations::new(inputs, states, parameters, outputs).map_err(wrong)
+    }
+
+    /// Writes the file, as TOML or JSON by its extension.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`ModelError::Extension`].
+    pub fn write(&self, path: &Path) -> Result<()> {
+        write_text(path, self, syntax(path)?)
+    }
+
+    /// The file's text as TOML.
+    ///
+    /// # Errors
+    /// [`ModelError::File`] if the writer refuses it.
+    pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
+        super::text(self, Syntax::Toml).map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
+    }
+}

@@ -1,0 +1,182 @@
+//! The model file, `deadtime/model@1`: TOML or JSON, as the extension says; linear or as equations, as its `kind` says.
+
+mod document;
+mod equations;
+mod lti;
+mod table;
+
+use std::path::Path;
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use super::ModelError;
+use crate::error::{Error, Result};
+
+pub use document::ModelDocument;
+pub use equations::{EquationsFile, ParameterEntry, StateEntry};
+pub use lti::{ModelFile, State};
+
+const FORMAT: &str = "deadtime/model@1";
+/// What `kind` may say.
+const KINDS: &str = "lti and equations";
+
+/// The point at which a model was linearised: the matrices act on u − operating and give y − operating.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Operating {
+    /// A number in the channel's unit.
+    Value(f64),
+    /// The channel's mean over the training logs, written `"mean"`.
+    Mean(Mean),
+}
+
+/// The word `mean`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mean {
+    /// The channel's mean.
+    Mean,
+}
+
+impl Default for Operating {
+    fn default() -> Self {
+        Self::Value(0.0)
+    }
+}
+
+/// An input or output.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Channel {
+    /// The name that a log's column carries.
+    pub name: String,
+    /// Its unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// The operating point.
+    #[serde(default)]
+    pub operating: Operating,
+}
+
+/// An effect that already belongs to the simulator, kept as it stands in the file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EffectEntry {
+    /// The effect's name.
+    pub effect: String,
+    /// Where it acts.
+    pub channel: String,
+    /// Its parameters.
+    #[serde(default)]
+    pub parameters: std::collections::BTreeMap<String, f64>,
+}
+
+#[derive(Clone, Copy)]
+enum Syntax {
+    Toml,
+    Json,
+}
+
+fn syntax(path: &Path) -> std::result::Result<Syntax, ModelError> {
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("toml") => Ok(Syntax::Toml),
+        Some("json") => Ok(Syntax::Json),
+        _ => Err(ModelError::Extension { path: path.to_owned() }),
+    }
+}
+
+fn read_text(path: &Path) -> Result<(String, Syntax)> {
+    let syntax = syntax(path)?;
+    let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+    Ok((text, syntax))
+}
+
+fn parse_text<T: DeserializeOwned>(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<T, ModelError> {
+    let wrong = |detail: String| ModelError::File { path: path.to_owned(), detail };
+    match syntax {
+        Syntax::Toml => toml::from_str(text).map_err(|e| wrong(e.to_string())),
+        Syntax::Json => serde_json::from_str(text).map_err(|e| wrong(e.to_string())),
+    }
+}
+
+fn text<T: Serialize>(file: &T, syntax: Syntax) -> std::result::Result<String, String> {
+    match syntax {
+        Syntax::Toml => toml::to_string(file).map_err(|e| e.to_string()),
+        Syntax::Json => serde_json::to_string_pretty(file).map_err(|e| e.to_string()).map(|t| t + "\n"),
+    }
+}
+
+fn write_text<T: Serialize>(path: &Path, file: &T, syntax: Syntax) -> Result<()> {
+    let text = text(file, syntax).map_err(|detail| ModelError::File { path: path.to_owned(), detail })?;
+    crate::file::write_atomic(path, |out| out.write_all(text.as_bytes()))
+}
+
+/// The keys that say what the rest means.
+#[derive(Deserialize)]
+struct Header {
+    format: Option<String>,
+    kind: Option<String>,
+}
+
+/// The file's kind, `lti` or `equations`; its format is that of this version.
+fn kind(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<String, ModelError> {
+    let Header { format, kind } = parse_text(text, syntax, path)?;
+    let wrong = |key, found: Option<String>, known| {
+        let found = found.unwrap_or_else(|| "missing".to_owned());
+        ModelError::Kind { path: path.to_owned(), key, found, known }
+    };
+    if format.as_deref() != Some(FORMAT) {
+        return Err(wrong("format", format, FORMAT));
+    }
+    match kind {
+        Some(kind) if kind == "lti" || kind == "equations" => Ok(kind),
+        kind => Err(wrong("kind", kind, KINDS)),
+    }
+}
+
+/// No name twice.
+fn check_names(path: &Path, what: &'static str, names: &[&str]) -> std::result::Result<(), ModelError> {
+    match names.iter().enumerate().find(|(i, n)| names[..*i].contains(n)) {
+        Some((_, name)) => Err(ModelError::Duplicate { path: path.to_owned(), what, name: (*name).to_owned() }),
+        None => Ok(()),
+    }
+}
+
+/// Inputs and outputs: no name twice, finite operating points.
+fn check_channels(path: &Path, inputs: &[Channel], outputs: &[Channel]) -> std::result::Result<(), ModelError> {
+    for (what, channels) in [("input", inputs), ("output", outputs)] {
+        check_names(path, what, &channels.iter().map(|c| c.name.as_str()).collect::<Vec<_>>())?;
+    }
+    let operating = inputs.iter().chain(outputs).find_map(|c| match c.operating {
+        Operating::Value(v) if !v.is_finite() => Some(v),
+        _ => None,
+    });
+    match operating {
+        Some(value) => Err(ModelError::Number { path: path.to_owned(), key: "operating", value, rule: "it must be finite" }),
+        None => Ok(()),
+    }
+}
+
+/// Which numbers a list may hold.
+#[derive(Clone, Copy, PartialEq)]
+enum Sign {
+    Any,
+    NotNegative,
+}
+
+/// A list that may be absent, else has its length and finite numbers.
+fn check_list(path: &Path, key: &'static str, list: &[f64], needed: usize, sign: Sign) -> std::result::Result<(), ModelError> {
+    if !list.is_empty() && list.len() != needed {
+        let detail = ModelError::Count { what: key, needed, got: list.len() }.to_string();
+        return Err(ModelError::File { path: path.to_owned(), detail });
+    }
+    let positive = sign == Sign::NotNegative;
+    match list.iter().find(|v| !v.is_finite() || (positive && **v < 0.0)) {
+        Some(&value) => {
+            let rule = if positive { "it must be finite and not negative" } else { "it must be finite" };
+            Err(ModelError::Number { path: path.to_owned(), key, value, rule })
+        }
+        None => Ok(()),
+    }
+}
