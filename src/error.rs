@@ -21,6 +21,9 @@ pub enum Error {
     /// A simulation that cannot be run.
     #[error(transparent)]
     Simulate(#[from] crate::simulate::SimulateError),
+    /// An effect that cannot be applied.
+    #[error(transparent)]
+    Effect(#[from] crate::effect::EffectError),
     /// An estimation that cannot be set up.
     #[error(transparent)]
     Delay(#[from] crate::delay::DelayError),

@@ -1,11 +1,28 @@
-//! Simulation of linear models (exact for held and interpolated inputs, with delays that need not be whole samples) and of nonlinear ones.
+//! Simulation: linear models exactly, for held and interpolated inputs and delays of any size; nonlinear ones from edge to edge of their inputs.
+//!
+//! `lsim` is the response of a bare linear model. [`System::simulate`] runs a whole simulator, of any kind, under a [`Plan`] of hooks on its way in, in its
+//! dynamics, on its way out and on the clock; which hooks belong to which effect is not known here.
 
+mod assembly;
 mod equations;
+mod linear;
 mod lsim;
+mod nonlinear;
 pub mod ode;
+mod piecewise;
+pub mod plan;
+mod run;
+mod sampled;
+mod system;
+mod walk;
 
 pub use equations::{DrivenEquations, EquationOptions, simulate_equations};
 pub use lsim::{Options, Prehistory, Response, lsim, lsim_sampled, lsim_uneven};
+pub use piecewise::{Piece, Piecewise};
+pub use plan::{Drops, Mode, Plan, Source, Term};
+pub use run::Commands;
+pub use system::{Dynamics, Matrices, Port, System};
+pub use walk::{Correction, Measured, Run};
 
 /// How the input runs between samples.
 pub use crate::model::c2d::Hold;
@@ -101,6 +118,20 @@ pub enum SimulateError {
         steps: usize,
         /// The last step.
         step_s: f64,
+    },
+    /// A sequence of losses has another length than the log.
+    #[error("the sequence of dropped commands has {got} entries, the log has {needed} samples")]
+    Drops {
+        /// Samples of the log.
+        needed: usize,
+        /// Length of the sequence.
+        got: usize,
+    },
+    /// Friction that sticks and slides without end.
+    #[error("friction changes between sticking and sliding without end at t = {time_s} s; the friction levels do not fit the model")]
+    Contacts {
+        /// When.
+        time_s: f64,
     },
     /// A delay that cannot be.
     #[error(transparent)]

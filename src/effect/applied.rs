@@ -1,0 +1,139 @@
+//! An effect on a channel with values for its parameters, and a list of them as a plan.
+
+use super::{EFFECTS, Effect, EffectError, Parameter, find};
+use crate::model::EffectEntry;
+use crate::simulate::{Drops, Plan, System};
+
+/// What random effects do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Chance {
+    /// Their mean, which is what a fit can predict.
+    Mean,
+    /// A draw from this seed.
+    Seed(u64),
+}
+
+/// An effect on a channel with its values.
+#[derive(Clone)]
+pub struct Applied {
+    /// The effect.
+    pub effect: &'static dyn Effect,
+    /// Where it acts.
+    pub channel: String,
+    /// Its parameters on this channel.
+    pub parameters: Vec<Parameter>,
+    /// One value per parameter.
+    pub values: Vec<f64>,
+}
+
+impl std::fmt::Debug for Applied {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}:{}{:?}", self.effect.name(), self.channel, self.values)
+    }
+}
+
+impl Applied {
+    /// The effect at its nominal parameters: the identity.
+    ///
+    /// # Errors
+    /// [`EffectError::Channel`] or [`EffectError::Sampled`] where it cannot act there.
+    pub fn nominal(system: &System, effect: &'static dyn Effect, channel: &str) -> Result<Self, EffectError> {
+        if system.is_sampled() && effect.site() == super::Site::Dynamics {
+            return Err(EffectError::Sampled { effect: effect.name() });
+        }
+        let parameters = effect.parameters(system, channel)?;
+        let values = parameters.iter().map(|p| p.nominal).collect();
+        Ok(Self { effect, channel: channel.to_owned(), parameters, values })
+    }
+
+    /// From an entry of a model file.
+    ///
+    /// # Errors
+    /// [`EffectError`]: an unknown effect, channel or parameter, one that is missing or outside its bounds.
+    pub fn from_entry(system: &System, entry: &EffectEntry) -> Result<Self, EffectError> {
+        let mut applied = Self::nominal(system, find(&entry.effect)?, &entry.channel)?;
+        let (effect, channel) = (applied.effect.name(), applied.channel.clone());
+        if let Some(parameter) = entry.parameters.keys().find(|key| applied.parameters.iter().all(|p| p.name != key.as_str())) {
+            let known = applied.parameters.iter().map(|p| p.name).collect();
+            return Err(EffectError::UnknownParameter { effect, channel, parameter: parameter.clone(), known });
+        }
+        for (value, parameter) in applied.values.iter_mut().zip(&applied.parameters) {
+            match entry.parameters.get(parameter.name) {
+                Some(given) => *value = *given,
+                None if parameter.nominal.is_infinite() => {}
+                None => return Err(EffectError::MissingParameter { effect, channel, parameter: parameter.name }),
+            }
+        }
+        applied.check()?;
+        Ok(applied)
+    }
+
+    /// As an entry of a model file; infinite limits are left out.
+    #[must_use]
+    pub fn to_entry(&self) -> EffectEntry {
+        let finite = self.parameters.iter().zip(&self.values).filter(|(_, v)| v.is_finite());
+        EffectEntry {
+            effect: self.effect.name().to_owned(),
+            channel: self.channel.clone(),
+            parameters: finite.map(|(p, v)| (p.name.to_owned(), *v)).collect(),
+        }
+    }
+
+    /// `effect:channel`.
+    #[must_use]
+    pub fn key(&self) -> String {
+        format!("{}:{}", self.effect.name(), self.channel)
+    }
+
+    fn check(&self) -> Result<(), EffectError> {
+        let effect = self.effect.name();
+        for (&value, p) in self.values.iter().zip(&self.parameters) {
+            if !(value >= p.lower && value <= p.upper) {
+                let (channel, parameter) = (self.channel.clone(), p.name);
+                return Err(EffectError::Bounds { effect, channel, parameter, value, lower: p.lower, upper: p.upper });
+            }
+        }
+        let named = |name: &str| self.parameters.iter().position(|p| p.name == name).map(|i| self.values[i]);
+        match (named("lower"), named("upper")) {
+            (Some(lower), Some(upper)) if lower >= upper => {
+                Err(EffectError::Limits { effect, channel: self.channel.clone(), lower, upper })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Adds the effect's hooks; none where its values make it the identity.
+    fn apply(&self, system: &System, plan: &mut Plan) -> Result<(), EffectError> {
+        self.check()?;
+        if self.effect.is_identity(&self.values, &self.parameters) {
+            return Ok(());
+        }
+        self.effect.apply(system, &self.channel, &self.values, plan)
+    }
+
+    /// The plan of a system with these effects, in the order in which the table lists them whatever theirs.
+    ///
+    /// # Errors
+    /// [`EffectError`] for values outside their bounds.
+    pub fn plan<'a>(
+        system: &System,
+        effects: impl IntoIterator<Item = &'a Self, IntoIter: Clone>,
+        chance: Chance,
+    ) -> Result<Plan, EffectError> {
+        let mut plan = Plan::new(system);
+        let effects = effects.into_iter();
+        for effect in EFFECTS {
+            for applied in effects.clone().filter(|a| a.effect.name() == effect.name()) {
+                applied.apply(system, &mut plan)?;
+            }
+        }
+        if let Chance::Seed(seed) = chance {
+            for (i, path) in plan.inputs.iter_mut().enumerate() {
+                if let Some(Drops::Mean(probability)) = path.drops {
+                    path.drops = Some(Drops::Random { probability, seed: seed.wrapping_add(i as u64) });
+                }
+            }
+        }
+        Ok(plan)
+    }
+}

@@ -1,0 +1,130 @@
+//! Channels by name: `name`, `from->to`, `u->site:name`, `*`.
+
+use super::{Effect, EffectError, Parameter};
+use crate::model::Wrt;
+use crate::simulate::{Dynamics, Port, Source, System};
+
+/// All outputs.
+pub(super) const ALL: &str = "*";
+
+/// A parameter without bounds.
+pub(super) fn free(name: &'static str, unit: String, nominal: f64) -> Parameter {
+    Parameter { name, unit, nominal, lower: f64::NEG_INFINITY, upper: f64::INFINITY }
+}
+
+/// A parameter that is not negative.
+pub(super) fn not_negative(name: &'static str, unit: String, nominal: f64) -> Parameter {
+    Parameter { lower: 0.0, ..free(name, unit, nominal) }
+}
+
+fn unknown(effect: &dyn Effect, system: &System, channel: &str) -> EffectError {
+    EffectError::Channel { effect: effect.name(), channel: channel.to_owned(), known: effect.channels(system) }
+}
+
+pub(super) fn names(ports: &[Port]) -> Vec<String> {
+    ports.iter().map(|p| p.name.clone()).collect()
+}
+
+fn position(ports: &[Port], name: &str) -> Option<usize> {
+    ports.iter().position(|p| p.name == name)
+}
+
+pub(super) fn unit(port: &Port) -> String {
+    port.unit.clone().unwrap_or_else(|| "1".to_owned())
+}
+
+/// The unit of a port per another unit, as in `m/s^2`.
+pub(super) fn per(port: &Port, other: &str) -> String {
+    match port.unit.as_deref() {
+        Some(unit) if unit != "1" => format!("({unit})/{other}"),
+        _ => format!("1/{other}"),
+    }
+}
+
+/// One unit over another, as of a gain between channels.
+pub(super) fn ratio(to: &Port, from: &Port) -> String {
+    if to.unit == from.unit { "1".to_owned() } else { format!("({})/({})", unit(to), unit(from)) }
+}
+
+pub(super) fn input(effect: &dyn Effect, system: &System, channel: &str) -> Result<usize, EffectError> {
+    position(&system.inputs, channel).ok_or_else(|| unknown(effect, system, channel))
+}
+
+pub(super) fn state(effect: &dyn Effect, system: &System, channel: &str) -> Result<usize, EffectError> {
+    position(&system.states, channel).ok_or_else(|| unknown(effect, system, channel))
+}
+
+pub(super) fn output(effect: &dyn Effect, system: &System, channel: &str) -> Result<usize, EffectError> {
+    position(&system.outputs, channel).ok_or_else(|| unknown(effect, system, channel))
+}
+
+/// The outputs that a name or `*` means.
+pub(super) fn outputs(effect: &dyn Effect, system: &System, channel: &str) -> Result<Vec<usize>, EffectError> {
+    if channel == ALL { Ok((0..system.outputs.len()).collect()) } else { output(effect, system, channel).map(|i| vec![i]) }
+}
+
+/// The channels of an effect that outputs may share: each output and `*`, or `*` alone where there is one.
+pub(super) fn shared(system: &System) -> Vec<String> {
+    let mut channels = if system.outputs.len() > 1 { names(&system.outputs) } else { Vec::new() };
+    channels.push(ALL.to_owned());
+    channels
+}
+
+/// `from->to` between two lists of ports.
+pub(super) fn arrow(
+    effect: &dyn Effect,
+    system: &System,
+    channel: &str,
+    from: &[Port],
+    to: &[Port],
+) -> Result<(usize, usize), EffectError> {
+    channel.split_once("->").and_then(|(f, t)| Some((position(from, f)?, position(to, t)?))).ok_or_else(|| unknown(effect, system, channel))
+}
+
+/// `from->to`, from a state or an input to a state.
+pub(super) fn coupling(effect: &dyn Effect, system: &System, channel: &str) -> Result<(Source, usize), EffectError> {
+    let find = |(from, to): (&str, &str)| {
+        let from = position(&system.states, from).map(Source::State).or_else(|| position(&system.inputs, from).map(Source::Input))?;
+        Some((from, position(&system.states, to)?))
+    };
+    channel.split_once("->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
+}
+
+/// The derivative of state `to` depends on `from` in the model.
+#[must_use]
+pub fn depends(system: &System, to: usize, from: Source) -> bool {
+    match (&system.dynamics, from) {
+        (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Source::State(j)) => matrices.a[(to, j)] != 0.0,
+        (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Source::Input(j)) => matrices.b[(to, j)] != 0.0,
+        (Dynamics::Equations(equations, _), Source::State(j)) => equations.derivative_depends(to, Wrt::States, j),
+        (Dynamics::Equations(equations, _), Source::Input(j)) => equations.derivative_depends(to, Wrt::Inputs, j),
+    }
+}
+
+/// ± each size.
+pub(super) fn both_signs(sizes: impl IntoIterator<Item = f64>) -> Vec<Vec<f64>> {
+    sizes.into_iter().flat_map(|v| [vec![v], vec![-v]]).collect()
+}
+
+/// Delays and time constants from below a sample to the longest looked for, three per factor of ten or so.
+pub(super) fn times(scales: &super::Scales) -> Vec<Vec<f64>> {
+    let mut times = Vec::new();
+    let mut time = 0.5 * scales.sample_time_s;
+    while time < scales.longest_delay_s {
+        times.push(vec![time]);
+        time *= 2.0;
+    }
+    times.push(vec![scales.longest_delay_s]);
+    times
+}
+
+/// Limits that a part of the data reaches: on both sides, and on each alone.
+pub(super) fn limits(spread: &super::Spread) -> Vec<Vec<f64>> {
+    let (middle, half) = (0.5 * (spread.largest + spread.smallest), 0.5 * (spread.largest - spread.smallest));
+    let mut starts = Vec::new();
+    for share in [0.9, 0.7, 0.45] {
+        let (lower, upper) = (middle - share * half, middle + share * half);
+        starts.extend([vec![lower, upper], vec![f64::NEG_INFINITY, upper], vec![lower, f64::INFINITY]]);
+    }
+    starts
+}

@@ -1,0 +1,46 @@
+//! The sensors' clock is set differently: it reads t + offset. Positive: outputs seem late.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System};
+
+/// The sensors' clock is set differently.
+#[derive(Debug, Clone, Copy)]
+pub struct ClockOffset;
+
+impl Effect for ClockOffset {
+    fn name(&self) -> &'static str {
+        "clock_offset"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the sensors' clock is set differently"
+    }
+
+    fn site(&self) -> Site {
+        Site::Clock
+    }
+
+    fn channels(&self, _: &System) -> Vec<String> {
+        vec![channel::ALL.to_owned()]
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        if channel != channel::ALL {
+            return Err(EffectError::Channel { effect: self.name(), channel: channel.to_owned(), known: self.channels(system) });
+        }
+
+        Ok(vec![channel::free("offset", "s".to_owned(), 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let _ = (system, channel);
+        channel::times(scales).into_iter().flat_map(|t| [t.clone(), vec![-t[0]]]).collect()
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let _ = (system, channel);
+        plan.clock.offset_s += values[0];
+        Ok(())
+    }
+}

@@ -1,0 +1,48 @@
+//! The sensors' clock runs at another rate: when the commands' clock reads t, it reads ratio·t.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System};
+
+/// The sensors' clock runs at another rate.
+#[derive(Debug, Clone, Copy)]
+pub struct ClockSkew;
+
+impl Effect for ClockSkew {
+    fn name(&self) -> &'static str {
+        "clock_skew"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the sensors' clock runs at another rate"
+    }
+
+    fn site(&self) -> Site {
+        Site::Clock
+    }
+
+    fn channels(&self, _: &System) -> Vec<String> {
+        vec![channel::ALL.to_owned()]
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        if channel != channel::ALL {
+            return Err(EffectError::Channel { effect: self.name(), channel: channel.to_owned(), known: self.channels(system) });
+        }
+
+        Ok(vec![Parameter { lower: 1e-3, upper: 1e3, ..channel::free("ratio", "1".to_owned(), 1.0) }])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let _ = (system, channel);
+        // Shifts of a tenth of a sample to ten samples at the end of the log.
+        let shift = |samples: f64| samples * scales.sample_time_s / scales.duration_s.max(f64::MIN_POSITIVE);
+        [1.0, 10.0].iter().flat_map(|&n| [vec![1.0 + shift(n)], vec![1.0 - shift(n)]]).collect()
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let _ = (system, channel);
+        plan.clock.ratio *= values[0];
+        Ok(())
+    }
+}

@@ -1,0 +1,42 @@
+//! Something pushes all the time: a level on a state's derivative.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System, Term};
+
+/// Something pushes all the time.
+#[derive(Debug, Clone, Copy)]
+pub struct ConstantDisturbance;
+
+impl Effect for ConstantDisturbance {
+    fn name(&self) -> &'static str {
+        "constant_disturbance"
+    }
+
+    fn summary(&self) -> &'static str {
+        "something pushes all the time"
+    }
+
+    fn site(&self) -> Site {
+        Site::Dynamics
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.states)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let unit = channel::per(&system.states[channel::state(self, system, channel)?], "s");
+        Ok(vec![channel::free("level", unit, 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(size) = channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i)) else { return Vec::new() };
+        channel::both_signs([0.1 * size])
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        plan.terms.push(Term::Constant { to: channel::state(self, system, channel)?, level: values[0] });
+        Ok(())
+    }
+}

@@ -1,0 +1,42 @@
+//! Dry friction: −level·sign(x) on the derivative of the velocity x, which sticks at 0.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System, Term};
+
+/// Dry friction that sticks.
+#[derive(Debug, Clone, Copy)]
+pub struct CoulombFriction;
+
+impl Effect for CoulombFriction {
+    fn name(&self) -> &'static str {
+        "coulomb_friction"
+    }
+
+    fn summary(&self) -> &'static str {
+        "dry friction that sticks"
+    }
+
+    fn site(&self) -> Site {
+        Site::Dynamics
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.states)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let unit = channel::per(&system.states[channel::state(self, system, channel)?], "s");
+        Ok(vec![channel::not_negative("level", unit, 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(size) = channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i)) else { return Vec::new() };
+        [0.05, 0.2, 0.6].map(|share| vec![share * size]).to_vec()
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        plan.terms.push(Term::Friction { state: channel::state(self, system, channel)?, level: values[0] });
+        Ok(())
+    }
+}

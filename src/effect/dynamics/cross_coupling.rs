@@ -1,0 +1,62 @@
+//! A state or input moves a state that the model keeps apart: gain·from on the derivative of `to`.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, Source, System, Term};
+
+/// A coupling that the model lacks.
+#[derive(Debug, Clone, Copy)]
+pub struct CrossCoupling;
+
+impl Effect for CrossCoupling {
+    fn name(&self) -> &'static str {
+        "cross_coupling"
+    }
+
+    fn summary(&self) -> &'static str {
+        "a coupling that the model lacks"
+    }
+
+    fn site(&self) -> Site {
+        Site::Dynamics
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        let mut channels = Vec::new();
+        let states = system.states.iter().enumerate().map(|(j, from)| (Source::State(j), &from.name));
+        let inputs = system.inputs.iter().enumerate().map(|(j, from)| (Source::Input(j), &from.name));
+        for (source, from) in states.chain(inputs) {
+            let apart =
+                system.states.iter().enumerate().filter(|&(i, _)| source != Source::State(i) && !channel::depends(system, i, source));
+            channels.extend(apart.map(|(_, to)| format!("{from}->{}", to.name)));
+        }
+        channels
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let (from, to) = channel::coupling(self, system, channel)?;
+        let from = match from {
+            Source::State(i) => &system.states[i],
+            Source::Input(i) => &system.inputs[i],
+        };
+        let unit = channel::unit(from);
+        let derivative = channel::per(&system.states[to], "s");
+        Ok(vec![channel::free("gain", if unit == "1" { derivative } else { format!("({derivative})/({unit})") }, 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok((from, to)) = channel::coupling(self, system, channel) else { return Vec::new() };
+        let size = match from {
+            Source::State(i) => scales.states.get(i),
+            Source::Input(i) => scales.inputs.get(i),
+        };
+        let Some((size, derivative)) = size.zip(scales.derivatives.get(to)) else { return Vec::new() };
+        channel::both_signs([0.2 * derivative / size.rms.max(f64::MIN_POSITIVE)])
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let (from, to) = channel::coupling(self, system, channel)?;
+        plan.terms.push(Term::Linear { to, from, gain: values[0] });
+        Ok(())
+    }
+}

@@ -1,0 +1,101 @@
+//! A number of the model is wrong: a named parameter, or an entry of A or B that is not 0.
+
+use nalgebra::DMatrix;
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Dynamics, Plan, Port, System};
+
+/// A parameter of the model is wrong.
+#[derive(Debug, Clone, Copy)]
+pub struct ParameterError;
+
+impl Effect for ParameterError {
+    fn name(&self) -> &'static str {
+        "parameter_error"
+    }
+
+    fn summary(&self) -> &'static str {
+        "a parameter of the model is wrong"
+    }
+
+    fn site(&self) -> Site {
+        Site::Dynamics
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        match &system.dynamics {
+            Dynamics::Equations(..) => channel::names(&system.parameters),
+            Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
+                let entries = |letter: &'static str, matrix: &DMatrix<f64>, columns: &[Port]| {
+                    let place = |(i, j): (usize, usize)| format!("{letter}[{},{}]", system.states[i].name, columns[j].name);
+                    let all = (0..matrix.nrows()).flat_map(|i| (0..matrix.ncols()).map(move |j| (i, j)));
+                    all.filter(|&at| matrix[at] != 0.0).map(place).collect::<Vec<_>>()
+                };
+                [entries("A", &matrices.a, &system.states), entries("B", &matrices.b, &system.inputs)].concat()
+            }
+        }
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let (_, unit, nominal) = self.place(system, channel)?;
+        Ok(vec![channel::free("value", unit, nominal)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let _ = scales;
+        let Ok((_, _, nominal)) = self.place(system, channel) else { return Vec::new() };
+        let size = if nominal == 0.0 { 1.0 } else { nominal };
+        vec![vec![nominal + 0.1 * size], vec![nominal - 0.1 * size]]
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let (place, ..) = self.place(system, channel)?;
+        match (&mut plan.dynamics, place) {
+            (Dynamics::Equations(_, parameters), Place::Parameter(i)) => parameters[i] = values[0],
+            (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Place::A(i, j)) => matrices.a[(i, j)] = values[0],
+            (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Place::B(i, j)) => matrices.b[(i, j)] = values[0],
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// Where the number stands.
+enum Place {
+    Parameter(usize),
+    A(usize, usize),
+    B(usize, usize),
+}
+
+impl ParameterError {
+    /// The place that a channel names, its unit and what stands there.
+    fn place(&self, system: &System, channel: &str) -> Result<(Place, String, f64), EffectError> {
+        let unknown = || EffectError::Channel { effect: self.name(), channel: channel.to_owned(), known: self.channels(system) };
+        let at = |ports: &[Port], name: &str| ports.iter().position(|p| p.name == name).ok_or_else(unknown);
+        match &system.dynamics {
+            Dynamics::Equations(_, parameters) => {
+                let i = at(&system.parameters, channel)?;
+                Ok((Place::Parameter(i), channel::unit(&system.parameters[i]), parameters[i]))
+            }
+            Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
+                let inside = |letter: &str| channel.strip_prefix(letter)?.strip_prefix('[')?.strip_suffix(']')?.split_once(',');
+                let derivative = |i: usize, from: &Port| {
+                    let unit = channel::unit(from);
+                    if unit == "1" {
+                        channel::per(&system.states[i], "s")
+                    } else {
+                        format!("({})/({unit})", channel::per(&system.states[i], "s"))
+                    }
+                };
+                if let Some((row, column)) = inside("A") {
+                    let (i, j) = (at(&system.states, row)?, at(&system.states, column)?);
+                    return Ok((Place::A(i, j), derivative(i, &system.states[j]), matrices.a[(i, j)]));
+                }
+                let (row, column) = inside("B").ok_or_else(unknown)?;
+                let (i, j) = (at(&system.states, row)?, at(&system.inputs, column)?);
+                Ok((Place::B(i, j), derivative(i, &system.inputs[j]), matrices.b[(i, j)]))
+            }
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! Something shakes: amplitude·sin(2π·frequency·t + phase) on a state's derivative, t from the log's first sample.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System, Term};
+
+/// Something shakes at one frequency.
+#[derive(Debug, Clone, Copy)]
+pub struct PeriodicDisturbance;
+
+impl Effect for PeriodicDisturbance {
+    fn name(&self) -> &'static str {
+        "periodic_disturbance"
+    }
+
+    fn summary(&self) -> &'static str {
+        "something shakes at one frequency"
+    }
+
+    fn site(&self) -> Site {
+        Site::Dynamics
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.states)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let unit = channel::per(&system.states[channel::state(self, system, channel)?], "s");
+        Ok(vec![
+            Parameter { lower: 1e-9, ..channel::free("frequency", "Hz".to_owned(), 1.0) },
+            channel::free("amplitude", unit, 0.0),
+            channel::free("phase", "rad".to_owned(), 0.0),
+        ])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(size) = channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i)) else { return Vec::new() };
+        let guesses = |f: &f64| [0.0, std::f64::consts::FRAC_PI_2].map(|phase| vec![*f, 0.1 * size, phase]);
+        scales.peaks_hz.iter().flat_map(guesses).collect()
+    }
+
+    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
+        values[1] == 0.0
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let to = channel::state(self, system, channel)?;
+        plan.terms.push(Term::Sine { to, omega_rad_s: std::f64::consts::TAU * values[0], amplitude: values[1], phase_rad: values[2] });
+        Ok(())
+    }
+}

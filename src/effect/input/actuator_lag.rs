@@ -1,0 +1,42 @@
+//! The actuator lags: w′ = (u − w)/time_constant.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System};
+
+/// The actuator follows with a first-order lag.
+#[derive(Debug, Clone, Copy)]
+pub struct ActuatorLag;
+
+impl Effect for ActuatorLag {
+    fn name(&self) -> &'static str {
+        "actuator_lag"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the actuator follows with a first-order lag"
+    }
+
+    fn site(&self) -> Site {
+        Site::Input
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.inputs)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        channel::input(self, system, channel)?;
+        Ok(vec![channel::not_negative("time_constant", "s".to_owned(), 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let _ = (system, channel);
+        channel::times(scales)
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        plan.inputs[channel::input(self, system, channel)?].lags_s.push(values[0]);
+        Ok(())
+    }
+}

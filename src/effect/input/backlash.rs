@@ -1,0 +1,72 @@
+//! Play between command and plant: the plant follows only once the play is used up.
+
+use std::sync::Arc;
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Piece, Piecewise, Plan, System};
+
+/// Play between command and plant.
+#[derive(Debug, Clone, Copy)]
+pub struct Backlash;
+
+impl Effect for Backlash {
+    fn name(&self) -> &'static str {
+        "backlash"
+    }
+
+    fn summary(&self) -> &'static str {
+        "play between command and plant"
+    }
+
+    fn site(&self) -> Site {
+        Site::Input
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.inputs)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let unit = channel::unit(&system.inputs[channel::input(self, system, channel)?]);
+        Ok(vec![channel::not_negative("width", unit, 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
+        [0.05, 0.15, 0.35, 0.7].map(|share| vec![share * spread.quantiles[5]]).to_vec()
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let width = values[0];
+        plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| play(&signal, width)));
+        Ok(())
+    }
+}
+
+/// The play operator p ← min(max(p, v − width), v + width), centred on the first value (Brokate and Sprekels 1996, "Hysteresis and Phase Transitions",
+/// section 2.3).
+fn play(signal: &Piecewise, width: f64) -> Piecewise {
+    let mut position = signal.first();
+    signal.rebuild(|piece, end_s, out| {
+        position = position.clamp(piece.value - width, piece.value + width);
+        let start_s = piece.start_s;
+        if piece.slope == 0.0 {
+            out.push(Piece { start_s, value: position, slope: 0.0 });
+            return;
+        }
+        // The side that pushes, and when it touches.
+        let side = width * piece.slope.signum();
+        let touch_s = start_s + (position + side - piece.value) / piece.slope;
+        if touch_s > start_s {
+            out.push(Piece { start_s, value: position, slope: 0.0 });
+        }
+        if touch_s < end_s {
+            let from_s = touch_s.max(start_s);
+            out.push(Piece { start_s: from_s, value: piece.at(from_s) - side, slope: piece.slope });
+            if end_s.is_finite() {
+                position = piece.at(end_s) - side;
+            }
+        }
+    })
+}

@@ -1,0 +1,42 @@
+//! The actuator is not straight: u + quadratic·u·|u|.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System};
+
+/// The actuator has a quadratic characteristic.
+#[derive(Debug, Clone, Copy)]
+pub struct InputCurve;
+
+impl Effect for InputCurve {
+    fn name(&self) -> &'static str {
+        "input_curve"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the actuator has a quadratic characteristic"
+    }
+
+    fn site(&self) -> Site {
+        Site::Input
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.inputs)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let unit = channel::unit(&system.inputs[channel::input(self, system, channel)?]);
+        Ok(vec![channel::free("quadratic", format!("1/({unit})"), 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
+        channel::both_signs([0.3 / spread.quantiles[5].max(f64::MIN_POSITIVE)])
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        plan.inputs[channel::input(self, system, channel)?].curve.get_or_insert_default().quadratic += values[0];
+        Ok(())
+    }
+}

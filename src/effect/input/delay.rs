@@ -1,0 +1,42 @@
+//! A command reaches the plant later: u(t − delay).
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System};
+
+/// Dead time between the command and the plant; continuous, never rounded to samples.
+#[derive(Debug, Clone, Copy)]
+pub struct InputDelay;
+
+impl Effect for InputDelay {
+    fn name(&self) -> &'static str {
+        "input_delay"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the command arrives late"
+    }
+
+    fn site(&self) -> Site {
+        Site::Input
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.inputs)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        channel::input(self, system, channel)?;
+        Ok(vec![channel::not_negative("delay", "s".to_owned(), 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let _ = (system, channel);
+        channel::times(scales)
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        plan.inputs[channel::input(self, system, channel)?].delay_s += values[0];
+        Ok(())
+    }
+}

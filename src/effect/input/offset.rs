@@ -1,0 +1,45 @@
+//! The actuator is off centre: u + offset.
+
+use std::sync::Arc;
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System};
+
+/// The actuator is off centre.
+#[derive(Debug, Clone, Copy)]
+pub struct InputOffset;
+
+impl Effect for InputOffset {
+    fn name(&self) -> &'static str {
+        "input_offset"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the actuator is off centre"
+    }
+
+    fn site(&self) -> Site {
+        Site::Input
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.inputs)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let unit = channel::unit(&system.inputs[channel::input(self, system, channel)?]);
+        Ok(vec![channel::free("offset", unit, 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
+        channel::both_signs([0.2 * spread.rms.max(f64::MIN_POSITIVE)])
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let offset = values[0];
+        plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| signal.map(|p| (p.value + offset, p.slope))));
+        Ok(())
+    }
+}

@@ -1,0 +1,78 @@
+//! The actuator moves no faster than this.
+
+use std::sync::Arc;
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Piece, Piecewise, Plan, System};
+
+/// The actuator moves no faster than this.
+#[derive(Debug, Clone, Copy)]
+pub struct RateLimit;
+
+impl Effect for RateLimit {
+    fn name(&self) -> &'static str {
+        "rate_limit"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the actuator moves no faster than this"
+    }
+
+    fn site(&self) -> Site {
+        Site::Input
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.inputs)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let unit = channel::per(&system.inputs[channel::input(self, system, channel)?], "s");
+        Ok(vec![channel::not_negative("rate", unit, f64::INFINITY)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
+        // The time that a full swing takes: from a sample to the longest lag looked for.
+        let swing = spread.largest - spread.smallest;
+        channel::times(scales).into_iter().map(|time| vec![swing / time[0].max(f64::MIN_POSITIVE)]).collect()
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let rate = values[0];
+        plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| follow(&signal, rate)));
+        Ok(())
+    }
+}
+
+/// Follows a signal with at most this slope, from its first value on.
+fn follow(signal: &Piecewise, rate: f64) -> Piecewise {
+    let mut at = signal.first();
+    signal.rebuild(|piece, end_s, out| {
+        let start_s = piece.start_s;
+        let gap = piece.value - at;
+        let along = piece.slope.abs() <= rate;
+        // The slope while it catches up, and how long that takes.
+        let (slope, catches_s) = if gap == 0.0 && along {
+            (0.0, 0.0)
+        } else {
+            let slope = rate * if gap == 0.0 { piece.slope.signum() } else { gap.signum() };
+            let closing = slope - piece.slope;
+            let time = gap / closing;
+            (slope, if time.is_finite() && time > 0.0 { time } else { f64::INFINITY })
+        };
+        if catches_s > 0.0 {
+            out.push(Piece { start_s, value: at, slope });
+        }
+        let meet_s = start_s + catches_s;
+        if meet_s < end_s {
+            let limited = if along { piece.slope } else { rate * piece.slope.signum() };
+            let value = piece.at(meet_s);
+            out.push(Piece { start_s: meet_s, value, slope: limited });
+            at = value + limited * if end_s.is_finite() { end_s - meet_s } else { 0.0 };
+        } else if end_s.is_finite() {
+            at += slope * (end_s - start_s);
+        }
+    })
+}

@@ -1,0 +1,239 @@
+//! The effects that a simulator may lack, one file each: delays, dead zones, friction, wrong parameters, sensors, clocks.
+//!
+//! An effect turns its parameters into hooks of a [`Plan`]; at its nominal parameters it adds none, so the simulation is the same to the bit. The order in
+//! which hooks act is the plan's, whatever the order of a list of effects.
+
+mod applied;
+mod channel;
+mod clock;
+mod dynamics;
+mod input;
+mod output;
+
+pub use applied::{Applied, Chance};
+pub use channel::depends;
+
+use crate::simulate::{Plan, System};
+
+/// Where an effect acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Site {
+    /// Between a command in the log and the plant.
+    Input,
+    /// In the plant's differential equations.
+    Dynamics,
+    /// Between the plant and an output in the log.
+    Output,
+    /// Between the clocks of commands and sensors.
+    Clock,
+}
+
+/// A parameter of an effect on one channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Its name.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: String,
+    /// Where the effect is the identity; infinite for a limit.
+    pub nominal: f64,
+    /// The smallest value that makes sense.
+    pub lower: f64,
+    /// The largest.
+    pub upper: f64,
+}
+
+/// What a search over parameters may know of the data: the sizes that its first guesses are made of.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Scales {
+    /// Mean sample time, seconds.
+    pub sample_time_s: f64,
+    /// Length of the longest log, seconds.
+    pub duration_s: f64,
+    /// The longest delay and lag that are looked for, seconds.
+    pub longest_delay_s: f64,
+    /// Every input's |u| at quantiles 0.1, 0.25, 0.5, 0.75, 0.9, 1; then its rms, smallest and largest value, largest change per second.
+    pub inputs: Vec<Spread>,
+    /// The same for the nominal simulation's states.
+    pub states: Vec<Spread>,
+    /// Rms of every state's derivative in the nominal simulation.
+    pub derivatives: Vec<f64>,
+    /// The same for the measured outputs.
+    pub outputs: Vec<Spread>,
+    /// Frequencies at which the residual is strong, Hz.
+    pub peaks_hz: Vec<f64>,
+}
+
+/// How far a signal goes.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Spread {
+    /// |v| at quantiles 0.1, 0.25, 0.5, 0.75, 0.9 and 1.
+    pub quantiles: [f64; 6],
+    /// Root of the mean square.
+    pub rms: f64,
+    /// Standard deviation.
+    pub std: f64,
+    /// Smallest value.
+    pub smallest: f64,
+    /// Largest value.
+    pub largest: f64,
+    /// Largest change from sample to sample, per second.
+    pub fastest: f64,
+}
+
+/// An effect.
+pub trait Effect: Sync {
+    /// Its name in files.
+    fn name(&self) -> &'static str;
+    /// What it is, in one line.
+    fn summary(&self) -> &'static str;
+    /// Where it acts.
+    fn site(&self) -> Site;
+    /// The channels of this system that it can act on.
+    fn channels(&self, system: &System) -> Vec<String>;
+    /// Its parameters on this channel.
+    ///
+    /// # Errors
+    /// [`EffectError`] for a channel that it cannot act on.
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError>;
+    /// First guesses of the parameters, from sizes of the data; each is a full set.
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>>;
+    /// The parameters make it the identity.
+    fn is_identity(&self, values: &[f64], parameters: &[Parameter]) -> bool {
+        values.iter().zip(parameters).all(|(v, p)| *v == p.nominal)
+    }
+    /// Adds its hooks. Only called away from the identity and inside the bounds.
+    ///
+    /// # Errors
+    /// [`EffectError`] for a channel that it cannot act on.
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError>;
+}
+
+/// All effects, in the order of the format's table: of equals the first one leads.
+pub static EFFECTS: [&dyn Effect; 29] = [
+    &input::delay::InputDelay,
+    &input::gain::InputGain,
+    &input::curve::InputCurve,
+    &input::gain_fade::GainFade,
+    &input::offset::InputOffset,
+    &input::deadband::Deadband,
+    &input::backlash::Backlash,
+    &input::saturation::Saturation,
+    &input::rate_limit::RateLimit,
+    &input::actuator_lag::ActuatorLag,
+    &input::dropped_commands::DroppedCommands,
+    &dynamics::parameter_error::ParameterError,
+    &dynamics::cross_coupling::CrossCoupling,
+    &dynamics::coulomb_friction::CoulombFriction,
+    &dynamics::quadratic_drag::QuadraticDrag,
+    &dynamics::cubic_stiffness::CubicStiffness,
+    &dynamics::unmodelled_mode::UnmodelledMode,
+    &dynamics::constant_disturbance::ConstantDisturbance,
+    &dynamics::periodic_disturbance::PeriodicDisturbance,
+    &output::delay::OutputDelay,
+    &output::sensor_lag::SensorLag,
+    &output::sensor_gain::SensorGain,
+    &output::sensor_bias::SensorBias,
+    &output::sensor_drift::SensorDrift,
+    &output::sensor_saturation::SensorSaturation,
+    &output::sensor_quantisation::SensorQuantisation,
+    &output::misalignment::Misalignment,
+    &clock::skew::ClockSkew,
+    &clock::offset::ClockOffset,
+];
+
+/// The effect called `name`.
+///
+/// # Errors
+/// [`EffectError::Unknown`], with the names there are.
+pub fn find(name: &str) -> Result<&'static dyn Effect, EffectError> {
+    EFFECTS
+        .iter()
+        .find(|e| e.name() == name)
+        .copied()
+        .ok_or_else(|| EffectError::Unknown { name: name.to_owned(), known: EFFECTS.iter().map(|e| e.name()).collect() })
+}
+
+/// An effect that cannot be applied.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EffectError {
+    /// No effect has this name.
+    #[error("there is no effect `{name}`; there are: {known}", known = known.join(", "))]
+    Unknown {
+        /// The name given.
+        name: String,
+        /// The names there are.
+        known: Vec<&'static str>,
+    },
+    /// The effect cannot act on this channel.
+    #[error("{effect} cannot act on `{channel}`; its channels in this model are: {known}", known = known.join(", "))]
+    Channel {
+        /// The effect.
+        effect: &'static str,
+        /// The channel given.
+        channel: String,
+        /// The channels there are.
+        known: Vec<String>,
+    },
+    /// A dynamics effect on a sampled model.
+    #[error("{effect} acts on the dynamics of a continuous model; this one is sampled")]
+    Sampled {
+        /// The effect.
+        effect: &'static str,
+    },
+    /// The effect has no such parameter.
+    #[error("{effect} on `{channel}` has no parameter `{parameter}`; it has: {known}", known = known.join(", "))]
+    UnknownParameter {
+        /// The effect.
+        effect: &'static str,
+        /// The channel.
+        channel: String,
+        /// The parameter given.
+        parameter: String,
+        /// The parameters there are.
+        known: Vec<&'static str>,
+    },
+    /// A parameter that has no default is left out.
+    #[error("{effect} on `{channel}`: parameter `{parameter}` is missing; only a limit that does not act may be left out")]
+    MissingParameter {
+        /// The effect.
+        effect: &'static str,
+        /// The channel.
+        channel: String,
+        /// The parameter.
+        parameter: &'static str,
+    },
+    /// A value outside its bounds.
+    #[error("{effect} on `{channel}`: {parameter} is {value}; it lies between {lower} and {upper}")]
+    Bounds {
+        /// The effect.
+        effect: &'static str,
+        /// The channel.
+        channel: String,
+        /// The parameter.
+        parameter: &'static str,
+        /// The value given.
+        value: f64,
+        /// Smallest allowed.
+        lower: f64,
+        /// Largest allowed.
+        upper: f64,
+    },
+    /// Limits that leave nothing between them.
+    #[error("{effect} on `{channel}`: lower is {lower}, upper is {upper}; lower must be the smaller one")]
+    Limits {
+        /// The effect.
+        effect: &'static str,
+        /// The channel.
+        channel: String,
+        /// The lower limit.
+        lower: f64,
+        /// The upper limit.
+        upper: f64,
+    },
+}
+
+#[cfg(test)]
+mod tests;

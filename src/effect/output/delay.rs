@@ -1,0 +1,44 @@
+//! A measurement is written down late: y(t − delay).
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System};
+
+/// Dead time between the plant and the log; continuous, never rounded to samples.
+#[derive(Debug, Clone, Copy)]
+pub struct OutputDelay;
+
+impl Effect for OutputDelay {
+    fn name(&self) -> &'static str {
+        "output_delay"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the measurement arrives late"
+    }
+
+    fn site(&self) -> Site {
+        Site::Output
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::shared(system)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        channel::outputs(self, system, channel)?;
+        Ok(vec![channel::not_negative("delay", "s".to_owned(), 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let _ = (system, channel);
+        channel::times(scales)
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        for i in channel::outputs(self, system, channel)? {
+            plan.outputs[i].delay_s += values[0];
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,45 @@
+//! A sensor is off: y + offset.
+
+use std::sync::Arc;
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System};
+
+/// The sensor is off by a constant.
+#[derive(Debug, Clone, Copy)]
+pub struct SensorBias;
+
+impl Effect for SensorBias {
+    fn name(&self) -> &'static str {
+        "sensor_bias"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the sensor is off by a constant"
+    }
+
+    fn site(&self) -> Site {
+        Site::Output
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.outputs)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let unit = channel::unit(&system.outputs[channel::output(self, system, channel)?]);
+        Ok(vec![channel::free("offset", unit, 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i)) else { return Vec::new() };
+        channel::both_signs([0.2 * spread.std.max(f64::MIN_POSITIVE)])
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let offset = values[0];
+        plan.outputs[channel::output(self, system, channel)?].maps.push(Arc::new(move |_, y| y + offset));
+        Ok(())
+    }
+}

@@ -1,0 +1,47 @@
+//! A sensor reads too much or too little: gain·y.
+
+use std::sync::Arc;
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System};
+
+/// The sensor has another gain.
+#[derive(Debug, Clone, Copy)]
+pub struct SensorGain;
+
+impl Effect for SensorGain {
+    fn name(&self) -> &'static str {
+        "sensor_gain"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the sensor has another gain"
+    }
+
+    fn site(&self) -> Site {
+        Site::Output
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::shared(system)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        channel::outputs(self, system, channel)?;
+        Ok(vec![channel::free("gain", "1".to_owned(), 1.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let _ = (system, channel, scales);
+        vec![vec![0.8], vec![1.25], vec![-1.0]]
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let gain = values[0];
+        for i in channel::outputs(self, system, channel)? {
+            plan.outputs[i].maps.push(Arc::new(move |_, y| gain * y));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,44 @@
+//! A sensor lags: z′ = (y − z)/time_constant.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System};
+
+/// The sensor follows with a first-order lag.
+#[derive(Debug, Clone, Copy)]
+pub struct SensorLag;
+
+impl Effect for SensorLag {
+    fn name(&self) -> &'static str {
+        "sensor_lag"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the sensor follows with a first-order lag"
+    }
+
+    fn site(&self) -> Site {
+        Site::Output
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::shared(system)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        channel::outputs(self, system, channel)?;
+        Ok(vec![channel::not_negative("time_constant", "s".to_owned(), 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let _ = (system, channel);
+        channel::times(scales)
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        for i in channel::outputs(self, system, channel)? {
+            plan.outputs[i].lags_s.push(values[0]);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,45 @@
+//! A sensor has steps: step·round(y/step).
+
+use std::sync::Arc;
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, System};
+
+/// The sensor has steps.
+#[derive(Debug, Clone, Copy)]
+pub struct SensorQuantisation;
+
+impl Effect for SensorQuantisation {
+    fn name(&self) -> &'static str {
+        "sensor_quantisation"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the sensor has steps"
+    }
+
+    fn site(&self) -> Site {
+        Site::Output
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.outputs)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let unit = channel::unit(&system.outputs[channel::output(self, system, channel)?]);
+        Ok(vec![channel::not_negative("step", unit, 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i)) else { return Vec::new() };
+        [0.1, 0.3, 1.0].map(|share| vec![share * spread.std]).to_vec()
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let step = values[0];
+        plan.outputs[channel::output(self, system, channel)?].maps.push(Arc::new(move |_, y| step * (y / step).round()));
+        Ok(())
+    }
+}

@@ -1,0 +1,199 @@
+//! The plant with its hooks as one system: every signal on the way is a row over (states, signals, 1, the plant's own outputs).
+
+use super::plan::{Plan, Site, Source, Term};
+use super::system::{Dynamics, Matrices, System};
+
+/// Coefficients over (states, signals, 1, the plant's own outputs).
+type Row = Vec<f64>;
+
+/// The assembled system. For a linear plant the rows hold the plant too and the coefficients of its outputs are 0; for equations the plant's rows
+/// hold only what is added to them.
+pub(super) struct Assembly {
+    /// States of the plant, which come first.
+    pub(super) plant: usize,
+    /// All states.
+    pub(super) states: usize,
+    /// Signals, one per input.
+    pub(super) signals: usize,
+    /// What the plant receives, one row per input.
+    pub(super) inputs: Vec<Row>,
+    /// Derivatives, one row per state.
+    pub(super) derivatives: Vec<Row>,
+    /// Outputs at the sensors, one row per output.
+    pub(super) outputs: Vec<Row>,
+    /// The state at the start.
+    pub(super) start: Vec<f64>,
+}
+
+impl Assembly {
+    /// From the signals' first values and, for equations, a function that gives the plant's outputs for its inputs at the start.
+    pub(super) fn new(system: &System, plan: &Plan, x0: &[f64], first: &[f64], own_outputs: impl FnOnce(&[f64]) -> Vec<f64>) -> Self {
+        let (n, m, p) = (system.states.len(), system.inputs.len(), system.outputs.len());
+        let lags = plan.inputs.iter().map(|i| i.lags_s.len()).chain(plan.outputs.iter().map(|o| o.lags_s.len())).sum::<usize>();
+        let sines = plan.terms.iter().filter(|t| matches!(t, Term::Sine { .. })).count();
+        let states = n + lags + 2 * plan.modes.len() + 2 * sines;
+        let mut build = Build { states, signals: m, outputs: p, used: n, derivatives: Vec::with_capacity(states), now: Vec::new() };
+        build.derivatives = (0..states).map(|_| build.zero()).collect();
+        // The values of (states, signals, 1, outputs) at the start, filled in as they become known.
+        build.now = build.zero();
+        build.now[..n].copy_from_slice(x0);
+        build.now[states..states + m].copy_from_slice(first);
+        build.now[states + m] = 1.0;
+
+        let one = states + m;
+        let mut arriving: Vec<Row> = Vec::with_capacity(m);
+        for (i, path) in plan.inputs.iter().enumerate() {
+            let mut v = build.unit(states + i);
+            for &lag_s in &path.lags_s {
+                v = build.lag(&v, lag_s);
+            }
+            for mode in plan.modes.iter().filter(|mode| mode.site == Site::Input(i)) {
+                let q = build.mode(&v, mode.omega_rad_s, mode.damping);
+                v[q] += mode.gain;
+            }
+            arriving.push(v);
+        }
+        let inputs: Vec<Row> = (arriving.iter().zip(&system.input_operating))
+            .map(|(v, operating)| {
+                let mut w = v.clone();
+                w[one] -= operating;
+                w
+            })
+            .collect();
+        let mut outputs: Vec<Row> = match &plan.dynamics {
+            Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => build.plant(matrices, &inputs, &system.output_operating),
+            Dynamics::Equations(..) => {
+                let received: Vec<f64> = inputs.iter().map(|row| build.value(row)).collect();
+                let own = own_outputs(&received);
+                build.now[one + 1..].copy_from_slice(&own);
+                (0..p).map(|i| build.unit(one + 1 + i)).collect()
+            }
+        };
+        for mode in &plan.modes {
+            let Some(driver) = inputs.get(mode.input).filter(|_| !matches!(mode.site, Site::Input(_))) else { continue };
+            let q = build.mode(driver, mode.omega_rad_s, mode.damping);
+            match mode.site {
+                Site::State(to) => build.derivatives[to][q] += mode.gain,
+                Site::Output(to) => outputs[to][q] += mode.gain,
+                Site::Input(_) => {}
+            }
+        }
+        for term in &plan.terms {
+            match *term {
+                Term::Linear { to, from: Source::State(from), gain } => build.derivatives[to][from] += gain,
+                Term::Linear { to, from: Source::Input(from), gain } => add(&mut build.derivatives[to], gain, &inputs[from]),
+                Term::Constant { to, level } => build.derivatives[to][one] += level,
+                Term::Sine { to, omega_rad_s, amplitude, phase_rad } => {
+                    let sine = build.oscillator(omega_rad_s, phase_rad);
+                    build.derivatives[to][sine] += amplitude;
+                }
+                Term::Function { .. } | Term::Friction { .. } => {}
+            }
+        }
+        let before = outputs.clone();
+        for (to, path) in plan.outputs.iter().enumerate() {
+            for &(from, gain) in &path.mixing {
+                add(&mut outputs[to], gain, &before[from]);
+            }
+            for &lag_s in &path.lags_s {
+                outputs[to] = build.lag(&outputs[to], lag_s);
+            }
+        }
+        let start = build.now[..states].to_vec();
+        Self { plant: n, states, signals: m, inputs, derivatives: build.derivatives, outputs, start }
+    }
+}
+
+fn add(to: &mut [f64], gain: f64, row: &[f64]) {
+    for (to, value) in to.iter_mut().zip(row) {
+        *to += gain * value;
+    }
+}
+
+/// The rows as they grow.
+struct Build {
+    states: usize,
+    signals: usize,
+    outputs: usize,
+    /// States given away.
+    used: usize,
+    derivatives: Vec<Row>,
+    /// What the rows multiply, at the start.
+    now: Row,
+}
+
+impl Build {
+    fn zero(&self) -> Row {
+        vec![0.0; self.states + self.signals + 1 + self.outputs]
+    }
+
+    fn unit(&self, at: usize) -> Row {
+        let mut row = self.zero();
+        row[at] = 1.0;
+        row
+    }
+
+    fn value(&self, row: &[f64]) -> f64 {
+        row.iter().zip(&self.now).map(|(a, b)| a * b).sum()
+    }
+
+    /// The next state, which starts at `value`.
+    fn state(&mut self, value: f64) -> usize {
+        self.now[self.used] = value;
+        self.used += 1;
+        self.used - 1
+    }
+
+    /// A first-order lag of a signal, settled.
+    fn lag(&mut self, v: &Row, lag_s: f64) -> Row {
+        let z = self.state(self.value(v));
+        add(&mut self.derivatives[z], 1.0 / lag_s, v);
+        self.derivatives[z][z] -= 1.0 / lag_s;
+        self.unit(z)
+    }
+
+    /// A resonance of a signal, at rest at its static value; the state that holds q.
+    fn mode(&mut self, v: &Row, omega: f64, damping: f64) -> usize {
+        let q = self.state(self.value(v));
+        let rate = self.state(0.0);
+        self.derivatives[q][rate] = 1.0;
+        add(&mut self.derivatives[rate], omega * omega, v);
+        self.derivatives[rate][q] -= omega * omega;
+        self.derivatives[rate][rate] -= 2.0 * damping * omega;
+        q
+    }
+
+    /// sin(ωt + phase); the state that holds it.
+    fn oscillator(&mut self, omega: f64, phase: f64) -> usize {
+        let sine = self.state(phase.sin());
+        let cosine = self.state(phase.cos());
+        self.derivatives[sine][cosine] = omega;
+        self.derivatives[cosine][sine] = -omega;
+        sine
+    }
+
+    /// The rows of a linear plant; its outputs, with the operating points added.
+    fn plant(&mut self, matrices: &Matrices, inputs: &[Row], operating: &[f64]) -> Vec<Row> {
+        let one = self.states + self.signals;
+        let rows = |build: &Self, of_state: &nalgebra::DMatrix<f64>, of_input: &nalgebra::DMatrix<f64>, i: usize| {
+            let mut row = build.zero();
+            for (j, value) in of_state.row(i).iter().enumerate() {
+                row[j] = *value;
+            }
+            for (input, gain) in inputs.iter().zip(of_input.row(i).iter()) {
+                add(&mut row, *gain, input);
+            }
+            row
+        };
+        for i in 0..matrices.a.nrows() {
+            self.derivatives[i] = rows(self, &matrices.a, &matrices.b, i);
+        }
+        (0..matrices.c.nrows())
+            .map(|i| {
+                let mut row = rows(self, &matrices.c, &matrices.d, i);
+                row[one] += operating[i];
+                row
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,230 @@
+//! The exact step of a linear system whose inputs run in straight pieces.
+
+use nalgebra::DMatrix;
+
+use super::SimulateError;
+use super::assembly::Assembly;
+use super::walk::{Drive, Stepper};
+use crate::model::exp;
+
+/// Two lengths of step that differ by less than this, relatively, are one: time stamps such as 0.3 − 0.2 carry rounding.
+const SAME: f64 = 1e-9;
+/// Transitions that are kept.
+const KEPT: usize = 16;
+/// Above this norm of A·h the dense exponential is cheaper than Taylor's series.
+const SERIES_LIMIT: f64 = 8.0;
+
+/// x(t + h) = Φ x + Γ v + Δ v′ for one h; matrices by columns.
+struct Transition {
+    h: f64,
+    phi: Vec<f64>,
+    /// One column per signal, then one for the constant 1.
+    held: Vec<f64>,
+    /// The same for slopes; empty where no signal has one.
+    ramp: Vec<f64>,
+}
+
+/// A linear system on its way through time.
+pub(super) struct Linear {
+    plant: usize,
+    states: usize,
+    signals: usize,
+    /// By columns: states × (states + signals + 1).
+    derivative: Vec<f64>,
+    /// By rows: outputs × (states + signals + 1).
+    output: Vec<f64>,
+    norm: f64,
+    ramps: bool,
+    kept: Vec<Transition>,
+    seen: Vec<f64>,
+    x: Vec<f64>,
+    next: Vec<f64>,
+    series: [Vec<f64>; 2],
+}
+
+impl Linear {
+    /// `ramps`: a signal has slopes.
+    pub(super) fn new(assembly: &Assembly, ramps: bool) -> Self {
+        let (n, m) = (assembly.states, assembly.signals);
+        let width = n + m + 1;
+        let mut derivative = vec![0.0; n * width];
+        for (i, row) in assembly.derivatives.iter().enumerate() {
+            for (j, value) in row[..width].iter().enumerate() {
+                derivative[j * n + i] = *value;
+            }
+        }
+        let output = assembly.outputs.iter().flat_map(|row| row[..width].iter().copied()).collect();
+        let a = DMatrix::from_column_slice(n, n, &derivative[..n * n]);
+        let sums = |by_row: bool| {
+            let sum =
+                |i: usize| if by_row { a.row(i).iter().map(|v| v.abs()).sum::<f64>() } else { a.column(i).iter().map(|v| v.abs()).sum() };
+            (0..n).map(sum).fold(0.0, f64::max)
+        };
+        Self {
+            plant: assembly.plant,
+            states: n,
+            signals: m,
+            derivative,
+            output,
+            norm: f64::min(sums(true), sums(false)),
+            ramps,
+            kept: Vec::new(),
+            seen: Vec::new(),
+            x: assembly.start.clone(),
+            next: vec![0.0; n],
+            series: [vec![0.0; n], vec![0.0; n]],
+        }
+    }
+
+    /// All states.
+    pub(super) fn state(&self) -> &[f64] {
+        &self.x
+    }
+
+    /// The transition over h, if this length is worth one: from its second use on.
+    fn transition(&mut self, h: f64) -> Option<usize> {
+        let same = |other: f64| (other - h).abs() <= SAME * h;
+        if let Some(at) = self.kept.iter().position(|t| same(t.h)) {
+            return Some(at);
+        }
+        if !self.seen.iter().any(|&s| same(s)) && self.norm * h <= SERIES_LIMIT {
+            if self.seen.len() == KEPT {
+                self.seen.remove(0);
+            }
+            self.seen.push(h);
+            return None;
+        }
+        if self.kept.len() == KEPT {
+            self.kept.remove(0);
+        }
+        let transition = self.dense(h);
+        self.kept.push(transition);
+        Some(self.kept.len() - 1)
+    }
+
+    fn dense(&self, h: f64) -> Transition {
+        let (n, inputs) = (self.states, self.signals + 1);
+        let size = n + if self.ramps { 2 * inputs } else { inputs };
+        let mut block = DMatrix::zeros(size, size);
+        for j in 0..n + inputs {
+            for i in 0..n {
+                block[(i, j)] = self.derivative[j * n + i] * h;
+            }
+        }
+        if self.ramps {
+            for j in 0..inputs {
+                block[(n + j, n + inputs + j)] = h;
+            }
+        }
+        let e = exp(&block);
+        let columns = |from: usize, count: usize| {
+            (from..from + count).flat_map(|j| e.column(j).iter().take(n).copied().collect::<Vec<_>>()).collect()
+        };
+        Transition {
+            h,
+            phi: columns(0, n),
+            held: columns(n, inputs),
+            ramp: if self.ramps { columns(n + inputs, inputs) } else { Vec::new() },
+        }
+    }
+
+    /// Taylor's series of exp(M h) applied to the state (Al-Mohy and Higham 2011, SIAM J. Sci. Comput. 33(2), 488-511, doi:10.1137/100788860): for
+    /// lengths that come once. The derivative of the signals enters with the second term.
+    fn by_series(&mut self, from_s: f64, h: f64, drive: &Drive) {
+        let n = self.states;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let parts = (self.norm * h).ceil().max(1.0) as usize;
+        #[allow(clippy::cast_precision_loss)]
+        let step = h / parts as f64;
+        for part in 0..parts {
+            #[allow(clippy::cast_precision_loss)]
+            let at = from_s + step * part as f64;
+            let [term, other] = &mut self.series;
+            // M·(x; v; 1)·h
+            multiply(term, &self.derivative[..n * n], &self.x, step);
+            for (j, piece) in drive.pieces.iter().enumerate() {
+                axpy(term, step * piece.at(at), &self.derivative[(n + j) * n..(n + j + 1) * n]);
+            }
+            axpy(term, step, &self.derivative[(n + self.signals) * n..]);
+            let mut order = 1.0;
+            loop {
+                let (mut size, mut total) = (0.0_f64, f64::MIN_POSITIVE);
+                for (x, term) in self.x.iter_mut().zip(term.iter()) {
+                    *x += term;
+                    size = size.max(term.abs());
+                    total = total.max(x.abs());
+                }
+                if order > 1.0 && size <= 1e-17 * total || order > 40.0 {
+                    break;
+                }
+                order += 1.0;
+                multiply(other, &self.derivative[..n * n], term, step / order);
+                if order == 2.0 {
+                    for (j, piece) in drive.pieces.iter().enumerate() {
+                        axpy(other, 0.5 * step * step * piece.slope, &self.derivative[(n + j) * n..(n + j + 1) * n]);
+                    }
+                }
+                std::mem::swap(term, other);
+            }
+        }
+    }
+}
+
+/// to = scale·M·x, M by columns.
+#[inline]
+fn multiply(to: &mut [f64], by_columns: &[f64], x: &[f64], scale: f64) {
+    to.fill(0.0);
+    for (column, value) in by_columns.chunks_exact(to.len().max(1)).zip(x) {
+        axpy(to, scale * value, column);
+    }
+}
+
+#[inline]
+fn axpy(to: &mut [f64], scale: f64, column: &[f64]) {
+    for (to, value) in to.iter_mut().zip(column) {
+        *to += scale * value;
+    }
+}
+
+impl Stepper for Linear {
+    fn advance(&mut self, from_s: f64, to_s: f64, drive: &Drive) -> Result<(), SimulateError> {
+        let h = to_s - from_s;
+        let n = self.states;
+        if n == 0 {
+            return Ok(());
+        }
+        let Some(at) = self.transition(h) else {
+            self.by_series(from_s, h, drive);
+            return Ok(());
+        };
+        let transition = &self.kept[at];
+        let (signals, constant) = transition.held.split_at(n * self.signals);
+        self.next.copy_from_slice(constant);
+        for (column, piece) in signals.chunks_exact(n).zip(&drive.pieces) {
+            axpy(&mut self.next, piece.at(from_s), column);
+        }
+        for (column, piece) in transition.ramp.chunks_exact(n).zip(&drive.pieces) {
+            axpy(&mut self.next, piece.slope, column);
+        }
+        for (column, value) in transition.phi.chunks_exact(n).zip(&self.x) {
+            axpy(&mut self.next, *value, column);
+        }
+        std::mem::swap(&mut self.x, &mut self.next);
+        Ok(())
+    }
+
+    fn outputs(&mut self, at_s: f64, drive: &Drive, y: &mut [f64]) -> Result<(), SimulateError> {
+        let width = self.states + self.signals + 1;
+        for (y, row) in y.iter_mut().zip(self.output.chunks_exact(width)) {
+            let (of_states, of_signals) = row.split_at(self.states);
+            let moved: f64 = of_states.iter().zip(&self.x).map(|(c, x)| c * x).sum();
+            let direct: f64 = of_signals.iter().zip(&drive.pieces).map(|(d, piece)| if *d == 0.0 { 0.0 } else { d * piece.at(at_s) }).sum();
+            *y = moved + direct + of_signals[self.signals];
+        }
+        Ok(())
+    }
+
+    fn plant_state(&mut self) -> &mut [f64] {
+        &mut self.x[..self.plant]
+    }
+}

@@ -1,0 +1,165 @@
+//! Signals made of straight pieces: what a held command becomes on its way through an actuator, exactly.
+
+/// One straight piece, v(t) = value + slope·(t − start) until the next piece starts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Piece {
+    /// Where it starts, seconds.
+    pub start_s: f64,
+    /// Its value there.
+    pub value: f64,
+    /// Its slope per second.
+    pub slope: f64,
+}
+
+impl Piece {
+    /// The value at a time inside the piece.
+    #[must_use]
+    pub fn at(&self, time_s: f64) -> f64 {
+        self.value + self.slope * (time_s - self.start_s)
+    }
+}
+
+/// A signal of straight pieces with jumps between them, continuous from the right. Before the first piece it is constant; the last one never ends.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Piecewise {
+    pieces: Vec<Piece>,
+}
+
+impl Piecewise {
+    /// Samples that are held until the next one.
+    #[must_use]
+    pub fn held(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> Self {
+        Self { pieces: time_s.iter().zip(values).map(|(&start_s, value)| Piece { start_s, value, slope: 0.0 }).collect() }
+    }
+
+    /// Samples joined by straight lines.
+    #[must_use]
+    pub fn joined(time_s: &[f64], values: &[f64]) -> Self {
+        let piece = |k: usize| {
+            let slope = match (time_s.get(k + 1), values.get(k + 1)) {
+                (Some(next), Some(value)) => (value - values[k]) / (next - time_s[k]),
+                _ => 0.0,
+            };
+            Piece { start_s: time_s[k], value: values[k], slope }
+        };
+        Self { pieces: (0..time_s.len().min(values.len())).map(piece).collect() }
+    }
+
+    /// The pieces in order of time.
+    #[must_use]
+    pub fn pieces(&self) -> &[Piece] {
+        &self.pieces
+    }
+
+    /// The value at the start of the first piece, which also holds before it; 0 for a signal without pieces.
+    #[must_use]
+    pub fn first(&self) -> f64 {
+        self.pieces.first().map_or(0.0, |p| p.value)
+    }
+
+    /// Every piece is level.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        self.pieces.iter().all(|p| p.slope == 0.0)
+    }
+
+    /// The signal later by `delay_s`; what it was at the start holds until then. A negative delay looks ahead.
+    #[must_use]
+    pub fn delayed(mut self, delay_s: f64) -> Self {
+        if delay_s == 0.0 {
+            return self;
+        }
+        let Some(start_s) = self.pieces.first().map(|p| p.start_s) else { return self };
+        for piece in &mut self.pieces {
+            piece.start_s += delay_s;
+        }
+        if delay_s > 0.0 {
+            // The first value holds from the start on.
+            if self.pieces[0].slope == 0.0 {
+                self.pieces[0].start_s = start_s;
+            } else {
+                self.pieces.insert(0, Piece { start_s, value: self.pieces[0].value, slope: 0.0 });
+            }
+            return self;
+        }
+        let gone = self.pieces.partition_point(|p| p.start_s <= start_s).saturating_sub(1);
+        self.pieces.drain(..gone);
+        let first = &mut self.pieces[0];
+        if first.start_s < start_s {
+            (first.value, first.start_s) = (first.at(start_s), start_s);
+        }
+        self
+    }
+
+    /// Every value replaced; slopes are multiplied by what `f` returns beside the value. For maps that are straight on each piece.
+    #[must_use]
+    pub fn map(mut self, f: impl Fn(&Piece) -> (f64, f64)) -> Self {
+        for piece in &mut self.pieces {
+            (piece.value, piece.slope) = f(piece);
+        }
+        self
+    }
+
+    /// A memoryless map that is straight between `kinks` (increasing): `f` gives value and local gain. Pieces are split where they cross a kink.
+    #[must_use]
+    pub fn map_with_kinks(self, kinks: &[f64], f: impl Fn(f64) -> (f64, f64)) -> Self {
+        if self.is_held() {
+            return self.map(|p| (f(p.value).0, 0.0));
+        }
+        self.rebuild(|piece, end_s, out| {
+            let mut cuts: Vec<f64> = kinks
+                .iter()
+                .map(|kink| piece.start_s + (kink - piece.value) / piece.slope)
+                .filter(|t| piece.slope != 0.0 && *t > piece.start_s && *t < end_s)
+                .collect();
+            cuts.sort_by(f64::total_cmp);
+            let ends = cuts.iter().copied().chain([end_s]);
+            let mut start_s = piece.start_s;
+            for end_s in ends {
+                // The gain is that of the inside of the piece: at a kink the map has two.
+                let inside = if end_s.is_finite() { 0.5 * (start_s + end_s) } else { start_s + 1.0 };
+                let (value, gain) = (f(piece.at(start_s)).0, f(piece.at(inside)).1);
+                out.push(Piece { start_s, value, slope: piece.slope * gain });
+                start_s = end_s;
+            }
+        })
+    }
+
+    /// A new signal from each piece and the time at which it ends (infinite for the last): `build` pushes what becomes of the piece.
+    #[must_use]
+    pub fn rebuild(&self, mut build: impl FnMut(&Piece, f64, &mut Vec<Piece>)) -> Self {
+        let mut out = Vec::with_capacity(self.pieces.len());
+        for (k, piece) in self.pieces.iter().enumerate() {
+            build(piece, self.pieces.get(k + 1).map_or(f64::INFINITY, |p| p.start_s), &mut out);
+        }
+        Self { pieces: out }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(signal: &Piecewise, t: f64) -> f64 {
+        let k = signal.pieces.partition_point(|p| p.start_s <= t);
+        if k == 0 { signal.first() } else { signal.pieces[k - 1].at(t) }
+    }
+
+    #[test]
+    fn a_delay_holds_the_first_value_and_an_advance_looks_ahead() {
+        let u = Piecewise::held(&[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]);
+        let late = u.clone().delayed(0.25);
+        assert_eq!((at(&late, 0.1), at(&late, 1.2), at(&late, 1.25), at(&late, 9.0)), (3.0, 3.0, 4.0, 5.0));
+        let early = u.delayed(-1.5);
+        assert_eq!((early.pieces[0], at(&early, 0.4), at(&early, 0.5)), (Piece { start_s: 0.0, value: 4.0, slope: 0.0 }, 4.0, 5.0));
+    }
+
+    #[test]
+    fn a_ramp_is_split_where_a_map_has_its_kinks() {
+        let u = Piecewise::joined(&[0.0, 4.0], &[-2.0, 2.0]);
+        let cut = u.map_with_kinks(&[-1.0, 1.0], |v| if v.abs() > 1.0 { (v.signum(), 0.0) } else { (v, 1.0) });
+        for (t, expected) in [(0.0, -1.0), (0.5, -1.0), (1.5, -0.5), (2.0, 0.0), (3.5, 1.0), (4.0, 1.0)] {
+            assert!((at(&cut, t) - expected).abs() < 1e-15, "at {t}: {}", at(&cut, t));
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! What is put around and into a simulator before it runs: hooks on the way in, in the dynamics, on the way out and on the clock.
+//!
+//! A fresh plan adds nothing. The order in which a signal meets the hooks is fixed here and nowhere else: on the way in `drops`, `delay_s`, `gain` and
+//! `quadratic`, `maps` in the order pushed, `lags`, `modes`; on the way out modes, `mixing`, `lag_s`, `delay_s` and the clock, `maps`.
+
+use std::sync::Arc;
+
+use super::Piecewise;
+use super::system::{Dynamics, System};
+
+/// A map of a whole signal of straight pieces: memoryless, or with a memory such as a play's.
+pub type SignalMap = Arc<dyn Fn(Piecewise) -> Piecewise + Send + Sync>;
+/// A map of one sample: log time (s) and value.
+pub type SampleMap = Arc<dyn Fn(f64, f64) -> f64 + Send + Sync>;
+
+/// Commands that do not arrive: the last one that did is held. The first sample always arrives.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Drops {
+    /// Which samples of the log are lost.
+    Sequence(Vec<bool>),
+    /// Each is lost with this probability; the sequence is drawn from the seed.
+    Random {
+        /// Probability of a loss.
+        probability: f64,
+        /// Seed of the sequence.
+        seed: u64,
+    },
+    /// The mean over all sequences with this probability: what a fit can predict.
+    Mean(f64),
+}
+
+/// The way of one input from the log to the plant.
+#[derive(Clone, Default)]
+pub struct InputPath {
+    /// Commands that are lost.
+    pub drops: Option<Drops>,
+    /// Delay, seconds.
+    pub delay_s: f64,
+    /// Static curve gain·v + quadratic·v·|v|; `None`: v.
+    pub curve: Option<Curve>,
+    /// Maps, in the order in which they act.
+    pub maps: Vec<SignalMap>,
+    /// Time constants of first-order lags, seconds, in series.
+    pub lags_s: Vec<f64>,
+}
+
+/// gain·v + quadratic·v·|v|.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Curve {
+    /// Gain at 0.
+    pub gain: f64,
+    /// Per unit of the input.
+    pub quadratic: f64,
+}
+
+impl Default for Curve {
+    fn default() -> Self {
+        Self { gain: 1.0, quadratic: 0.0 }
+    }
+}
+
+/// The way of one output from the plant to the log.
+#[derive(Clone, Default)]
+pub struct OutputPath {
+    /// (other output, gain): what is added of the others, as they are before any is added.
+    pub mixing: Vec<(usize, f64)>,
+    /// Time constants of first-order lags, seconds, in series.
+    pub lags_s: Vec<f64>,
+    /// Delay, seconds.
+    pub delay_s: f64,
+    /// Maps of the samples, in the order in which they act.
+    pub maps: Vec<SampleMap>,
+}
+
+/// Where a resonance is added.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Site {
+    /// An input of the plant.
+    Input(usize),
+    /// A state's derivative.
+    State(usize),
+    /// An output.
+    Output(usize),
+}
+
+/// A resonance q'' + 2ζω q' + ω² q = ω² v, driven by an input; gain·q is added at the site.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mode {
+    /// The input that drives it: on its way in where it is added to the same input, else what the plant receives.
+    pub input: usize,
+    /// Where it is added.
+    pub site: Site,
+    /// ω, rad/s.
+    pub omega_rad_s: f64,
+    /// ζ.
+    pub damping: f64,
+    /// Gain.
+    pub gain: f64,
+}
+
+/// A term that is added to a state's derivative.
+pub enum Term {
+    /// gain times another state or an input of the plant.
+    Linear {
+        /// The state whose derivative changes.
+        to: usize,
+        /// What drives it.
+        from: Source,
+        /// Gain.
+        gain: f64,
+    },
+    /// A level.
+    Constant {
+        /// The state whose derivative changes.
+        to: usize,
+        /// Level, the derivative's unit.
+        level: f64,
+    },
+    /// amplitude·sin(ωt + phase), t from the log's first sample.
+    Sine {
+        /// The state whose derivative changes.
+        to: usize,
+        /// ω, rad/s.
+        omega_rad_s: f64,
+        /// Amplitude, the derivative's unit.
+        amplitude: f64,
+        /// Phase, rad.
+        phase_rad: f64,
+    },
+    /// A function of one state.
+    Function {
+        /// The state whose derivative changes.
+        to: usize,
+        /// The state that it depends on.
+        from: usize,
+        /// The function.
+        f: Arc<dyn Fn(f64) -> f64 + Send + Sync>,
+    },
+    /// −level·sign(x) on the derivative of x, which sticks at 0 while the rest of its derivative is within ±level.
+    Friction {
+        /// The state.
+        state: usize,
+        /// Level, the derivative's unit.
+        level: f64,
+    },
+}
+
+/// What drives a linear term.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// A state.
+    State(usize),
+    /// An input, as the plant receives it.
+    Input(usize),
+}
+
+/// The sensors' clock: when the commands' clock reads t, it reads ratio·t + offset.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SensorClock {
+    /// Ratio.
+    pub ratio: f64,
+    /// Offset, seconds.
+    pub offset_s: f64,
+}
+
+impl SensorClock {
+    /// The commands' time at which the sensors' clock reads `stamp_s`.
+    #[must_use]
+    pub fn commands_time_s(&self, stamp_s: f64) -> f64 {
+        (stamp_s - self.offset_s) / self.ratio
+    }
+}
+
+impl Default for SensorClock {
+    fn default() -> Self {
+        Self { ratio: 1.0, offset_s: 0.0 }
+    }
+}
+
+/// All hooks of one simulation, on a copy of the dynamics that a wrong parameter may change.
+pub struct Plan {
+    /// The dynamics.
+    pub dynamics: Dynamics,
+    /// One path per input.
+    pub inputs: Vec<InputPath>,
+    /// Terms of the dynamics.
+    pub terms: Vec<Term>,
+    /// Resonances.
+    pub modes: Vec<Mode>,
+    /// One path per output.
+    pub outputs: Vec<OutputPath>,
+    /// The sensors' clock.
+    pub clock: SensorClock,
+}
+
+impl Plan {
+    /// The simulator as it stands.
+    #[must_use]
+    pub fn new(system: &System) -> Self {
+        let inputs = system.input_delay_s.iter().map(|&delay_s| InputPath { delay_s, ..InputPath::default() }).collect();
+        let outputs = system.outputs.iter().map(|_| OutputPath::default()).collect();
+        Self { dynamics: system.dynamics.clone(), inputs, terms: Vec::new(), modes: Vec::new(), outputs, clock: SensorClock::default() }
+    }
+}

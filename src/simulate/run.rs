@@ -1,0 +1,168 @@
+//! A simulator with hooks on the commands of a log.
+
+use nalgebra::DMatrix;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+use super::SimulateError;
+use super::assembly::Assembly;
+use super::linear::Linear;
+use super::nonlinear::Nonlinear;
+use super::ode::Integrator;
+use super::piecewise::Piecewise;
+use super::plan::{Drops, InputPath, Plan, Term};
+use super::sampled;
+use super::system::{Dynamics, System};
+use super::walk::{Correction, Run, walk};
+
+/// The commands of a log.
+#[derive(Debug, Clone, Copy)]
+pub struct Commands<'a> {
+    /// Seconds from the log's first sample, increasing.
+    pub time_s: &'a [f64],
+    /// One column per input: each sample holds until the next.
+    pub inputs: &'a [Vec<f64>],
+}
+
+impl System {
+    /// Simulates the system under a plan, from the state `x0` at the log's first sample: free, or corrected by measured outputs at every sample.
+    ///
+    /// Exact for linear systems (held and straight inputs, delays of any size); nonlinear ones are integrated from edge to edge of the inputs.
+    ///
+    /// # Errors
+    /// [`SimulateError`]: shapes that do not fit, a command that is not finite, time that does not increase, a state that explodes, an integration that fails.
+    pub fn simulate(
+        &self,
+        plan: &Plan,
+        commands: Commands<'_>,
+        x0: &[f64],
+        correction: Option<Correction<'_>>,
+    ) -> Result<Run, SimulateError> {
+        check(self, commands, x0)?;
+        let signals = (plan.inputs.iter().zip(commands.inputs))
+            .map(|(path, values)| arrive(path, commands.time_s, values))
+            .collect::<Result<Vec<_>, _>>()?;
+        let first: Vec<f64> = signals.iter().map(Piecewise::first).collect();
+        let time_s = commands.time_s;
+        let (dynamics, states) = (&plan.dynamics, correction.is_none());
+        if let Dynamics::Sampled(matrices, ts) = dynamics {
+            return sampled::run(self, plan, (matrices, *ts), &signals, time_s, x0, correction);
+        }
+        let equations = match dynamics {
+            Dynamics::Equations(equations, parameters) => Some((equations.as_ref(), parameters.as_slice())),
+            Dynamics::Linear(_) | Dynamics::Sampled(..) => None,
+        };
+        let assembly = Assembly::new(self, plan, x0, &first, |received| {
+            let mut y = vec![0.0; self.outputs.len()];
+            if let Some((equations, parameters)) = equations {
+                equations.outputs(0.0, x0, received, parameters, &mut equations.workspace(), &mut y);
+            }
+            y
+        });
+        let smooth = !plan.terms.iter().any(|t| matches!(t, Term::Function { .. } | Term::Friction { .. }));
+        if equations.is_none() && smooth {
+            let ramps = !signals.iter().all(Piecewise::is_held);
+            return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, correction, states);
+        }
+        let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, Integrator::new(assembly.states));
+        walk(&mut stepper, &signals, plan, time_s, correction, states)
+    }
+}
+
+fn check(system: &System, commands: Commands<'_>, x0: &[f64]) -> Result<(), SimulateError> {
+    if commands.inputs.len() != system.inputs.len() {
+        return Err(SimulateError::Inputs { needed: system.inputs.len(), got: commands.inputs.len() });
+    }
+    if x0.len() != system.states.len() {
+        return Err(SimulateError::InitialState { needed: system.states.len(), got: x0.len() });
+    }
+    for (input, values) in commands.inputs.iter().enumerate() {
+        if values.len() != commands.time_s.len() {
+            return Err(SimulateError::Samples { time: commands.time_s.len(), input: values.len() });
+        }
+        if let Some(sample) = values.iter().position(|v| !v.is_finite()) {
+            return Err(SimulateError::NotFinite { input, sample, value: values[sample] });
+        }
+    }
+    match commands.time_s.windows(2).position(|w| w[1].partial_cmp(&w[0]) != Some(std::cmp::Ordering::Greater)) {
+        Some(k) => Err(SimulateError::Time { sample: k + 1, before_s: commands.time_s[k], after_s: commands.time_s[k + 1] }),
+        None => Ok(()),
+    }
+}
+
+/// The signal at the end of an input's path, before its lags and modes.
+fn arrive(path: &InputPath, time_s: &[f64], values: &[f64]) -> Result<Piecewise, SimulateError> {
+    let held = match &path.drops {
+        None => Piecewise::held(time_s, values.iter().copied()),
+        Some(drops) => Piecewise::held(time_s, passed_on(drops, values)?),
+    };
+    let mut signal = held.delayed(path.delay_s);
+    if let Some(curve) = path.curve {
+        signal = signal.map(|p| (curve.gain * p.value + curve.quadratic * p.value * p.value.abs(), 0.0));
+    }
+    Ok(path.maps.iter().fold(signal, |signal, map| map(signal)))
+}
+
+/// The commands that are passed on.
+fn passed_on(drops: &Drops, values: &[f64]) -> Result<Vec<f64>, SimulateError> {
+    let first = values.first().copied().unwrap_or(0.0);
+    // The last command that arrived; the first one always does.
+    let held = |lost: &mut dyn FnMut(usize) -> bool| {
+        let mut last = first;
+        let pass = |(k, &value): (usize, &f64)| {
+            if !lost(k) || k == 0 {
+                last = value;
+            }
+            last
+        };
+        values.iter().enumerate().map(pass).collect()
+    };
+    match drops {
+        Drops::Sequence(lost) if lost.len() != values.len() => Err(SimulateError::Drops { needed: values.len(), got: lost.len() }),
+        Drops::Sequence(lost) => Ok(held(&mut |k| lost[k])),
+        Drops::Random { probability, seed } => {
+            let mut rng = ChaCha8Rng::seed_from_u64(*seed);
+            Ok(held(&mut |_| rng.random::<f64>() < *probability))
+        }
+        // E[passed on at k] = (1 − p)·u(k) + p·E[passed on at k − 1].
+        Drops::Mean(p) => {
+            let mut mean = first;
+            let pass = |value: &f64| {
+                mean = (1.0 - p) * value + p * mean;
+                mean
+            };
+            Ok(values.iter().map(pass).collect())
+        }
+    }
+}
+
+impl System {
+    /// ∂y/∂x0 under a plan, by central differences of one `scale` per state: samples × outputs stacked by output, one column per state.
+    ///
+    /// # Errors
+    /// As [`System::simulate`].
+    pub fn sensitivity(
+        &self,
+        plan: &Plan,
+        commands: Commands<'_>,
+        x0: &[f64],
+        scale: &[f64],
+        correction: Option<Correction<'_>>,
+    ) -> Result<DMatrix<f64>, SimulateError> {
+        let samples = commands.time_s.len();
+        let mut z = DMatrix::zeros(samples * self.outputs.len(), x0.len());
+        for j in 0..x0.len() {
+            let moved = |by: f64| {
+                let mut x = x0.to_vec();
+                x[j] += by * scale[j];
+                self.simulate(plan, commands, &x, correction)
+            };
+            let (up, down) = (moved(0.5)?.y, moved(-0.5)?.y);
+            for (to, (up, down)) in z.column_mut(j).iter_mut().zip(up.iter().zip(down.iter())) {
+                *to = (up - down) / scale[j];
+            }
+        }
+        Ok(z)
+    }
+}

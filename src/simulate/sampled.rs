@@ -1,0 +1,179 @@
+//! A sampled model with hooks on its inputs, outputs and clock.
+//!
+//! Between the samples, where a hook asks: an input of the plant is the mean of what arrives over the sample, its direct path sees what arrives at the
+//! sampling instant, and an output runs straight from one sample to the next.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::SimulateError;
+use super::assembly::Assembly;
+use super::linear::Linear;
+use super::piecewise::{Piece, Piecewise};
+use super::plan::{InputPath, OutputPath, Plan, SensorClock};
+use super::system::{Dynamics, Matrices, Port, System};
+use super::walk::{Correction, Drive, Run, Stepper, walk};
+use crate::time::SampleTime;
+
+/// A plant of gains and integrators, to carry signals through their paths.
+fn bench(inputs: usize, a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>, d: DMatrix<f64>) -> System {
+    let ports = |n: usize| (0..n).map(|_| Port { name: String::new(), unit: None }).collect::<Vec<_>>();
+    let (states, outputs) = (a.nrows(), c.nrows());
+    System {
+        name: String::new(),
+        inputs: ports(inputs),
+        states: ports(states),
+        outputs: ports(outputs),
+        parameters: Vec::new(),
+        dynamics: Dynamics::Linear(Matrices { a, b, c, d }),
+        input_delay_s: vec![0.0; inputs],
+        initial: vec![0.0; states],
+        initial_std: vec![None; states],
+        input_operating: vec![0.0; inputs],
+        output_operating: vec![0.0; outputs],
+    }
+}
+
+/// What arrives at the plant: means over the samples and values at the sampling instants, each samples × inputs.
+fn arriving(paths: &[InputPath], signals: &[Piecewise], time_s: &[f64], ts: SampleTime) -> Result<[DMatrix<f64>; 2], SimulateError> {
+    let (m, samples) = (signals.len(), time_s.len());
+    let zero = DMatrix::zeros(m, m);
+    let one = DMatrix::identity(m, m);
+    let stack =
+        |top: &DMatrix<f64>, bottom: &DMatrix<f64>| DMatrix::from_fn(2 * m, m, |i, j| if i < m { top[(i, j)] } else { bottom[(i - m, j)] });
+    let system = bench(m, zero.clone(), one.clone(), stack(&one, &zero), stack(&zero, &one));
+    let mut plan = Plan::new(&system);
+    for (to, path) in plan.inputs.iter_mut().zip(paths) {
+        to.lags_s.clone_from(&path.lags_s);
+    }
+    let assembly = first_values(&system, &plan, signals);
+    let mut longer = time_s.to_vec();
+    longer.push(time_s.last().copied().unwrap_or(0.0) + ts.seconds());
+    let run = walk(&mut Linear::new(&assembly, true), signals, &plan, &longer, None, false)?;
+    let mean = DMatrix::from_fn(samples, m, |k, i| (run.y[(k + 1, i)] - run.y[(k, i)]) / ts.seconds());
+    let instant = DMatrix::from_fn(samples, m, |k, i| run.y[(k, m + i)]);
+    Ok([mean, instant])
+}
+
+fn first_values(system: &System, plan: &Plan, signals: &[Piecewise]) -> Assembly {
+    let first: Vec<f64> = signals.iter().map(Piecewise::first).collect();
+    Assembly::new(system, plan, &system.initial, &first, |_| Vec::new())
+}
+
+/// One output between the samples: straight pieces through its lags.
+struct Sensor<'a> {
+    path: &'a OutputPath,
+    time_s: &'a [f64],
+    /// The output before its lags, at the samples so far.
+    values: Vec<f64>,
+    /// The lags' states at the samples so far.
+    lagged: Vec<Vec<f64>>,
+}
+
+impl Sensor<'_> {
+    fn lag(&self, state: &[f64], piece: Piece, to_s: f64) -> Result<Vec<f64>, SimulateError> {
+        let one = DMatrix::identity(1, 1);
+        let system = bench(1, DMatrix::zeros(0, 0), DMatrix::zeros(0, 1), DMatrix::zeros(1, 0), one);
+        let mut plan = Plan::new(&system);
+        plan.outputs[0].lags_s.clone_from(&self.path.lags_s);
+        let mut assembly = Assembly::new(&system, &plan, &[], &[piece.value], |_| Vec::new());
+        assembly.start.copy_from_slice(state);
+        let mut linear = Linear::new(&assembly, true);
+        linear.advance(piece.start_s, to_s, &Drive { pieces: vec![piece] })?;
+        Ok(linear.state().to_vec())
+    }
+
+    /// The piece from sample k on.
+    fn piece(&self, k: usize) -> Piece {
+        let next = self.values.get(k + 1).zip(self.time_s.get(k + 1));
+        let slope = next.map_or(0.0, |(value, time)| (value - self.values[k]) / (time - self.time_s[k]));
+        Piece { start_s: self.time_s[k], value: self.values[k], slope }
+    }
+
+    fn push(&mut self, value: f64) -> Result<(), SimulateError> {
+        self.values.push(value);
+        if self.path.lags_s.is_empty() {
+            return Ok(());
+        }
+        let k = self.values.len() - 1;
+        let state = match self.lagged.last() {
+            None => vec![value; self.path.lags_s.len()],
+            Some(before) => self.lag(before, self.piece(k - 1), self.time_s[k])?,
+        };
+        self.lagged.push(state);
+        Ok(())
+    }
+
+    /// The output after its lags, as far as it is known: held before the first sample and after the last.
+    fn read(&self, at_s: f64) -> Result<f64, SimulateError> {
+        let Some(last) = self.values.len().checked_sub(1) else { return Ok(0.0) };
+        // Rounding must not turn a sample into the moment before it.
+        let tolerance = 1e-9 * (self.time_s.get(1).copied().unwrap_or(1.0) - self.time_s[0]);
+        let k = self.time_s[..=last].partition_point(|&t| t <= at_s + tolerance).saturating_sub(1);
+        let at_s = if k == last { self.time_s[last] } else { at_s.max(self.time_s[0]) };
+        let Some(state) = self.lagged.get(k) else { return Ok(self.piece(k).at(at_s)) };
+        if (at_s - self.time_s[k]).abs() <= tolerance {
+            return Ok(state.last().copied().unwrap_or(0.0));
+        }
+        Ok(self.lag(state, self.piece(k), at_s)?.last().copied().unwrap_or(0.0))
+    }
+}
+
+/// When a sample of the log is read, in the commands' time.
+fn taken(clock: SensorClock, path: &OutputPath, stamp_s: f64) -> f64 {
+    clock.commands_time_s(stamp_s) - path.delay_s
+}
+
+/// Simulates a sampled model.
+pub(super) fn run(
+    system: &System,
+    plan: &Plan,
+    (matrices, ts): (&Matrices, SampleTime),
+    signals: &[Piecewise],
+    time_s: &[f64],
+    x0: &[f64],
+    correction: Option<Correction<'_>>,
+) -> Result<Run, SimulateError> {
+    let samples = time_s.len();
+    let [mean, instant] = arriving(&plan.inputs, signals, time_s, ts)?;
+    let about = |u: &DMatrix<f64>, k: usize| DVector::from_fn(u.ncols(), |i, _| u[(k, i)] - system.input_operating[i]);
+    let mut sensors: Vec<Sensor<'_>> =
+        plan.outputs.iter().map(|path| Sensor { path, time_s, values: Vec::new(), lagged: Vec::new() }).collect();
+    let mut run = Run { y: DMatrix::zeros(samples, plan.outputs.len()), x: DMatrix::zeros(samples, x0.len()) };
+    let mut x = DVector::from_column_slice(x0);
+    let reading = |sensor: &Sensor<'_>, k: usize| -> Result<f64, SimulateError> {
+        let mut value = sensor.read(taken(plan.clock, sensor.path, time_s[k]))?;
+        for map in &sensor.path.maps {
+            value = map(time_s[k], value);
+        }
+        Ok(value)
+    };
+    for k in 0..samples {
+        run.x.row_mut(k).tr_copy_from(&x);
+        let own = &matrices.c * &x + &matrices.d * about(&instant, k);
+        let own: Vec<f64> = own.iter().zip(&system.output_operating).map(|(y, operating)| y + operating).collect();
+        for i in 0..sensors.len() {
+            let mixed: f64 = own[i] + plan.outputs[i].mixing.iter().map(|&(from, gain)| gain * own[from]).sum::<f64>();
+            sensors[i].push(mixed)?;
+        }
+        if let Some(correction) = correction {
+            for (j, sensor) in sensors.iter().enumerate() {
+                let value = reading(sensor, k)?;
+                run.y[(k, j)] = value;
+                let innovation = correction.measured.get(j).and_then(|m| m.get(k)).map_or(0.0, |measured| measured - value);
+                x += correction.gain.column(j) * innovation;
+            }
+        }
+        x = &matrices.a * x + &matrices.b * about(&mean, k);
+        if x.iter().any(|v| !v.is_finite()) {
+            return Err(SimulateError::Explodes { time_s: time_s[k] });
+        }
+    }
+    if correction.is_none() {
+        for (j, sensor) in sensors.iter().enumerate() {
+            for k in 0..samples {
+                run.y[(k, j)] = reading(sensor, k)?;
+            }
+        }
+    }
+    Ok(run)
+}

@@ -1,0 +1,182 @@
+//! The walk through time: from edge to edge of the signals and from sample to sample of the sensors.
+
+use nalgebra::DMatrix;
+
+use super::SimulateError;
+use super::piecewise::{Piece, Piecewise};
+use super::plan::Plan;
+
+/// Edges and samples closer than this, relative to the mean sample time, fall together: the edge comes first.
+const TOGETHER: f64 = 1e-9;
+
+/// The piece that every signal is on.
+pub(super) struct Drive {
+    pub(super) pieces: Vec<Piece>,
+}
+
+/// A system that can be moved through time.
+pub(super) trait Stepper {
+    /// Moves the state; the signals stay on their pieces.
+    fn advance(&mut self, from_s: f64, to_s: f64, drive: &Drive) -> Result<(), SimulateError>;
+    /// The outputs at the sensors, before the maps of their samples.
+    fn outputs(&mut self, at_s: f64, drive: &Drive, y: &mut [f64]) -> Result<(), SimulateError>;
+    /// The plant's own state.
+    fn plant_state(&mut self) -> &mut [f64];
+}
+
+/// Measured outputs that correct the state at every sample: x ← x + K·(measured − predicted), the same K for every rival.
+#[derive(Debug, Clone, Copy)]
+pub struct Correction<'a> {
+    /// K, states × outputs.
+    pub gain: &'a DMatrix<f64>,
+    /// One per output: value and whether it is there.
+    pub measured: &'a [Measured],
+}
+
+/// Samples of one output.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    /// The values; anything finite where one is missing.
+    pub values: Vec<f64>,
+    /// Which are there; `None`: all.
+    pub present: Option<Vec<bool>>,
+}
+
+impl Measured {
+    /// The sample, if it is there.
+    #[must_use]
+    pub fn get(&self, k: usize) -> Option<f64> {
+        let there = self.present.as_ref().is_none_or(|p| p.get(k).copied().unwrap_or(false));
+        self.values.get(k).copied().filter(|_| there)
+    }
+}
+
+/// What a simulation returns.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Run {
+    /// Outputs as the log would show them, samples × outputs.
+    pub y: DMatrix<f64>,
+    /// The plant's states at the log's time stamps, samples × states; empty unless asked for.
+    pub x: DMatrix<f64>,
+}
+
+/// Outputs that are sampled at the same instants.
+struct Group {
+    delay_s: f64,
+    outputs: Vec<usize>,
+    /// The next sample.
+    next: usize,
+}
+
+/// Outputs by the delay at which they are read.
+fn groups(plan: &Plan, states: bool) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    for (i, output) in plan.outputs.iter().enumerate() {
+        match groups.iter_mut().find(|g| g.delay_s == output.delay_s) {
+            Some(group) => group.outputs.push(i),
+            None => groups.push(Group { delay_s: output.delay_s, outputs: vec![i], next: 0 }),
+        }
+    }
+    if states {
+        groups.push(Group { delay_s: 0.0, outputs: Vec::new(), next: 0 });
+    }
+    groups
+}
+
+/// Walks a system through the log's time. `time_s` counts from the log's first sample.
+pub(super) fn walk(
+    system: &mut impl Stepper,
+    signals: &[Piecewise],
+    plan: &Plan,
+    time_s: &[f64],
+    correction: Option<Correction<'_>>,
+    states: bool,
+) -> Result<Run, SimulateError> {
+    let samples = time_s.len();
+    let outputs = plan.outputs.len();
+    let mut run =
+        Run { y: DMatrix::zeros(samples, outputs), x: DMatrix::zeros(if states { samples } else { 0 }, system.plant_state().len()) };
+    let mut groups = groups(plan, states);
+    let end = time_s.last().copied().unwrap_or(0.0);
+    #[allow(clippy::cast_precision_loss)]
+    let together = TOGETHER * if samples > 1 { end / (samples - 1) as f64 } else { 1.0 };
+    // When a group's sample is taken, on the commands' clock.
+    let taken = |group: &Group, k: usize| match group.outputs.first() {
+        Some(_) => plan.clock.commands_time_s(time_s[k]) - group.delay_s,
+        None => time_s[k],
+    };
+    let mut drive = Drive { pieces: signals.iter().map(|s| s.pieces().first().copied().unwrap_or(LEVEL)).collect() };
+    let mut edges = vec![1_usize; signals.len()];
+    let mut now = 0.0;
+    let mut y = vec![0.0; outputs];
+    let mut innovation = vec![0.0; outputs];
+    loop {
+        let mut sample = f64::INFINITY;
+        for group in &groups {
+            if group.next < samples {
+                sample = sample.min(taken(group, group.next));
+            }
+        }
+        if sample == f64::INFINITY {
+            break;
+        }
+        let mut edge = f64::INFINITY;
+        for (signal, &at) in signals.iter().zip(&edges) {
+            if let Some(piece) = signal.pieces().get(at) {
+                edge = edge.min(piece.start_s);
+            }
+        }
+        let to = if edge <= sample + together { edge.min(sample.max(now)) } else { sample };
+        // Samples that a clock or a delay puts before the start see the start.
+        let to = to.max(now);
+        if to > now + together {
+            system.advance(now, to, &drive)?;
+            now = to;
+        }
+        for ((signal, at), piece) in signals.iter().zip(&mut edges).zip(&mut drive.pieces) {
+            while let Some(next) = signal.pieces().get(*at).filter(|p| p.start_s <= now + together) {
+                *piece = *next;
+                *at += 1;
+            }
+        }
+        for group in &mut groups {
+            while group.next < samples && taken(group, group.next) <= now + together {
+                let k = group.next;
+                group.next += 1;
+                if group.outputs.is_empty() {
+                    for (i, value) in system.plant_state().iter().enumerate() {
+                        run.x[(k, i)] = *value;
+                    }
+                    continue;
+                }
+                system.outputs(now, &drive, &mut y)?;
+                innovation.fill(0.0);
+                let before_start = taken(group, k) < -together;
+                for &i in &group.outputs {
+                    let mut value = y[i];
+                    for map in &plan.outputs[i].maps {
+                        value = map(time_s[k], value);
+                    }
+                    run.y[(k, i)] = value;
+                    if let Some(measured) = correction.as_ref().and_then(|c| c.measured.get(i)).and_then(|m| m.get(k)) {
+                        innovation[i] = if before_start { 0.0 } else { measured - value };
+                    }
+                }
+                if let Some(correction) = correction {
+                    for (i, x) in system.plant_state().iter_mut().enumerate() {
+                        for &j in &group.outputs {
+                            *x += correction.gain[(i, j)] * innovation[j];
+                        }
+                    }
+                }
+            }
+        }
+    }
+    match (0..samples).find(|&k| run.y.row(k).iter().any(|v| !v.is_finite())) {
+        Some(k) => Err(SimulateError::Explodes { time_s: time_s[k] }),
+        None => Ok(run),
+    }
+}
+
+/// A signal without pieces.
+const LEVEL: Piece = Piece { start_s: 0.0, value: 0.0, slope: 0.0 };
