@@ -234,6 +234,3 @@ pub enum EffectError {
         upper: f64,
     },
 }
-
-#[cfg(test)]
-mod tests;

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use nalgebra::DMatrix;
 
-use crate::model::Equations;
+use crate::error::Result;
+use crate::model::{Channel, Equations, ModelDocument, Operating, StateSpace, TimeDomain};
 use crate::time::SampleTime;
 
 /// The name and unit of an input, state, output or parameter.
@@ -72,5 +73,69 @@ impl System {
     #[must_use]
     pub fn is_sampled(&self) -> bool {
         matches!(self.dynamics, Dynamics::Sampled(..))
+    }
+}
+
+impl System {
+    /// From a model file. `mean` gives the mean of a channel over the training logs, asked for where an operating point is `"mean"`.
+    ///
+    /// # Errors
+    /// [`ModelError`] for a file that describes no model; whatever `mean` returns.
+    pub fn new(document: &ModelDocument, mut mean: impl FnMut(&str) -> Result<f64>) -> Result<Self> {
+        let mut operating = |channels: &[Channel]| -> Result<Vec<f64>> {
+            let value = |c: &Channel| match c.operating {
+                Operating::Value(value) => Ok(value),
+                Operating::Mean(_) => mean(&c.name),
+            };
+            channels.iter().map(value).collect()
+        };
+        let port = |name: &str, unit: Option<&str>| Port { name: name.to_owned(), unit: unit.map(str::to_owned) };
+        let ports = |channels: &[Channel]| channels.iter().map(|c| port(&c.name, c.unit.as_deref())).collect::<Vec<_>>();
+        let states: Vec<Port> = document.states().map(|(name, unit)| port(name, unit)).collect();
+        let or_zero = |list: &[f64], n: usize| if list.is_empty() { vec![0.0; n] } else { list.to_vec() };
+        let (inputs, outputs) = (ports(document.inputs()), ports(document.outputs()));
+        let (dynamics, parameters, initial, initial_std, input_delay_s) = match document {
+            ModelDocument::Lti(file) => {
+                let std = if file.initial_std.is_empty() {
+                    vec![None; states.len()]
+                } else {
+                    file.initial_std.iter().map(|&v| Some(v)).collect()
+                };
+                let dynamics = if file.is_sampled() {
+                    let sys = file.sampled()?;
+                    Dynamics::Sampled(Matrices::of(&sys), sys.sample_time())
+                } else {
+                    Dynamics::Linear(Matrices::of(&file.continuous()?))
+                };
+                (dynamics, Vec::new(), or_zero(&file.initial, states.len()), std, &file.input_delay_s)
+            }
+            ModelDocument::Equations(file) => {
+                let equations = Arc::new(file.equations()?);
+                let parameters = file.parameters.iter().map(|(name, p)| port(name, p.unit.as_deref())).collect();
+                let (initial, nominal) = (equations.initial(), equations.nominal());
+                let std = file.states.iter().map(|(_, s)| s.initial_std).collect();
+                (Dynamics::Equations(equations, nominal), parameters, initial, std, &file.input_delay_s)
+            }
+        };
+        let (input_operating, output_operating) = (operating(document.inputs())?, operating(document.outputs())?);
+        Ok(Self {
+            name: document.name().to_owned(),
+            input_delay_s: or_zero(input_delay_s, inputs.len()),
+            inputs,
+            states,
+            outputs,
+            parameters,
+            dynamics,
+            initial,
+            initial_std,
+            input_operating,
+            output_operating,
+        })
+    }
+}
+
+impl Matrices {
+    fn of<T: TimeDomain>(sys: &StateSpace<T>) -> Self {
+        Self { a: sys.a().clone(), b: sys.b().clone(), c: sys.c().clone(), d: sys.d().clone() }
     }
 }

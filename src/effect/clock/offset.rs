@@ -6,7 +6,7 @@ use crate::simulate::{Plan, System};
 
 /// The sensors' clock is set differently.
 #[derive(Debug, Clone, Copy)]
-pub struct ClockOffset;
+pub(crate) struct ClockOffset;
 
 impl Effect for ClockOffset {
     fn name(&self) -> &'static str {

@@ -6,7 +6,7 @@ use crate::simulate::{Plan, System};
 
 /// The sensors' clock runs at another rate.
 #[derive(Debug, Clone, Copy)]
-pub struct ClockSkew;
+pub(crate) struct ClockSkew;
 
 impl Effect for ClockSkew {
     fn name(&self) -> &'static str {

@@ -6,7 +6,7 @@ use crate::simulate::{Plan, System, Term};
 
 /// Something pushes all the time.
 #[derive(Debug, Clone, Copy)]
-pub struct ConstantDisturbance;
+pub(crate) struct ConstantDisturbance;
 
 impl Effect for ConstantDisturbance {
     fn name(&self) -> &'static str {

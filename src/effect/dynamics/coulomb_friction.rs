@@ -6,7 +6,7 @@ use crate::simulate::{Plan, System, Term};
 
 /// Dry friction that sticks.
 #[derive(Debug, Clone, Copy)]
-pub struct CoulombFriction;
+pub(crate) struct CoulombFriction;
 
 impl Effect for CoulombFriction {
     fn name(&self) -> &'static str {

@@ -6,7 +6,7 @@ use crate::simulate::{Plan, Source, System, Term};
 
 /// A coupling that the model lacks.
 #[derive(Debug, Clone, Copy)]
-pub struct CrossCoupling;
+pub(crate) struct CrossCoupling;
 
 impl Effect for CrossCoupling {
     fn name(&self) -> &'static str {

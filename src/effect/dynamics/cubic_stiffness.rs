@@ -8,7 +8,7 @@ use crate::simulate::{Plan, System, Term};
 
 /// A spring that hardens with the cube of a state.
 #[derive(Debug, Clone, Copy)]
-pub struct CubicStiffness;
+pub(crate) struct CubicStiffness;
 
 impl Effect for CubicStiffness {
     fn name(&self) -> &'static str {

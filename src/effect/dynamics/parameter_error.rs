@@ -8,7 +8,7 @@ use crate::simulate::{Dynamics, Plan, Port, System};
 
 /// A parameter of the model is wrong.
 #[derive(Debug, Clone, Copy)]
-pub struct ParameterError;
+pub(crate) struct ParameterError;
 
 impl Effect for ParameterError {
     fn name(&self) -> &'static str {

@@ -6,7 +6,7 @@ use crate::simulate::{Plan, System, Term};
 
 /// Something shakes at one frequency.
 #[derive(Debug, Clone, Copy)]
-pub struct PeriodicDisturbance;
+pub(crate) struct PeriodicDisturbance;
 
 impl Effect for PeriodicDisturbance {
     fn name(&self) -> &'static str {

@@ -8,7 +8,7 @@ use crate::simulate::{Plan, System, Term};
 
 /// Drag that grows with the square of a velocity.
 #[derive(Debug, Clone, Copy)]
-pub struct QuadraticDrag;
+pub(crate) struct QuadraticDrag;
 
 impl Effect for QuadraticDrag {
     fn name(&self) -> &'static str {

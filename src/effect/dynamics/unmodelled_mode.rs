@@ -6,7 +6,7 @@ use crate::simulate::{Mode, Plan, System, plan};
 
 /// A resonance that the model lacks.
 #[derive(Debug, Clone, Copy)]
-pub struct UnmodelledMode;
+pub(crate) struct UnmodelledMode;
 
 impl Effect for UnmodelledMode {
     fn name(&self) -> &'static str {

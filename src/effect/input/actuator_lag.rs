@@ -6,7 +6,7 @@ use crate::simulate::{Plan, System};
 
 /// The actuator follows with a first-order lag.
 #[derive(Debug, Clone, Copy)]
-pub struct ActuatorLag;
+pub(crate) struct ActuatorLag;
 
 impl Effect for ActuatorLag {
     fn name(&self) -> &'static str {

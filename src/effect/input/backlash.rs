@@ -8,7 +8,7 @@ use crate::simulate::{Piece, Piecewise, Plan, System};
 
 /// Play between command and plant.
 #[derive(Debug, Clone, Copy)]
-pub struct Backlash;
+pub(crate) struct Backlash;
 
 impl Effect for Backlash {
     fn name(&self) -> &'static str {

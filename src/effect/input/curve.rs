@@ -6,7 +6,7 @@ use crate::simulate::{Plan, System};
 
 /// The actuator has a quadratic characteristic.
 #[derive(Debug, Clone, Copy)]
-pub struct InputCurve;
+pub(crate) struct InputCurve;
 
 impl Effect for InputCurve {
     fn name(&self) -> &'static str {

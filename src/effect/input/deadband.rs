@@ -8,7 +8,7 @@ use crate::simulate::{Plan, System};
 
 /// Small commands do nothing.
 #[derive(Debug, Clone, Copy)]
-pub struct Deadband;
+pub(crate) struct Deadband;
 
 impl Effect for Deadband {
     fn name(&self) -> &'static str {

@@ -6,7 +6,7 @@ use crate::simulate::{Plan, System};
 
 /// Dead time between the command and the plant; continuous, never rounded to samples.
 #[derive(Debug, Clone, Copy)]
-pub struct InputDelay;
+pub(crate) struct InputDelay;
 
 impl Effect for InputDelay {
     fn name(&self) -> &'static str {

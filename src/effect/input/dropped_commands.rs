@@ -6,7 +6,7 @@ use crate::simulate::{Drops, Plan, System};
 
 /// Each logged command is lost with this probability, independently; a plan holds the mean over all sequences until a seed draws one.
 #[derive(Debug, Clone, Copy)]
-pub struct DroppedCommands;
+pub(crate) struct DroppedCommands;
 
 impl Effect for DroppedCommands {
     fn name(&self) -> &'static str {

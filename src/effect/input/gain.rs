@@ -6,7 +6,7 @@ use crate::simulate::{Plan, System};
 
 /// The actuator has another gain.
 #[derive(Debug, Clone, Copy)]
-pub struct InputGain;
+pub(crate) struct InputGain;
 
 impl Effect for InputGain {
     fn name(&self) -> &'static str {

@@ -8,7 +8,7 @@ use crate::simulate::{Plan, System};
 
 /// The gain of the actuator fades with time.
 #[derive(Debug, Clone, Copy)]
-pub struct GainFade;
+pub(crate) struct GainFade;
 
 impl Effect for GainFade {
     fn name(&self) -> &'static str {

@@ -8,7 +8,7 @@ use crate::simulate::{Plan, System};
 
 /// The actuator is off centre.
 #[derive(Debug, Clone, Copy)]
-pub struct InputOffset;
+pub(crate) struct InputOffset;
 
 impl Effect for InputOffset {
     fn name(&self) -> &'static str {

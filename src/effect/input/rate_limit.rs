@@ -8,7 +8,7 @@ use crate::simulate::{Piece, Piecewise, Plan, System};
 
 /// The actuator moves no faster than this.
 #[derive(Debug, Clone, Copy)]
-pub struct RateLimit;
+pub(crate) struct RateLimit;
 
 impl Effect for RateLimit {
     fn name(&self) -> &'static str {

@@ -8,7 +8,7 @@ use crate::simulate::{Plan, System};
 
 /// The actuator has stops.
 #[derive(Debug, Clone, Copy)]
-pub struct Saturation;
+pub(crate) struct Saturation;
 
 impl Effect for Saturation {
     fn name(&self) -> &'static str {

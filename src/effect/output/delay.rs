@@ -6,7 +6,7 @@ use crate::simulate::{Plan, System};
 
 /// Dead time between the plant and the log; continuous, never rounded to samples.
 #[derive(Debug, Clone, Copy)]
-pub struct OutputDelay;
+pub(crate) struct OutputDelay;
 
 impl Effect for OutputDelay {
     fn name(&self) -> &'static str {

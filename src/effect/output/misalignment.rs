@@ -6,7 +6,7 @@ use crate::simulate::{Plan, System};
 
 /// A sensor also sees another output.
 #[derive(Debug, Clone, Copy)]
-pub struct Misalignment;
+pub(crate) struct Misalignment;
 
 impl Effect for Misalignment {
     fn name(&self) -> &'static str {

@@ -8,7 +8,7 @@ use crate::simulate::{Plan, System};
 
 /// The sensor is off by a constant.
 #[derive(Debug, Clone, Copy)]
-pub struct SensorBias;
+pub(crate) struct SensorBias;
 
 impl Effect for SensorBias {
     fn name(&self) -> &'static str {

@@ -8,7 +8,7 @@ use crate::simulate::{Plan, System};
 
 /// The sensor drifts with time.
 #[derive(Debug, Clone, Copy)]
-pub struct SensorDrift;
+pub(crate) struct SensorDrift;
 
 impl Effect for SensorDrift {
     fn name(&self) -> &'static str {

@@ -8,7 +8,7 @@ use crate::simulate::{Plan, System};
 
 /// The sensor has another gain.
 #[derive(Debug, Clone, Copy)]
-pub struct SensorGain;
+pub(crate) struct SensorGain;
 
 impl Effect for SensorGain {
     fn name(&self) -> &'static str {

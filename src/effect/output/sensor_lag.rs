@@ -6,7 +6,7 @@ use crate::simulate::{Plan, System};
 
 /// The sensor follows with a first-order lag.
 #[derive(Debug, Clone, Copy)]
-pub struct SensorLag;
+pub(crate) struct SensorLag;
 
 impl Effect for SensorLag {
     fn name(&self) -> &'static str {

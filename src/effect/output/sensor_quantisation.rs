@@ -8,7 +8,7 @@ use crate::simulate::{Plan, System};
 
 /// The sensor has steps.
 #[derive(Debug, Clone, Copy)]
-pub struct SensorQuantisation;
+pub(crate) struct SensorQuantisation;
 
 impl Effect for SensorQuantisation {
     fn name(&self) -> &'static str {

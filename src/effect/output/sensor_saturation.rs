@@ -8,7 +8,7 @@ use crate::simulate::{Plan, System};
 
 /// The sensor has an end to its range.
 #[derive(Debug, Clone, Copy)]
-pub struct SensorSaturation;
+pub(crate) struct SensorSaturation;
 
 impl Effect for SensorSaturation {
     fn name(&self) -> &'static str {
