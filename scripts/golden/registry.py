@@ -3,6 +3,7 @@
 from functools import partial
 
 from . import c2d_cases as c2d
+from . import equations_cases as equations
 from . import regression_cases as regression
 from . import riccati_cases as riccati
 from . import simulation_cases as simulation
@@ -17,6 +18,7 @@ CASES = {
     "c2d_least_squares": {"reference.json": c2d.least_squares},
     "d2c_zoh": {"reference.json": simulation.d2c_zoh},
     "lsim": {"reference.json": simulation.lsim},
+    "equations": {"reference.json": equations.equations},
     "dlqr": {"reference.json": riccati.dlqr, "octave.json": riccati.dlqr_octave},
     "dlqr_random": {"reference.json": riccati.dlqr_random},
     "regression": {"reference.json": regression.regression},

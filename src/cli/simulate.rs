@@ -10,9 +10,9 @@ use rand_chacha::rand_core::SeedableRng;
 use super::source::Source;
 use super::write_json;
 use crate::log::{Channel, Log};
-use crate::model::{ModelFile, Operating};
+use crate::model::{EquationsFile, ModelDocument, ModelFile, Operating};
 use crate::signal::{Noise, NoiseColour, NoiseScaling};
-use crate::simulate::{Hold, Options, Response, lsim, lsim_sampled, lsim_uneven};
+use crate::simulate::{EquationOptions, Hold, Options, Response, lsim, lsim_sampled, lsim_uneven, simulate_equations};
 
 /// Simulate a model on the inputs of a log and write the response as a log; outputs that the log has are compared
 #[derive(Debug, clap::Args)]
@@ -52,14 +52,14 @@ enum HoldName {
 
 impl Simulate {
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
-        let model = ModelFile::read(&self.model)?;
-        if !model.effects.is_empty() {
+        let model = ModelDocument::read(&self.model)?;
+        if !model.effects().is_empty() {
             bail!(
                 "{}: this version simulates without effects; take the [[effects]] out of the file (a delay can stand in input_delay_s)",
                 self.model.display()
             );
         }
-        let inputs: Vec<String> = model.inputs.iter().map(|c| c.name.clone()).collect();
+        let inputs: Vec<String> = model.inputs().iter().map(|c| c.name.clone()).collect();
         let logs = self.source.read(&inputs)?;
         let [log] = logs.as_slice() else {
             bail!("{}: simulate takes one record at a time; cut it out with --from and --to", self.source.log.display());
@@ -68,7 +68,7 @@ impl Simulate {
         let response = self.response(&model, log, &u)?;
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         let mut channels: Vec<Channel> = model
-            .inputs
+            .inputs()
             .iter()
             .enumerate()
             .map(|(j, c)| {
@@ -90,7 +90,7 @@ impl Simulate {
             channels.push(Channel::new(name, unit, values));
             Ok(())
         };
-        for (i, c) in model.outputs.iter().enumerate() {
+        for (i, c) in model.outputs().iter().enumerate() {
             let measured = log.output(&c.name).ok();
             let operating = match (c.operating, &measured) {
                 (Operating::Value(v), _) => v,
@@ -106,17 +106,17 @@ impl Simulate {
             add(&c.name, c.unit.as_deref(), values, &mut channels)?;
         }
         if self.states {
-            for (i, s) in model.states.iter().enumerate() {
-                add(&s.name, s.unit.as_deref(), response.x.column(i).iter().copied().collect(), &mut channels)?;
+            for (i, (name, unit)) in model.states().enumerate() {
+                add(name, unit, response.x.column(i).iter().copied().collect(), &mut channels)?;
             }
         }
         Log::new(self.out.display().to_string(), log.time_s().to_vec(), channels)?.write_csv(&self.out)?;
         let errors: serde_json::Map<_, _> = comparison.iter().map(|(name, nrmse)| (name.clone(), serde_json::json!(nrmse))).collect();
         write_json(
             json,
-            &serde_json::json!({ "model": model.name, "log": log.source(), "out": self.out, "samples": log.len(), "nrmse": errors }),
+            &serde_json::json!({ "model": model.name(), "log": log.source(), "out": self.out, "samples": log.len(), "nrmse": errors }),
         )?;
-        say!("{} on {}: {} samples written to {}", model.name, log.source(), log.len(), self.out.display());
+        say!("{} on {}: {} samples written to {}", model.name(), log.source(), log.len(), self.out.display());
         for (name, nrmse) in comparison {
             match nrmse {
                 Some(v) => say!("  {name}: nrmse {v:.4} (rms of measured minus simulated over the measured standard deviation)"),
@@ -127,10 +127,10 @@ impl Simulate {
     }
 
     /// Inputs about their operating points, samples × inputs, and the operating points.
-    fn inputs(&self, model: &ModelFile, log: &Log) -> anyhow::Result<(DMatrix<f64>, Vec<f64>)> {
-        let mut u = DMatrix::zeros(log.len(), model.inputs.len());
-        let mut offsets = Vec::with_capacity(model.inputs.len());
-        for (j, c) in model.inputs.iter().enumerate() {
+    fn inputs(&self, model: &ModelDocument, log: &Log) -> anyhow::Result<(DMatrix<f64>, Vec<f64>)> {
+        let mut u = DMatrix::zeros(log.len(), model.inputs().len());
+        let mut offsets = Vec::with_capacity(model.inputs().len());
+        for (j, c) in model.inputs().iter().enumerate() {
             let values = log.input(&c.name)?;
             let operating = match c.operating {
                 Operating::Value(v) => v,
@@ -142,12 +142,19 @@ impl Simulate {
         Ok((u, offsets))
     }
 
-    fn response(&self, model: &ModelFile, log: &Log, u: &DMatrix<f64>) -> anyhow::Result<Response> {
-        let initial = (!model.initial.is_empty()).then(|| DVector::from_column_slice(&model.initial));
+    fn response(&self, model: &ModelDocument, log: &Log, u: &DMatrix<f64>) -> anyhow::Result<Response> {
         let hold = match self.hold {
             HoldName::Zero => Hold::Zero,
             HoldName::Linear => Hold::Linear,
         };
+        match model {
+            ModelDocument::Lti(file) => self.linear(file, log, u, hold),
+            ModelDocument::Equations(file) => self.nonlinear(file, log, u, hold),
+        }
+    }
+
+    fn linear(&self, model: &ModelFile, log: &Log, u: &DMatrix<f64>, hold: Hold) -> anyhow::Result<Response> {
+        let initial = (!model.initial.is_empty()).then(|| DVector::from_column_slice(&model.initial));
         let options = Options { initial, hold, ..Options::default() };
         if model.is_sampled() {
             let sys = model.sampled()?;
@@ -159,21 +166,36 @@ impl Simulate {
         }
         let sys = model.continuous()?;
         let mut delays = sys.input_delay().to_vec();
-        for text in &self.delay {
-            let parsed = text
-                .split_once('=')
-                .and_then(|(name, s)| Some((model.inputs.iter().position(|c| c.name == name)?, s.parse::<f64>().ok()?)));
-            let Some((input, seconds)) = parsed else {
-                let names: Vec<&str> = model.inputs.iter().map(|c| c.name.as_str()).collect();
-                bail!("--delay {text}: write it as INPUT=SECONDS with an input of the model ({})", names.join(", "));
-            };
-            delays[input] += seconds;
-        }
+        self.add_delays(&model.inputs, &mut delays)?;
         let sys = sys.with_input_delay(delays)?;
         Ok(match log.even_grid() {
             Ok(ts) => lsim(&sys, u, ts, &options)?,
             Err(_) => lsim_uneven(&sys, log.time_s(), u, &options)?,
         })
+    }
+
+    fn nonlinear(&self, model: &EquationsFile, log: &Log, u: &DMatrix<f64>, hold: Hold) -> anyhow::Result<Response> {
+        let equations = model.equations()?;
+        let mut input_delay_s = model.input_delay_s.clone();
+        input_delay_s.resize(model.inputs.len(), 0.0);
+        self.add_delays(&model.inputs, &mut input_delay_s)?;
+        let options = EquationOptions { hold, input_delay_s, ..EquationOptions::default() };
+        simulate_equations(&equations, log.time_s(), u, &equations.initial(), &equations.nominal(), &options)
+            .with_context(|| format!("model {} and log {}", self.model.display(), log.source()))
+    }
+
+    /// The delays of the command line on top of the model's own.
+    fn add_delays(&self, inputs: &[crate::model::Channel], delays: &mut [f64]) -> anyhow::Result<()> {
+        for text in &self.delay {
+            let parsed =
+                text.split_once('=').and_then(|(name, s)| Some((inputs.iter().position(|c| c.name == name)?, s.parse::<f64>().ok()?)));
+            let Some((input, seconds)) = parsed else {
+                let names: Vec<&str> = inputs.iter().map(|c| c.name.as_str()).collect();
+                bail!("--delay {text}: write it as INPUT=SECONDS with an input of the model ({})", names.join(", "));
+            };
+            delays[input] += seconds;
+        }
+        Ok(())
     }
 }
 

@@ -14,6 +14,10 @@ pub mod tolerance {
     pub const RELATIVE: f64 = 1e-10;
     /// Of the denominator of an output-error fit, the argument of a minimum (golden/regression/SOURCE.md).
     pub const OE_DENOMINATOR: f64 = 1e-8;
+    /// Of nonlinear simulations at rtol 1e-11, beside scipy at the same (golden/equations/SOURCE.md).
+    pub const EQUATIONS: f64 = 1e-8;
+    /// Of nonlinear simulations at rtol 1e-6.
+    pub const EQUATIONS_COARSE: f64 = 1e-3;
     /// Of its initial state (golden/regression/SOURCE.md).
     pub const OE_INITIAL: f64 = 1e-7;
     /// By how much the loss of a fit that explains next to nothing (above 0.8 of the output's power) may exceed the smallest known: the narrow resonances at

@@ -132,18 +132,18 @@ impl fmt::Display for Fault {
             Self::Character { found } => write!(f, "`{found}` has no meaning here; expressions know + - * / ^ ( ) , numbers and names"),
             Self::Number { found } => write!(f, "`{found}` is no number; write it as 12.5 or 1e-3"),
             Self::UnknownName { name, closest, known } => {
-                write!(f, "`{name}` is unknown")?;
+                write!(f, "`{name}` is unknown; ")?;
                 if let Some(closest) = closest {
-                    write!(f, "; did you mean `{closest}`?")?;
+                    write!(f, "did you mean `{closest}`? ")?;
                 }
-                write!(f, " known names: {}", known.join(", "))
+                write!(f, "known names: {}", known.join(", "))
             }
             Self::UnknownFunction { name, closest } => {
-                write!(f, "there is no function `{name}`")?;
+                write!(f, "there is no function `{name}`; ")?;
                 if let Some(closest) = closest {
-                    write!(f, "; did you mean `{closest}`?")?;
+                    write!(f, "did you mean `{closest}`? ")?;
                 }
-                write!(f, " functions: {} (a product needs its `*`)", super::function::names().collect::<Vec<_>>().join(", "))
+                write!(f, "functions: {} (a product needs its `*`)", super::function::names().collect::<Vec<_>>().join(", "))
             }
             Self::FunctionAsName { name } => write!(f, "`{name}` is a function; give its argument in parentheses"),
             Self::Arguments { function, needed, got } => {

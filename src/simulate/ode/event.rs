@@ -5,6 +5,8 @@ use super::integrator::{Event, Integrator, Method};
 
 /// Shares of a step at which the sign is looked at.
 const LOOKS: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
+/// Share of a step after which an event that began at 0 has taken its sign.
+const DEPARTURE: f64 = 1e-6;
 /// How close the event is located, relative to the step.
 const CLOSE: f64 = 1e-13;
 
@@ -20,6 +22,10 @@ pub(super) fn within<R: Rhs + ?Sized>(
     sign: &mut f64,
 ) -> Option<f64> {
     let h = end - t;
+    if *sign == 0.0 {
+        // The event begins at 0, as just after a bounce: where it goes at first counts, however long the step.
+        *sign = on_curve(integrator, t, h, x, DEPARTURE, event);
+    }
     let (mut before, mut before_value) = (0.0, *sign);
     for look in LOOKS {
         let value = on_curve(integrator, t, h, x, look, event);
