@@ -24,6 +24,9 @@ pub enum Error {
     /// An estimation that cannot be set up.
     #[error(transparent)]
     Delay(#[from] crate::delay::DelayError),
+    /// A diagnosis that cannot be read or written.
+    #[error(transparent)]
+    Diagnosis(#[from] crate::diagnose::DiagnosisError),
     /// A name or option that a registry does not know.
     #[error(transparent)]
     Registry(#[from] crate::registry::RegistryError),

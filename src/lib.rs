@@ -3,6 +3,7 @@
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod delay;
+pub mod diagnose;
 pub mod error;
 pub mod file;
 pub mod fit;
