@@ -27,6 +27,12 @@ pub enum Error {
     /// An estimation that cannot be set up.
     #[error(transparent)]
     Delay(#[from] crate::delay::DelayError),
+    /// A diagnosis that cannot be read or written.
+    #[error(transparent)]
+    Diagnosis(#[from] crate::diagnose::DiagnosisError),
+    /// Blind cases, verdicts or labels that cannot be used.
+    #[error(transparent)]
+    Blind(#[from] crate::blind::BlindError),
     /// A name or option that a registry does not know.
     #[error(transparent)]
     Registry(#[from] crate::registry::RegistryError),

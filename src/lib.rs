@@ -1,9 +1,11 @@
 #![doc = include_str!("../README.md")]
 
+pub mod blind;
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod delay;
 pub mod effect;
+pub mod diagnose;
 pub mod error;
 pub mod file;
 pub mod fit;

@@ -13,7 +13,7 @@ fn main() -> ExitCode {
         }
         Err(e) => {
             eprintln!("deadtime: {e:#}");
-            ExitCode::from(2)
+            ExitCode::from(if e.is::<deadtime::cli::LimitNotMet>() { 1 } else { 2 })
         }
     }
 }

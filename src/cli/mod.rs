@@ -8,6 +8,7 @@ macro_rules! say {
     }};
 }
 
+mod blind;
 mod c2d;
 mod demo;
 mod estimate;
@@ -46,6 +47,8 @@ enum Command {
     Simulate(simulate::Simulate),
     C2d(c2d::C2d),
     Excite(excite::Excite),
+    #[command(subcommand)]
+    Blind(blind::Blind),
     List(list::List),
 }
 
@@ -65,10 +68,16 @@ impl Cli {
             Command::Simulate(c) => c.run(json),
             Command::C2d(c) => c.run(json),
             Command::Excite(c) => c.run(json),
+            Command::Blind(c) => c.run(json),
             Command::List(c) => c.run(json),
         }
     }
 }
+
+/// A gate or a requested limit that was not met: exit code 1.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct LimitNotMet(String);
 
 /// Writes `what` as JSON where a file was asked for.
 fn write_json(path: Option<&Path>, what: &impl serde::Serialize) -> anyhow::Result<()> {

@@ -1,5 +1,6 @@
 //! What people and machines read. Nothing is computed here.
 
+pub mod blind;
 pub mod estimate;
 #[cfg(feature = "cli")]
 pub mod picture;

@@ -1,0 +1,189 @@
+//! Diagnoses of all cases, each beside its run time and its commitment; what was done is not done again.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use super::cases::{COMMITMENT, CaseFiles, find};
+use super::{BlindError, load};
+use crate::diagnose::Diagnosis;
+use crate::error::{Error, Result};
+use crate::file::write_atomic;
+
+/// What becomes of cases that were diagnosed before.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Existing {
+    /// They are left as they are.
+    #[default]
+    Keep,
+    /// They are diagnosed again.
+    Redo,
+}
+
+/// How to run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RunOptions {
+    /// Cases at a time, at least 1. Default 1: a diagnosis uses all threads itself, and its run time is then its own.
+    pub jobs: usize,
+    /// What becomes of cases that were diagnosed before. Default: kept.
+    pub existing: Existing,
+}
+
+impl Default for RunOptions {
+    fn default() -> Self {
+        Self { jobs: 1, existing: Existing::Keep }
+    }
+}
+
+/// The format line of a run time.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum RunFormat {
+    /// The only format there is.
+    #[default]
+    #[serde(rename = "deadtime/blind-run@1")]
+    V1,
+}
+
+/// `VERDICTS/ID/run.json`: how long the diagnosis took. It is written last and so marks a case as done.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RunTime {
+    /// The format line.
+    pub format: RunFormat,
+    /// Wall-clock time of the diagnosis, s.
+    pub time_s: f64,
+}
+
+/// How one case went.
+#[derive(Debug)]
+pub enum Outcome {
+    /// Diagnosed now.
+    Done {
+        /// Wall-clock time of the diagnosis, s.
+        time_s: f64,
+    },
+    /// Diagnosed before and kept.
+    Kept,
+    /// Not diagnosed.
+    Failed(Error),
+}
+
+/// How all cases went, in order of their names.
+#[derive(Debug, Default)]
+pub struct Summary {
+    /// Every case and its outcome.
+    pub cases: Vec<(String, Outcome)>,
+}
+
+impl Summary {
+    /// The cases that failed, and why.
+    pub fn failed(&self) -> impl Iterator<Item = (&str, &Error)> {
+        self.cases.iter().filter_map(|(id, outcome)| match outcome {
+            Outcome::Failed(e) => Some((id.as_str(), e)),
+            Outcome::Done { .. } | Outcome::Kept => None,
+        })
+    }
+}
+
+/// Diagnoses every case of `cases` by `diagnose` and writes `verdicts/ID/{commitment.txt, diagnosis.json, run.json}`.
+///
+/// A case counts as done when its diagnosis and run time can be read and its commitment is still the case's. A case that fails (also by a panic) is
+/// an [`Outcome::Failed`] and stops no other; it leaves no earlier diagnosis behind. `progress` is called after every case, from its thread.
+///
+/// # Errors
+/// Only when there are no cases to begin with: [`Error::Io`], [`BlindError::NoCases`], [`BlindError::BadName`].
+pub fn run(
+    cases: &Path,
+    verdicts: &Path,
+    options: &RunOptions,
+    diagnose: &(dyn Fn(&CaseFiles) -> Result<Diagnosis> + Sync),
+    progress: &(dyn Fn(&str, &Outcome) + Sync),
+) -> Result<Summary> {
+    let found: Vec<(String, Mutex<Option<Result<CaseFiles>>>)> =
+        find(cases)?.into_iter().map(|(id, files)| (id, Mutex::new(Some(files)))).collect();
+    let next = AtomicUsize::new(0);
+    let results = Mutex::new(Vec::with_capacity(found.len()));
+    // Threads of our own: in a shared pool a case that waits would work on another one, and that would count as its run time.
+    std::thread::scope(|scope| {
+        for _ in 0..options.jobs.clamp(1, found.len()) {
+            scope.spawn(|| {
+                while let Some((id, files)) = found.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let Some(files) = locked(files).take() else { continue };
+                    let place = Place::new(verdicts.join(id));
+                    let outcome = files
+                        .and_then(|files| place.diagnose(&files, options.existing, diagnose))
+                        .unwrap_or_else(|e| place.clear().map_or_else(Outcome::Failed, |()| Outcome::Failed(e)));
+                    progress(id, &outcome);
+                    locked(&results).push((id.clone(), outcome));
+                }
+            });
+        }
+    });
+    let mut cases = results.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    cases.sort_by(|a, b| a.0.cmp(&b.0));
+    Ok(Summary { cases })
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+/// The folder of one verdict.
+struct Place {
+    commitment: PathBuf,
+    diagnosis: PathBuf,
+    time: PathBuf,
+}
+
+impl Place {
+    fn new(folder: PathBuf) -> Self {
+        Self { commitment: folder.join(COMMITMENT), diagnosis: folder.join(load::DIAGNOSIS), time: folder.join(load::RUN_TIME) }
+    }
+
+    fn diagnose(
+        &self,
+        case: &CaseFiles,
+        existing: Existing,
+        diagnose: &(dyn Fn(&CaseFiles) -> Result<Diagnosis> + Sync),
+    ) -> Result<Outcome> {
+        let commitment = std::fs::read(&case.commitment).map_err(|source| Error::io(&case.commitment, source))?;
+        if existing == Existing::Keep && self.is_done(&commitment) {
+            return Ok(Outcome::Kept);
+        }
+        self.clear()?;
+        let clock = Instant::now();
+        let diagnosis = catch_unwind(AssertUnwindSafe(|| diagnose(case))).map_err(|panic| {
+            let message = panic.downcast_ref::<&str>().map(|t| (*t).to_owned()).or_else(|| panic.downcast_ref::<String>().cloned());
+            BlindError::Panicked { id: case.id.clone(), message: message.unwrap_or_default() }
+        })??;
+        let time_s = clock.elapsed().as_secs_f64();
+        write_atomic(&self.commitment, |out| out.write_all(&commitment))?;
+        diagnosis.write(&self.diagnosis)?;
+        let time = RunTime { format: RunFormat::V1, time_s };
+        write_atomic(&self.time, |out| {
+            serde_json::to_writer_pretty(&mut *out, &time)?;
+            writeln!(out)
+        })?;
+        Ok(Outcome::Done { time_s })
+    }
+
+    fn is_done(&self, commitment: &[u8]) -> bool {
+        Diagnosis::read(&self.diagnosis).is_ok()
+            && load::run_time(&self.time).is_ok()
+            && std::fs::read(&self.commitment).is_ok_and(|copy| copy == commitment)
+    }
+
+    /// Removes what an earlier run left, the mark of being done first.
+    fn clear(&self) -> Result<()> {
+        for file in [&self.time, &self.diagnosis, &self.commitment] {
+            match std::fs::remove_file(file) {
+                Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(file, e)),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
