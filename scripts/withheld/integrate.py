@@ -172,6 +172,7 @@ class Stepped:
         solved = integrate.solve_ivp(
             lambda time, state: f(time, state, seg, p, fr), (t, end), x, method=self.method, rtol=self.tolerance,
             atol=np.maximum(np.array(self.scale) * self.tolerance * 1e-2, 1e-300), events=events or None,
+            max_step=(end - t) / 4 if events else np.inf,  # so that no event hides inside a step
         )
         if not solved.success:
             raise ArithmeticError(solved.message)
