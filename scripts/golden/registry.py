@@ -4,6 +4,7 @@ from functools import partial
 
 from . import c2d_cases as c2d
 from . import equations_cases as equations
+from . import effect_cases
 from . import regression_cases as regression
 from . import riccati_cases as riccati
 from . import simulation_cases as simulation
@@ -21,6 +22,7 @@ CASES = {
     "equations": {"reference.json": equations.equations},
     "dlqr": {"reference.json": riccati.dlqr, "octave.json": riccati.dlqr_octave},
     "dlqr_random": {"reference.json": riccati.dlqr_random},
+    "effects": {"reference.json": effect_cases.effects},
     "regression": {"reference.json": regression.regression},
     "zeros": {"reference.json": zeros.zeros},
 }

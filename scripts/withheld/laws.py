@@ -1,0 +1,164 @@
+"""Analytic laws that the simulator must obey; run by `python -m withheld.selfcheck`."""
+
+import math
+
+import numpy as np
+
+from .simulate import Simulator, simulate
+
+TS = 0.02
+TIME = np.arange(120) * TS
+
+TWO = {
+    "kind": "lti", "inputs": [{"name": "u"}, {"name": "v"}], "states": [{"name": "x"}, {"name": "z"}],
+    "outputs": [{"name": "y"}, {"name": "w"}],
+    "A": [[0.0, 1.0], [-9.0, -1.2]], "B": [[0.0, 0.3], [4.0, 0.0]], "C": [[1.0, 0.0], [0.0, 1.0]], "D": [[0.0, 0.0], [0.0, 0.2]],
+}
+MASS = {
+    "kind": "equations", "inputs": [{"name": "u"}], "outputs": [{"name": "position"}, {"name": "speed"}],
+    "states": {"position": {"initial": 0.0}, "speed": {"initial": 0.0}}, "parameters": {"mass": {"value": 2.0}},
+    "derivatives": {"position": "speed", "speed": "u/mass"}, "output_equations": {"position": "position", "speed": "speed"},
+}
+FIRST = {
+    "kind": "lti", "inputs": [{"name": "u"}], "states": [{"name": "x"}], "outputs": [{"name": "y"}],
+    "A": [[-2.0]], "B": [[2.0]], "C": [[1.0]], "D": [[0.0]],
+}
+PASS = {**FIRST, "C": [[0.0]], "D": [[1.0]]}
+
+
+def effect(name: str, channel: str, **parameters) -> dict:
+    return {"effect": name, "channel": channel, "parameters": parameters}
+
+
+def commands(channels: int, seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.repeat(rng.uniform(-1.5, 1.5, (len(TIME) // 6, channels)), 6, axis=0)
+
+
+def close(left, right, limit, what):
+    error = float(np.max(np.abs(np.asarray(left) - np.asarray(right))))
+    assert error <= limit, f"{what}: {error:.3g} > {limit:.3g}"
+
+
+NOMINAL = [
+    effect("input_delay", "u", delay=0.0), effect("input_gain", "u", gain=1.0), effect("input_curve", "u", quadratic=0.0),
+    effect("gain_fade", "u", rate=0.0), effect("input_offset", "u", offset=0.0), effect("deadband", "u", width=0.0),
+    effect("backlash", "u", width=0.0), effect("saturation", "u", lower=None, upper=None), effect("rate_limit", "u", rate=1e9),
+    effect("actuator_lag", "u", time_constant=1e-7), effect("unmodelled_mode", "u->input:u", frequency=2.0, damping=0.1, gain=0.0),
+    effect("output_delay", "*", delay=0.0), effect("sensor_lag", "y", time_constant=1e-7), effect("sensor_gain", "y", gain=1.0),
+    effect("sensor_bias", "y", offset=0.0), effect("sensor_drift", "y", rate=0.0), effect("misalignment", "w->y", gain=0.0),
+    effect("clock_skew", "*", ratio=1.0), effect("clock_offset", "*", offset=0.0), effect("cross_coupling", "u->x", gain=0.0),
+    effect("coulomb_friction", "z", level=0.0), effect("quadratic_drag", "z", coefficient=0.0),
+    effect("cubic_stiffness", "x->z", coefficient=0.0), effect("unmodelled_mode", "u->state:z", frequency=2.0, damping=0.1, gain=0.0),
+    effect("unmodelled_mode", "u->output:y", frequency=2.0, damping=0.1, gain=0.0), effect("constant_disturbance", "z", level=0.0),
+    effect("periodic_disturbance", "z", frequency=1.0, amplitude=0.0, phase=0.3), effect("parameter_error", "A[z,x]", value=-9.0),
+]
+
+
+def nominal_is_identity():
+    u = commands(2)
+    plain = simulate(TWO, TIME, u, x0=[0.3, -0.2])
+    for item in NOMINAL:
+        limit = 2e-5 if "time_constant" in item["parameters"] else 1e-7
+        close(simulate(TWO, TIME, u, [item], x0=[0.3, -0.2]), plain, limit, f"nominal {item['effect']}")
+    drops = np.zeros((len(TIME), 2), dtype=bool)
+    close(simulate(TWO, TIME, u, [effect("dropped_commands", "u", probability=0.3)], [0.3, -0.2], drops), plain, 0.0, "no drops")
+
+
+def first_order_step_response():
+    """Step at 0.2 s delayed by 0.0533 s: 1 - exp(-2(t - 0.2533)), also behind an output delay or a clock offset."""
+    u = (TIME >= 0.2 - 1e-9).astype(float)[:, None]
+    expected = np.where(TIME > 0.2533, 1.0 - np.exp(-2.0 * (TIME - 0.2533)), 0.0)
+    for item in (effect("input_delay", "u", delay=0.0533), effect("output_delay", "*", delay=0.0533), effect("clock_offset", "*", offset=0.0533)):
+        close(simulate(FIRST, TIME, u, [item])[:, 0], expected, 1e-12, item["effect"])
+    skew = np.where(TIME / 1.03 > 0.2, 1.0 - np.exp(-2.0 * (TIME / 1.03 - 0.2)), 0.0)
+    close(simulate(FIRST, TIME, u, [effect("clock_skew", "*", ratio=1.03)])[:, 0], skew, 1e-12, "clock skew")
+    early = np.where(TIME + 0.011 > 0.2, 1.0 - np.exp(-2.0 * (TIME + 0.011 - 0.2)), 0.0)
+    close(simulate(FIRST, TIME, u, [effect("clock_offset", "*", offset=-0.011)])[:, 0], early, 1e-12, "negative clock offset")
+    lag = np.where(TIME > 0.2, 1.0 - 2.0 * np.exp(-(TIME - 0.2) * 2.0) + np.exp(-(TIME - 0.2) * 4.0), 0.0)
+    for item in (effect("actuator_lag", "u", time_constant=0.25), effect("sensor_lag", "*", time_constant=0.25)):
+        close(simulate(FIRST, TIME, u, [item])[:, 0], lag, 1e-12, item["effect"])
+
+
+def superposition():
+    items = [effect("input_delay", "u", delay=0.031), effect("actuator_lag", "v", time_constant=0.07), effect("unmodelled_mode", "u->state:z", frequency=3.1, damping=0.05, gain=2.0),
+             effect("output_delay", "w", delay=0.027), effect("misalignment", "w->y", gain=0.2), effect("sensor_lag", "y", time_constant=0.04)]
+    one, two = commands(2, 1), commands(2, 2)
+    left = simulate(TWO, TIME, one, items) + 2 * simulate(TWO, TIME, two, items)
+    close(left, simulate(TWO, TIME, one + 2 * two, items), 1e-11, "superposition")
+
+
+def static_maps():
+    """Through a plant that passes its input on, every sample is what the definition says."""
+    u = commands(1)
+    v = u[:, 0]
+
+    def passed(*items):
+        return simulate(PASS, TIME, u, items)[:, 0]
+
+    close(passed(effect("deadband", "u", width=0.4)), np.sign(v) * np.maximum(np.abs(v) - 0.4, 0), 1e-15, "dead band")
+    close(passed(effect("saturation", "u", lower=-0.5, upper=0.9)), np.clip(v, -0.5, 0.9), 1e-15, "saturation")
+    close(passed(effect("input_curve", "u", quadratic=0.2), effect("input_gain", "u", gain=1.1)), 1.1 * v + 0.2 * v * abs(v), 1e-15, "curve")
+    faded = v * (1 - 0.07 * TIME) + 0.1
+    close(passed(effect("gain_fade", "u", rate=0.07), effect("input_offset", "u", offset=0.1)), faded, 1e-14, "fade")
+    close(passed(effect("gain_fade", "u", rate=0.07), effect("input_offset", "u", offset=0.1), effect("deadband", "u", width=0.9)),
+          np.sign(faded) * np.maximum(np.abs(faded) - 0.9, 0), 1e-14, "fade and dead band")
+    play, expected = v[0], []
+    for value in v:
+        play = min(max(play, value - 0.3), value + 0.3)
+        expected.append(play)
+    close(passed(effect("backlash", "u", width=0.3)), expected, 1e-15, "play")
+    limited, expected = v[0], [v[0]]
+    for value in v[:-1]:
+        limited += min(max(value - limited, -3.0 * TS), 3.0 * TS)
+        expected.append(limited)
+    close(passed(effect("rate_limit", "u", rate=3.0)), expected, 1e-13, "rate limit")
+    grid = passed(effect("sensor_quantisation", "y", step=0.25))
+    close(grid, 0.25 * np.sign(v) * np.floor(np.abs(v) / 0.25 + 0.5), 1e-15, "quantisation")
+    drops = np.random.default_rng(5).random((len(TIME), 1)) < 0.5
+    expected = [v[0]]
+    for k in range(1, len(v)):
+        expected.append(expected[-1] if drops[k, 0] else v[k])
+    close(simulate(PASS, TIME, u, [effect("dropped_commands", "u", probability=0.5)], drops=drops)[:, 0], expected, 0.0, "drops")
+
+
+def friction_sticks():
+    """A 2 kg mass: below the level it rests exactly; above it moves with (force - level*mass)/mass; then it stops for good."""
+    force = np.where(TIME < 0.5, 0.9, np.where(TIME < 1.0, 3.0, 0.0))[:, None]
+    for integrator in ("fast", "reference"):
+        speed = simulate(MASS, TIME, force, [effect("coulomb_friction", "speed", level=0.5)], integrator=integrator)[:, 1]
+        expected = np.where(TIME < 0.5, 0.0, np.where(TIME < 1.0, TIME - 0.5, np.maximum(0.5 - 0.5 * (TIME - 1.0), 0.0)))
+        close(speed, expected, 1e-9, f"friction, {integrator}")
+        assert np.all(speed[TIME < 0.5] == 0.0) and np.all(speed[TIME > 2.001] == 0.0), "friction must hold exactly"
+    swing = simulate(TWO, np.arange(600) * TS, np.zeros((600, 2)), [effect("coulomb_friction", "x", level=0.0), effect("coulomb_friction", "z", level=0.6)], x0=[0.5, 0.0])
+    half = math.pi / math.sqrt(9 - 0.36)
+    shrunk = 0.6 / 9 - (0.5 - 0.6 / 9) * math.exp(-0.6 * half)
+    assert abs(swing[:, 0].min() - shrunk) < 1e-3, "the first swing loses what friction takes"
+    assert swing[-1, 1] == 0.0 and swing[-1, 0] != 0.0 and abs(swing[-1, 0]) <= 0.6 / 9, "it stops off centre, inside the sticking range"
+
+
+def one_step_predictions():
+    """With gain 0 the predictor is the simulation; a gain pulls a wrong start to the measurement."""
+    u = commands(2)
+    truth = simulate(TWO, TIME, u, x0=[0.5, 0.0])
+    items = [effect("output_delay", "*", delay=0.013)]
+    free = Simulator(TWO, TIME, items).predictor(u, truth, np.zeros((2, 2)))
+    close(free, simulate(TWO, TIME, u, items), 1e-12, "gain 0")
+    pulled = Simulator(TWO, TIME).predictor(u, truth, 0.3 * np.eye(2))
+    close(pulled[-10:], truth[-10:], 1e-6, "the predictor forgets the start")
+
+
+def loop_equals_replay():
+    """What a loop commands, replayed in open loop, gives what the loop measured."""
+    noise = 0.01 * np.random.default_rng(3).standard_normal((len(TIME), 2))
+    items = [effect("input_delay", "u", delay=0.017), effect("backlash", "u", width=0.05), effect("output_delay", "y", delay=0.033), effect("clock_skew", "*", ratio=1.01),
+             effect("coulomb_friction", "z", level=0.2), effect("actuator_lag", "v", time_constant=0.03)]
+    for chosen in (items, [i for i in items if i["effect"] != "coulomb_friction"]):
+        def controller(k, measured):
+            last = measured[-1] if k else np.zeros(2)
+            return np.array([math.sin(0.3 * k) - 0.4 * last[0], 0.2 * math.cos(0.2 * k) - 0.1 * last[1]])
+        u, y = Simulator(TWO, TIME, chosen, [0.1, 0.0]).closed_loop(controller, noise)
+        close(simulate(TWO, TIME, u, chosen, [0.1, 0.0], noise=noise), y, 1e-8, "replay")
+
+
+LAWS = [nominal_is_identity, first_order_step_response, superposition, static_maps, friction_sticks, one_step_predictions, loop_equals_replay]

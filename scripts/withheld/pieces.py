@@ -1,0 +1,148 @@
+"""What happens to one command before any lag: piecewise linear signals, every kink at its exact time.
+
+A piece is (start, end, value, slope): value + slope*(t - start) for start <= t < end, times in s of log time.
+"""
+
+import math
+
+Piece = tuple[float, float, float, float]
+INFINITE = math.inf
+
+
+def _split(piece: Piece, levels: tuple[float, ...]) -> list[Piece]:
+    """The piece cut where it crosses one of the levels."""
+    start, end, value, slope = piece
+    if slope == 0.0:
+        return [piece]
+    cuts = sorted(start + (level - value) / slope for level in levels if math.isfinite(level))
+    edges = [start, *(cut for cut in cuts if start < cut < end), end]
+    return [(a, b, value + slope * (a - start), slope) for a, b in zip(edges, edges[1:]) if b > a]
+
+
+class Deadband:
+    def __init__(self, width: float):
+        self.width = width
+
+    def __call__(self, piece: Piece) -> list[Piece]:
+        result = []
+        for start, end, value, slope in _split(piece, (-self.width, self.width)):
+            middle = value + slope * (end - start) / 2 if math.isfinite(end) else value
+            if abs(middle) <= self.width:
+                result.append((start, end, 0.0, 0.0))
+            else:
+                result.append((start, end, value - math.copysign(self.width, middle), slope))
+        return result
+
+
+class Saturation:
+    def __init__(self, lower: float | None, upper: float | None):
+        self.lower = -INFINITE if lower is None else lower
+        self.upper = INFINITE if upper is None else upper
+
+    def __call__(self, piece: Piece) -> list[Piece]:
+        result = []
+        for start, end, value, slope in _split(piece, (self.lower, self.upper)):
+            middle = value + slope * (end - start) / 2 if math.isfinite(end) else value
+            limited = min(max(middle, self.lower), self.upper)
+            result.append((start, end, value, slope) if limited == middle else (start, end, limited, 0.0))
+        return result
+
+
+class Backlash:
+    """The play operator: p = min(max(p, v - width), v + width), centred on the first value."""
+
+    def __init__(self, width: float):
+        self.width, self.position = width, None
+
+    def __call__(self, piece: Piece) -> list[Piece]:
+        start, end, value, slope = piece
+        width = self.width
+        if self.position is None:
+            self.position = value
+        held = min(max(self.position, value - width), value + width)
+        if slope == 0.0:
+            self.position = held
+            return [(start, end, held, 0.0)]
+        carried = -width if slope > 0 else width
+        contact = start + (held - (value + carried)) / slope
+        self.position = value + slope * (end - start) + carried if contact < end else held
+        if contact >= end:
+            return [(start, end, held, 0.0)]
+        if contact <= start:
+            return [(start, end, held, slope)]
+        return [(start, contact, held, 0.0), (contact, end, held, slope)]
+
+
+class RateLimit:
+    def __init__(self, rate: float):
+        self.rate, self.value = rate, None
+
+    def __call__(self, piece: Piece) -> list[Piece]:
+        start, end, target, slope = piece
+        if self.value is None:
+            self.value = target
+        result = []
+        behind = target - self.value
+        if behind != 0.0:
+            speed = math.copysign(self.rate, behind)
+            closing = (speed - slope) * math.copysign(1.0, behind)
+            meeting = start + abs(behind) / closing if closing > 0 else INFINITE
+            if meeting >= end:
+                result.append((start, end, self.value, speed))
+                self.value += speed * (end - start)
+                return result
+            if meeting > start:
+                result.append((start, meeting, self.value, speed))
+            target += slope * (meeting - start)
+            start = meeting
+        followed = min(max(slope, -self.rate), self.rate)
+        result.append((start, end, target, followed))
+        self.value = target + followed * (end - start)
+        return result
+
+
+class InputChain:
+    """One input's effects up to the rate limit. `parameters`: {effect: {name: value}}; `delay`: the total, s."""
+
+    def __init__(self, parameters: dict[str, dict[str, float]], delay: float):
+        self.delay = delay
+        self.gain = parameters.get("input_gain", {}).get("gain", 1.0)
+        self.quadratic = parameters.get("input_curve", {}).get("quadratic", 0.0)
+        self.fade = parameters.get("gain_fade", {}).get("rate", 0.0)
+        self.offset = parameters.get("input_offset", {}).get("offset", 0.0)
+        self.stages = []
+        if "deadband" in parameters:
+            self.stages.append(Deadband(parameters["deadband"]["width"]))
+        if "backlash" in parameters:
+            self.stages.append(Backlash(parameters["backlash"]["width"]))
+        if "saturation" in parameters:
+            limits = parameters["saturation"]
+            self.stages.append(Saturation(limits.get("lower"), limits.get("upper")))
+        if "rate_limit" in parameters:
+            self.stages.append(RateLimit(parameters["rate_limit"]["rate"]))
+        self.current, self.edges = None, []
+
+    def push(self, time: float, command: float) -> None:
+        """A command that was sent at `time`, s of log time."""
+        if self.current is None:
+            self.current = command
+        self.edges.append((time + self.delay, command))
+
+    def pieces(self, start: float, end: float, closeness: float) -> list[Piece]:
+        """The signal over [start, end); an edge within `closeness` of the start counts as at the start."""
+        held = []
+        while self.edges and self.edges[0][0] < end - closeness:
+            time, command = self.edges.pop(0)
+            time = start if time - start <= closeness else time
+            if time > start:
+                held.append((start, time, self.current, 0.0))
+            start, self.current = time, command
+        held.append((start, end, self.current, 0.0))
+        result = []
+        for start, end, value, _ in held:
+            value = self.gain * value + self.quadratic * value * abs(value)
+            moving = [(start, end, value * (1.0 - self.fade * start) + self.offset, -value * self.fade)]
+            for stage in self.stages:
+                moving = [out for piece in moving for out in stage(piece)]
+            result += moving
+        return result

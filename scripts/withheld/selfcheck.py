@@ -1,0 +1,23 @@
+"""``python -m withheld.selfcheck``: the simulator's laws and agreement of its integrators; exit 1 on a failure."""
+
+import sys
+import time
+
+from . import agreement, laws
+
+
+def main() -> int:
+    failed = False
+    for check in [*laws.LAWS, *agreement.CHECKS]:
+        began = time.perf_counter()
+        try:
+            check()
+            print(f"ok      {check.__name__} ({time.perf_counter() - began:.2f} s)", flush=True)
+        except AssertionError as problem:
+            failed = True
+            print(f"FAILED  {check.__name__}: {problem}", flush=True)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

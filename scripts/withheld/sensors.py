@@ -1,0 +1,40 @@
+"""When sensors take their samples, and what they make of the values: everything between an output and the log."""
+
+import math
+
+import numpy as np
+
+from .system import Names, output_values
+
+
+class Sensors:
+    """`sampled_at(stamps)` gives the commands' clock times of the samples, `measure` the logged values."""
+
+    def __init__(self, names: Names, effects: dict):
+        ny = len(names.outputs)
+        self.delay = np.array([sum(v) for v in output_values(effects, "output_delay", "delay", names)])
+        self.gain = np.array([math.prod(v) for v in output_values(effects, "sensor_gain", "gain", names)])
+        self.bias = np.array([sum(v) for v in output_values(effects, "sensor_bias", "offset", names)])
+        self.drift = np.array([sum(v) for v in output_values(effects, "sensor_drift", "rate", names)])
+        self.ratio = effects.get("clock_skew", {}).get("*", {}).get("ratio", 1.0)
+        self.offset = effects.get("clock_offset", {}).get("*", {}).get("offset", 0.0)
+        self.lower, self.upper = np.full(ny, -np.inf), np.full(ny, np.inf)
+        for name, limits in effects.get("sensor_saturation", {}).items():
+            j = names.outputs.index(name)
+            self.lower[j], self.upper[j] = limits.get("lower", -np.inf), limits.get("upper", np.inf)
+        self.steps = [(names.outputs.index(n), p["step"]) for n, p in effects.get("sensor_quantisation", {}).items()]
+        self.limited = bool(effects.get("sensor_saturation"))
+
+    def sampled_at(self, stamps: np.ndarray) -> np.ndarray:
+        """[N, ny], s; never before 0."""
+        return np.maximum((stamps[:, None] - self.offset) / self.ratio - self.delay, 0.0)
+
+    def measure(self, values: np.ndarray, stamps: np.ndarray, noise=0.0) -> np.ndarray:
+        """Rows of outputs at their sampling times as logged with these stamps (s)."""
+        values = values * self.gain + self.bias + stamps[:, None] * self.drift + noise
+        if self.limited:
+            values = np.clip(values, self.lower, self.upper)
+        for j, step in self.steps:
+            ratio = values[:, j] / step
+            values[:, j] = step * np.sign(ratio) * np.floor(np.abs(ratio) + 0.5)
+        return values
