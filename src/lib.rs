@@ -4,8 +4,8 @@ pub mod blind;
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod delay;
-pub mod effect;
 pub mod diagnose;
+pub mod effect;
 pub mod error;
 pub mod file;
 pub mod fit;

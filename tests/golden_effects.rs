@@ -43,8 +43,12 @@ fn every_effect_agrees_with_an_independent_simulation() {
         let id = case["id"].as_str().unwrap();
         std::fs::write(&model, case["model"].to_string()).unwrap();
         let system = System::new(&ModelDocument::read(&model).unwrap_or_else(|e| panic!("{id}: {e}")), |_| Ok(0.0)).unwrap();
-        let effects: Vec<Applied> =
-            case["effects"].as_array().unwrap().iter().map(|e| Applied::from_entry(&system, &entry(e)).unwrap_or_else(|e| panic!("{id}: {e}"))).collect();
+        let effects: Vec<Applied> = case["effects"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|e| Applied::from_entry(&system, &entry(e)).unwrap_or_else(|e| panic!("{id}: {e}")))
+            .collect();
         let mut plan = Applied::plan(&system, &effects, Chance::Mean).unwrap();
         let (time_s, inputs) = (numbers(&case["time"]), columns(&case["u"]));
         if let Some(drops) = case["drops"].as_array() {
@@ -62,8 +66,11 @@ fn every_effect_agrees_with_an_independent_simulation() {
             }
         };
         let size = expected.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
-        let integrated = id.starts_with("equations") || effects.iter().any(|e| ["coulomb_friction", "quadratic_drag", "cubic_stiffness"].contains(&e.effect.name()));
-        let off = expected.iter().enumerate().flat_map(|(i, c)| c.iter().zip(run.y.column(i).iter().copied().collect::<Vec<_>>()).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>());
+        let integrated = id.starts_with("equations")
+            || effects.iter().any(|e| ["coulomb_friction", "quadratic_drag", "cubic_stiffness"].contains(&e.effect.name()));
+        let off = expected.iter().enumerate().flat_map(|(i, c)| {
+            c.iter().zip(run.y.column(i).iter().copied().collect::<Vec<_>>()).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>()
+        });
         let off = off.fold(0.0, f64::max) / size;
         worst[usize::from(integrated)] = worst[usize::from(integrated)].max(off);
         if off.is_nan() || off > if integrated { INTEGRATED } else { LINEAR } {

@@ -29,7 +29,7 @@ class Simulator:
         self.slack = GRID_SLACK * (float(np.median(steps)) if len(steps) else 1.0)
         self.sensors = Sensors(names, found)
         self.sampled_at = self.sensors.sampled_at(self.stamps)
-        self.end = max(self.sampled_at.max(), self.stamps[-1])
+        self.end = max(self.sampled_at.max(), self.stamps[-1]) + 4 * self.slack  # an edge at the last sample is seen there
         self.x = list(names.initial if x0 is None else x0)
         self.drops = self._drops(found.get("dropped_commands", {}), drops, rng, count)
         self.chains = []

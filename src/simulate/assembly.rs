@@ -70,7 +70,7 @@ impl Assembly {
             }
         };
         for mode in &plan.modes {
-            let Some(driver) = inputs.get(mode.input).filter(|_| !matches!(mode.site, Site::Input(_))) else { continue };
+            let Some(driver) = arriving.get(mode.input).filter(|_| !matches!(mode.site, Site::Input(_))) else { continue };
             let q = build.mode(driver, mode.omega_rad_s, mode.damping);
             match mode.site {
                 Site::State(to) => build.derivatives[to][q] += mode.gain,

@@ -86,7 +86,7 @@ pub enum Site {
 /// A resonance q'' + 2ζω q' + ω² q = ω² v, driven by an input; gain·q is added at the site.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mode {
-    /// The input that drives it: on its way in where it is added to the same input, else what the plant receives.
+    /// The input that drives it: on its way in where it is added to the same input, else at the end of that way (before an operating point is taken off).
     pub input: usize,
     /// Where it is added.
     pub site: Site,

@@ -134,10 +134,17 @@ pub(super) fn run(
     correction: Option<Correction<'_>>,
 ) -> Result<Run, SimulateError> {
     let samples = time_s.len();
-    let [mean, instant] = arriving(&plan.inputs, signals, time_s, ts)?;
+    // A clock that runs ahead reads outputs after the log's last sample: the model goes on with the last command.
+    let last = time_s.last().copied().unwrap_or(0.0);
+    let ahead = plan.outputs.iter().map(|path| taken(plan.clock, path, last) - last).fold(0.0, f64::max) / ts.seconds();
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let beyond = if correction.is_none() { (ahead.ceil() as usize).min(samples) } else { 0 };
+    #[allow(clippy::cast_precision_loss)]
+    let grid: Vec<f64> = time_s.iter().copied().chain((1..=beyond).map(|k| last + ts.to_seconds(k as f64))).collect();
+    let [mean, instant] = arriving(&plan.inputs, signals, &grid, ts)?;
     let about = |u: &DMatrix<f64>, k: usize| DVector::from_fn(u.ncols(), |i, _| u[(k, i)] - system.input_operating[i]);
     let mut sensors: Vec<Sensor<'_>> =
-        plan.outputs.iter().map(|path| Sensor { path, time_s, values: Vec::new(), lagged: Vec::new() }).collect();
+        plan.outputs.iter().map(|path| Sensor { path, time_s: &grid, values: Vec::new(), lagged: Vec::new() }).collect();
     let mut run = Run { y: DMatrix::zeros(samples, plan.outputs.len()), x: DMatrix::zeros(samples, x0.len()) };
     let mut x = DVector::from_column_slice(x0);
     let reading = |sensor: &Sensor<'_>, k: usize| -> Result<f64, SimulateError> {
@@ -147,8 +154,10 @@ pub(super) fn run(
         }
         Ok(value)
     };
-    for k in 0..samples {
-        run.x.row_mut(k).tr_copy_from(&x);
+    for k in 0..grid.len() {
+        if k < samples {
+            run.x.row_mut(k).tr_copy_from(&x);
+        }
         let own = &matrices.c * &x + &matrices.d * about(&instant, k);
         let own: Vec<f64> = own.iter().zip(&system.output_operating).map(|(y, operating)| y + operating).collect();
         for i in 0..sensors.len() {
@@ -165,7 +174,7 @@ pub(super) fn run(
         }
         x = &matrices.a * x + &matrices.b * about(&mean, k);
         if x.iter().any(|v| !v.is_finite()) {
-            return Err(SimulateError::Explodes { time_s: time_s[k] });
+            return Err(SimulateError::Explodes { time_s: grid[k] });
         }
     }
     if correction.is_none() {
