@@ -180,6 +180,7 @@ impl Tree {
                     "log" => a.ln(),
                     "sqrt" => a.sqrt(),
                     "abs" => a.abs(),
+                    "sign" if a.is_nan() => a,
                     "sign" => f64::from(i8::from(a > 0.0) - i8::from(a < 0.0)),
                     "atan2" => a.atan2(b),
                     // NaN must not get lost.
