@@ -7,6 +7,7 @@ use deadtime::model::{EquationsFile, Wrt};
 use deadtime::simulate::{EquationOptions, simulate_equations};
 use nalgebra::DMatrix;
 
+#[allow(dead_code)]
 mod support;
 
 const FULL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/cart_pendulum.toml");

@@ -238,7 +238,7 @@ pub enum ModelError {
         /// The file.
         path: std::path::PathBuf,
         /// What is wrong, and where in the equation.
-        source: EquationError,
+        source: Box<EquationError>,
     },
     /// A state without a derivative, an output without an equation, or the reverse.
     #[error("{path}: {what} `{name}` {lacks}", path = path.display())]

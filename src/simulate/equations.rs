@@ -151,8 +151,7 @@ fn check(
     if let Some(&seconds) = options.input_delay_s.iter().find(|d| !(d.is_finite() && **d >= 0.0)) {
         return Err(crate::time::TimeError::Delay { seconds }.into());
     }
-    // NaN is not after anything.
-    if let Some(k) = (1..time_s.len()).find(|&k| !(time_s[k] > time_s[k - 1])) {
+    if let Some(k) = (1..time_s.len()).find(|&k| time_s[k].partial_cmp(&time_s[k - 1]) != Some(std::cmp::Ordering::Greater)) {
         return Err(SimulateError::Time { sample: k, before_s: time_s[k - 1], after_s: time_s[k] });
     }
     match u.iter().position(|v| !v.is_finite()) {

@@ -15,7 +15,7 @@ pub mod tolerance {
     /// Of the denominator of an output-error fit, the argument of a minimum (golden/regression/SOURCE.md).
     pub const OE_DENOMINATOR: f64 = 1e-8;
     /// Of nonlinear simulations at rtol 1e-11, beside scipy at the same (golden/equations/SOURCE.md).
-    pub const EQUATIONS: f64 = 1e-8;
+    pub const EQUATIONS: f64 = 1e-9;
     /// Of nonlinear simulations at rtol 1e-6.
     pub const EQUATIONS_COARSE: f64 = 1e-3;
     /// Of its initial state (golden/regression/SOURCE.md).

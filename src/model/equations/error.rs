@@ -18,7 +18,7 @@ pub enum EquationError {
         /// How many characters it covers.
         length: usize,
         /// What is wrong and what to do.
-        fault: Fault,
+        fault: Box<Fault>,
     },
     /// A name that an expression could not use.
     #[error("the {what} `{name}` cannot stand in an expression: begin with a letter or `_` and go on with letters, digits and `_`")]

@@ -26,6 +26,10 @@ pub(super) enum Operation {
     Sign,
     Min,
     Max,
+    /// The sine; the cosine of the same angle, found along with it, belongs to the step behind.
+    SinCos,
+    /// b itself, which the step before has found.
+    Found,
 }
 
 /// The functions an expression can call.
@@ -70,7 +74,7 @@ impl Operation {
             Self::Divide => a / b,
             Self::Power => a.powf(b),
             Self::Negate => -a,
-            Self::Sin => a.sin(),
+            Self::Sin | Self::SinCos => a.sin(),
             Self::Cos => a.cos(),
             Self::Tan => a.tan(),
             Self::Asin => a.asin(),
@@ -100,6 +104,7 @@ impl Operation {
                     b
                 }
             }
+            Self::Found => b,
         }
     }
 
@@ -115,7 +120,7 @@ impl Operation {
                 (if b == 0.0 { 0.0 } else { b * a.powf(b - 1.0) }, exponent)
             }
             Self::Negate => (-1.0, 0.0),
-            Self::Sin => (a.cos(), 0.0),
+            Self::Sin | Self::SinCos => (a.cos(), 0.0),
             Self::Cos => (-a.sin(), 0.0),
             Self::Tan => (1.0 + y * y, 0.0),
             Self::Asin => (1.0 / ((1.0 - a) * (1.0 + a)).sqrt(), 0.0),
@@ -140,6 +145,7 @@ impl Operation {
                     (0.0, 1.0)
                 }
             }
+            Self::Found => (0.0, 1.0),
             Self::Max => {
                 if a > b {
                     (1.0, 0.0)

@@ -193,7 +193,7 @@ pub(super) fn parse(equation: &str, text: &str, scope: &dyn Scope) -> Result<Tre
         text: text.to_owned(),
         column: text[..span.from].chars().count() + 1,
         length: text[span.from..span.to].chars().count().max(1),
-        fault,
+        fault: Box::new(fault),
     };
     let tokens = words(text).map_err(wrong)?;
     let state = Growing { text, scope, nodes: Vec::with_capacity(tokens.len()), wrong: None };

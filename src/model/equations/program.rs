@@ -39,6 +39,8 @@ pub(super) struct Program {
     sizes: Sizes,
     constants: Vec<f64>,
     steps: Vec<Step>,
+    /// The same, but a sine finds the cosine of its angle too if that comes next: one call of the library for both takes little more time than for one.
+    paired: Vec<Step>,
     /// So many steps need nothing but constants and parameters.
     prepared: usize,
     /// The register of each expression.
@@ -164,6 +166,21 @@ impl Program {
         let mut order: Vec<usize> = (0..steps.len()).filter(|&i| needed[i] && early[i]).collect();
         let prepared = order.len();
         order.extend((0..steps.len()).filter(|&i| needed[i] && !early[i]));
+        for k in 0..order.len() {
+            let partner = match steps[order[k]].0 {
+                Operation::Sin => Operation::Cos,
+                Operation::Cos => Operation::Sin,
+                _ => continue,
+            };
+            let angle = steps[order[k]].1;
+            if let Some(at) = (k + 1..order.len()).find(|&at| steps[order[at]].0 == partner && steps[order[at]].1 == angle) {
+                // The sine first, the cosine right behind it: both need nothing but the angle.
+                order[k + 1..=at].rotate_right(1);
+                if partner == Operation::Sin {
+                    order.swap(k, k + 1);
+                }
+            }
+        }
         let mut numbers: HashMap<u64, u32> = HashMap::new();
         let mut constants = Vec::new();
         for p in order.iter().flat_map(|&i| [steps[i].1, steps[i].2]).chain(roots.iter().copied()) {
@@ -188,8 +205,17 @@ impl Program {
             Place::Leaf(Leaf::Parameter(i)) => register(time + 1 + sizes.states + sizes.inputs + i),
             Place::Step(i) => register(place_of[i]),
         };
-        let steps = order.iter().map(|&i| Step { operation: steps[i].0, a: number(steps[i].1), b: number(steps[i].2) }).collect();
-        let mut program = Self { sizes, constants, steps, prepared, roots: roots.iter().map(|&r| number(r)).collect(), fingerprint: 0 };
+        let steps: Vec<Step> =
+            order.iter().map(|&i| Step { operation: steps[i].0, a: number(steps[i].1), b: number(steps[i].2) }).collect();
+        let mut paired = steps.clone();
+        for k in 1..steps.len() {
+            if (steps[k - 1].operation, steps[k].operation) == (Operation::Sin, Operation::Cos) && steps[k - 1].a == steps[k].a {
+                paired[k - 1].operation = Operation::SinCos;
+                paired[k] = Step { operation: Operation::Found, b: register(base + k), ..steps[k] };
+            }
+        }
+        let mut program =
+            Self { sizes, constants, steps, paired, prepared, roots: roots.iter().map(|&r| number(r)).collect(), fingerprint: 0 };
         program.fingerprint = program.hash();
         program
     }
@@ -239,8 +265,12 @@ impl Program {
             }
         }
         let base = time + 1 + states + inputs + parameters;
-        for (k, step) in self.steps.iter().enumerate().skip(first) {
-            values[base + k] = step.operation.apply(values[step.a as usize], values[step.b as usize]);
+        for (k, step) in self.paired.iter().enumerate().skip(first) {
+            let (a, b) = (values[step.a as usize], values[step.b as usize]);
+            match step.operation {
+                Operation::SinCos => (values[base + k], values[base + k + 1]) = a.sin_cos(),
+                operation => values[base + k] = operation.apply(a, b),
+            }
         }
     }
 

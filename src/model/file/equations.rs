@@ -186,7 +186,7 @@ impl EquationsFile {
         let parameter =
             |(name, entry): &(String, ParameterEntry)| Parameter { name: name.clone(), unit: entry.unit.clone(), value: entry.value };
         let parameters = self.parameters.iter().map(parameter).collect();
-        let wrong = |source: EquationError| ModelError::Equations { path: path.to_owned(), source };
+        let wrong = |source: EquationError| ModelError::Equations { path: path.to_owned(), source: Box::new(source) };
         Equations::new(inputs, states, parameters, outputs).map_err(wrong)
     }
 

@@ -64,7 +64,7 @@ impl ModelFile {
     /// Reads and checks a model file.
     ///
     /// # Errors
-    /// [`Error::Io`], or a [`ModelError`] that names the file and what is wrong in it.
+    /// [`crate::Error::Io`], or a [`ModelError`] that names the file and what is wrong in it.
     pub fn read(path: &Path) -> Result<Self> {
         let (text, syntax) = read_text(path)?;
         Ok(Self::parse(&text, syntax, path)?)
@@ -175,7 +175,7 @@ impl ModelFile {
     /// Writes the file, as TOML or JSON by its extension.
     ///
     /// # Errors
-    /// [`Error::Io`], [`ModelError::Extension`].
+    /// [`crate::Error::Io`], [`ModelError::Extension`].
     pub fn write(&self, path: &Path) -> Result<()> {
         write_text(path, self, syntax(path)?)
     }

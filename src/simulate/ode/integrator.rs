@@ -199,8 +199,7 @@ impl Integrator {
             }
             let error = self.step(rhs, t, h, x);
             let (order, growth) = if self.method == Method::Explicit { (5.0, 10.0) } else { (4.0, 6.0) };
-            // NaN is no small error.
-            if !(error <= 1.0) {
+            if error > 1.0 || error.is_nan() {
                 self.rejected += 1;
                 after_rejection = true;
                 self.h = if error.is_finite() { h * (SAFETY * error.powf(-1.0 / order)).max(0.1) } else { 0.1 * h };
@@ -262,11 +261,8 @@ impl Integrator {
         if !finite(slope) {
             return f64::NAN;
         }
-        let mut sum = 0.0;
-        for i in 0..n {
-            let scale = self.atol + self.rtol * x[i].abs().max(self.next[i].abs());
-            sum += (self.error[i] / scale).powi(2);
-        }
+        let states = self.error.iter().zip(x).zip(&self.next);
+        let sum: f64 = states.map(|((error, x), next)| (error / (self.atol + self.rtol * x.abs().max(next.abs()))).powi(2)).sum();
         #[allow(clippy::cast_precision_loss)]
         let count = n.max(1) as f64;
         (sum / count).sqrt()

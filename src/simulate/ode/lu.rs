@@ -37,8 +37,8 @@ pub(super) fn decompose(n: usize, m: &mut [f64], pivots: &mut [usize]) -> bool {
 
 /// Solves with a decomposition; the right-hand side becomes the solution.
 pub(super) fn solve(n: usize, m: &[f64], pivots: &[usize], b: &mut [f64]) {
-    for k in 0..n {
-        b.swap(k, pivots[k]);
+    for (k, &pivot) in pivots.iter().enumerate() {
+        b.swap(k, pivot);
     }
     for k in 0..n {
         for i in k + 1..n {
