@@ -21,6 +21,9 @@ pub enum Error {
     /// A simulation that cannot be run.
     #[error(transparent)]
     Simulate(#[from] crate::simulate::SimulateError),
+    /// A gap that cannot be diagnosed.
+    #[error(transparent)]
+    Gap(#[from] crate::diagnose::GapError),
     /// An effect that cannot be applied.
     #[error(transparent)]
     Effect(#[from] crate::effect::EffectError),

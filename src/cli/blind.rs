@@ -3,17 +3,39 @@
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 
 use super::{LimitNotMet, write_json};
-use crate::blind::{Limit, Verdict, load, score};
+use crate::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, Verdict, load, run, score};
+use crate::diagnose::{GapOptions, diagnose_files};
 use crate::file::write_atomic;
 use crate::report::blind;
 
 /// Diagnose cases whose cause is withheld, and score the verdicts once the labels are known
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Blind {
+    Run(RunCases),
     Score(ScoreVerdicts),
+}
+
+/// Diagnose every case of a folder, one at a time; only the case folders are read
+#[derive(Debug, clap::Args)]
+pub(super) struct RunCases {
+    /// The folder of cases: ID/model.toml, ID/train_*.csv, ID/holdout_*.csv, ID/commitment.txt
+    #[arg(value_name = "CASES")]
+    cases: PathBuf,
+    /// Folder to write the verdicts to; cases that stand there are not done again
+    #[arg(long, value_name = "VERDICTS")]
+    out: PathBuf,
+    /// Cases at a time
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    jobs: usize,
+    /// Diagnose all cases again
+    #[arg(long)]
+    fresh: bool,
+    /// Seed of the bootstrap
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
 }
 
 /// Score verdicts against the labels, after checking every label against the commitment that came with its case
@@ -39,8 +61,31 @@ pub(super) struct ScoreVerdicts {
 impl Blind {
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         match self {
+            Self::Run(c) => c.run(json),
             Self::Score(c) => c.run(json),
         }
+    }
+}
+
+impl RunCases {
+    fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        let existing = if self.fresh { Existing::Redo } else { Existing::Keep };
+        let options = GapOptions { seed: self.seed, ..GapOptions::default() };
+        let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &options)?.diagnosis);
+        let progress = |id: &str, outcome: &Outcome| match outcome {
+            Outcome::Done { time_s } => eprintln!("{id}: {time_s:.1} s"),
+            Outcome::Kept => eprintln!("{id}: done before"),
+            Outcome::Failed(error) => eprintln!("{id}: {error}"),
+        };
+        let summary = run(&self.cases, &self.out, &RunOptions { jobs: self.jobs, existing }, &diagnose, &progress)?;
+        let failed: Vec<String> = summary.failed().map(|(id, error)| format!("{id}: {error}")).collect();
+        let done = summary.cases.len() - failed.len();
+        write_json(json, &serde_json::json!({ "cases": summary.cases.len(), "done": done, "failed": failed }))?;
+        if failed.is_empty() {
+            say!("{done} cases diagnosed; verdicts in {}", self.out.display());
+            return Ok(());
+        }
+        bail!("{done} of {} cases were diagnosed; these were not:\n{}", summary.cases.len(), failed.join("\n"))
     }
 }
 

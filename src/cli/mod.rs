@@ -13,6 +13,7 @@ mod c2d;
 mod demo;
 mod estimate;
 mod excite;
+mod gap;
 mod list;
 mod simulate;
 mod source;
@@ -47,6 +48,7 @@ enum Command {
     Simulate(simulate::Simulate),
     C2d(c2d::C2d),
     Excite(excite::Excite),
+    Gap(gap::Gap),
     #[command(subcommand)]
     Blind(blind::Blind),
     List(list::List),
@@ -68,6 +70,7 @@ impl Cli {
             Command::Simulate(c) => c.run(json),
             Command::C2d(c) => c.run(json),
             Command::Excite(c) => c.run(json),
+            Command::Gap(c) => c.run(json),
             Command::Blind(c) => c.run(json),
             Command::List(c) => c.run(json),
         }

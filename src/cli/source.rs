@@ -1,6 +1,6 @@
 //! The options that say which log to read and which part of it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 
@@ -13,6 +13,13 @@ pub(super) struct Source {
     /// The log: CSV (or .csv.gz) with a header row, the first column `time` in seconds
     #[arg(value_name = "LOG")]
     pub(super) log: PathBuf,
+    #[command(flatten)]
+    reading: Reading,
+}
+
+/// How logs are read, one or several.
+#[derive(Debug, clap::Args)]
+pub(super) struct Reading {
     /// Split the file into records at each new value of this column
     #[arg(long, value_name = "COLUMN")]
     records: Option<String>,
@@ -33,6 +40,13 @@ pub(super) struct Source {
 impl Source {
     /// The log's records; `held` are the channels that keep their value between samples.
     pub(super) fn read(&self, held: &[String]) -> anyhow::Result<Vec<Log>> {
+        self.reading.read(&self.log, held)
+    }
+}
+
+impl Reading {
+    /// The records of one log; `held` are the channels that keep their value between samples.
+    pub(super) fn read(&self, log: &Path, held: &[String]) -> anyhow::Result<Vec<Log>> {
         let mut map = Vec::with_capacity(self.map.len());
         for text in &self.map {
             let Some((name, column)) = text.split_once('=') else {
@@ -41,8 +55,8 @@ impl Source {
             map.push((name.to_owned(), column.to_owned()));
         }
         let logs = match &self.records {
-            Some(column) => read_records(&self.log, column)?,
-            None => vec![read(&self.log)?],
+            Some(column) => read_records(log, column)?,
+            None => vec![read(log)?],
         };
         let held: Vec<&str> = held.iter().map(String::as_str).collect();
         logs.into_iter()

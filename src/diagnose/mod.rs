@@ -1,8 +1,209 @@
 //! The gap between a simulator and a log: its size, its place, its cause, and how far it shrinks.
 
+mod data;
 mod diagnosis;
+mod error;
+mod floor;
+mod locate;
+mod noise;
+mod prediction;
+mod problem;
+mod rank;
+mod scales;
+mod search;
+mod shrink;
+
+use std::path::Path;
+
+use nalgebra::DMatrix;
 
 pub use diagnosis::{
     Band, Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, FoundEffect, Gap, GapOutput, Holdout, Metric, Mode,
     NotTried, Parameter, Prediction, RankedPair, RankedSingle, RankingRow, Regime, Shrink, ShrinkOutput, TimeSpan, Where, WhereOutput,
 };
+pub use error::GapError;
+
+use crate::effect::Applied;
+use crate::error::Result;
+use crate::log::Log;
+use crate::model::ModelDocument;
+use data::{Record, Span};
+use problem::{Problem, Whitened};
+use shrink::{Errors, together};
+
+/// The part of each log that is held back where no log is held out.
+const HELD_BACK: f64 = 0.3;
+/// How often the noise model is renewed from the leading explanation.
+const ROUNDS: usize = 2;
+
+/// How to diagnose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GapOptions {
+    /// The prediction mode; `None`: chosen from the model's poles.
+    pub prediction: Option<Mode>,
+    /// The longest delay and lag that are looked for, seconds; `None`: 35 samples, at most a tenth of the shortest log. So much of every log's start
+    /// carries no weight.
+    pub longest_delay_s: Option<f64>,
+    /// Seed of the bootstrap. Default 1.
+    pub seed: u64,
+}
+
+impl Default for GapOptions {
+    fn default() -> Self {
+        Self { prediction: None, longest_delay_s: None, seed: 1 }
+    }
+}
+
+/// A diagnosis, and the model with the effects that it found.
+#[derive(Debug, Clone)]
+pub struct Diagnosed {
+    /// The diagnosis.
+    pub diagnosis: Diagnosis,
+    /// The model with what was found added to its effects.
+    pub model: ModelDocument,
+}
+
+/// As [`diagnose`], from files.
+///
+/// # Errors
+/// As [`diagnose`], and of files that cannot be read.
+pub fn diagnose_files(model: &Path, logs: &[impl AsRef<Path>], holdout: &[impl AsRef<Path>], options: &GapOptions) -> Result<Diagnosed> {
+    let document = ModelDocument::read(model)?;
+    let read = |paths: &[std::path::PathBuf]| paths.iter().map(|p| crate::log::read(p)).collect::<Result<Vec<_>>>();
+    let owned = |paths: &mut dyn Iterator<Item = &Path>| paths.map(Path::to_owned).collect::<Vec<_>>();
+    let logs = read(&owned(&mut logs.iter().map(AsRef::as_ref)))?;
+    let holdout = read(&owned(&mut holdout.iter().map(AsRef::as_ref)))?;
+    diagnose(&document, &logs, &holdout, options, &|_| ())
+}
+
+/// Diagnoses the gap between a model and logs: every effect of the catalogue on every channel, one at a time.
+///
+/// `progress` is told what is being done.
+///
+/// # Errors
+/// [`GapError`] where model and logs do not fit, and the errors of models and logs.
+pub fn diagnose(
+    document: &ModelDocument,
+    logs: &[Log],
+    holdout: &[Log],
+    options: &GapOptions,
+    progress: &dyn Fn(&str),
+) -> Result<Diagnosed> {
+    if logs.is_empty() {
+        return Err(GapError::NoLogs.into());
+    }
+    let system = data::system(document, logs)?;
+    let own = document.effects().iter().map(|e| Applied::from_entry(&system, e)).collect::<std::result::Result<Vec<_>, _>>()?;
+    let mut records = logs.iter().chain(holdout).map(|log| Record::new(log, document, &system)).collect::<Result<Vec<_>>>()?;
+    let longest_delay_s = options.longest_delay_s.unwrap_or_else(|| longest_delay(&records));
+    let prediction = prediction::Prediction::choose(&system, &records, options.prediction);
+    let holdouts = set_spans(&mut records, logs.len(), !holdout.is_empty(), longest_delay_s, prediction.settling_s);
+    let outputs = system.outputs.len();
+
+    progress("simulating the model as it is");
+    let motion = scales::Motion::of(&system, &own, &records, &prediction)?;
+    let prior: Vec<f64> = system.initial_std.iter().zip(&motion.rms).map(|(std, rms)| std.unwrap_or(*rms)).collect();
+    let smallest = motion.smallest.clone();
+    let first_noise: Vec<f64> = motion.innovations(&records);
+    let mut problem = Problem::new(&system, &records, &prediction, own.clone(), prior, &first_noise)?;
+    let before = shrink::residuals(&problem, &[]).ok_or_else(|| nominal_fails(&records))?;
+    let scales = motion.scales(&system, &records, &before, longest_delay_s);
+
+    let (catalogue, left_out) = search::catalogue(&system);
+    progress(&format!("screening {} candidates", catalogue.len()));
+    let mut nominal: Whitened = problem.whitened(&[]).ok_or_else(|| nominal_fails(&records))?;
+    let mut candidates = search::screen(&problem, catalogue, &scales, &nominal);
+    progress("fitting the most promising");
+    search::fit_all(&problem, &mut candidates, &scales, &nominal, false);
+    for _ in 0..ROUNDS {
+        let leader: Vec<Applied> = candidates.iter().take(1).map(|c| c.applied.clone()).collect();
+        let Some(noise) = search::noise_of(&problem, &leader, &smallest) else { break };
+        problem.set_noise(noise);
+        let Some(again) = problem.whitened(&[]) else { break };
+        nominal = again;
+        search::rescore(&problem, &mut candidates, &nominal);
+        search::fit_all(&problem, &mut candidates, &scales, &nominal, true);
+    }
+
+    progress("judging");
+    let before = shrink::residuals(&problem, &[]).ok_or_else(|| nominal_fails(&records))?;
+    let leader: Vec<Applied> = rank::leader(&candidates, problem.weight()).map(|c| vec![c.applied.clone()]).unwrap_or_default();
+    let after = shrink::residuals(&problem, &leader).unwrap_or_else(|| before.clone());
+    let predicted: Vec<DMatrix<f64>> = predictions(&records, &after);
+    let floor = floor::estimate(&records, &after, &predicted, prediction.settling_s);
+    let nothing = Errors::of(&records, &before, |r| r.train);
+    let judged = rank::judge(&problem, &candidates, &records, &before, &after, &floor);
+    // What is held out is judged with what was found to act.
+    let found: Vec<Applied> = judged.found.iter().map(|c| c.applied.clone()).collect();
+    let with_found = if found.is_empty() { before.clone() } else { after };
+
+    let (each, each_floor) = (nothing.nrmse(), nothing.relative(&floor.floor));
+    let shares = locate::output_shares(&each, &each_floor);
+    let gap_output = |i: usize| GapOutput { name: system.outputs[i].name.clone(), before: each[i], floor: each_floor[i], share: shares[i] };
+    let mut cause = rank::cause(&problem, &judged, &candidates, |c| {
+        let residuals = shrink::residuals(&problem, std::slice::from_ref(&c.applied))?;
+        together(&Errors::of(&records, &residuals, |r| r.train).nrmse())
+    });
+    cause.not_tried = left_out.into_iter().map(|(effect, why)| NotTried { effect: effect.to_owned(), why }).collect();
+    let diagnosis = Diagnosis {
+        format: DiagnosisFormat::V1,
+        model: document.name().to_owned(),
+        logs: logs.iter().map(|l| l.source().to_owned()).collect(),
+        holdout: holdouts,
+        prediction: Prediction { mode: prediction.mode, why: prediction.why.clone() },
+        gap: Gap {
+            metric: Metric::Nrmse,
+            before: together(&each),
+            floor: together(&each_floor),
+            outputs: (0..outputs).map(gap_output).collect(),
+        },
+        place: locate::locate(&system, &records, &before, &floor, &shares),
+        checks: Vec::new(),
+        cause,
+        shrink: shrink::shrink(&system, &records, &before, &with_found, &floor.floor, prediction.settling_s, options.seed),
+    };
+    let mut model = document.clone();
+    model.effects_mut().extend(found.iter().map(Applied::to_entry));
+    Ok(Diagnosed { diagnosis, model })
+}
+
+fn nominal_fails(records: &[Record]) -> crate::Error {
+    let log = records.first().map(|r| r.name.clone()).unwrap_or_default();
+    GapError::Nominal { log, why: "its predictions are not finite".to_owned() }.into()
+}
+
+/// 35 samples, at most a tenth of the shortest log.
+fn longest_delay(records: &[Record]) -> f64 {
+    let samples = records.iter().map(|r| 35.0 * r.sample_time_s).fold(0.0, f64::max);
+    records.iter().map(|r| 0.1 * r.duration_s()).fold(samples, f64::min)
+}
+
+/// Sets what is trained on and what is held back; the held-out parts by name.
+fn set_spans(records: &mut [Record], training: usize, held_out: bool, start_s: f64, settling_s: f64) -> Vec<Holdout> {
+    let mut holdouts = Vec::new();
+    for (at, record) in records.iter_mut().enumerate() {
+        let end = record.duration_s();
+        let whole = Span { from_s: start_s, to_s: end };
+        if at >= training {
+            record.held = Some(whole);
+        } else if held_out {
+            record.train = Some(whole);
+        } else {
+            let cut = (1.0 - HELD_BACK) * end;
+            record.train = Some(Span { from_s: start_s, to_s: cut });
+            record.held = Some(Span { from_s: (cut + settling_s).min(0.5 * (cut + end)), to_s: end });
+        }
+        if let Some(span) = record.held {
+            holdouts.push(Holdout { log: record.name.clone(), from_s: span.from_s, to_s: span.to_s });
+        }
+    }
+    holdouts
+}
+
+/// measured − residual, where there is a measurement.
+fn predictions(records: &[Record], residuals: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
+    let predicted = |(record, residual): (&Record, &DMatrix<f64>)| {
+        DMatrix::from_fn(residual.nrows(), residual.ncols(), |k, i| record.measured[i].get(k).map_or(0.0, |y| y - residual[(k, i)]))
+    };
+    records.iter().zip(residuals).map(predicted).collect()
+}

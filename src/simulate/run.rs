@@ -45,7 +45,7 @@ impl System {
             .collect::<Result<Vec<_>, _>>()?;
         let first: Vec<f64> = signals.iter().map(Piecewise::first).collect();
         let time_s = commands.time_s;
-        let (dynamics, states) = (&plan.dynamics, correction.is_none());
+        let (dynamics, states) = (&plan.dynamics, true);
         if let Dynamics::Sampled(matrices, ts) = dynamics {
             return sampled::run(self, plan, (matrices, *ts), &signals, time_s, x0, correction);
         }

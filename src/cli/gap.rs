@@ -1,0 +1,80 @@
+//! `deadtime gap`: where model and machine differ, which effect causes it, and how far the gap shrinks.
+
+use std::path::{Path, PathBuf};
+
+use super::source::Reading;
+use super::write_json;
+use crate::diagnose::{GapOptions, Mode, diagnose};
+use crate::log::Log;
+use crate::model::ModelDocument;
+use crate::report::diagnosis::{ranking, summary};
+
+/// Diagnose the gap between a model and logs of the real machine: where it lies, which unmodelled effect causes it, how far it shrinks
+#[derive(Debug, clap::Args)]
+pub(super) struct Gap {
+    /// The model, deadtime/model@1
+    #[arg(long, value_name = "MODEL")]
+    model: PathBuf,
+    /// A log to learn from; may be repeated
+    #[arg(long, value_name = "LOG", required = true)]
+    log: Vec<PathBuf>,
+    /// A log to measure the shrink on; may be repeated. Without one, the last 30 % of each log are held back
+    #[arg(long, value_name = "LOG")]
+    holdout: Vec<PathBuf>,
+    #[command(flatten)]
+    reading: Reading,
+    /// What "predicted" means; default: simulation, or the predictor where the model has poles that do not decay within a log
+    #[arg(long, value_enum)]
+    prediction: Option<ModeName>,
+    /// Longest delay and lag to look for, seconds; default: 35 samples, at most a tenth of the shortest log
+    #[arg(long, value_name = "S")]
+    max_delay: Option<f64>,
+    /// Seed of the bootstrap
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Rows of the ranking to print
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    rows: usize,
+    /// Folder to write diagnosis.json and model_with_effects.toml to
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum ModeName {
+    /// A free run of the model
+    Simulation,
+    /// One-step predictions of a fixed-gain observer
+    Predictor,
+}
+
+impl Gap {
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        let document = ModelDocument::read(&self.model)?;
+        let inputs: Vec<String> = document.inputs().iter().map(|c| c.name.clone()).collect();
+        let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Log>> {
+            let mut logs = Vec::new();
+            for path in paths {
+                logs.extend(self.reading.read(path, &inputs)?);
+            }
+            Ok(logs)
+        };
+        let (logs, holdout) = (read(&self.log)?, read(&self.holdout)?);
+        let options = GapOptions {
+            prediction: self.prediction.map(|mode| match mode {
+                ModeName::Simulation => Mode::Simulation,
+                ModeName::Predictor => Mode::Predictor,
+            }),
+            longest_delay_s: self.max_delay,
+            seed: self.seed,
+        };
+        let found = diagnose(&document, &logs, &holdout, &options, &|step| eprintln!("{step} ..."))?;
+        found.diagnosis.write(&self.out.join("diagnosis.json"))?;
+        found.model.write(&self.out.join("model_with_effects.toml"))?;
+        write_json(json, &found.diagnosis)?;
+        say!("{}", summary(&found.diagnosis));
+        say!("\n{}", ranking(&found.diagnosis, self.rows).to_string().trim_end());
+        say!("\nWritten to {}: diagnosis.json, model_with_effects.toml.", self.out.display());
+        Ok(())
+    }
+}

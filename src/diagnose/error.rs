@@ -1,0 +1,50 @@
+//! A diagnosis that cannot be begun.
+
+/// Why a gap cannot be diagnosed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GapError {
+    /// Model and log declare different units.
+    #[error("{log}: channel `{channel}` is in {found}, the model has it in {model}; convert the log or correct the unit that is wrong")]
+    Unit {
+        /// The log.
+        log: String,
+        /// The channel.
+        channel: String,
+        /// Unit in the model.
+        model: String,
+        /// Unit in the log.
+        found: String,
+    },
+    /// A sampled model and a log of another sample time.
+    #[error("{log}: its sample time is {log_s} s, the sampled model's is {model_s} s; resample the log or convert the model")]
+    SampleTime {
+        /// The log.
+        log: String,
+        /// Sample time of the model, seconds.
+        model_s: f64,
+        /// Sample time of the log, seconds.
+        log_s: f64,
+    },
+    /// Too few samples.
+    #[error("{log}: {got} samples are too few for a diagnosis; at least {needed} are needed")]
+    Short {
+        /// The log.
+        log: String,
+        /// Samples needed.
+        needed: usize,
+        /// Samples there are.
+        got: usize,
+    },
+    /// No log to learn from.
+    #[error("a diagnosis needs at least one log")]
+    NoLogs,
+    /// The nominal model cannot follow the log.
+    #[error("{log}: the model cannot be simulated on it: {why}")]
+    Nominal {
+        /// The log.
+        log: String,
+        /// What stopped it.
+        why: String,
+    },
+}

@@ -1,0 +1,138 @@
+//! The noise of the residuals: autoregressive per output, correlated across outputs, shared by all rivals.
+
+use nalgebra::DMatrix;
+
+use super::data::Record;
+
+/// The longest autoregression that is tried.
+const LONGEST: usize = 16;
+
+/// e = L⁻¹ A(q) r: each output's residual through its autoregression, then all through the inverse factor of the innovations' covariance.
+#[derive(Debug, Clone)]
+pub(super) struct Noise {
+    /// Coefficients of past residuals, per output.
+    ar: Vec<Vec<f64>>,
+    /// L⁻¹, outputs × outputs.
+    unmix: DMatrix<f64>,
+}
+
+impl Noise {
+    /// White noise of these standard deviations.
+    pub(super) fn white(std: &[f64]) -> Self {
+        let unmix = DMatrix::from_fn(std.len(), std.len(), |i, j| if i == j { 1.0 / std[i].max(f64::MIN_POSITIVE) } else { 0.0 });
+        Self { ar: vec![Vec::new(); std.len()], unmix }
+    }
+
+    /// From residuals (samples × outputs, one per record): autoregressions by Yule and Walker's equations, their orders by Akaike's criterion.
+    pub(super) fn fit(records: &[&Record], residuals: &[&DMatrix<f64>], smallest: &[f64]) -> Self {
+        let outputs = smallest.len();
+        let ar: Vec<Vec<f64>> = (0..outputs).map(|i| autoregression(records, residuals, i)).collect();
+        let mut covariance = DMatrix::zeros(outputs, outputs);
+        let mut count: f64 = 0.0;
+        let plain = Self { ar: ar.clone(), unmix: DMatrix::identity(outputs, outputs) };
+        for (record, residual) in records.iter().zip(residuals) {
+            let e = plain.innovations(record, residual);
+            for k in 0..record.time_s.len() {
+                if (0..outputs).all(|i| record.measured_in(record.train, i, k).is_some()) {
+                    let row = e.row(k);
+                    covariance += row.transpose() * row;
+                    count += 1.0;
+                }
+            }
+        }
+        covariance /= count.max(1.0);
+        for i in 0..outputs {
+            covariance[(i, i)] = f64::max(covariance[(i, i)] * (1.0 + 1e-6), smallest[i] * smallest[i]);
+        }
+        let diagonal: Vec<f64> = covariance.diagonal().iter().map(|v| v.sqrt()).collect();
+        let unmix = covariance.cholesky().and_then(|c| c.l().try_inverse());
+        Self { ar, unmix: unmix.unwrap_or_else(|| Self::white(&diagonal).unmix) }
+    }
+
+    /// Standard deviation of every output's innovations, if they were uncorrelated.
+    pub(super) fn std(&self) -> Vec<f64> {
+        let mix = self.unmix.clone().try_inverse().unwrap_or_else(|| self.unmix.clone());
+        mix.row_iter().map(|row| row.norm()).collect()
+    }
+
+    /// Whitened rows of a residual, or of anything that moves as a residual does; samples that are missing or outside the training span are 0.
+    pub(super) fn whiten(&self, record: &Record, residual: &DMatrix<f64>) -> DMatrix<f64> {
+        self.innovations(record, residual) * self.unmix.transpose()
+    }
+
+    /// A missing residual is replaced by its prediction, so the map stays linear.
+    fn innovations(&self, record: &Record, residual: &DMatrix<f64>) -> DMatrix<f64> {
+        let (samples, outputs) = residual.shape();
+        let mut e = DMatrix::zeros(samples, outputs);
+        let mut past = vec![0.0; samples];
+        for i in 0..outputs {
+            let ar = &self.ar[i];
+            for k in 0..samples {
+                let predicted: f64 = ar.iter().zip(past[..k].iter().rev()).map(|(a, r)| a * r).sum();
+                past[k] = residual[(k, i)];
+                if record.measured[i].get(k).is_none() {
+                    past[k] = predicted;
+                } else if record.train.is_some_and(|s| s.holds(record.time_s[k])) {
+                    e[(k, i)] = residual[(k, i)] - predicted;
+                }
+            }
+        }
+        e
+    }
+
+    /// How many samples of this noise count as one independent sample, per output: (1 + Σ correlations²)-like inflation by the autoregression's poles.
+    pub(super) fn memory(&self, output: usize) -> f64 {
+        // The spectrum at 0 over its mean: (1 / (1 − Σ a))² against the variance of the process.
+        let ar = &self.ar[output];
+        let mut impulse = vec![1.0];
+        for k in 1..512 {
+            let next = ar.iter().zip(impulse[..k].iter().rev()).map(|(a, h)| a * h).sum();
+            impulse.push(next);
+        }
+        let variance: f64 = impulse.iter().map(|h| h * h).sum();
+        let at_zero: f64 = impulse.iter().sum::<f64>().powi(2);
+        (at_zero / variance).max(1.0)
+    }
+}
+
+/// The autoregression of one output's residuals.
+fn autoregression(records: &[&Record], residuals: &[&DMatrix<f64>], output: usize) -> Vec<f64> {
+    let mut covariance = [0.0; LONGEST + 1];
+    let mut count: f64 = 0.0;
+    for (record, residual) in records.iter().zip(residuals) {
+        let inside: Vec<Option<f64>> =
+            (0..record.time_s.len()).map(|k| record.measured_in(record.train, output, k).map(|_| residual[(k, output)])).collect();
+        for (lag, sum) in covariance.iter_mut().enumerate() {
+            *sum += inside.iter().zip(inside.iter().skip(lag)).filter_map(|(a, b)| Some(a.as_ref()? * b.as_ref()?)).sum::<f64>();
+        }
+        #[allow(clippy::cast_precision_loss)]
+        let here = inside.iter().flatten().count() as f64;
+        count += here;
+    }
+    // Levinson and Durbin's recursion.
+    let (mut best, mut lowest) = (Vec::new(), count * covariance[0].max(f64::MIN_POSITIVE).ln());
+    let mut ar: Vec<f64> = Vec::new();
+    let mut variance = covariance[0];
+    for order in 1..=LONGEST {
+        if variance <= 1e-12 * covariance[0] || count < 10.0 * LONGEST as f64 {
+            break;
+        }
+        let missed = covariance[order] - ar.iter().enumerate().map(|(j, a)| a * covariance[order - 1 - j]).sum::<f64>();
+        let reflection = missed / variance;
+        if reflection.is_nan() || reflection.abs() >= 1.0 {
+            break;
+        }
+        let before = ar.clone();
+        for (j, a) in ar.iter_mut().enumerate() {
+            *a -= reflection * before[order - 2 - j];
+        }
+        ar.push(reflection);
+        variance *= 1.0 - reflection * reflection;
+        #[allow(clippy::cast_precision_loss)]
+        let criterion = count * variance.ln() + 2.0 * order as f64;
+        if criterion < lowest {
+            (best, lowest) = (ar.clone(), criterion);
+        }
+    }
+    best
+}

@@ -1,0 +1,128 @@
+//! What "predicted" means: a free run, or one-step predictions of a fixed-gain observer. Decided once from the nominal model, the same for all rivals.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::data::Record;
+use super::diagnosis::Mode;
+use crate::model::{StateSpace, dare};
+use crate::simulate::{Dynamics, Matrices, System};
+use crate::time::SampleTime;
+
+/// How many time constants of the slowest observer pole fit into a log: slower and unstable poles are mirrored about that circle.
+const FORGETS: f64 = 10.0;
+
+/// The mode and, for a predictor, one gain per record.
+#[derive(Debug, Clone)]
+pub(super) struct Prediction {
+    pub(super) mode: Mode,
+    pub(super) why: String,
+    /// Filter gains, states × outputs; empty for a free run.
+    pub(super) gains: Vec<DMatrix<f64>>,
+    /// Time in which the nominal model settles, seconds.
+    pub(super) settling_s: f64,
+}
+
+/// The model about its start and the mean input: sampled every `ts`.
+fn sampled(system: &System, record: &Record, ts: SampleTime) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
+    let continuous = |matrices: &Matrices| {
+        let sys = StateSpace::continuous(matrices.a.clone(), matrices.b.clone(), matrices.c.clone(), matrices.d.clone()).ok()?;
+        let phi = crate::model::exp(&(sys.a() * ts.seconds()));
+        phi.iter().all(|v| v.is_finite()).then(|| (phi, matrices.c.clone()))
+    };
+    match &system.dynamics {
+        Dynamics::Sampled(matrices, _) => Some((matrices.a.clone(), matrices.c.clone())),
+        Dynamics::Linear(matrices) => continuous(matrices),
+        Dynamics::Equations(equations, parameters) => {
+            #[allow(clippy::cast_precision_loss)]
+            let mean = |u: &Vec<f64>| u.iter().sum::<f64>() / u.len().max(1) as f64;
+            let u: Vec<f64> = record.inputs.iter().map(mean).collect();
+            let at = equations.linearise(0.0, &system.initial, &u, parameters);
+            continuous(&Matrices { a: at.a, b: at.b, c: at.c, d: at.d })
+        }
+    }
+}
+
+impl Prediction {
+    /// Chosen from the poles of the nominal model, or as asked for.
+    pub(super) fn choose(system: &System, records: &[Record], asked: Option<Mode>) -> Self {
+        let mut slowest: f64 = 0.0;
+        let mut settling_s: f64 = 0.0;
+        let mut reason = None;
+        for record in records {
+            let Ok(ts) = SampleTime::new(record.sample_time_s) else { continue };
+            let Some((phi, _)) = sampled(system, record, ts) else { continue };
+            #[allow(clippy::cast_precision_loss)]
+            let limit = 1.0 - 1.0 / record.time_s.len() as f64;
+            for z in phi.complex_eigenvalues().iter().map(|z| z.norm()) {
+                if z >= limit && z > slowest {
+                    slowest = z;
+                    reason = Some(format!("a pole at |z| = {z:.4}"));
+                }
+                if z < 1.0 && z > 0.0 {
+                    // 4 time constants, as long as that is less than the log.
+                    settling_s = settling_s.max((4.0 * record.sample_time_s / -z.ln()).min(0.1 * record.duration_s()));
+                }
+            }
+        }
+        let (mode, why) = match (asked, &reason) {
+            (Some(mode), _) => (mode, "asked for".to_owned()),
+            (None, Some(why)) => (Mode::Predictor, why.clone()),
+            (None, None) => (Mode::Simulation, "every pole of the model decays within a log".to_owned()),
+        };
+        let gains = match mode {
+            Mode::Simulation => Vec::new(),
+            Mode::Predictor => records.iter().map(|r| gain(system, r)).collect(),
+        };
+        Self { mode, why, gains, settling_s }
+    }
+}
+
+/// The filter gain K of x ← x + K(y − ŷ) with no process noise and a prescribed degree of stability (Anderson and Moore 1969, "Linear system optimization
+/// with prescribed degree of stability", Proc. IEE 116(12), 2083-2087, doi:10.1049/piee.1969.0379): poles outside the circle of radius 1/α are mirrored
+/// about it, all others stay.
+fn gain(system: &System, record: &Record) -> DMatrix<f64> {
+    let (n, p) = (system.states.len(), system.outputs.len());
+    let none = DMatrix::zeros(n, p);
+    let Some((phi, c)) = SampleTime::new(record.sample_time_s).ok().and_then(|ts| sampled(system, record, ts)) else { return none };
+    #[allow(clippy::cast_precision_loss)]
+    let alpha = 1.0 / (1.0 - (FORGETS / record.time_s.len() as f64).min(0.5));
+    let a = phi * alpha;
+    let r = DMatrix::from_diagonal(&DVector::from_fn(p, |i, _| roughness(record, i)));
+    let covariance = match dare(&a.transpose(), &c.transpose(), &DMatrix::zeros(n, n), &r, None) {
+        Ok(x) => Some(x),
+        Err(_) => iterate(&a, &c, &r, record.time_s.len()),
+    };
+    let Some(x) = covariance else { return none };
+    let innovation = &c * &x * c.transpose() + r;
+    innovation.cholesky().map_or(none, |chol| chol.solve(&(&c * x.transpose())).transpose())
+}
+
+/// The Riccati recursion from a wide start, for models with modes that no output sees.
+fn iterate(a: &DMatrix<f64>, c: &DMatrix<f64>, r: &DMatrix<f64>, steps: usize) -> Option<DMatrix<f64>> {
+    let mut x = DMatrix::identity(a.nrows(), a.nrows()) * r.trace();
+    for _ in 0..steps.clamp(200, 5000) {
+        let innovation = (c * &x * c.transpose() + r).cholesky()?;
+        let k = innovation.solve(&(c * &x)).transpose();
+        let filtered = &x - &k * c * &x;
+        x = a * filtered * a.transpose();
+        x = (&x + x.transpose()) * 0.5;
+        if x.iter().any(|v| !v.is_finite()) {
+            return None;
+        }
+    }
+    Some(x)
+}
+
+/// The variance of an output's white noise, from its second differences; not less than a millionth of its variance.
+fn roughness(record: &Record, output: usize) -> f64 {
+    let values: Vec<f64> = (0..record.time_s.len()).filter_map(|k| record.measured[output].get(k)).collect();
+    #[allow(clippy::cast_precision_loss)]
+    let mean = |v: &mut dyn Iterator<Item = f64>| {
+        let (sum, count) = v.fold((0.0, 0.0_f64), |(s, n), v| (s + v, n + 1.0));
+        sum / count.max(1.0)
+    };
+    let centre = mean(&mut values.iter().copied());
+    let variance = mean(&mut values.iter().map(|v| (v - centre).powi(2)));
+    let second = mean(&mut values.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).powi(2))) / 6.0;
+    second.max(1e-6 * variance).max(f64::MIN_POSITIVE)
+}

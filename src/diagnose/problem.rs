@@ -1,0 +1,159 @@
+//! The statistical problem that all rivals share: predictions, the initial state as a nuisance, whitened residuals.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::data::{Record, Span};
+use super::noise::Noise;
+use super::prediction::Prediction;
+use crate::effect::{Applied, Chance};
+use crate::simulate::{Correction, System};
+
+/// The initial state of one record, integrated out: a prior N(0, P) on its deviation and the same sensitivities for all rivals.
+#[derive(Debug, Clone)]
+struct Start {
+    /// ∂y/∂x0, samples × outputs per free state.
+    raw: Vec<DMatrix<f64>>,
+    /// The same whitened, as columns.
+    whitened: DMatrix<f64>,
+    /// (P⁻¹ + WᵀW)⁻¹Wᵀ is applied with this factor.
+    factor: Option<nalgebra::Cholesky<f64, nalgebra::Dyn>>,
+}
+
+/// The problem.
+pub(super) struct Problem<'a> {
+    pub(super) system: &'a System,
+    pub(super) records: &'a [Record],
+    pub(super) prediction: &'a Prediction,
+    /// Effects that belong to the simulator.
+    own: Vec<Applied>,
+    /// Prior standard deviations of the start; 0: exactly known.
+    prior: Vec<f64>,
+    noise: Vec<Noise>,
+    starts: Vec<Start>,
+}
+
+/// A whitened residual, one column of all samples and outputs per record.
+pub(super) type Whitened = Vec<DVector<f64>>;
+
+impl<'a> Problem<'a> {
+    /// With white noise of these standard deviations and this prior.
+    ///
+    /// # Errors
+    /// [`crate::simulate::SimulateError`] where the nominal model cannot be simulated.
+    pub(super) fn new(
+        system: &'a System,
+        records: &'a [Record],
+        prediction: &'a Prediction,
+        own: Vec<Applied>,
+        prior: Vec<f64>,
+        noise_std: &[f64],
+    ) -> crate::Result<Self> {
+        let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
+        let plan = Applied::plan(system, &own, Chance::Mean)?;
+        let mut problem = Self { system, records, prediction, own, prior, noise: Vec::new(), starts: Vec::new() };
+        for (at, record) in records.iter().enumerate() {
+            let scale: Vec<f64> = problem.prior.iter().map(|s| if *s > 0.0 { 1e-3 * s } else { 1.0 }).collect();
+            let all = system.sensitivity(&plan, record.commands(), &system.initial, &scale, problem.correction(at))?;
+            let shape = (record.time_s.len(), system.outputs.len());
+            let raw = free.iter().map(|&j| DMatrix::from_column_slice(shape.0, shape.1, all.column(j).as_slice())).collect();
+            problem.starts.push(Start { raw, whitened: DMatrix::zeros(0, 0), factor: None });
+        }
+        problem.set_noise(vec![Noise::white(noise_std); records.len()]);
+        Ok(problem)
+    }
+
+    /// Takes another noise model; one per record.
+    pub(super) fn set_noise(&mut self, noise: Vec<Noise>) {
+        self.noise = noise;
+        let precision: Vec<f64> = self.prior.iter().filter(|s| **s > 0.0).map(|s| 1.0 / (s * s)).collect();
+        for ((start, record), noise) in self.starts.iter_mut().zip(self.records).zip(&self.noise) {
+            let rows = record.time_s.len() * record.measured.len();
+            let mut whitened = DMatrix::zeros(rows, start.raw.len());
+            for (mut column, raw) in whitened.column_iter_mut().zip(&start.raw) {
+                column.copy_from_slice(noise.whiten(record, raw).as_slice());
+            }
+            let information = whitened.tr_mul(&whitened) + DMatrix::from_diagonal(&DVector::from_column_slice(&precision));
+            (start.whitened, start.factor) = (whitened, information.cholesky());
+        }
+    }
+
+    fn correction(&self, record: usize) -> Option<Correction<'_>> {
+        self.prediction.gains.get(record).map(|gain| Correction { gain, measured: &self.records[record].measured })
+    }
+
+    /// Predicted outputs of one record from the nominal start, samples × outputs.
+    pub(super) fn predict(&self, record: usize, effects: &[Applied]) -> Option<DMatrix<f64>> {
+        let plan = Applied::plan(self.system, self.own.iter().chain(effects), Chance::Mean).ok()?;
+        let run = self.system.simulate(&plan, self.records[record].commands(), &self.system.initial, self.correction(record)).ok()?;
+        Some(run.y)
+    }
+
+    /// measured − predicted, 0 where there is no measurement.
+    pub(super) fn residual(&self, record: usize, predicted: &DMatrix<f64>) -> DMatrix<f64> {
+        let measured = &self.records[record].measured;
+        DMatrix::from_fn(predicted.nrows(), predicted.ncols(), |k, i| measured[i].get(k).map_or(0.0, |y| y - predicted[(k, i)]))
+    }
+
+    /// Whitened residuals of all training records; `None` where a simulation fails.
+    pub(super) fn whitened(&self, effects: &[Applied]) -> Option<Whitened> {
+        (0..self.records.len())
+            .map(|at| {
+                if self.records[at].train.is_none() {
+                    return Some(DVector::zeros(0));
+                }
+                let residual = self.residual(at, &self.predict(at, effects)?);
+                let e = self.noise[at].whiten(&self.records[at], &residual);
+                e.iter().all(|v| v.is_finite()).then(|| DVector::from_column_slice(e.as_slice()))
+            })
+            .collect()
+    }
+
+    /// The inner product of whitened residuals with the start integrated out: aᵀ(I + W P Wᵀ)⁻¹b over the training records.
+    pub(super) fn inner(&self, a: &Whitened, b: &Whitened) -> f64 {
+        let mut sum = 0.0;
+        for ((a, b), start) in a.iter().zip(b).zip(&self.starts) {
+            if a.is_empty() {
+                continue;
+            }
+            sum += a.dot(b);
+            if let Some(factor) = start.factor.as_ref().filter(|_| start.whitened.ncols() > 0) {
+                sum -= start.whitened.tr_mul(a).dot(&factor.solve(&start.whitened.tr_mul(b)));
+            }
+        }
+        sum
+    }
+
+    /// Predicted outputs from the posterior mean of the start, given the samples in `span` of each record.
+    pub(super) fn predict_from_posterior(&self, record: usize, effects: &[Applied], span: Span) -> Option<DMatrix<f64>> {
+        let mut y = self.predict(record, effects)?;
+        let residual = self.residual(record, &y);
+        let mut whole = self.records[record].clone();
+        whole.train = Some(span);
+        let start = &self.starts[record];
+        let noise = &self.noise[record];
+        let columns: Vec<DVector<f64>> =
+            start.raw.iter().map(|raw| DVector::from_column_slice(noise.whiten(&whole, raw).as_slice())).collect();
+        if !columns.is_empty() {
+            let w = DMatrix::from_columns(&columns);
+            let e = DVector::from_column_slice(noise.whiten(&whole, &residual).as_slice());
+            let precision: Vec<f64> = self.prior.iter().filter(|s| **s > 0.0).map(|s| 1.0 / (s * s)).collect();
+            let information = w.tr_mul(&w) + DMatrix::from_diagonal(&DVector::from_vec(precision));
+            let deviation = information.cholesky()?.solve(&w.tr_mul(&e));
+            for (raw, by) in start.raw.iter().zip(deviation.iter()) {
+                y += raw * *by;
+            }
+        }
+        Some(y)
+    }
+
+    /// Samples with weight.
+    pub(super) fn weight(&self) -> f64 {
+        let here = |record: &Record| {
+            let inside = (0..record.time_s.len()).flat_map(|k| (0..record.measured.len()).map(move |i| (i, k)));
+            inside.filter(|&(i, k)| record.measured_in(record.train, i, k).is_some()).count()
+        };
+        #[allow(clippy::cast_precision_loss)]
+        let weight = self.records.iter().map(here).sum::<usize>() as f64;
+        weight
+    }
+}

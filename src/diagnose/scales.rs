@@ -1,0 +1,122 @@
+//! Sizes of the data: how far signals go and how fast, from which priors and first guesses are made.
+
+use nalgebra::DMatrix;
+
+use super::GapError;
+use super::data::Record;
+use super::locate;
+use super::noise::Noise;
+use super::prediction::Prediction;
+use crate::effect::{Applied, Chance, Scales, Spread};
+use crate::error::Result;
+use crate::simulate::{Correction, System};
+
+/// The nominal motion.
+pub(super) struct Motion {
+    /// Predicted outputs from the nominal start, per record.
+    predicted: Vec<DMatrix<f64>>,
+    states: Vec<DMatrix<f64>>,
+    /// Rms motion of every state about its start.
+    pub(super) rms: Vec<f64>,
+    /// Residuals smaller than this are no noise but rounding, per output.
+    pub(super) smallest: Vec<f64>,
+}
+
+impl Motion {
+    /// Simulates the model as it is.
+    pub(super) fn of(system: &System, own: &[Applied], records: &[Record], prediction: &Prediction) -> Result<Self> {
+        let plan = Applied::plan(system, own, Chance::Mean)?;
+        let (mut predicted, mut states) = (Vec::new(), Vec::new());
+        for (at, record) in records.iter().enumerate() {
+            let correction = prediction.gains.get(at).map(|gain| Correction { gain, measured: &record.measured });
+            let run = system
+                .simulate(&plan, record.commands(), &system.initial, correction)
+                .map_err(|e| GapError::Nominal { log: record.name.clone(), why: e.to_string() })?;
+            predicted.push(run.y);
+            states.push(run.x);
+        }
+        let rms = (0..system.states.len())
+            .map(|j| {
+                let moved = states.iter().flat_map(|x| x.column(j).iter().map(|v| v - system.initial[j]).collect::<Vec<_>>());
+                let rms = root_mean_square(moved);
+                // A state that the commands never move: its start may still be off by as much as it is.
+                if rms > 0.0 { rms } else { system.initial[j].abs() }
+            })
+            .collect();
+        let smallest = (0..system.outputs.len())
+            .map(|i| 1e-6 * root_mean_square(records.iter().flat_map(|r| (0..r.time_s.len()).filter_map(|k| r.measured[i].get(k)))))
+            .map(|v| f64::max(v, 1e-12))
+            .collect();
+        Ok(Self { predicted, states, rms, smallest })
+    }
+
+    /// What of every output's residual its own past does not predict: a first size of the noise.
+    pub(super) fn innovations(&self, records: &[Record]) -> Vec<f64> {
+        let trained: Vec<usize> = (0..records.len()).filter(|&i| records[i].train.is_some()).collect();
+        let residuals: Vec<DMatrix<f64>> = trained
+            .iter()
+            .map(|&at| {
+                let y = &self.predicted[at];
+                DMatrix::from_fn(y.nrows(), y.ncols(), |k, i| records[at].measured[i].get(k).map_or(0.0, |m| m - y[(k, i)]))
+            })
+            .collect();
+        let of: Vec<&Record> = trained.iter().map(|&i| &records[i]).collect();
+        let noise = Noise::fit(&of, &residuals.iter().collect::<Vec<_>>(), &self.smallest);
+        noise.std()
+    }
+
+    /// Sizes for first guesses; `residuals` are those of the model as it is.
+    pub(super) fn scales(&self, system: &System, records: &[Record], residuals: &[DMatrix<f64>], longest_delay_s: f64) -> Scales {
+        let trained = || records.iter().filter(|r| r.train.is_some());
+        let sample_time_s = trained().map(|r| r.sample_time_s).fold(f64::INFINITY, f64::min);
+        let column = |x: &DMatrix<f64>, j: usize| x.column(j).iter().copied().collect::<Vec<f64>>();
+        let derivative = |j: usize| {
+            let steps = self.states.iter().zip(records).flat_map(|(x, r)| {
+                let x = column(x, j);
+                x.windows(2).zip(r.time_s.windows(2)).map(|(x, t)| (x[1] - x[0]) / (t[1] - t[0])).collect::<Vec<_>>()
+            });
+            root_mean_square(steps)
+        };
+        let measured = |i: usize| records.iter().map(|r| (0..r.time_s.len()).filter_map(|k| r.measured[i].get(k)).collect()).collect();
+        Scales {
+            sample_time_s,
+            duration_s: trained().map(Record::duration_s).fold(0.0, f64::max),
+            longest_delay_s,
+            inputs: (0..system.inputs.len())
+                .map(|j| spread(records.iter().map(|r| r.inputs[j].clone()).collect(), sample_time_s))
+                .collect(),
+            states: (0..system.states.len()).map(|j| spread(self.states.iter().map(|x| column(x, j)).collect(), sample_time_s)).collect(),
+            derivatives: (0..system.states.len()).map(derivative).collect(),
+            outputs: (0..system.outputs.len()).map(|i| spread(measured(i), sample_time_s)).collect(),
+            peaks_hz: locate::peaks_hz(records, residuals, system.outputs.len()),
+        }
+    }
+}
+
+fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0.0_f64), |(s, n), v| (s + v * v, n + 1.0));
+    (sum / count.max(1.0)).sqrt()
+}
+
+/// How far a signal goes over several records.
+fn spread(records: Vec<Vec<f64>>, sample_time_s: f64) -> Spread {
+    let fastest = records.iter().flat_map(|r| r.windows(2)).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max) / sample_time_s;
+    let all: Vec<f64> = records.into_iter().flatten().collect();
+    if all.is_empty() {
+        return Spread::default();
+    }
+    #[allow(clippy::cast_precision_loss)]
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    let mut sizes: Vec<f64> = all.iter().map(|v| v.abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let at = |q: f64| sizes[(q * (sizes.len() - 1) as f64) as usize];
+    Spread {
+        quantiles: [0.1, 0.25, 0.5, 0.75, 0.9, 1.0].map(at),
+        rms: root_mean_square(all.iter().copied()),
+        std: root_mean_square(all.iter().map(|v| v - mean)),
+        smallest: all.iter().copied().fold(f64::INFINITY, f64::min),
+        largest: all.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+        fastest,
+    }
+}

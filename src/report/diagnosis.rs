@@ -1,0 +1,134 @@
+//! The diagnosis in plain sentences.
+
+use crate::diagnose::{Diagnosis, FoundEffect, Mode, Parameter, RankingRow};
+use crate::report::text::Table;
+
+/// Five sentences: how big the gap is, where it sits, what causes it and how sure that is, what else it could be, how far it shrinks.
+#[must_use]
+pub fn summary(d: &Diagnosis) -> String {
+    [size(d), place(d), cause(d), rivals(d), shrink(d)].join("\n")
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.0} %", 100.0 * share)
+}
+
+fn size(d: &Diagnosis) -> String {
+    let mode = match d.prediction.mode {
+        Mode::Simulation => "simulated freely",
+        Mode::Predictor => "predicted one step ahead by a fixed observer",
+    };
+    match (d.gap.before, d.gap.floor) {
+        (Some(before), Some(floor)) => format!(
+            "Gap: the model {} ({mode}: {}) misses the logs by {} of their spread; the noise floor is {}.",
+            d.model,
+            d.prediction.why,
+            percent(before),
+            percent(floor)
+        ),
+        _ => format!("Gap: every output of {} stands still in the logs, so there is nothing to compare.", d.model),
+    }
+}
+
+fn place(d: &Diagnosis) -> String {
+    let Some(output) = d.place.outputs.first() else { return "Place: nothing stands out above the noise.".to_owned() };
+    let time = d.place.times.iter().find(|t| t.output == output.name);
+    let band = d.place.bands.iter().find(|b| b.output == output.name);
+    let mut text = format!("Place: {} of it is in `{}`", percent(output.share), output.name);
+    if let Some(t) = time {
+        text += &format!(", mostly between {:.3} s and {:.3} s of {}", t.from_s, t.to_s, t.log);
+    }
+    if let Some(b) = band {
+        text += &format!(", from {:.3} Hz to {:.3} Hz", b.from_hz, b.to_hz);
+    }
+    if let Some(r) = d.place.regimes.iter().find(|r| r.output == output.name) {
+        text += &format!(", where {} lies between {:.4} and {:.4}", r.variable, r.from, r.to);
+    }
+    text + "."
+}
+
+fn parameter(p: &Parameter) -> String {
+    let unit = if p.unit == "1" { String::new() } else { format!(" {}", p.unit) };
+    match (p.value, p.ci95) {
+        (Some(value), Some([lower, upper])) => format!("{} = {value:.4}{unit} (95 %: {lower:.4} to {upper:.4})", p.name),
+        (Some(value), None) => format!("{} = {value:.4}{unit} (at a bound)", p.name),
+        (None, _) => format!("no {} limit", p.name),
+    }
+}
+
+fn effect(e: &FoundEffect) -> String {
+    let parameters: Vec<String> = e.parameters.iter().map(parameter).collect();
+    format!("{} on `{}` with {}", e.effect, e.channel, parameters.join(", "))
+}
+
+fn cause(d: &Diagnosis) -> String {
+    let probability = |name: &str| {
+        let of = |row: &RankingRow| match row {
+            RankingRow::Single(r) if r.effect == name && r.channel == d.cause.channel => Some(r.probability),
+            _ => None,
+        };
+        d.cause.ranking.iter().find_map(of).unwrap_or(0.0)
+    };
+    let sure = percent(probability(&d.cause.verdict));
+    match d.cause.verdict.as_str() {
+        "none" => format!("Cause: none; no effect of the catalogue helps and what is left is noise (probability {sure})."),
+        "unknown" => format!("Cause: unknown; a gap above the noise stays that no effect of the catalogue explains (probability {sure})."),
+        _ => format!("Cause: {} (probability {sure}).", d.cause.effects.iter().map(effect).collect::<Vec<_>>().join(" and ")),
+    }
+}
+
+fn rivals(d: &Diagnosis) -> String {
+    if let Some(class) = d.cause.indistinguishable.first() {
+        let others: Vec<&str> = class.iter().skip(1).map(String::as_str).collect();
+        let next = d.cause.next_experiment.as_deref().map(|n| format!(" {n}")).unwrap_or_default();
+        return format!("Rivals: this data cannot tell it from {}.{next}", others.join(", "));
+    }
+    let next = d.cause.ranking.iter().filter_map(|row| match row {
+        RankingRow::Single(r) if (&r.effect, &r.channel) != (&d.cause.verdict, &d.cause.channel) => Some(r),
+        _ => None,
+    });
+    match next.max_by(|a, b| a.probability.total_cmp(&b.probability)) {
+        Some(r) if r.probability > 0.01 => {
+            let channel = r.channel.as_deref().map(|c| format!(" on `{c}`")).unwrap_or_default();
+            format!("Rivals: next comes {}{channel} with probability {}.", r.effect, percent(r.probability))
+        }
+        _ => "Rivals: none with a probability above 1 %.".to_owned(),
+    }
+}
+
+fn shrink(d: &Diagnosis) -> String {
+    let s = &d.shrink;
+    match (s.before, s.after, s.floor, s.fraction) {
+        (Some(before), Some(after), Some(floor), Some(fraction)) if !d.cause.effects.is_empty() => {
+            let interval = s.ci95.map(|[l, u]| format!(" (95 %: {} to {})", percent(l), percent(u))).unwrap_or_default();
+            format!(
+                "Shrink: on held-out data the error falls from {} to {} of the spread, by {}{interval}; the floor there is {}.",
+                percent(before),
+                percent(after),
+                percent(fraction),
+                percent(floor)
+            )
+        }
+        (Some(before), ..) => {
+            format!("Shrink: nothing was added to the model; on held-out data its error is {} of the spread.", percent(before))
+        }
+        _ => "Shrink: no held-out output moves, so nothing can be said.".to_owned(),
+    }
+}
+
+/// The leading rows of the ranking.
+#[must_use]
+pub fn ranking(d: &Diagnosis, rows: usize) -> Table {
+    let mut table = Table::new(&["effect", "channel", "probability", "nrmse alone"], &[0, 1]);
+    for row in d.cause.ranking.iter().take(rows) {
+        let (effect, channel, probability, after) = match row {
+            RankingRow::Single(r) => (r.effect.clone(), r.channel.clone().unwrap_or_default(), r.probability, r.after),
+            RankingRow::Pair(r) => {
+                let join = |i: usize| r.effects.iter().map(|e| e[i].as_str()).collect::<Vec<_>>().join(" + ");
+                (join(0), join(1), r.probability, r.after)
+            }
+        };
+        table.row(vec![effect, channel, format!("{probability:.4}"), after.map_or_else(|| "-".to_owned(), |v| format!("{v:.4}"))]);
+    }
+    table
+}
