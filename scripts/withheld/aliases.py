@@ -92,8 +92,8 @@ def _scaled(entry, scales: Scales) -> list[list[dict]]:
     return [[{**item, "parameters": {**item["parameters"], name: float(value)}}, *effects[1:]], effects]
 
 
-def explanations(short: Problem, full: Problem, scales: Scales, others: list[dict], exclude: set[str]):
-    """Rivals that together with `others` explain the noise-free outputs; also the least misfit of any rival, and that fit."""
+def explanations(short: Problem, full: Problem, scales: Scales, others: list[dict], exclude: set[str], limit: float = ALIKE):
+    """Rivals that with `others` leave at most `limit` (rms, units of the noise) of the noise-free outputs; the least misfit of any, and that fit."""
     short.linearise(others)
     gap = short.reduced(others)
     size = short.rms(gap)
@@ -108,13 +108,13 @@ def explanations(short: Problem, full: Problem, scales: Scales, others: list[dic
     for _, effect, channel, entries in sorted(screened, key=lambda s: s[0])[:KEPT]:
         for start in (_scaled(entries[0], scales) + ([entries[1][2]] if len(entries) > 1 else []))[:3]:
             full.linearise(start)
-            fitted, misfit = fit(full, start, parameter_scales(scales, start), ALIKE, 0.2 * size + 1.0)
+            fitted, misfit = fit(full, start, parameter_scales(scales, start), limit, 0.2 * size + 1.0)
             if misfit < least:
                 least, best = misfit, fitted
-            if misfit <= 1.3 * ALIKE:
+            if misfit <= 1.3 * limit:
                 full.linearise(fitted)
-                misfit = fit(full, fitted, parameter_scales(scales, fitted), ALIKE, turns=4)[1]
-            if misfit <= ALIKE:
+                misfit = fit(full, fitted, parameter_scales(scales, fitted), limit, turns=4)[1]
+            if misfit <= limit:
                 members.add(f"{effect}:{channel}")
                 break
     return members, least, best
@@ -123,10 +123,14 @@ def explanations(short: Problem, full: Problem, scales: Scales, others: list[dic
 def alias_class(short: Problem, full: Problem, scales: Scales, truth: list[dict]) -> list[str]:
     """`effect:channel` of the true effects and of all that can stand in for one of them, the others refitted beside it.
 
-    short: part of the data, to screen; full: all training data; both with noise-free outputs.
+    short: part of the data, to screen; full: all training data; both with noise-free outputs. Where the machine's parameters differ from the
+    model's, the true effects leave something too: a rival may leave that and 0.3 of the noise beside it (as mean squares).
     """
+    full.linearise(truth)
+    own = fit(full, truth, parameter_scales(scales, truth))[1]
+    limit = float(np.hypot(ALIKE, own))
     members = {f"{t['effect']}:{t['channel']}" for t in truth}
     for index in range(len(truth)):
         others = [t for k, t in enumerate(truth) if k != index]
-        members |= explanations(short, full, scales, others, set(members))[0]
+        members |= explanations(short, full, scales, others, set(members), limit)[0]
     return sorted(members)

@@ -117,20 +117,25 @@ class Case:
     def _tuned(self, make) -> None:
         """Sizes the truth for a drawn strength: `make(size)` sets it."""
         low, high = WEAK if self.wanted.weak else STRONG
-        target, size = self.rng.uniform(low, high), 0.15
-        for _ in range(7):
+        target, size, largest = self.rng.uniform(low, high), 0.15, 4.0
+        tried: list[tuple[float, float, float]] = []
+        for _ in range(8):
             make(size)
             try:
                 self.remake((0,))
                 got = self.gap_db((0,))
             except (Inadequate, ArithmeticError, ValueError):
-                size *= 0.3
+                largest, size = 0.8 * size, 0.4 * size
                 continue
-            if abs(got - target) < 1.5 or (size >= 2.5 and got < target) or (size <= 1e-3 and got > target):
+            tried.append((abs(got - target), got, size))
+            new = float(np.clip(size * 10 ** (np.clip(target - got, -25, 25) / 20), 1e-3, largest))
+            if abs(got - target) < 1.5 or abs(new - size) < 0.02 * size:
                 break
-            size = float(np.clip(size * 10 ** (np.clip(target - got, -25, 25) / 20), 1e-3, 2.5))
-        else:
-            got = target
+            size = new
+        if not tried:
+            raise Inadequate("the loop is lost")
+        _, got, size = min(tried)
+        make(size)
         if got < target - 1.5 and not self.hidden:
             self._quieten(target - got)
         self.remake()
@@ -169,7 +174,9 @@ class Case:
         self.effects = self.effects[:1]
 
     def _draw_pair(self) -> None:
-        first, second = (str(e) for e in self.rng.choice(EFFECTS, 2, replace=False))
+        ex = self.experiment
+        possible = [e for e in EFFECTS if real_channels(ex.model, e, ex.plant)]
+        first, second = (str(e) for e in self.rng.choice(possible, 2, replace=False))
         makers, sized = [self._draw_one(first), self._draw_one(second)], []
         for one in makers:
             def make(size, one=one):

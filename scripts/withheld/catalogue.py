@@ -106,7 +106,7 @@ def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float,
             "input_offset": {"offset": 0.5 * sign * size * u}, "deadband": {"width": 0.6 * size * u}, "backlash": {"width": 0.5 * size * u},
             "saturation": {"lower": middle - reach if b < 0.75 else None, "upper": middle + reach * (0.8 + 0.2 * a) if b > 0.25 else None},
             "rate_limit": {"rate": u / (size * s.settling)}, "actuator_lag": {"time_constant": size * s.settling},
-            "dropped_commands": {"probability": min(0.1 + 0.5 * size, 0.85)},
+            "dropped_commands": {"probability": min(0.05 + 0.4 * size, 0.6)},
         }
         if effect in simple:
             return made(**simple[effect])
