@@ -145,7 +145,7 @@ def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float,
         "output_delay": {"delay": size * s.settling}, "sensor_lag": {"time_constant": size * s.settling}, "sensor_gain": {"gain": 1 + 0.5 * sign * min(size, 1.8)},
         "sensor_bias": {"offset": 0.3 * sign * size * y}, "sensor_drift": {"rate": 0.6 * sign * size * y / s.span},
         "sensor_saturation": {"lower": s.middle_y[j] - reach if b < 0.75 else None, "upper": s.middle_y[j] + reach * (0.8 + 0.2 * a) if b > 0.25 else None},
-        "sensor_quantisation": {"step": 0.6 * size * y},
+        "sensor_quantisation": {"step": min(0.6 * size, 1.2) * y},
     }[effect])
 
 
