@@ -179,13 +179,20 @@ class Case:
         ex = self.experiment
         possible = [e for e in EFFECTS if real_channels(ex.model, e, ex.plant)]
         first, second = (str(e) for e in self.rng.choice(possible, 2, replace=False))
-        makers, sized = [self._draw_one(first), self._draw_one(second)], []
-        for one in makers:
+        drawn, sized = [], []
+        for effect in (first, second):
+            one = self._draw_one(effect)
+
             def make(size, one=one):
                 self.effects = self._with_hidden([one(size)])
+
             self._tuned(make)
-            sized.append((self.gap_db((0,)), self.effects[0]))
-        weaker, stronger = sorted(sized, key=lambda s: s[0])
+            drawn.append(self.effects[0])
+        for item in drawn:
+            self.effects = self._with_hidden([item])
+            self.remake((0,))
+            sized.append((self.gap_db((0,)), item))
+        weaker, stronger = sorted(sized, key=lambda pair: pair[0])
         if weaker[0] < 8.0:
             raise Inadequate("one of the pair does not show")
         self.effects = self._with_hidden([stronger[1], weaker[1]])
