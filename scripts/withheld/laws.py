@@ -90,6 +90,8 @@ def superposition():
 
 def static_maps():
     """Through a plant that passes its input on, every sample is what the definition says."""
+    new_each_time = np.random.default_rng(4).uniform(-1.0, 1.0, (len(TIME), 1))
+    close(simulate(PASS, TIME, new_each_time), new_each_time, 0.0, "each sample sees its own command, the last one too")
     u = commands(1)
     v = u[:, 0]
 
