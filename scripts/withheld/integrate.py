@@ -15,6 +15,7 @@ _DP = (
 )
 _TIMES = (1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
 _ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
+MOST_STEPS = 400  # of Dormand-Prince per interval; a response that needs more runs away or is too stiff
 TOO_SHORT = 1e-13  # s: an interval this short is passed without a step
 
 
@@ -81,6 +82,11 @@ class Linear:
     def outputs(self, grid, values, slopes, states) -> np.ndarray:
         return states @ self.c.T + values @ self.d.T + self.c0
 
+    def output_at(self, grid, values, slopes):
+        """A function (i, state) of the outputs at one grid time."""
+        c, offsets = self.c, values @ self.d.T + self.c0
+        return lambda i, x: c.dot(x) + offsets[i]
+
 
 class Stepped:
     """Nonlinear systems, interval by interval. `reference`: solve_ivp; else the Dormand-Prince pair of this file."""
@@ -111,6 +117,11 @@ class Stepped:
     def outputs(self, grid, values, slopes, states) -> np.ndarray:
         g, p = self.system.g, self.system.parameters
         return np.array([g(t, x, (t, *v, *s), p) for t, v, s, x in zip(grid.tolist(), values.tolist(), slopes.tolist(), states.tolist())])
+
+    def output_at(self, grid, values, slopes):
+        g, p, times = self.system.g, self.system.parameters, grid.tolist()
+        segments = [(t, *v, *s) for t, v, s in zip(times, values.tolist(), slopes.tolist())]
+        return lambda i, x: g(times[i], x.tolist(), segments[i], p)
 
     def _interval(self, t, end, x, seg):
         advance = self._solve_ivp if self.reference else self._dormand_prince
@@ -183,7 +194,7 @@ class Stepped:
         f, p, fr, step, scale = self.system.f, self.system.parameters, self.fr, self.step, self.scale
         k0 = f(t, x, seg, p, fr)
         h = min(self.size, end - t)
-        while True:
+        for _ in range(MOST_STEPS):
             new, k1, error = step(f, t, h, x, seg, p, fr, k0)
             worst = 0.0
             for i, v in enumerate(new):
@@ -194,7 +205,7 @@ class Stepped:
                 if ratio > worst:
                     worst = ratio
             worst /= self.tolerance
-            if worst != worst or worst > 1e30:
+            if not worst < 1e30:
                 raise ArithmeticError("the response runs away")
             if worst > 1.0:
                 h *= max(0.2, 0.9 * worst**-0.2)
@@ -209,6 +220,7 @@ class Stepped:
             if end - t <= TOO_SHORT:
                 return end, x, None
             h = min(self.size, end - t)
+        raise ArithmeticError("the response runs away or is too stiff")
 
     def _locate(self, t, h, x, seg, k0, new):
         """The first event inside the step, by bisection with the secant's help, or None."""

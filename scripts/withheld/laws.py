@@ -90,6 +90,8 @@ def superposition():
 
 def static_maps():
     """Through a plant that passes its input on, every sample is what the definition says."""
+    new_each_time = np.random.default_rng(4).uniform(-1.0, 1.0, (len(TIME), 1))
+    close(simulate(PASS, TIME, new_each_time), new_each_time, 0.0, "each sample sees its own command, the last one too")
     u = commands(1)
     v = u[:, 0]
 
@@ -157,7 +159,7 @@ def loop_equals_replay():
         def controller(k, measured):
             last = measured[-1] if k else np.zeros(2)
             return np.array([math.sin(0.3 * k) - 0.4 * last[0], 0.2 * math.cos(0.2 * k) - 0.1 * last[1]])
-        u, y = Simulator(TWO, TIME, chosen, [0.1, 0.0]).closed_loop(controller, noise)
+        u, y, _ = Simulator(TWO, TIME, chosen, [0.1, 0.0]).closed_loop(controller, noise)
         close(simulate(TWO, TIME, u, chosen, [0.1, 0.0], noise=noise), y, 1e-8, "replay")
 
 

@@ -1,14 +1,14 @@
-"""``python -m withheld.selfcheck``: the simulator's laws and agreement of its integrators; exit 1 on a failure."""
+"""``python -m withheld.selfcheck``: the simulator's laws and agreement of its integrators, and three drawn cases; exit 1 on a failure."""
 
 import sys
 import time
 
-from . import agreement, laws
+from . import agreement, generator_check, laws
 
 
 def main() -> int:
     failed = False
-    for check in [*laws.LAWS, *agreement.CHECKS]:
+    for check in [*laws.LAWS, *agreement.CHECKS, *generator_check.CHECKS]:
         began = time.perf_counter()
         try:
             check()

@@ -23,7 +23,7 @@ class Sensors:
             j = names.outputs.index(name)
             self.lower[j], self.upper[j] = limits.get("lower", -np.inf), limits.get("upper", np.inf)
         self.steps = [(names.outputs.index(n), p["step"]) for n, p in effects.get("sensor_quantisation", {}).items()]
-        self.limited = bool(effects.get("sensor_saturation"))
+        self.limits = bool(effects.get("sensor_saturation") or self.steps)
 
     def sampled_at(self, stamps: np.ndarray) -> np.ndarray:
         """[N, ny], s; never before 0."""
@@ -31,8 +31,11 @@ class Sensors:
 
     def measure(self, values: np.ndarray, stamps: np.ndarray, noise=0.0) -> np.ndarray:
         """Rows of outputs at their sampling times as logged with these stamps (s)."""
-        values = values * self.gain + self.bias + stamps[:, None] * self.drift + noise
-        if self.limited:
+        return self.limit(values * self.gain + self.bias + stamps[:, None] * self.drift + noise)
+
+    def limit(self, values: np.ndarray) -> np.ndarray:
+        """Saturation, then quantisation."""
+        if self.limits:
             values = np.clip(values, self.lower, self.upper)
         for j, step in self.steps:
             ratio = values[:, j] / step

@@ -117,18 +117,27 @@ class Simulator:
             due.setdefault(i, []).append(k)
         outputs, predicted = np.empty((len(grid), measured.shape[1])), np.empty_like(measured)
         n, columns = len(self.names.states), np.arange(measured.shape[1])
+        output_at, missing = self.engine.output_at(grid, values, slopes), ~np.isfinite(measured)
+        known, any_missing = np.where(missing, 0.0, measured), missing.any(axis=1).tolist()
+        simultaneous = (taken == known_at[:, None]).all(axis=1).tolist()
+        factor, added, limited = self.sensors.gain, self.sensors.bias + self.stamps[:, None] * self.sensors.drift, self.sensors.limits
 
         def correct(i: int, states: np.ndarray) -> None:
-            outputs[i] = self.engine.outputs(grid[i:i + 1], values[i:i + 1], slopes[i:i + 1], states[i:i + 1])[0]
+            outputs[i] = output_at(i, states[i])
             for k in due.get(i, ()):
-                predicted[k] = self.sensors.measure(outputs[taken[k], columns][None], self.stamps[k:k + 1])[0]
-                states[i, :n] += gain @ np.nan_to_num(measured[k] - predicted[k])
+                raw = outputs[i] if simultaneous[k] else outputs[taken[k], columns]
+                value = raw * factor + added[k]
+                predicted[k] = self.sensors.limit(value[None])[0] if limited else value
+                innovation = known[k] - predicted[k]
+                if any_missing[k]:
+                    innovation[missing[k]] = 0.0
+                states[i, :n] += gain.dot(innovation)
 
         self.engine.run(grid, values, slopes, self.x, correct)
         return predicted
 
-    def closed_loop(self, controller: Callable[[int, np.ndarray], np.ndarray], noise) -> tuple[np.ndarray, np.ndarray]:
-        """`controller(k, measured[:k])` commands u[k]; returns the commands [N, nu] and the measured outputs [N, ny]."""
+    def closed_loop(self, controller: Callable[[int, np.ndarray], np.ndarray], noise) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`controller(k, measured[:k])` commands u[k]; returns commands [N, nu], measured and noise-free outputs [N, ny]."""
         count, ny = self.sampled_at.shape
         if np.any(self.sampled_at > self.stamps[:, None] + self.slack):
             raise ValueError("sensors that look ahead cannot be in a loop")
@@ -154,7 +163,7 @@ class Simulator:
                 values_at[member] = outputs[index, member[1]]
             self.x = states[-1].copy()
             measured[k] = self.sensors.measure(values_at[k:k + 1].copy(), self.stamps[k:k + 1], noise[k])[0]
-        return commands, measured
+        return commands, measured, self.sensors.measure(values_at, self.stamps)
 
 
 def simulate(model, time, u, effects=(), x0=None, drops=None, rng=None, noise=0.0, **options) -> np.ndarray:

@@ -1,0 +1,136 @@
+"""Which other causes explain the noise-free training outputs as well as the true one."""
+
+import numpy as np
+
+from .catalogue import Scales, channels, of_size
+from .fit import Problem, fit, free_parameters
+from .system import CLOCK, DYNAMICS, INPUT, OUTPUT
+
+EFFECTS = sorted(INPUT | DYNAMICS | OUTPUT | CLOCK)
+ALIKE = 0.3  # rms misfit in units of the noise up to which a rival counts as an explanation
+SIZES = (0.03, 0.12, 0.4, 1.2)
+FREQUENCY_SHAPES = (0.05, 0.25, 0.45, 0.65, 0.85)
+KEPT = 14  # rivals fitted in full
+
+
+def rivals(model: dict) -> list[tuple[str, str]]:
+    """Every deterministic effect on every channel (lost commands leave no trajectory of their own to fit)."""
+    return [(e, c) for e in EFFECTS if e != "dropped_commands" for c in channels(model, e)]
+
+
+def starts(scales: Scales, effect: str, channel: str) -> list[dict]:
+    """Effects of several sizes, signs and shapes to start from."""
+    shapes = [(0.5, 0.5, 0.3)]
+    if effect in ("unmodelled_mode", "periodic_disturbance"):
+        shapes = [(f, p, 0.3) for f in FREQUENCY_SHAPES for p in ((0.5, 0.75) if effect == "periodic_disturbance" else (0.5,))]
+    sizes = (0.3,) if len(shapes) > 1 else SIZES
+    signs = (1.0, -1.0) if effect.startswith("clock") else (1.0,)
+    found, seen = [], set()
+    for shape in shapes:
+        for size in sizes:
+            for sign in signs:
+                item = of_size(scales, effect, channel, size, sign, shape)
+                key = tuple(item["parameters"].items())
+                if key not in seen:
+                    seen.add(key)
+                    found.append(item)
+    return found
+
+
+def parameter_scales(scales: Scales, effects: list[dict]) -> list[float]:
+    """A typical size of each free parameter."""
+    result = []
+    for i, name in free_parameters(effects):
+        item = effects[i]
+        typical = of_size(scales, item["effect"], item["channel"], 0.3, 1.0, (0.5, 0.5, 0.3))["parameters"][name]
+        if name == "frequency":
+            typical = 0.1 * item["parameters"][name]
+        elif name in ("gain", "ratio") and item["effect"] in ("input_gain", "sensor_gain", "clock_skew"):
+            typical -= 1.0
+        elif item["effect"] == "parameter_error":
+            typical = 0.2 * typical
+        elif name == "rate" and item["effect"] == "rate_limit":
+            typical = item["parameters"][name]
+        elif name == "phase":
+            typical = 0.5
+        elif name in ("lower", "upper"):
+            j = (scales.names.inputs if item["effect"] == "saturation" else scales.names.outputs).index(item["channel"])
+            typical = 0.3 * (scales.u if item["effect"] == "saturation" else scales.y)[j]
+        result.append(max(abs(typical), 0.05 * abs(item["parameters"][name])))
+    return result
+
+
+def _screened(problem: Problem, scales: Scales, items, others, gap: np.ndarray) -> list[tuple[float, float, list[dict]]]:
+    """(what a scaled signature leaves, best scale, start effects) of one rival, best first. Small sizes tell the direction for any amplitude."""
+    found = []
+    for item in items:
+        try:
+            moved = problem.reduced([item, *others])
+        except (ArithmeticError, ValueError):
+            continue
+        signature = gap - moved
+        power = signature @ signature
+        if power < 1e-12 * (gap @ gap):
+            continue
+        scale = float(signature @ gap / power)
+        remaining = min(problem.rms(gap - scale * signature), problem.rms(moved))
+        found.append((remaining, scale, [item, *others]))
+    return sorted(found, key=lambda entry: entry[0])
+
+
+def _scaled(entry, scales: Scales) -> list[list[dict]]:
+    """The start as it is, and with its linear parameters scaled to the gap."""
+    _, scale, effects = entry
+    item = effects[0]
+    linear = {"gain": 0.0, "offset": 0.0, "level": 0.0, "coefficient": 0.0, "amplitude": 0.0, "quadratic": 0.0, "delay": 0.0, "time_constant": 0.0, "ratio": 1.0, "rate": 0.0}
+    if item["effect"] in ("input_gain", "sensor_gain"):
+        linear["gain"] = 1.0
+    name = next((n for n in ("amplitude", "gain", "offset", "level", "coefficient", "quadratic", "delay", "time_constant", "ratio", "rate") if n in item["parameters"]), None)
+    if name is None or item["effect"] == "rate_limit" or (scale < 0 and name in ("delay", "time_constant", "level")):
+        return [effects]
+    value = linear[name] + np.clip(scale, -20, 20) * (item["parameters"][name] - linear[name])
+    return [[{**item, "parameters": {**item["parameters"], name: float(value)}}, *effects[1:]], effects]
+
+
+def explanations(short: Problem, full: Problem, scales: Scales, others: list[dict], exclude: set[str], limit: float = ALIKE):
+    """Rivals that with `others` leave at most `limit` (rms, units of the noise) of the noise-free outputs; the least misfit of any, and that fit."""
+    short.linearise(others)
+    gap = short.reduced(others)
+    size = short.rms(gap)
+    screened = []
+    for effect, channel in rivals(full.model):
+        if f"{effect}:{channel}" in exclude:
+            continue
+        entries = _screened(short, scales, starts(scales, effect, channel), others, gap)
+        if entries and entries[0][0] <= max(0.3 * size, 0.6):
+            screened.append((entries[0][0], effect, channel, entries))
+    members, least, best = set(), size, others
+    for _, effect, channel, entries in sorted(screened, key=lambda s: s[0])[:KEPT]:
+        for start in (_scaled(entries[0], scales) + ([entries[1][2]] if len(entries) > 1 else []))[:3]:
+            full.linearise(start)
+            fitted, misfit = fit(full, start, parameter_scales(scales, start), limit, 0.2 * size + 1.0)
+            if misfit < least:
+                least, best = misfit, fitted
+            if misfit <= 1.3 * limit:
+                full.linearise(fitted)
+                misfit = fit(full, fitted, parameter_scales(scales, fitted), limit, turns=4)[1]
+            if misfit <= limit:
+                members.add(f"{effect}:{channel}")
+                break
+    return members, least, best
+
+
+def alias_class(short: Problem, full: Problem, scales: Scales, truth: list[dict]) -> list[str]:
+    """`effect:channel` of the true effects and of all that can stand in for one of them, the others refitted beside it.
+
+    short: part of the data, to screen; full: all training data; both with noise-free outputs. Where the machine's parameters differ from the
+    model's, the true effects leave something too: a rival may leave that and 0.3 of the noise beside it (as mean squares).
+    """
+    full.linearise(truth)
+    own = fit(full, truth, parameter_scales(scales, truth))[1]
+    limit = float(np.hypot(ALIKE, own))
+    members = {f"{t['effect']}:{t['channel']}" for t in truth}
+    for index in range(len(truth)):
+        others = [t for k, t in enumerate(truth) if k != index]
+        members |= explanations(short, full, scales, others, set(members), limit)[0]
+    return sorted(members)

@@ -1,0 +1,293 @@
+"""One blind case: draw a truth, tune its size, make the logs, check that they are adequate, work out the label.
+
+Adequate, decided before any diagnosis: the gap of the nominal model (starts fitted) is at least 10 dB above the noise over the training logs
+(5 dB with --weak), at least 4 dB in each of them and 5 dB in the held-out log; commands have at least five distinct levels and no combination of eight
+successive commands vanishes (smallest eigenvalue of their covariance above 1e-6 of the largest). Alone among these, `none` needs no gap.
+A fault outside the catalogue must also leave more than 1.5 of the noise under the best single effect and under the best second one beside it.
+
+In predictor mode gap and noise are those of the one-step predictions: the gap is the prediction error on noise-free outputs, the noise what the
+measured outputs add to it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .aliases import EFFECTS, alias_class, explanations, parameter_scales
+from .catalogue import nominal_value, of_size, real_channels
+from .experiment import Experiment, Inadequate
+from .fit import Problem, Record, fit
+from .outside import Outside
+from .plants import PLANTS
+
+STRONG, WEAK = (12.0, 30.0), (5.5, 10.0)  # strengths drawn, dB
+HIDDEN_DB = 6.0  # wrong nominal parameters stay at least this far below the noise
+
+
+@dataclass
+class Wanted:
+    group: str  # single, none, unknown, pair
+    effect: str | None  # a single's effect, an unknown's kind
+    weak: bool
+
+
+class Case:
+    def __init__(self, rng, wanted: Wanted):
+        self.rng, self.wanted = rng, wanted
+        self.experiment = ex = Experiment(rng, self._plant())
+        self.effects: list[dict] = []
+        self.hidden: list[dict] = []  # the model file's own parameter errors, below the noise
+        self.outside: Outside | None = None
+        self.noise_size = np.ones(len(ex.names.outputs))
+        self.logs = [ex.log(ex.model, [], i) for i in range(3)]
+        self._noise_level()
+        if rng.random() < 1 / 3:
+            self._disturb_parameters()
+        getattr(self, f"_draw_{wanted.group}")()
+
+    def _plant(self) -> str:
+        names = list(PLANTS)
+        if self.wanted.effect and self.wanted.group == "single":
+            names = [n for n in names if real_channels(PLANTS[n].model, self.wanted.effect, PLANTS[n])]
+        return str(self.rng.choice(names))
+
+    # --- residuals -------------------------------------------------------------------------------------------------
+
+    def records(self, indices, measured: bool, effects=()) -> list[Record]:
+        ex, found = self.experiment, []
+        for i in indices:
+            u, y, clean = self.logs[i]
+            values = np.where(ex.runs[i].missing, np.nan, y if measured else clean)
+            found.append(Record(ex.runs[i].time, u, values, ex.gain(ex.runs[i]), ex.drops(i, list(effects))))
+        return found
+
+    def problem(self, indices, measured: bool, samples: int | None = None) -> Problem:
+        """Residuals in units of the noise, under the prior that the model file states (the states' own motion if it states none)."""
+        ex = self.experiment
+        prior = ex.start_std if ex.gives_std else ex.scales.x
+        records = self.records(indices, measured, self.effects)
+        for record in records if samples else []:
+            record.time, record.u, record.y = record.time[:samples], record.u[:samples], record.y[:samples]
+            record.drops = None if record.drops is None else record.drops[:samples]
+        return Problem(ex.model, records, ex.sigma * self.noise_size, prior, ex.names.initial)
+
+    def _noise_level(self) -> None:
+        """The noise per output in the prediction mode of this case, in units of the sensors' noise."""
+        if self.experiment.predictor:
+            clean, measured = self.problem((0, 1), False), self.problem((0, 1), True)
+            parts = [
+                m_run - c_run for m_run, c_run in (
+                    (measured.raw(m, [], measured.initial), clean.raw(c, [], clean.initial)) for m, c in zip(measured.records, clean.records))
+            ]
+            self.noise_size = self.noise_size * np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0))
+
+    def gap_db(self, indices=(0, 1)) -> float:
+        problem = self.problem(indices, False)
+        problem.linearise([])
+        return 20 * np.log10(max(problem.rms(problem.reduced([])), 1e-9))
+
+    # --- truths ----------------------------------------------------------------------------------------------------
+
+    def remake(self, indices=(0, 1, 2)) -> None:
+        truth = self.outside.model() if self.outside else self.experiment.model
+        for i in indices:
+            self.logs[i] = self.experiment.log(truth, self.effects, i, self.outside)
+
+    def _disturb_parameters(self) -> None:
+        """The machine differs from the model file by a few per cent, less where the noise would not hide it."""
+        ex, rng = self.experiment, self.rng
+        channels = [c for c in real_channels(ex.model, "parameter_error", ex.plant)]
+        share = {c: rng.uniform(0.01, 0.05) * rng.choice([-1, 1]) for c in channels}
+        for _ in range(6):
+            self.effects = [
+                {"effect": "parameter_error", "channel": c, "parameters": {"value": float(nominal_value(ex.model, c) * (1 + d))}} for c, d in share.items()
+            ]
+            self.remake()
+            excess = self.gap_db((0, 1, 2)) + HIDDEN_DB + 0.7
+            if excess <= 0:
+                self.hidden = self.effects
+                return
+            share = {c: d * 10 ** (-(excess + 0.3) / 20) for c, d in share.items()}
+        raise Inadequate("wrong parameters show")
+
+    def _with_hidden(self, effects: list[dict]) -> list[dict]:
+        named = {(e["effect"], e["channel"]) for e in effects}
+        return effects + [e for e in self.hidden if (e["effect"], e["channel"]) not in named]
+
+    def _tuned(self, make) -> None:
+        """Sizes the truth for a drawn strength: `make(size)` sets it."""
+        low, high = WEAK if self.wanted.weak else STRONG
+        target, size, largest = self.rng.uniform(low, high), 0.15, 4.0
+        tried: list[tuple[float, float, float]] = []
+        for _ in range(8):
+            make(size)
+            try:
+                self.remake((0,))
+                got = self.gap_db((0,))
+            except (Inadequate, ArithmeticError, ValueError):
+                largest, size = 0.8 * size, 0.4 * size
+                continue
+            tried.append((abs(got - target), got, size))
+            new = float(np.clip(size * 10 ** (np.clip(target - got, -25, 25) / 20), 1e-3, largest))
+            if abs(got - target) < 1.5 or abs(new - size) < 0.02 * size:
+                break
+            size = new
+        if not tried:
+            raise Inadequate("the loop is lost")
+        _, got, size = min(tried)
+        if got < target - 1.5:
+            self.hidden = []  # less noise would not hide it
+            make(size)
+            self._quieten(target - got)
+        make(size)
+        self.remake()
+
+    def _quieten(self, decibel: float) -> None:
+        """Where even a large effect hardly shows the sensors are better, up to 40 dB of signal over noise."""
+        ex = self.experiment
+        snr = 20 * np.log10(np.min(ex.scales.y / ex.sigma))
+        ex.sigma = ex.sigma * 10 ** (-np.clip(decibel, 0.0, max(40.0 - snr, 0.0)) / 20)
+        self.noise_size = np.ones(len(ex.sigma))
+        self.remake()
+        self._noise_level()
+
+    def _shape(self) -> tuple:
+        return tuple(self.rng.random(3))
+
+    def _sign(self, effect: str) -> float:
+        """Sensors that look ahead cannot be in a loop, so a loop's clock errors are positive."""
+        return 1.0 if self.experiment.closed and effect.startswith("clock") else float(self.rng.choice([-1.0, 1.0]))
+
+    def _draw_one(self, effect: str):
+        ex = self.experiment
+        choices = real_channels(ex.model, effect, ex.plant)
+        if not choices:
+            raise Inadequate(f"{effect} has no place")
+        channel, sign, shape = str(self.rng.choice(choices)), self._sign(effect), self._shape()
+        return lambda size: of_size(ex.scales, effect, channel, size, sign, shape)
+
+    def _draw_single(self) -> None:
+        one = self._draw_one(self.wanted.effect)
+
+        def make(size):
+            self.effects = self._with_hidden([one(size)])
+
+        self._tuned(make)
+        self.effects = self.effects[:1]
+
+    def _draw_pair(self) -> None:
+        ex = self.experiment
+        possible = [e for e in EFFECTS if real_channels(ex.model, e, ex.plant)]
+        first, second = (str(e) for e in self.rng.choice(possible, 2, replace=False))
+        drawn, sized = [], []
+        for effect in (first, second):
+            one = self._draw_one(effect)
+
+            def make(size, one=one):
+                self.effects = self._with_hidden([one(size)])
+
+            self._tuned(make)
+            drawn.append(self.effects[0])
+        for item in drawn:
+            self.effects = self._with_hidden([item])
+            self.remake((0,))
+            sized.append((self.gap_db((0,)), item))
+        weaker, stronger = sorted(sized, key=lambda pair: pair[0])
+        if weaker[0] < 8.0:
+            raise Inadequate("one of the pair does not show")
+        self.effects = self._with_hidden([stronger[1], weaker[1]])
+        self.remake()
+        self.effects = self.effects[:2]
+
+    def _draw_none(self) -> None:
+        self.effects = self.hidden
+        self.remake()
+        self.effects = []
+
+    def _draw_unknown(self) -> None:
+        ex = self.experiment
+        self.effects = []
+        self.outside = Outside(self.rng, self.wanted.effect, ex.model, ex.scales, ex.plant)
+
+        def make(size):
+            self.outside.size = size
+
+        self._tuned(make)
+
+    # --- checks and label --------------------------------------------------------------------------------------------
+
+    def check(self) -> None:
+        for run, (u, _, _) in zip(self.experiment.runs, self.logs):
+            for column in u.T:
+                stacked = np.lib.stride_tricks.sliding_window_view(column - column.mean(), 8)
+                power = np.linalg.eigvalsh(stacked.T @ stacked)
+                if power[0] < 1e-6 * power[-1] or len(np.unique(np.round(column, 9))) < 5:
+                    raise Inadequate("poor excitation")
+        if self.wanted.group == "none":
+            return
+        if self.gap_db() < (5.0 if self.wanted.weak else 10.0):
+            raise Inadequate("the effect hardly shows")
+        if min(self.gap_db((0,)), self.gap_db((1,))) < 4.0 or self.gap_db((2,)) < 5.0:
+            raise Inadequate("the effect is missing from a log")
+
+    def _aliases(self) -> list[str]:
+        if self.wanted.group == "none":
+            return []
+        full, short = self.problem((0, 1), False), self.problem((0,), False, 900)
+        if self.wanted.group != "unknown":
+            return alias_class(short, full, self.experiment.scales, self.effects)
+        best: list[dict] = []
+        for _ in range(2):
+            _, least, best = explanations(short, full, self.experiment.scales, best[-1:], {f"{b['effect']}:{b['channel']}" for b in best})
+            if least < 1.5:
+                raise Inadequate("a known effect explains the unknown one")
+        return []
+
+    def nrmse(self, index: int, effects: list[dict], start_prior: Problem) -> float:
+        """Of one measured log, the start fitted under its prior."""
+        record = start_prior.records[index]
+        residual = start_prior.raw(record, effects, start_prior.best_start(record, effects)) * start_prior.sigma
+        present = np.isfinite(record.y)
+        shares = [np.mean(residual[p, j] ** 2) / np.var(record.y[p, j]) for j, p in enumerate(present.T)]
+        return float(np.sqrt(np.mean(shares)))
+
+    def label(self) -> dict:
+        self.check()
+        aliases = self._aliases()
+        holdout, training = self.problem((2,), True), self.problem((0, 1), True)
+        before = after = self.nrmse(0, [], holdout)
+        if self.effects:
+            training.linearise(self.effects)
+            fitted, _ = fit(training, self.effects, parameter_scales(self.experiment.scales, self.effects))
+            after = self.nrmse(0, fitted, holdout)
+        elif self.wanted.group == "unknown":
+            clean = self.problem((2,), False)
+            floor = (holdout.raw(holdout.records[0], [], holdout.initial) - clean.raw(clean.records[0], [], clean.initial)) * clean.sigma
+            after = float(np.sqrt(np.mean(np.mean(floor**2, axis=0) / np.nanvar(holdout.records[0].y, axis=0))))
+        verdict = self.effects[0]["effect"] if self.effects else self.wanted.group
+        return {
+            "group": self.wanted.group, "verdict": verdict, "effects": self.effects, "alias_class": aliases, **self._where(),
+            "before": before, "oracle_after": after,
+        }
+
+    def _where(self) -> dict:
+        """Outputs, span (of train_1, s) and band (10 % to 90 % of the energy, Hz) of the noise-free gap, and its strength."""
+        nothing = {"outputs": [], "from_s": None, "to_s": None, "from_hz": None, "to_hz": None, "strength_db": None}
+        if self.wanted.group == "none":
+            return nothing
+        ex, problem = self.experiment, self.problem((0, 1), False)
+        record = problem.records[0]
+        gap = problem.raw(record, [], problem.best_start(record, []))
+        sizes = np.sqrt(np.mean(gap**2, axis=0))
+        shown = [name for name, size in zip(ex.names.outputs, sizes) if size > 1.0] or [ex.names.outputs[int(np.argmax(sizes))]]
+        energy = np.cumsum(np.sum(gap**2, axis=1))
+        ends = record.time[np.searchsorted(energy, np.array([0.01, 0.99]) * energy[-1])]
+        if self.outside is not None and self.outside.span is not None:
+            self.outside.start(record.time, ex.runs[0].seed)
+            ends = np.array(self.outside.span)
+        elif ends[1] - ends[0] > 0.85 * record.time[-1]:
+            ends = record.time[[0, -1]]
+        power = np.cumsum(np.sum(np.abs(np.fft.rfft(gap, axis=0)) ** 2, axis=1))
+        frequencies = np.fft.rfftfreq(len(gap), ex.runs[0].step)
+        band = frequencies[np.searchsorted(power, np.array([0.1, 0.9]) * power[-1])]
+        return {"outputs": shown, "from_s": float(ends[0]), "to_s": float(ends[1]), "from_hz": float(band[0]), "to_hz": float(band[1]), "strength_db": float(self.gap_db())}

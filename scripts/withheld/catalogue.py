@@ -1,0 +1,155 @@
+"""Every effect on every channel of a model, with parameters of a wanted size."""
+
+import math
+
+import numpy as np
+
+from .system import Names
+
+BOUNDS = {
+    "delay": (0.0, math.inf), "width": (0.0, math.inf), "time_constant": (1e-6, math.inf), "damping": (0.003, 1.5), "level+": (0.0, math.inf),
+    "rate+": (1e-12, math.inf), "step": (1e-12, math.inf), "frequency": (1e-6, math.inf), "ratio": (0.5, 2.0),
+}
+
+
+class Scales:
+    """What a run of the nominal model looks like: sizes by which effects are measured."""
+
+    def __init__(self, model, plant, u, y, x, time):
+        self.names, self.model, self.plant = Names(model), model, plant
+        self.middle_u, self.u = u.mean(axis=0), u.std(axis=0)
+        self.peak_u = np.abs(u - self.middle_u).max(axis=0)
+        self.middle_y, self.y = y.mean(axis=0), y.std(axis=0)
+        self.peak_y = np.abs(y - self.middle_y).max(axis=0)
+        self.x, self.x_size = x.std(axis=0), np.sqrt((x**2).mean(axis=0))
+        self.rate = np.sqrt((np.diff(x, axis=0) ** 2).mean(axis=0)) / (time[1] - time[0])
+        self.step, self.span, self.settling = time[1] - time[0], time[-1], plant.settling
+        self.absolute_u, self.raw_peak_u = np.abs(u).mean(axis=0), np.abs(u).max(axis=0)
+
+
+def channels(model: dict, effect: str) -> list[str]:
+    """All channels on which the effect can act."""
+    names = Names(model)
+    i, s, o = names.inputs, names.states, names.outputs
+    if effect in ("output_delay", "sensor_lag", "sensor_gain"):
+        return ["*"] + (o if len(o) > 1 else [])
+    if effect.startswith("sensor_"):
+        return o
+    if effect.startswith("clock"):
+        return ["*"]
+    if effect == "misalignment":
+        return [f"{a}->{b}" for a in o for b in o if a != b]
+    if effect == "unmodelled_mode":
+        return [f"{u}->input:{u}" for u in i] + [f"{u}->state:{x}" for u in i for x in s] + [f"{u}->output:{y}" for u in i for y in o]
+    if effect == "parameter_error":
+        if not names.lti:
+            return list(model["parameters"])
+        return [f"{m}[{row},{col}]" for m, cols in (("A", s), ("B", i)) for r, row in enumerate(s) for c, col in enumerate(cols) if model[m][r][c]]
+    if effect == "cross_coupling":
+        if not names.lti:
+            return [f"{a}->{b}" for a in s + i for b in s if a != b and a not in _words(model["derivatives"][b])]
+        return [f"{col}->{row}" for m, cols in (("A", s), ("B", i)) for r, row in enumerate(s) for c, col in enumerate(cols) if not model[m][r][c] and row != col]
+    if effect == "cubic_stiffness":
+        return [f"{a}->{b}" for a in s for b in s]
+    if effect in ("coulomb_friction", "quadratic_drag", "constant_disturbance", "periodic_disturbance"):
+        return s
+    return i
+
+
+def _words(text: str) -> set[str]:
+    return set("".join(c if c.isalnum() or c == "_" else " " for c in text).split())
+
+
+def real_channels(model: dict, effect: str, plant) -> list[str]:
+    """Those on which it acts in a real machine: forces only where a mass is, friction only on velocities."""
+    found = channels(model, effect)
+    if effect in ("coulomb_friction", "quadratic_drag"):
+        return [c for c in found if c in plant.velocities]
+    if effect in ("constant_disturbance", "periodic_disturbance"):
+        return [c for c in found if c in plant.forces]
+    if effect in ("cross_coupling", "cubic_stiffness", "unmodelled_mode"):
+        state = [c for c in found if c.split("->")[1].removeprefix("state:") in plant.forces or ":" in c and "state:" not in c]
+        if effect == "cubic_stiffness":
+            state = [c for c in state if c.split("->")[0] not in plant.forces] or state
+        return state
+    if effect == "deadband" and plant.trim:
+        return [c for c, trim, level in zip(found, plant.trim, plant.levels) if abs(trim) < level]
+    if effect == "parameter_error" and Names(model).lti:
+        return [c for c in found if c[2:].split(",")[0] in plant.forces]
+    return found
+
+
+def nominal_value(model: dict, channel: str) -> float:
+    names = Names(model)
+    if not names.lti:
+        return float(model["parameters"][channel]["value"])
+    row, column = channel[2:-1].split(",")
+    return float(model[channel[0]][names.states.index(row)][(names.states if channel[0] == "A" else names.inputs).index(column)])
+
+
+def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float, shape: tuple[float, float, float]) -> dict:
+    """The effect with parameters of a relative size (0.01 hardly there, 1 large); sign +-1; shape: three numbers in 0..1."""
+    s, n = scales, scales.names
+    a, b, c = shape
+
+    def made(**parameters):
+        plain = {name: None if value is None else float(value) for name, value in parameters.items()}
+        return {"effect": effect, "channel": channel, "parameters": plain}
+
+    if channel in n.inputs:
+        i = n.inputs.index(channel)
+        u, middle, peak = s.u[i], s.middle_u[i], s.peak_u[i]
+        reach = peak * (1.0 - 0.97 * size / (0.4 + size))
+        simple = {
+            "input_delay": {"delay": size * s.settling}, "input_gain": {"gain": 1 + 0.5 * sign * min(size, 1.8)},
+            "input_curve": {"quadratic": 0.4 * sign * size * u / (s.absolute_u[i] * s.raw_peak_u[i])}, "gain_fade": {"rate": 0.6 * min(size, 1.5) / s.span},
+            "input_offset": {"offset": 0.5 * sign * size * u}, "deadband": {"width": 0.6 * size * u}, "backlash": {"width": 0.5 * size * u},
+            "saturation": {"lower": middle - reach if b < 0.75 else None, "upper": middle + reach * (0.8 + 0.2 * a) if b > 0.25 else None},
+            "rate_limit": {"rate": u / (size * s.settling)}, "actuator_lag": {"time_constant": size * s.settling},
+            "dropped_commands": {"probability": min(0.05 + 0.4 * size, 0.6)},
+        }
+        if effect in simple:
+            return made(**simple[effect])
+    frequency = min(10 ** (a * 1.3 - 0.6) / (2 * math.pi * s.settling), 0.3 / s.step)
+    frequency = max(frequency, 4.0 / s.span)
+    if effect == "parameter_error":
+        return made(value=nominal_value(s.model, channel) * (1 + 0.5 * sign * min(size, 1.8)))
+    if effect in ("cross_coupling", "cubic_stiffness"):
+        source, target = channel.split("->")
+        j = n.states.index(target)
+        origin = s.x_size[n.states.index(source)] if source in n.states else s.u[n.inputs.index(source)]
+        if effect == "cross_coupling":
+            return made(gain=0.3 * sign * size * s.rate[j] / max(origin, 1e-12))
+        return made(coefficient=0.3 * sign * size * s.rate[j] / max(origin, 1e-12) ** 3)
+    if effect == "unmodelled_mode":
+        source, target = channel.split("->")
+        kind, name = target.split(":")
+        u = s.u[n.inputs.index(source)]
+        gain = {"input": lambda: 0.4, "state": lambda: 0.3 * s.rate[n.states.index(name)] / u, "output": lambda: 0.3 * s.y[n.outputs.index(name)] / u}[kind]()
+        return made(frequency=frequency, damping=0.02 + 0.2 * c**2, gain=sign * size * gain)
+    if effect in ("coulomb_friction", "quadratic_drag", "constant_disturbance", "periodic_disturbance"):
+        j = n.states.index(channel)
+        force = 0.3 * size * s.rate[j]
+        return made(**{
+            "coulomb_friction": {"level": force}, "quadratic_drag": {"coefficient": force / max(s.x_size[j], 1e-12) ** 2},
+            "constant_disturbance": {"level": 0.6 * sign * force}, "periodic_disturbance": {"frequency": frequency, "amplitude": force, "phase": 2 * math.pi * (b - 0.5)},
+        }[effect])
+    if effect.startswith("clock"):
+        return made(ratio=1 + sign * 2 * size * s.settling / s.span) if effect == "clock_skew" else made(offset=sign * size * s.settling)
+    if effect == "misalignment":
+        source, target = (n.outputs.index(part) for part in channel.split("->"))
+        return made(gain=0.3 * sign * size * s.y[target] / s.y[source])
+    j = n.outputs.index(channel) if channel != "*" else 0
+    y, reach = s.y[j], s.peak_y[j] * (1.0 - 0.97 * size / (0.4 + size))
+    return made(**{
+        "output_delay": {"delay": size * s.settling}, "sensor_lag": {"time_constant": size * s.settling}, "sensor_gain": {"gain": 1 + 0.5 * sign * min(size, 1.8)},
+        "sensor_bias": {"offset": 0.3 * sign * size * y}, "sensor_drift": {"rate": 0.6 * sign * size * y / s.span},
+        "sensor_saturation": {"lower": s.middle_y[j] - reach if b < 0.75 else None, "upper": s.middle_y[j] + reach * (0.8 + 0.2 * a) if b > 0.25 else None},
+        "sensor_quantisation": {"step": min(0.6 * size, 1.2) * y},
+    }[effect])
+
+
+def bounds(effect: str, parameter: str) -> tuple[float, float]:
+    if effect in ("rate_limit",) or (effect == "coulomb_friction" and parameter == "level"):
+        parameter += "+"
+    return BOUNDS.get(parameter, (-math.inf, math.inf))
