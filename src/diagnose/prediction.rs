@@ -4,10 +4,13 @@ use nalgebra::{DMatrix, DVector};
 
 use super::data::Record;
 use super::diagnosis::Mode;
+use crate::model::c2d::transition;
 use crate::model::{StateSpace, dare};
-use crate::simulate::{Dynamics, Matrices, System};
+use crate::simulate::{Dynamics, Hold, Matrices, System};
 use crate::time::SampleTime;
 
+/// Process noise of the predictor: commands that are uncertain by this part of their rms. Hardly any, so that slow effects are not swallowed.
+const UNCERTAIN: f64 = 0.01;
 /// How many time constants of the slowest observer pole fit into a log: slower and unstable poles are mirrored about that circle.
 const FORGETS: f64 = 10.0;
 
@@ -22,15 +25,15 @@ pub(super) struct Prediction {
     pub(super) settling_s: f64,
 }
 
-/// The model about its start and the mean input: sampled every `ts`.
-fn sampled(system: &System, record: &Record, ts: SampleTime) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
+/// The model about its start and the mean input, sampled every `ts`: Φ, Γ and C.
+fn sampled(system: &System, record: &Record, ts: SampleTime) -> Option<[DMatrix<f64>; 3]> {
     let continuous = |matrices: &Matrices| {
         let sys = StateSpace::continuous(matrices.a.clone(), matrices.b.clone(), matrices.c.clone(), matrices.d.clone()).ok()?;
-        let phi = crate::model::exp(&(sys.a() * ts.seconds()));
-        phi.iter().all(|v| v.is_finite()).then(|| (phi, matrices.c.clone()))
+        let (phi, gamma, _) = transition(sys.a(), sys.b(), ts.seconds(), Hold::Zero);
+        phi.iter().chain(gamma.iter()).all(|v| v.is_finite()).then(|| [phi, gamma, matrices.c.clone()])
     };
     match &system.dynamics {
-        Dynamics::Sampled(matrices, _) => Some((matrices.a.clone(), matrices.c.clone())),
+        Dynamics::Sampled(matrices, _) => Some([matrices.a.clone(), matrices.b.clone(), matrices.c.clone()]),
         Dynamics::Linear(matrices) => continuous(matrices),
         Dynamics::Equations(equations, parameters) => {
             #[allow(clippy::cast_precision_loss)]
@@ -50,7 +53,7 @@ impl Prediction {
         let mut reason = None;
         for record in records {
             let Ok(ts) = SampleTime::new(record.sample_time_s) else { continue };
-            let Some((phi, _)) = sampled(system, record, ts) else { continue };
+            let Some([phi, ..]) = sampled(system, record, ts) else { continue };
             #[allow(clippy::cast_precision_loss)]
             let limit = 1.0 - 1.0 / record.time_s.len() as f64;
             for z in phi.complex_eigenvalues().iter().map(|z| z.norm()) {
@@ -77,20 +80,23 @@ impl Prediction {
     }
 }
 
-/// The filter gain K of x ← x + K(y − ŷ) with no process noise and a prescribed degree of stability (Anderson and Moore 1969, "Linear system optimization
+/// The filter gain K of x ← x + K(y − ŷ) with hardly any process noise and a prescribed degree of stability (Anderson and Moore 1969, "Linear system optimization
 /// with prescribed degree of stability", Proc. IEE 116(12), 2083-2087, doi:10.1049/piee.1969.0379): poles outside the circle of radius 1/α are mirrored
 /// about it, all others stay.
 fn gain(system: &System, record: &Record) -> DMatrix<f64> {
     let (n, p) = (system.states.len(), system.outputs.len());
     let none = DMatrix::zeros(n, p);
-    let Some((phi, c)) = SampleTime::new(record.sample_time_s).ok().and_then(|ts| sampled(system, record, ts)) else { return none };
+    let Some([phi, gamma, c]) = SampleTime::new(record.sample_time_s).ok().and_then(|ts| sampled(system, record, ts)) else { return none };
     #[allow(clippy::cast_precision_loss)]
     let alpha = 1.0 / (1.0 - (FORGETS / record.time_s.len() as f64).min(0.5));
     let a = phi * alpha;
     let r = DMatrix::from_diagonal(&DVector::from_fn(p, |i, _| roughness(record, i)));
-    let covariance = match dare(&a.transpose(), &c.transpose(), &DMatrix::zeros(n, n), &r, None) {
+    let moved = DVector::from_fn(gamma.ncols(), |j, _| (UNCERTAIN * deviation(&record.inputs[j])).powi(2));
+    let q = &gamma * DMatrix::from_diagonal(&moved) * gamma.transpose();
+    let q = (&q + q.transpose()) * 0.5;
+    let covariance = match dare(&a.transpose(), &c.transpose(), &q, &r, None) {
         Ok(x) => Some(x),
-        Err(_) => iterate(&a, &c, &r, record.time_s.len()),
+        Err(_) => iterate(&a, &c, &q, &r, record.time_s.len()),
     };
     let Some(x) = covariance else { return none };
     let innovation = &c * &x * c.transpose() + r;
@@ -98,19 +104,27 @@ fn gain(system: &System, record: &Record) -> DMatrix<f64> {
 }
 
 /// The Riccati recursion from a wide start, for models with modes that no output sees.
-fn iterate(a: &DMatrix<f64>, c: &DMatrix<f64>, r: &DMatrix<f64>, steps: usize) -> Option<DMatrix<f64>> {
+fn iterate(a: &DMatrix<f64>, c: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>, steps: usize) -> Option<DMatrix<f64>> {
     let mut x = DMatrix::identity(a.nrows(), a.nrows()) * r.trace();
     for _ in 0..steps.clamp(200, 5000) {
         let innovation = (c * &x * c.transpose() + r).cholesky()?;
         let k = innovation.solve(&(c * &x)).transpose();
         let filtered = &x - &k * c * &x;
-        x = a * filtered * a.transpose();
+        x = a * filtered * a.transpose() + q;
         x = (&x + x.transpose()) * 0.5;
         if x.iter().any(|v| !v.is_finite()) {
             return None;
         }
     }
     Some(x)
+}
+
+/// Standard deviation of a command.
+#[allow(clippy::cast_precision_loss)]
+fn deviation(values: &[f64]) -> f64 {
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt()
 }
 
 /// The variance of an output's white noise, from its second differences; not less than a millionth of its variance.

@@ -1,6 +1,7 @@
 //! From fitted candidates to a verdict: probabilities, `none` and `unknown`, classes that the data cannot tell apart.
 
 use nalgebra::DMatrix;
+use rayon::prelude::*;
 
 use super::data::Record;
 use super::diagnosis::{Cause, FoundEffect, Parameter, RankedSingle, RankingRow};
@@ -92,7 +93,7 @@ pub(super) fn cause(
     problem: &Problem<'_>,
     judged: &Judged<'_>,
     candidates: &[Candidate],
-    after: impl Fn(&Candidate) -> Option<f64>,
+    after: impl Fn(&Candidate) -> Option<f64> + Sync,
 ) -> Cause {
     let weight = problem.weight();
     // Probabilities: exp(odds/2), no effect at odds 0, all scaled to leave room for `unknown`.
@@ -107,7 +108,7 @@ pub(super) fn cause(
         after,
     };
     let mut rows: Vec<RankedSingle> = candidates
-        .iter()
+        .par_iter()
         .map(|c| row(c.applied.effect.name(), Some(c.applied.channel.clone()), rest * share(odds(c, weight)) / sum, after(c)))
         .collect();
     rows.push(row("none", None, rest * share(0.0) / sum, None));

@@ -13,6 +13,10 @@ use crate::simulate::System;
 const FITTED: usize = 25;
 /// Candidates that are fitted again once the noise is known.
 const LEADERS: usize = 12;
+/// Where a signature is taken, as a share of the way from nominal to a start.
+const NEAR: f64 = 0.02;
+/// How often the way along a signature is halved before it is given up.
+const HALVINGS: i32 = 5;
 /// Starts of one candidate that are fitted.
 const STARTS: usize = 2;
 
@@ -68,20 +72,32 @@ pub(super) fn screen(problem: &Problem<'_>, catalogue: Vec<Applied>, scales: &Sc
         .into_par_iter()
         .map(|applied| {
             let mut tried: Vec<(f64, Vec<f64>)> = Vec::new();
-            for start in applied.effect.starts(problem.system, &applied.channel, scales) {
-                let Some(there) = problem.whitened(&[with(&applied, &start)]) else { continue };
-                let here = cost - problem.inner(&there, &there);
-                tried.push((here, start.clone()));
-                // The signature, scaled as it fits best: for what is linear in its last free step from nominal.
-                let signature: Whitened = nominal.iter().zip(&there).map(|(n, t)| n - t).collect();
-                let size = problem.inner(&signature, &signature);
-                let share = problem.inner(&signature, nominal) / size;
-                if size > 0.0 && share.is_finite() && applied.parameters.iter().all(|p| p.nominal.is_finite()) {
-                    let values = between(&applied, &start, share.clamp(-20.0, 20.0));
-                    // Frequencies and dampings do not scale with the signature.
-                    let values = keep_shape(&applied, &start, values);
-                    if let Some(there) = problem.whitened(&[with(&applied, &values)]) {
-                        tried.push((cost - problem.inner(&there, &there), values));
+            let starts = applied.effect.starts(problem.system, &applied.channel, scales);
+            let evaluate = |values: &[f64]| problem.whitened(&[with(&applied, values)]);
+            for (at, start) in starts.iter().enumerate() {
+                if let Some(there) = evaluate(start) {
+                    tried.push((cost - problem.inner(&there, &there), start.clone()));
+                }
+                // The mirror image of a start that was tried has the same signature.
+                let mirrored = between(&applied, start, -1.0);
+                if applied.parameters.iter().any(|p| p.nominal.is_infinite()) || starts[..at].contains(&mirrored) {
+                    continue;
+                }
+                // The signature close to nominal, scaled as it fits best.
+                let Some(near) = evaluate(&keep_shape(&applied, start, between(&applied, start, NEAR))) else { continue };
+                let signature: Whitened = nominal.iter().zip(&near).map(|(n, t)| n - t).collect();
+                let share = NEAR * problem.inner(&signature, nominal) / problem.inner(&signature, &signature);
+                if !share.is_finite() {
+                    continue;
+                }
+                // Shorter where the whole way makes things worse or cannot be simulated.
+                for halved in 0..HALVINGS {
+                    let share = share.clamp(-20.0, 20.0) * 0.5_f64.powi(halved);
+                    let values = keep_shape(&applied, start, between(&applied, start, share));
+                    let gain = evaluate(&values).map(|there| cost - problem.inner(&there, &there));
+                    tried.extend(gain.map(|gain| (gain, values)));
+                    if gain.is_some_and(|g| g > 0.0) {
+                        break;
                     }
                 }
             }
@@ -179,9 +195,9 @@ fn fit(problem: &Problem<'_>, applied: &Applied, start: &[f64], scales: &Scales,
     };
     let bounds = |which: fn(&crate::effect::Parameter) -> f64| free.iter().map(|&i| which(&applied.parameters[i])).collect();
     let search = LevenbergMarquardt {
-        max_iterations: 20,
-        gradient_tolerance: 1e-6,
-        step_tolerance: 1e-6,
+        max_iterations: 15,
+        gradient_tolerance: 1e-4,
+        step_tolerance: 1e-4,
         cost_floor: 0.0,
         lower: bounds(|p| p.lower),
         upper: bounds(|p| p.upper),

@@ -16,6 +16,9 @@ use super::sampled;
 use super::system::{Dynamics, System};
 use super::walk::{Correction, Run, walk};
 
+/// Steps of the integrator between two edges or samples before it gives up: a rival on its way to infinity must not cost minutes.
+const STEPS_PER_PIECE: usize = 2000;
+
 /// The commands of a log.
 #[derive(Debug, Clone, Copy)]
 pub struct Commands<'a> {
@@ -65,7 +68,9 @@ impl System {
             let ramps = !signals.iter().all(Piecewise::is_held);
             return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, correction, states);
         }
-        let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, Integrator::new(assembly.states));
+        let mut integrator = Integrator::new(assembly.states);
+        integrator.max_steps = STEPS_PER_PIECE;
+        let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, integrator);
         walk(&mut stepper, &signals, plan, time_s, correction, states)
     }
 }
