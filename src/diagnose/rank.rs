@@ -8,13 +8,17 @@ use super::diagnosis::{Cause, FoundEffect, Parameter, RankedSingle, RankingRow};
 use super::floor::Floor;
 use super::problem::{Problem, Whitened};
 use super::search::Candidate;
-use super::shrink::Errors;
+use super::shrink::{Errors, together};
 use crate::effect::Site;
 
 /// Twice the log-likelihood by which the best of a whole catalogue must beat no effect: the best of 50 to 100 rivals reaches 10 to 25 on noise alone.
 const SEARCH_WIDE: f64 = 30.0;
 /// A residual this many times its floor has something left in it.
 const ABOVE_FLOOR: f64 = 1.5;
+/// An effect that lowers the rms of no output by this factor is within the noise: the model as it is stands at the floor.
+const MATTERS: f64 = 1.2;
+/// The share of the explainable that an effect must explain on held-out data: less, and it describes the training logs and no cause.
+const GENERALISES: f64 = 0.5;
 /// The share of the explainable that one effect must explain.
 const EXPLAINS: f64 = 0.93;
 /// Rivals that differ by less than this in twice the log-likelihood, and whose trajectories are as close, are one class.
@@ -59,7 +63,10 @@ pub(super) fn judge<'c>(
 ) -> Judged<'c> {
     let weight = problem.weight();
     let leader = leader(candidates, weight);
-    let beats = leader.is_some_and(|c| odds(c, weight) > 0.0);
+    let rms = |residuals: &[DMatrix<f64>], held: bool| Errors::of(records, residuals, |r| if held { r.held } else { r.train });
+    let (was, is) = (rms(before, false).nrmse(), rms(after, false).nrmse());
+    let matters = was.iter().zip(&is).any(|(b, a)| b.zip(*a).is_some_and(|(b, a)| b > MATTERS * a));
+    let beats = matters && leader.is_some_and(|c| odds(c, weight) > 0.0);
     let explained = if beats { after } else { before };
     let (all, left) = (Errors::of(records, before, |r| r.train).nrmse(), Errors::of(records, explained, |r| r.train));
     let noise = left.relative(&floor.floor);
@@ -78,6 +85,13 @@ pub(super) fn judge<'c>(
         if above > ABOVE_FLOOR && share < EXPLAINS {
             unknown = 1.0 - 0.5 * (-(above - ABOVE_FLOOR)).exp();
         }
+    }
+    // What does not hold on data that it was not fitted to is no explanation.
+    let (held_before, held_after) = (rms(before, true), rms(after, true));
+    let held = |e: &Errors| together(&e.nrmse()).unwrap_or(0.0);
+    let (b, a, f) = (held(&held_before), held(&held_after), together(&held_before.relative(&floor.floor)).unwrap_or(0.0));
+    if beats && b * b - a * a < GENERALISES * (b * b - f * f).max(0.0) {
+        unknown = f64::max(unknown, 0.9);
     }
     let verdict = match (unknown > 0.5, beats) {
         (true, _) => Verdict::Unknown,

@@ -118,5 +118,22 @@ fn spread(records: Vec<Vec<f64>>, sample_time_s: f64) -> Spread {
         smallest: all.iter().copied().fold(f64::INFINITY, f64::min),
         largest: all.iter().copied().fold(f64::NEG_INFINITY, f64::max),
         fastest,
+        lattice: lattice(&all),
     }
+}
+
+/// The step of the lattice on which all values lie; `None` unless each step is taken several times.
+fn lattice(values: &[f64]) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let size = sorted.last()?.abs().max(sorted.first()?.abs());
+    sorted.dedup_by(|a, b| (*a - *b).abs() <= 1e-9 * size);
+    if sorted.len() < 2 || 4 * sorted.len() > values.len() {
+        return None;
+    }
+    let step = sorted.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min);
+    // Over many steps rounding in the file adds up; the mean of all multiples is the better step.
+    let multiples: Vec<f64> = sorted.iter().map(|v| (v / step).round()).collect();
+    let better = sorted.iter().zip(&multiples).map(|(v, m)| v * m).sum::<f64>() / multiples.iter().map(|m| m * m).sum::<f64>();
+    sorted.iter().zip(&multiples).all(|(v, m)| (v - m * better).abs() <= 1e-3 * better).then_some(better)
 }

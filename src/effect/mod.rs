@@ -80,6 +80,8 @@ pub struct Spread {
     pub largest: f64,
     /// Largest change from sample to sample, per second.
     pub fastest: f64,
+    /// The step of the lattice on which all values lie, if they lie on one that is coarse.
+    pub lattice: Option<f64>,
 }
 
 /// An effect.

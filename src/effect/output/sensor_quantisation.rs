@@ -34,7 +34,8 @@ impl Effect for SensorQuantisation {
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let Some(spread) = channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i)) else { return Vec::new() };
-        [0.1, 0.3, 1.0].map(|share| vec![share * spread.std]).to_vec()
+        // Raw values show their step exactly; without a lattice there is none.
+        spread.lattice.into_iter().map(|step| vec![step]).collect()
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
