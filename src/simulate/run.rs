@@ -5,7 +5,6 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use super::SimulateError;
 use super::assembly::Assembly;
 use super::linear::Linear;
 use super::nonlinear::Nonlinear;
@@ -15,6 +14,7 @@ use super::plan::{Drops, InputPath, Plan, Term};
 use super::sampled;
 use super::system::{Dynamics, System};
 use super::walk::{Correction, Run, walk};
+use super::{Hold, SimulateError};
 
 /// The commands of a log.
 #[derive(Debug, Clone, Copy)]
@@ -28,10 +28,12 @@ pub struct Commands<'a> {
 impl System {
     /// Simulates the system under a plan, from the state `x0` at the log's first sample: free, or corrected by measured outputs at every sample.
     ///
-    /// Exact for linear systems (held and straight inputs, delays of any size); nonlinear ones are integrated from edge to edge of the inputs.
+    /// Exact for linear systems (held and straight inputs, delays of any size); nonlinear ones are integrated from edge to edge of the inputs, to the plan's
+    /// tolerance. The equations' `time` counts from the log's first sample.
     ///
     /// # Errors
-    /// [`SimulateError`]: shapes that do not fit, a command that is not finite, time that does not increase, a state that explodes, an integration that fails.
+    /// [`SimulateError`]: shapes that do not fit, a command that is not finite, time that does not increase, a state that explodes,
+    /// an equation that is undefined (which, and which part), an integration that fails.
     pub fn simulate(
         &self,
         plan: &Plan,
@@ -40,8 +42,13 @@ impl System {
         correction: Option<Correction<'_>>,
     ) -> Result<Run, SimulateError> {
         check(self, commands, x0)?;
-        let signals = (plan.inputs.iter().zip(commands.inputs))
-            .map(|(path, values)| arrive(path, commands.time_s, values))
+        let joined = plan.hold == Hold::Linear && !matches!(plan.dynamics, Dynamics::Sampled(..));
+        let signals = (plan.inputs.iter().zip(commands.inputs).enumerate())
+            .map(
+                |(input, (path, values))| {
+                    if joined { arrive_joined(input, path, commands.time_s, values) } else { arrive(path, commands.time_s, values) }
+                },
+            )
             .collect::<Result<Vec<_>, _>>()?;
         let first: Vec<f64> = signals.iter().map(Piecewise::first).collect();
         let time_s = commands.time_s;
@@ -65,7 +72,8 @@ impl System {
             let ramps = !signals.iter().all(Piecewise::is_held);
             return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, correction, states);
         }
-        let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, Integrator::new(assembly.states));
+        let integrator = Integrator::with_tolerance(assembly.states, plan.tolerance.relative, plan.tolerance.absolute);
+        let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, integrator);
         walk(&mut stepper, &signals, plan, time_s, correction, states)
     }
 }
@@ -102,6 +110,14 @@ fn arrive(path: &InputPath, time_s: &[f64], values: &[f64]) -> Result<Piecewise,
         signal = signal.map(|p| (curve.gain * p.value + curve.quadratic * p.value * p.value.abs(), 0.0));
     }
     Ok(path.maps.iter().fold(signal, |signal, map| map(signal)))
+}
+
+/// The same of commands that straight lines join.
+fn arrive_joined(input: usize, path: &InputPath, time_s: &[f64], values: &[f64]) -> Result<Piecewise, SimulateError> {
+    if path.drops.is_some() || path.curve.is_some() || !path.maps.is_empty() {
+        return Err(SimulateError::Joined { input });
+    }
+    Ok(Piecewise::joined(time_s, values).delayed(path.delay_s))
 }
 
 /// The commands that are passed on.

@@ -23,6 +23,10 @@ impl Effect for CubicStiffness {
         Site::Dynamics
     }
 
+    fn rule(&self) -> &'static str {
+        "`from->x`: one state on another"
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         let pairs = system.states.iter().flat_map(|from| system.states.iter().map(move |to| (from, to)));
         pairs.filter(|(from, to)| from.name != to.name).map(|(from, to)| format!("{}->{}", from.name, to.name)).collect()

@@ -21,6 +21,10 @@ impl Effect for Misalignment {
         Site::Output
     }
 
+    fn rule(&self) -> &'static str {
+        "`from->y`: one output into another"
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         let pairs = system.outputs.iter().flat_map(|from| system.outputs.iter().map(move |to| (from, to)));
         pairs.filter(|(from, to)| from.name != to.name).map(|(from, to)| format!("{}->{}", from.name, to.name)).collect()
