@@ -159,7 +159,7 @@ fn an_equation_that_breaks_down_is_named_with_its_part() {
         }
     };
     broken("(force - 2*s)/mass", "(force - 2*s)/(1 - force)", &["derivatives.v", "(force - 2*s)/(1 - force) divides by zero at t = 0 s"]);
-    broken("s = \"s\"", "s = \"log(0.5 - time)\"", &["output_equations.s", "takes the logarithm of", "at t = "].as_slice());
+    broken("s = \"s\"", "s = \"log(0.25 - time)\"", &["output_equations.s", "takes the logarithm of", "at t = 0."]);
     broken("(force - 2*s)/mass", "sqrt(0.25 - time)", &["derivatives.v", "sqrt(0.25 - time) takes the square root of -", "at t = 0.25"]);
 }
 

@@ -147,7 +147,10 @@ impl<'a> Field<'a> {
 
     #[inline]
     pub(super) fn eval(&mut self, t: f64, x: &[f64], dx: &mut [f64], drive: &Drive) {
-        self.fill(t, x, drive);
+        // Equations alone on level inputs need no rows.
+        if !(self.held && self.direct && self.derivatives.is_empty()) {
+            self.fill(t, x, drive);
+        }
         match &mut self.equations {
             Some((equations, parameters, workspace)) => {
                 let (plant, added) = dx.split_at_mut(self.plant);
@@ -272,5 +275,88 @@ impl Rhs for Driven<'_, '_> {
 
     fn jacobian(&mut self, t: f64, x: &mut [f64], _dx: &[f64], _scratch: &mut [f64], jacobian: &mut [f64]) {
         self.field.jacobian(t, x, jacobian, self.drive);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effect::{Applied, Chance, find};
+    use crate::model::ModelDocument;
+    use crate::simulate::{Dynamics, Piece, System};
+
+    const PENDULUM: &str = r#"
+format = "deadtime/model@1"
+name = "pendulum"
+kind = "equations"
+inputs = [{ name = "u" }, { name = "w" }]
+outputs = [{ name = "y" }, { name = "z" }]
+[states]
+angle = { initial = 0.3 }
+rate = { initial = -0.1 }
+[parameters]
+k = { value = 0.2 }
+[derivatives]
+angle = "rate + 0.1*w^2"
+rate = "u*cos(angle) - k*rate*abs(rate) - 9*sin(angle)"
+[output_equations]
+y = "sin(angle)*w"
+z = "rate^2 + u*angle"
+"#;
+
+    /// The same right-hand side with Jacobians by differences.
+    struct Plain<'f, 'a>(Driven<'f, 'a>);
+
+    impl Rhs for Plain<'_, '_> {
+        fn dim(&self) -> usize {
+            self.0.dim()
+        }
+
+        fn eval(&mut self, t: f64, x: &[f64], dx: &mut [f64]) {
+            self.0.eval(t, x, dx);
+        }
+    }
+
+    #[test]
+    fn the_jacobian_is_that_of_the_right_hand_side_with_all_that_is_added_to_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.toml");
+        std::fs::write(&path, PENDULUM).unwrap();
+        let system = System::new(&ModelDocument::read(&path).unwrap(), |_| Ok(0.0)).unwrap();
+        let effect = |name: &str, channel: &str, values: &[f64]| {
+            let mut applied = Applied::nominal(&system, find(name).unwrap(), channel).unwrap();
+            applied.values.copy_from_slice(values);
+            applied
+        };
+        let effects = [
+            effect("actuator_lag", "u", &[0.2]),
+            effect("unmodelled_mode", "w->input:w", &[1.3, 0.2, 0.4]),
+            effect("unmodelled_mode", "u->state:angle", &[0.7, 0.1, 0.3]),
+            effect("cross_coupling", "w->rate", &[0.6]),
+            effect("cubic_stiffness", "angle->rate", &[2.0]),
+            effect("misalignment", "y->z", &[0.3]),
+            effect("sensor_lag", "z", &[0.4]),
+            effect("coulomb_friction", "rate", &[0.1]),
+        ];
+        let plan = Applied::plan(&system, &effects, Chance::Mean).unwrap();
+        let Dynamics::Equations(equations, parameters) = &plan.dynamics else { panic!("linear") };
+        let assembly = Assembly::new(&system, &plan, &system.initial, &[0.5, -0.7], |_| vec![0.1, 0.2]);
+        let mut field = Field::new(&assembly, Some((equations.as_ref(), parameters.as_slice())), &plan.terms);
+        let drive = Drive { pieces: vec![Piece { start_s: 0.0, value: 0.5, slope: 0.3 }, Piece { start_s: 0.0, value: -0.7, slope: 0.0 }] };
+        field.begin(0.4, &drive);
+        let n = assembly.states;
+        let mut x: Vec<f64> = (0..n).map(|i| 0.4 - 0.23 * f64::from(u32::try_from(i).unwrap())).collect();
+        for direction in [1.0, 0.0] {
+            field.contacts[0].direction = direction;
+            let (mut dx, mut scratch, mut exact, mut differences) = (vec![0.0; n], vec![0.0; 2 * n], vec![0.0; n * n], vec![0.0; n * n]);
+            field.eval(0.4, &x, &mut dx, &drive);
+            let mut driven = Driven { field: &mut field, drive: &drive };
+            driven.jacobian(0.4, &mut x, &dx, &mut scratch, &mut exact);
+            Plain(driven).jacobian(0.4, &mut x, &dx, &mut scratch, &mut differences);
+            assert!(exact.iter().filter(|v| **v != 0.0).count() > n, "{exact:?}");
+            for (at, (a, b)) in exact.iter().zip(&differences).enumerate() {
+                assert!((a - b).abs() < 1e-5 * (1.0 + a.abs()), "row {} column {}: {a} and {b}", at % n, at / n);
+            }
+        }
     }
 }

@@ -4,6 +4,7 @@ use super::SimulateError;
 use super::assembly::Assembly;
 use super::field::{Driven, Field, Plant, sign};
 use super::ode::Integrator;
+use super::piecewise::Piece;
 use super::plan::Term;
 use super::walk::{Drive, Stepper};
 
@@ -16,6 +17,8 @@ pub(super) struct Nonlinear<'a> {
     /// A second field, on which contacts are watched while the first is being integrated.
     watch: Field<'a>,
     integrator: Integrator,
+    /// The signals' pieces of the last step.
+    pieces: Vec<Piece>,
     x: Vec<f64>,
     dx: Vec<f64>,
 }
@@ -23,7 +26,7 @@ pub(super) struct Nonlinear<'a> {
 impl<'a> Nonlinear<'a> {
     pub(super) fn new(assembly: &Assembly, equations: Option<Plant<'a>>, terms: &'a [Term], integrator: Integrator) -> Self {
         let field = || Field::new(assembly, equations, terms);
-        Self { field: field(), watch: field(), integrator, x: assembly.start.clone(), dx: vec![0.0; assembly.states] }
+        Self { field: field(), watch: field(), integrator, pieces: Vec::new(), x: assembly.start.clone(), dx: vec![0.0; assembly.states] }
     }
 
     /// A velocity of 0 sticks if friction can hold it; all others slide the way they go.
@@ -80,6 +83,11 @@ impl Stepper for Nonlinear<'_> {
     fn advance(&mut self, from_s: f64, to_s: f64, drive: &Drive) -> Result<(), SimulateError> {
         self.field.begin(from_s, drive);
         let moved = if self.field.contacts.is_empty() {
+            if self.pieces == drive.pieces {
+                self.integrator.same_right_hand_side();
+            } else {
+                self.pieces.clone_from(&drive.pieces);
+            }
             let mut driven = Driven { field: &mut self.field, drive };
             self.integrator.advance(&mut driven, from_s, to_s, &mut self.x)
         } else {
