@@ -202,6 +202,8 @@ fn commands_for_linear_models_say_so() {
     let estimate = ["estimate", log.to_str().unwrap(), "--input", "force", "--output", "s", "--model", model.to_str().unwrap()];
     deadtime(&estimate).refused(&["cart.toml", "needs a linear model", "`equations`"]);
     deadtime(&["c2d", model.to_str().unwrap(), "--sample-time", "0.1"]).refused(&["cart.toml", "needs a linear model"]);
+    let delayed = folder.write("delayed.toml", &format!("{LINEAR}{}", effect("input_delay", "force", "delay = 0.03")));
+    deadtime(&["c2d", delayed.to_str().unwrap(), "--sample-time", "0.1"]).refused(&["delayed.toml", "[[effects]]", "input_delay_s"]);
     let list = ["list", "methods", "--model", model.to_str().unwrap()];
     deadtime(&list).refused(&["only `list effects`"]);
 }
