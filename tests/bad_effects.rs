@@ -82,7 +82,7 @@ fn the_good_models_that_the_bad_ones_are_made_from_are_fine_and_agree() {
         assert!(text.contains("s: nrmse ") && text.contains("v: nrmse "), "{text}");
         let written = std::fs::read_to_string(folder.path("out.csv")).unwrap();
         let numbers = |line: &str| line.split(',').map(|v| v.parse::<f64>().unwrap()).collect::<Vec<_>>();
-        written.lines().skip(1).flat_map(|line| numbers(line)).collect::<Vec<_>>()
+        written.lines().skip(1).flat_map(numbers).collect::<Vec<_>>()
     };
     let undamped = LINEAR.replace("[-2.0, -0.3]", "[-4.0, 0.0]").replace("1.5", "2.0");
     for (a, b) in simulated(&undamped).iter().zip(simulated(EQUATIONS)) {
