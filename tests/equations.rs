@@ -7,7 +7,7 @@ mod support;
 use std::path::{Path, PathBuf};
 
 use deadtime::model::{Equations, EquationsFile, ModelDocument, OutputVariable, Parameter, StateVariable, Symbol};
-use deadtime::simulate::{EquationOptions, simulate_equations};
+use deadtime::simulate::{Commands, Hold, Plan, Run, System, Tolerance};
 use proptest::prelude::*;
 use serde::Deserialize;
 use support::{Comparison, responses_apart, tolerance};
@@ -34,6 +34,16 @@ fn cases() -> Vec<Case> {
     serde_json::from_str::<Golden>(&std::fs::read_to_string(path).unwrap()).unwrap().cases
 }
 
+/// Simulates equations on u, samples × inputs.
+fn simulate(model: &EquationsFile, time_s: &[f64], u: &nalgebra::DMatrix<f64>, x0: &[f64], change: impl Fn(&mut Plan)) -> Run {
+    let system = System::new(&ModelDocument::Equations(model.clone()), |_| Ok(0.0)).unwrap();
+    let mut plan = Plan::new(&system);
+    change(&mut plan);
+    let inputs: Vec<Vec<f64>> = u.column_iter().map(|c| c.iter().copied().collect()).collect();
+    let time_s: Vec<f64> = time_s.iter().map(|t| t - time_s[0]).collect();
+    system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, x0, None).unwrap()
+}
+
 fn matrix(rows: &[Vec<f64>]) -> nalgebra::DMatrix<f64> {
     nalgebra::DMatrix::from_fn(rows.len(), rows[0].len(), |i, j| rows[i][j])
 }
@@ -42,11 +52,10 @@ fn matrix(rows: &[Vec<f64>]) -> nalgebra::DMatrix<f64> {
 fn nonlinear_plants_agree_with_scipy_on_even_and_uneven_time_stamps() {
     let mut c = Comparison::new("equations/reference.json");
     for case in cases() {
-        let model = case.model.equations().unwrap();
         let (u, x, y) = (matrix(&case.u), matrix(&case.x), matrix(&case.y));
         for (how, rtol, allowed) in [("rtol 1e-11", 1e-11, tolerance::EQUATIONS), ("rtol 1e-6", 1e-6, tolerance::EQUATIONS_COARSE)] {
-            let options = EquationOptions { rtol, atol: rtol * 1e-2, ..EquationOptions::default() };
-            let got = simulate_equations(&model, &case.time_s, &u, &case.x0, &model.nominal(), &options).unwrap();
+            let tolerance = Tolerance { relative: rtol, absolute: rtol * 1e-2, ..Tolerance::default() };
+            let got = simulate(&case.model, &case.time_s, &u, &case.x0, |plan| plan.tolerance = tolerance);
             c.check(&format!("{how} x (running maximum)"), &case.id, responses_apart(&got.x, &x), allowed);
             c.check(&format!("{how} y (running maximum)"), &case.id, responses_apart(&got.y, &y), allowed);
         }
@@ -57,11 +66,12 @@ fn nonlinear_plants_agree_with_scipy_on_even_and_uneven_time_stamps() {
 #[test]
 fn a_delayed_input_is_the_input_moved_and_held_at_the_start() {
     let case = cases().into_iter().find(|c| c.id == "servo_even").unwrap();
-    let model = case.model.equations().unwrap();
-    let (u, p) = (matrix(&case.u), model.nominal());
+    let u = matrix(&case.u);
     let run = |time_s: &[f64], u: &nalgebra::DMatrix<f64>, delay: &[f64]| {
-        let options = EquationOptions { input_delay_s: delay.to_vec(), rtol: 1e-11, atol: 1e-13, ..EquationOptions::default() };
-        simulate_equations(&model, time_s, u, &case.x0, &p, &options).unwrap()
+        simulate(&case.model, time_s, u, &case.x0, |plan| {
+            plan.tolerance = Tolerance { relative: 1e-11, absolute: 1e-13, ..Tolerance::default() };
+            plan.inputs.iter_mut().zip(delay).for_each(|(path, delay_s)| path.delay_s = *delay_s);
+        })
     };
     // Three samples of delay: the input's rows three later.
     let moved = nalgebra::DMatrix::from_fn(u.nrows(), u.ncols(), |k, j| u[(k.saturating_sub(3), j)]);
@@ -84,16 +94,15 @@ fn straight_lines_between_samples_are_integrated_as_such() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("m.toml");
         std::fs::write(&path, text).unwrap();
-        EquationsFile::read(&path).unwrap().equations().unwrap()
+        EquationsFile::read(&path).unwrap()
     };
     let model = file(
         "format = \"deadtime/model@1\"\nname = \"i\"\nkind = \"equations\"\ninputs = [{ name = \"u\" }]\noutputs = [{ name = \"y\" }]\n\
          [states]\nx = {}\n[derivatives]\nx = \"u\"\n[output_equations]\ny = \"x + time\"\n",
     );
-    let options = EquationOptions { hold: deadtime::simulate::Hold::Linear, ..EquationOptions::default() };
     let u = nalgebra::DMatrix::from_column_slice(3, 1, &[0.0, 2.0, -2.0]);
     // `time` counts from the first stamp.
-    let got = simulate_equations(&model, &[10.0, 11.0, 13.0], &u, &[0.5], &[], &options).unwrap();
+    let got = simulate(&model, &[10.0, 11.0, 13.0], &u, &[0.5], |plan| plan.hold = Hold::Linear);
     for (got, expect) in got.y.iter().zip([0.5, 1.0 + 1.5, 3.0 + 1.5]) {
         assert!((got - expect).abs() < 1e-9, "{got} {expect}");
     }

@@ -40,6 +40,12 @@ impl C2d {
     /// Writes the sampled model; as JSON it is deadtime/model@1.
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let file = ModelFile::read(&self.model)?;
+        if !file.effects.is_empty() {
+            bail!(
+                "{}: c2d converts the bare model; take the [[effects]] out of the file (a delay of an input can stand in input_delay_s)",
+                self.model.display()
+            );
+        }
         let conversion = find(CONVERSIONS, "conversion", &self.method)?.with(options(self.set.iter().map(String::as_str))?)?;
         let about = || self.model.display().to_string();
         let mut sys = file.continuous().with_context(about)?;

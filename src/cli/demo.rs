@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 use super::estimate::{Job, chosen};
 use super::write_json;
 use crate::delay::{DelayEstimator, Detrend, METHODS};
+use crate::diagnose::{GapOptions, diagnose};
 use crate::file::write_atomic;
 use crate::log;
-use crate::model::ModelFile;
+use crate::model::{ModelDocument, ModelFile};
+use crate::report::diagnosis::{ranking, summary};
 use crate::report::study::table;
 use crate::signal::excitation::Rbs;
 use crate::study::Injected;
@@ -96,10 +98,25 @@ impl Demo {
         say!("   an interval that holds the truth about as often as it promises.");
 
         say!(
-            "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy.md.",
+            "\n3. Where do simulator and machine differ? The same simulator, which knows of no delay, against the same flight: every effect of the"
+        );
+        say!("   catalogue on every channel, the last 30 % of the flight held back.\n");
+        let logs = [log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?];
+        let document = ModelDocument::read(&file("uav_lateral_stabilised.toml"))?;
+        let found = diagnose(&document, &logs, &[], &GapOptions { seed: self.seed, ..GapOptions::default() }, &|_| ())?;
+        for line in summary(&found.diagnosis).lines() {
+            say!("   {line}");
+        }
+        say!("\n{}", ranking(&found.diagnosis, 6).to_string().trim_end());
+        found.diagnosis.write(&file("diagnosis.json"))?;
+        found.model.write(&file("model_with_effects.toml"))?;
+
+        say!(
+            "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy.md, diagnosis.json, model_with_effects.toml.",
             self.out.display()
         );
         say!("Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE");
+        say!("     and simulator:  deadtime gap --model MODEL.toml --log LOG.csv --out DIR");
         Ok(())
     }
 }

@@ -1,29 +1,37 @@
 //! `deadtime list`: what there is, with options and defaults.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
 use super::write_json;
 use crate::delay::METHODS;
+use crate::effect;
+use crate::model::ModelDocument;
 use crate::model::c2d::CONVERSIONS;
 use crate::model::uav::Dynamics;
 use crate::registry::Entry;
+use crate::report::effects;
 use crate::signal::EXCITATIONS;
+use crate::simulate::System;
 
-/// List the methods, excitations, conversions or dynamics there are, with their options and defaults
+/// List the methods, effects, excitations, conversions or dynamics there are, with their options and defaults
 #[derive(Debug, clap::Args)]
 pub(super) struct List {
     /// What to list
     #[arg(value_enum)]
     what: What,
+    /// With `effects`: every channel of this model on which each can act
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum What {
     Methods,
+    Effects,
     Excitations,
     Conversions,
     Dynamics,
@@ -31,8 +39,19 @@ enum What {
 
 impl List {
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        if let Some(path) = &self.model {
+            if !matches!(self.what, What::Effects) {
+                bail!("--model {}: only `list effects` looks at a model", path.display());
+            }
+            // Where operating points are the log's means, their values do not matter here.
+            let system = System::new(&ModelDocument::read(path)?, |_| Ok(0.0))?;
+            let menu = effect::menu(&system);
+            write_json(json, &effects::menu_data(&menu))?;
+            return print(&effects::menu_text(&system, &menu));
+        }
         write_json(json, &self.entries())?;
         let text = match self.what {
+            What::Effects => effects::lines_text(&effect::table()),
             What::Methods => METHODS.iter().map(|m| describe(&m.entry)).collect(),
             What::Excitations => EXCITATIONS.iter().map(describe).collect(),
             What::Conversions => CONVERSIONS.iter().map(describe).collect(),
@@ -43,14 +62,19 @@ impl List {
                 })
                 .concat(),
         };
-        std::io::stdout().lock().write_all(String::as_bytes(&text)).context("standard output")
+        print(&text)
     }
+}
+
+fn print(text: &str) -> anyhow::Result<()> {
+    std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")
 }
 
 impl List {
     fn entries(&self) -> Vec<Value> {
         match self.what {
             What::Methods => METHODS.iter().map(|m| fields(&m.entry)).collect(),
+            What::Effects => effects::lines_data(&effect::table()),
             What::Excitations => EXCITATIONS.iter().map(fields).collect(),
             What::Conversions => CONVERSIONS.iter().map(fields).collect(),
             What::Dynamics => Dynamics::ALL

@@ -9,12 +9,17 @@ use rand_chacha::rand_core::SeedableRng;
 
 use super::source::Source;
 use super::write_json;
-use crate::log::{Channel, Log};
-use crate::model::{EquationsFile, ModelDocument, ModelFile, Operating};
+use crate::effect::{Applied, Chance};
+use crate::log::{Channel, Log, LogError};
+use crate::model::{ModelDocument, ModelFile};
 use crate::signal::{Noise, NoiseColour, NoiseScaling};
-use crate::simulate::{EquationOptions, Hold, Options, Response, lsim, lsim_sampled, lsim_uneven, simulate_equations};
+use crate::simulate::{Commands, Hold, Options, Plan, Response, System, Tolerance, lsim, lsim_sampled, lsim_uneven};
+use crate::time::TimeError;
 
-/// Simulate a model on the inputs of a log and write the response as a log; outputs that the log has are compared
+/// Tight: a simulation on paper is to differ from a measurement by the model alone.
+const TOLERANCE: Tolerance = Tolerance { relative: 1e-9, absolute: 1e-12, steps: 100_000 };
+
+/// Simulate a model with its effects on the inputs of a log and write the response as a log; outputs that the log has are compared
 #[derive(Debug, clap::Args)]
 pub(super) struct Simulate {
     /// The model, deadtime/model@1
@@ -34,7 +39,7 @@ pub(super) struct Simulate {
     /// Add white noise to every written signal, at this ratio of variances (signal to noise)
     #[arg(long, value_name = "RATIO")]
     snr: Option<f64>,
-    /// Seed of the noise
+    /// Seed of all chance: the noise, and the losses of dropped_commands
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// File to write
@@ -53,29 +58,18 @@ enum HoldName {
 impl Simulate {
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let model = ModelDocument::read(&self.model)?;
-        if !model.effects().is_empty() {
-            bail!(
-                "{}: this version simulates without effects; take the [[effects]] out of the file (a delay can stand in input_delay_s)",
-                self.model.display()
-            );
-        }
         let inputs: Vec<String> = model.inputs().iter().map(|c| c.name.clone()).collect();
         let logs = self.source.read(&inputs)?;
         let [log] = logs.as_slice() else {
             bail!("{}: simulate takes one record at a time; cut it out with --from and --to", self.source.log.display());
         };
-        let (u, offsets) = self.inputs(&model, log)?;
-        let response = self.response(&model, log, &u)?;
+        check_units(&model, log)?;
+        let response = self.response(&model, log)?;
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
-        let mut channels: Vec<Channel> = model
-            .inputs()
-            .iter()
-            .enumerate()
-            .map(|(j, c)| {
-                let values = u.column(j).iter().map(|v| v + offsets[j]).collect();
-                Channel::new(&c.name, c.unit.as_deref(), values)
-            })
-            .collect();
+        let mut channels = Vec::with_capacity(inputs.len());
+        for c in model.inputs() {
+            channels.push(Channel::new(&c.name, c.unit.as_deref(), log.input(&c.name)?.to_vec()));
+        }
         let mut comparison = Vec::new();
         let mut add = |name: &str, unit: Option<&str>, values: Vec<f64>, channels: &mut Vec<Channel>| -> anyhow::Result<()> {
             if channels.iter().any(|c| c.name() == name) {
@@ -91,17 +85,17 @@ impl Simulate {
             Ok(())
         };
         for (i, c) in model.outputs().iter().enumerate() {
-            let measured = log.output(&c.name).ok();
-            let operating = match (c.operating, &measured) {
-                (Operating::Value(v), _) => v,
-                (Operating::Mean(_), Some(m)) => mean((0..log.len()).filter_map(|k| m.get(k))),
-                (Operating::Mean(_), None) => {
-                    bail!("the operating point of output `{}` is the log's mean, but {} has no such channel", c.name, log.source())
+            let values: Vec<f64> = response.y.column(i).iter().copied().collect();
+            match log.output(&c.name) {
+                Ok(measured) => {
+                    let nrmse = nrmse(&values, |k| measured.get(k));
+                    comparison.push((c.name.clone(), nrmse.ok_or("the measured channel stands still, so it has no nrmse")));
                 }
-            };
-            let values: Vec<f64> = response.y.column(i).iter().map(|v| v + operating).collect();
-            if let Some(measured) = measured {
-                comparison.push((c.name.clone(), nrmse(&values, |k| measured.get(k))));
+                Err(LogError::MissingThroughout { .. }) => {
+                    comparison.push((c.name.clone(), Err("the log has this channel but no sample of it, so there is nothing to compare")));
+                }
+                Err(LogError::UnknownChannel { .. }) => {}
+                Err(unusable) => return Err(unusable.into()),
             }
             add(&c.name, c.unit.as_deref(), values, &mut channels)?;
         }
@@ -111,7 +105,7 @@ impl Simulate {
             }
         }
         Log::new(self.out.display().to_string(), log.time_s().to_vec(), channels)?.write_csv(&self.out)?;
-        let errors: serde_json::Map<_, _> = comparison.iter().map(|(name, nrmse)| (name.clone(), serde_json::json!(nrmse))).collect();
+        let errors: serde_json::Map<_, _> = comparison.iter().map(|(name, nrmse)| (name.clone(), serde_json::json!(nrmse.ok()))).collect();
         write_json(
             json,
             &serde_json::json!({ "model": model.name(), "log": log.source(), "out": self.out, "samples": log.len(), "nrmse": errors }),
@@ -119,84 +113,101 @@ impl Simulate {
         say!("{} on {}: {} samples written to {}", model.name(), log.source(), log.len(), self.out.display());
         for (name, nrmse) in comparison {
             match nrmse {
-                Some(v) => say!("  {name}: nrmse {v:.4} (rms of measured minus simulated over the measured standard deviation)"),
-                None => say!("  {name}: the measured channel stands still, so it has no nrmse"),
+                Ok(v) => say!("  {name}: nrmse {v:.4} (rms of measured minus simulated over the measured standard deviation)"),
+                Err(why) => say!("  {name}: {why}"),
             }
         }
         Ok(())
     }
 
-    /// Inputs about their operating points, samples × inputs, and the operating points.
-    fn inputs(&self, model: &ModelDocument, log: &Log) -> anyhow::Result<(DMatrix<f64>, Vec<f64>)> {
-        let mut u = DMatrix::zeros(log.len(), model.inputs().len());
-        let mut offsets = Vec::with_capacity(model.inputs().len());
-        for (j, c) in model.inputs().iter().enumerate() {
-            let values = log.input(&c.name)?;
-            let operating = match c.operating {
-                Operating::Value(v) => v,
-                Operating::Mean(_) => mean(values.iter().copied()),
-            };
-            u.set_column(j, &DVector::from_iterator(values.len(), values.iter().map(|v| v - operating)));
-            offsets.push(operating);
+    fn response(&self, model: &ModelDocument, log: &Log) -> anyhow::Result<Response> {
+        let mut system = System::new(model, |channel| {
+            let measured = log.output(channel)?;
+            Ok(mean((0..log.len()).filter_map(|k| measured.get(k))))
+        })
+        .with_context(|| self.model.display().to_string())?;
+        if model.is_sampled() && !self.delay.is_empty() {
+            bail!("--delay needs a continuous model; {} is sampled: write whole samples into its input_delay_s", model.name());
         }
-        Ok((u, offsets))
+        self.add_delays(&mut system)?;
+        let both = || format!("model {} and log {}", self.model.display(), log.source());
+        match model {
+            ModelDocument::Lti(file) if file.effects.is_empty() => self.linear(file, &system, log).with_context(both),
+            _ => self.with_effects(model, &system, log).with_context(both),
+        }
     }
 
-    fn response(&self, model: &ModelDocument, log: &Log, u: &DMatrix<f64>) -> anyhow::Result<Response> {
-        let hold = match self.hold {
+    fn hold(&self) -> Hold {
+        match self.hold {
             HoldName::Zero => Hold::Zero,
             HoldName::Linear => Hold::Linear,
-        };
-        match model {
-            ModelDocument::Lti(file) => self.linear(file, log, u, hold),
-            ModelDocument::Equations(file) => self.nonlinear(file, log, u, hold),
         }
     }
 
-    fn linear(&self, model: &ModelFile, log: &Log, u: &DMatrix<f64>, hold: Hold) -> anyhow::Result<Response> {
-        let initial = (!model.initial.is_empty()).then(|| DVector::from_column_slice(&model.initial));
-        let options = Options { initial, hold, ..Options::default() };
-        if model.is_sampled() {
+    /// A bare linear model.
+    fn linear(&self, model: &ModelFile, system: &System, log: &Log) -> anyhow::Result<Response> {
+        let mut u = DMatrix::zeros(log.len(), system.inputs.len());
+        for (j, (port, operating)) in system.inputs.iter().zip(&system.input_operating).enumerate() {
+            let values = log.input(&port.name)?;
+            u.set_column(j, &DVector::from_iterator(values.len(), values.iter().map(|v| v - operating)));
+        }
+        let options = Options { initial: Some(DVector::from_column_slice(&system.initial)), hold: self.hold(), ..Options::default() };
+        let mut response = if model.is_sampled() {
             let sys = model.sampled()?;
-            sys.sample_time().must_equal(log.even_grid()?).with_context(|| format!("model {} and log {}", model.name, log.source()))?;
-            if !self.delay.is_empty() {
-                bail!("--delay needs a continuous model; {} is sampled: write whole samples into its input_delay_s", model.name);
+            sys.sample_time().must_equal(log.even_grid()?)?;
+            lsim_sampled(&sys, &u, &options)?
+        } else {
+            let sys = model.continuous()?.with_input_delay(system.input_delay_s.clone())?;
+            match log.even_grid() {
+                Ok(ts) => lsim(&sys, &u, ts, &options)?,
+                Err(_) => lsim_uneven(&sys, log.time_s(), &u, &options)?,
             }
-            return Ok(lsim_sampled(&sys, u, &options)?);
+        };
+        for (mut column, operating) in response.y.column_iter_mut().zip(&system.output_operating) {
+            column.add_scalar_mut(*operating);
         }
-        let sys = model.continuous()?;
-        let mut delays = sys.input_delay().to_vec();
-        self.add_delays(&model.inputs, &mut delays)?;
-        let sys = sys.with_input_delay(delays)?;
-        Ok(match log.even_grid() {
-            Ok(ts) => lsim(&sys, u, ts, &options)?,
-            Err(_) => lsim_uneven(&sys, log.time_s(), u, &options)?,
-        })
+        Ok(response)
     }
 
-    fn nonlinear(&self, model: &EquationsFile, log: &Log, u: &DMatrix<f64>, hold: Hold) -> anyhow::Result<Response> {
-        let equations = model.equations()?;
-        let mut input_delay_s = model.input_delay_s.clone();
-        input_delay_s.resize(model.inputs.len(), 0.0);
-        self.add_delays(&model.inputs, &mut input_delay_s)?;
-        let options = EquationOptions { hold, input_delay_s, ..EquationOptions::default() };
-        simulate_equations(&equations, log.time_s(), u, &equations.initial(), &equations.nominal(), &options)
-            .with_context(|| format!("model {} and log {}", self.model.display(), log.source()))
+    /// A model of any kind with its effects.
+    fn with_effects(&self, model: &ModelDocument, system: &System, log: &Log) -> anyhow::Result<Response> {
+        let effects = model.effects().iter().map(|entry| Applied::from_entry(system, entry)).collect::<Result<Vec<_>, _>>()?;
+        let mut plan: Plan = Applied::plan(system, &effects, Chance::Seed(self.seed))?;
+        (plan.hold, plan.tolerance) = (self.hold(), TOLERANCE);
+        if let ModelDocument::Lti(file) = model
+            && file.is_sampled()
+        {
+            file.sampled()?.sample_time().must_equal(log.even_grid()?)?;
+        }
+        let start_s = log.time_s().first().copied().unwrap_or(0.0);
+        let time_s: Vec<f64> = log.time_s().iter().map(|t| t - start_s).collect();
+        let inputs = system.inputs.iter().map(|port| log.input(&port.name).map(<[f64]>::to_vec)).collect::<Result<Vec<_>, _>>()?;
+        let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &system.initial, None)?;
+        Ok(Response { y: run.y, x: run.x })
     }
 
     /// The delays of the command line on top of the model's own.
-    fn add_delays(&self, inputs: &[crate::model::Channel], delays: &mut [f64]) -> anyhow::Result<()> {
+    fn add_delays(&self, system: &mut System) -> anyhow::Result<()> {
         for text in &self.delay {
-            let parsed =
-                text.split_once('=').and_then(|(name, s)| Some((inputs.iter().position(|c| c.name == name)?, s.parse::<f64>().ok()?)));
+            let input = |name: &str| system.inputs.iter().position(|port| port.name == name);
+            let parsed = text.split_once('=').and_then(|(name, s)| Some((input(name)?, s.parse::<f64>().ok()?)));
             let Some((input, seconds)) = parsed else {
-                let names: Vec<&str> = inputs.iter().map(|c| c.name.as_str()).collect();
+                let names: Vec<&str> = system.inputs.iter().map(|port| port.name.as_str()).collect();
                 bail!("--delay {text}: write it as INPUT=SECONDS with an input of the model ({})", names.join(", "));
             };
-            delays[input] += seconds;
+            let total = &mut system.input_delay_s[input];
+            *total += seconds;
+            if !(total.is_finite() && *total >= 0.0) {
+                return Err(TimeError::Delay { seconds: *total }).with_context(|| format!("--delay {text}"));
+            }
         }
         Ok(())
     }
+}
+
+/// Where model and log both give a unit, it is the same.
+fn check_units(model: &ModelDocument, log: &Log) -> Result<(), LogError> {
+    model.inputs().iter().chain(model.outputs()).try_for_each(|c| log.check_unit(&c.name, c.unit.as_deref()))
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> f64 {

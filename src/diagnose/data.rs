@@ -39,16 +39,12 @@ impl Record {
     /// A log with the model's channels.
     ///
     /// # Errors
-    /// [`GapError`] for channels, units or a sample time that do not fit; [`crate::log::LogError`] for missing samples.
+    /// [`GapError`] for a sample time that does not fit or too few samples; [`crate::log::LogError`] for channels and units that do not fit or samples that
+    /// are missing.
     pub(super) fn new(log: &Log, document: &ModelDocument, system: &System) -> Result<Self> {
         for channel in document.inputs().iter().chain(document.outputs()) {
             log.channel(&channel.name)?;
-            if let (Some(model), Some(found)) = (channel.unit.as_deref(), log.unit(&channel.name))
-                && model != found
-            {
-                let (channel, log) = (channel.name.clone(), log.source().to_owned());
-                return Err(GapError::Unit { log, channel, model: model.to_owned(), found: found.to_owned() }.into());
-            }
+            log.check_unit(&channel.name, channel.unit.as_deref())?;
         }
         if log.len() < SHORTEST {
             return Err(GapError::Short { log: log.source().to_owned(), needed: SHORTEST, got: log.len() }.into());

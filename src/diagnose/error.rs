@@ -4,18 +4,6 @@
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GapError {
-    /// Model and log declare different units.
-    #[error("{log}: channel `{channel}` is in {found}, the model has it in {model}; convert the log or correct the unit that is wrong")]
-    Unit {
-        /// The log.
-        log: String,
-        /// The channel.
-        channel: String,
-        /// Unit in the model.
-        model: String,
-        /// Unit in the log.
-        found: String,
-    },
     /// A sampled model and a log of another sample time.
     #[error("{log}: its sample time is {log_s} s, the sampled model's is {model_s} s; resample the log or convert the model")]
     SampleTime {

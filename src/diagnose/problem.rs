@@ -6,6 +6,7 @@ use super::data::{Record, Span};
 use super::noise::Noise;
 use super::prediction::Prediction;
 use crate::effect::{Applied, Chance};
+use crate::simulate::plan::Tolerance;
 use crate::simulate::{Correction, System};
 
 /// The initial state of one record, integrated out: a prior N(0, P) on its deviation and the same sensitivities for all rivals.
@@ -31,6 +32,9 @@ pub(super) struct Problem<'a> {
     noise: Vec<Noise>,
     starts: Vec<Start>,
 }
+
+/// Far below the noise of any sensor; a rival on its way to infinity gives up early.
+const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 2000 };
 
 /// A whitened residual, one column of all samples and outputs per record.
 pub(super) type Whitened = Vec<DVector<f64>>;
@@ -83,7 +87,8 @@ impl<'a> Problem<'a> {
 
     /// Predicted outputs of one record from the nominal start, samples × outputs.
     pub(super) fn predict(&self, record: usize, effects: &[Applied]) -> Option<DMatrix<f64>> {
-        let plan = Applied::plan(self.system, self.own.iter().chain(effects), Chance::Mean).ok()?;
+        let mut plan = Applied::plan(self.system, self.own.iter().chain(effects), Chance::Mean).ok()?;
+        plan.tolerance = TOLERANCE;
         let run = self.system.simulate(&plan, self.records[record].commands(), &self.system.initial, self.correction(record)).ok()?;
         Some(run.y)
     }

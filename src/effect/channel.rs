@@ -70,15 +70,10 @@ pub(super) fn shared(system: &System) -> Vec<String> {
     channels
 }
 
-/// `from->to` between two lists of ports.
-pub(super) fn arrow(
-    effect: &dyn Effect,
-    system: &System,
-    channel: &str,
-    from: &[Port],
-    to: &[Port],
-) -> Result<(usize, usize), EffectError> {
-    channel.split_once("->").and_then(|(f, t)| Some((position(from, f)?, position(to, t)?))).ok_or_else(|| unknown(effect, system, channel))
+/// `from->to` between two ports of one kind.
+pub(super) fn arrow(effect: &dyn Effect, system: &System, channel: &str, ports: &[Port]) -> Result<(usize, usize), EffectError> {
+    let find = |(from, to)| Some((position(ports, from)?, position(ports, to)?)).filter(|(from, to)| from != to);
+    channel.split_once("->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
 }
 
 /// `from->to`, from a state or an input to a state.

@@ -9,9 +9,11 @@ mod clock;
 mod dynamics;
 mod input;
 mod output;
+mod table;
 
 pub use applied::{Applied, Chance};
 pub use channel::depends;
+pub use table::{Line, menu, table};
 
 use crate::simulate::{Plan, System};
 
@@ -27,6 +29,19 @@ pub enum Site {
     Output,
     /// Between the clocks of commands and sensors.
     Clock,
+}
+
+impl Site {
+    /// Its name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Input => "input",
+            Self::Dynamics => "dynamics",
+            Self::Output => "output",
+            Self::Clock => "clock",
+        }
+    }
 }
 
 /// A parameter of an effect on one channel.
@@ -92,6 +107,15 @@ pub trait Effect: Sync {
     fn summary(&self) -> &'static str;
     /// Where it acts.
     fn site(&self) -> Site;
+    /// Which channels it can act on, in words.
+    fn rule(&self) -> &'static str {
+        match self.site() {
+            Site::Input => "an input",
+            Site::Dynamics => "a state",
+            Site::Output => "an output",
+            Site::Clock => "`*`: all outputs",
+        }
+    }
     /// The channels of this system that it can act on.
     fn channels(&self, system: &System) -> Vec<String>;
     /// Its parameters on this channel.

@@ -56,6 +56,18 @@ pub enum LogError {
         /// The unit that the header gives.
         unit: String,
     },
+    /// A channel in another unit than the model's.
+    #[error("{file}: `{channel}` is in {logged} here and in {modelled} in the model; convert one of them")]
+    Unit {
+        /// The log.
+        file: String,
+        /// The channel.
+        channel: String,
+        /// The unit that the log's header gives.
+        logged: String,
+        /// The unit that the model gives.
+        modelled: String,
+    },
     /// A column without a name.
     #[error("{file}, row 1: column {column} has no name; name it or delete it")]
     UnnamedColumn {

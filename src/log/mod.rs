@@ -247,6 +247,24 @@ impl Log {
         self.channels.iter().find(|channel| channel.name == name).and_then(Channel::unit)
     }
 
+    /// Checks a channel's unit against the one a model gives it. Where either gives none, or the log has no such channel, there is nothing to check;
+    /// `m/s²` is `m/s^2`, and a dot is a blank.
+    ///
+    /// # Errors
+    /// [`LogError::Unit`].
+    pub fn check_unit(&self, name: &str, modelled: Option<&str>) -> Result<(), LogError> {
+        let plain = |unit: &str| {
+            let spelt: String = unit.replace('²', "^2").replace('³', "^3").replace(['·', '*'], " ");
+            spelt.split_whitespace().collect::<Vec<_>>().join(" ")
+        };
+        match (self.unit(name), modelled) {
+            (Some(logged), Some(modelled)) if plain(logged) != plain(modelled) => {
+                Err(LogError::Unit { file: self.source.clone(), channel: name.into(), logged: logged.into(), modelled: modelled.into() })
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// The line of the file that a sample came from, for messages; the header is row 1. After [`Log::resample`], the line of the
     /// logged sample at or before it.
     #[must_use]

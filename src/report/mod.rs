@@ -2,6 +2,7 @@
 
 pub mod blind;
 pub mod diagnosis;
+pub mod effects;
 pub mod estimate;
 #[cfg(feature = "cli")]
 pub mod picture;

@@ -4,7 +4,7 @@
 //! dynamics, on its way out and on the clock; which hooks belong to which effect is not known here.
 
 mod assembly;
-mod equations;
+mod field;
 mod linear;
 mod lsim;
 mod nonlinear;
@@ -16,10 +16,9 @@ mod sampled;
 mod system;
 mod walk;
 
-pub use equations::{DrivenEquations, EquationOptions, simulate_equations};
 pub use lsim::{Options, Prehistory, Response, lsim, lsim_sampled, lsim_uneven};
 pub use piecewise::{Piece, Piecewise};
-pub use plan::{Drops, Mode, Plan, Source, Term};
+pub use plan::{Drops, Mode, Plan, Source, Term, Tolerance};
 pub use run::Commands;
 pub use system::{Dynamics, Matrices, Port, System};
 pub use walk::{Correction, Measured, Run};
@@ -45,14 +44,6 @@ pub enum SimulateError {
         /// States of the model.
         needed: usize,
         /// Length of the initial state.
-        got: usize,
-    },
-    /// The parameters have the wrong number.
-    #[error("the model has {needed} parameters, {got} are given")]
-    Parameters {
-        /// Parameters of the model.
-        needed: usize,
-        /// Parameters given.
         got: usize,
     },
     /// Time stamps and input samples differ in number.
@@ -126,6 +117,15 @@ pub enum SimulateError {
         needed: usize,
         /// Length of the sequence.
         got: usize,
+    },
+    /// Commands joined by straight lines on a path that takes held ones only.
+    #[error(
+        "the path of input {input} (counted from 0) holds or bends the command, which is exact for held commands only; \
+         hold the commands, or leave delays, lags and modes alone on that path"
+    )]
+    Joined {
+        /// Input, counted from 0.
+        input: usize,
     },
     /// Friction that sticks and slides without end.
     #[error("friction changes between sticking and sliding without end at t = {time_s} s; the friction levels do not fit the model")]

@@ -29,7 +29,14 @@ impl Piecewise {
     /// Samples that are held until the next one.
     #[must_use]
     pub fn held(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> Self {
-        Self { pieces: time_s.iter().zip(values).map(|(&start_s, value)| Piece { start_s, value, slope: 0.0 }).collect() }
+        let mut pieces: Vec<Piece> = Vec::with_capacity(time_s.len());
+        for (&start_s, value) in time_s.iter().zip(values) {
+            // A command that repeats itself has no edge.
+            if pieces.last().is_none_or(|before| before.value != value) {
+                pieces.push(Piece { start_s, value, slope: 0.0 });
+            }
+        }
+        Self { pieces }
     }
 
     /// Samples joined by straight lines.

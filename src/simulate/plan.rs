@@ -5,8 +5,8 @@
 
 use std::sync::Arc;
 
-use super::Piecewise;
 use super::system::{Dynamics, System};
+use super::{Hold, Piecewise};
 
 /// A map of a whole signal of straight pieces: memoryless, or with a memory such as a play's.
 pub type SignalMap = Arc<dyn Fn(Piecewise) -> Piecewise + Send + Sync>;
@@ -177,6 +177,24 @@ impl Default for SensorClock {
     }
 }
 
+/// How closely nonlinear dynamics are integrated: the error allowed in one step. Linear dynamics are exact whatever it says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tolerance {
+    /// Relative to a state's size.
+    pub relative: f64,
+    /// Beside that, in the states' units.
+    pub absolute: f64,
+    /// Steps between two edges or samples before the simulation gives up.
+    pub steps: usize,
+}
+
+impl Default for Tolerance {
+    /// Errors far below what a sensor resolves, at a price that a fit can pay.
+    fn default() -> Self {
+        Self { relative: 1e-8, absolute: 1e-10, steps: 100_000 }
+    }
+}
+
 /// All hooks of one simulation, on a copy of the dynamics that a wrong parameter may change.
 pub struct Plan {
     /// The dynamics.
@@ -191,6 +209,10 @@ pub struct Plan {
     pub outputs: Vec<OutputPath>,
     /// The sensors' clock.
     pub clock: SensorClock,
+    /// How the commands run between samples. Straight lines pass delays, lags and modes only; a sampled model knows nothing between its samples.
+    pub hold: Hold,
+    /// How closely nonlinear dynamics are integrated.
+    pub tolerance: Tolerance,
 }
 
 impl Plan {
@@ -199,6 +221,15 @@ impl Plan {
     pub fn new(system: &System) -> Self {
         let inputs = system.input_delay_s.iter().map(|&delay_s| InputPath { delay_s, ..InputPath::default() }).collect();
         let outputs = system.outputs.iter().map(|_| OutputPath::default()).collect();
-        Self { dynamics: system.dynamics.clone(), inputs, terms: Vec::new(), modes: Vec::new(), outputs, clock: SensorClock::default() }
+        Self {
+            dynamics: system.dynamics.clone(),
+            inputs,
+            terms: Vec::new(),
+            modes: Vec::new(),
+            outputs,
+            clock: SensorClock::default(),
+            hold: Hold::Zero,
+            tolerance: Tolerance::default(),
+        }
     }
 }

@@ -5,7 +5,6 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use super::SimulateError;
 use super::assembly::Assembly;
 use super::linear::Linear;
 use super::nonlinear::Nonlinear;
@@ -15,9 +14,7 @@ use super::plan::{Drops, InputPath, Plan, Term};
 use super::sampled;
 use super::system::{Dynamics, System};
 use super::walk::{Correction, Run, walk};
-
-/// Steps of the integrator between two edges or samples before it gives up: a rival on its way to infinity must not cost minutes.
-const STEPS_PER_PIECE: usize = 2000;
+use super::{Hold, SimulateError};
 
 /// The commands of a log.
 #[derive(Debug, Clone, Copy)]
@@ -31,10 +28,12 @@ pub struct Commands<'a> {
 impl System {
     /// Simulates the system under a plan, from the state `x0` at the log's first sample: free, or corrected by measured outputs at every sample.
     ///
-    /// Exact for linear systems (held and straight inputs, delays of any size); nonlinear ones are integrated from edge to edge of the inputs.
+    /// Exact for linear systems (held and straight inputs, delays of any size); nonlinear ones are integrated from edge to edge of the inputs, to the plan's
+    /// tolerance. The equations' `time` counts from the log's first sample.
     ///
     /// # Errors
-    /// [`SimulateError`]: shapes that do not fit, a command that is not finite, time that does not increase, a state that explodes, an integration that fails.
+    /// [`SimulateError`]: shapes that do not fit, a command that is not finite, time that does not increase, a state that explodes,
+    /// an equation that is undefined (which, and which part), an integration that fails.
     pub fn simulate(
         &self,
         plan: &Plan,
@@ -43,12 +42,17 @@ impl System {
         correction: Option<Correction<'_>>,
     ) -> Result<Run, SimulateError> {
         check(self, commands, x0)?;
-        let signals = (plan.inputs.iter().zip(commands.inputs))
-            .map(|(path, values)| arrive(path, commands.time_s, values))
+        let joined = plan.hold == Hold::Linear && !matches!(plan.dynamics, Dynamics::Sampled(..));
+        let signals = (plan.inputs.iter().zip(commands.inputs).enumerate())
+            .map(
+                |(input, (path, values))| {
+                    if joined { arrive_joined(input, path, commands.time_s, values) } else { arrive(path, commands.time_s, values) }
+                },
+            )
             .collect::<Result<Vec<_>, _>>()?;
         let first: Vec<f64> = signals.iter().map(Piecewise::first).collect();
         let time_s = commands.time_s;
-        let (dynamics, states) = (&plan.dynamics, true);
+        let dynamics = &plan.dynamics;
         if let Dynamics::Sampled(matrices, ts) = dynamics {
             return sampled::run(self, plan, (matrices, *ts), &signals, time_s, x0, correction);
         }
@@ -66,12 +70,12 @@ impl System {
         let smooth = !plan.terms.iter().any(|t| matches!(t, Term::Function { .. } | Term::Friction { .. }));
         if equations.is_none() && smooth {
             let ramps = !signals.iter().all(Piecewise::is_held);
-            return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, correction, states);
+            return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, correction, true);
         }
-        let mut integrator = Integrator::new(assembly.states);
-        integrator.max_steps = STEPS_PER_PIECE;
+        let mut integrator = Integrator::with_tolerance(assembly.states, plan.tolerance.relative, plan.tolerance.absolute);
+        integrator.max_steps = plan.tolerance.steps;
         let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, integrator);
-        walk(&mut stepper, &signals, plan, time_s, correction, states)
+        walk(&mut stepper, &signals, plan, time_s, correction, true)
     }
 }
 
@@ -107,6 +111,14 @@ fn arrive(path: &InputPath, time_s: &[f64], values: &[f64]) -> Result<Piecewise,
         signal = signal.map(|p| (curve.gain * p.value + curve.quadratic * p.value * p.value.abs(), 0.0));
     }
     Ok(path.maps.iter().fold(signal, |signal, map| map(signal)))
+}
+
+/// The same of commands that straight lines join.
+fn arrive_joined(input: usize, path: &InputPath, time_s: &[f64], values: &[f64]) -> Result<Piecewise, SimulateError> {
+    if path.drops.is_some() || path.curve.is_some() || !path.maps.is_empty() {
+        return Err(SimulateError::Joined { input });
+    }
+    Ok(Piecewise::joined(time_s, values).delayed(path.delay_s))
 }
 
 /// The commands that are passed on.

@@ -154,7 +154,7 @@ pub(super) fn run(
         }
         Ok(value)
     };
-    for (k, &time_s) in grid.iter().enumerate() {
+    for (k, &at_s) in grid.iter().enumerate() {
         if k < samples {
             run.x.row_mut(k).tr_copy_from(&x);
         }
@@ -174,7 +174,7 @@ pub(super) fn run(
         }
         x = &matrices.a * x + &matrices.b * about(&mean, k);
         if x.iter().any(|v| !v.is_finite()) {
-            return Err(SimulateError::Explodes { time_s });
+            return Err(SimulateError::Explodes { time_s: at_s });
         }
     }
     if correction.is_none() {

@@ -80,7 +80,7 @@ impl System {
     /// From a model file. `mean` gives the mean of a channel over the training logs, asked for where an operating point is `"mean"`.
     ///
     /// # Errors
-    /// [`ModelError`] for a file that describes no model; whatever `mean` returns.
+    /// [`crate::model::ModelError`] for a file that describes no model; whatever `mean` returns.
     pub fn new(document: &ModelDocument, mut mean: impl FnMut(&str) -> Result<f64>) -> Result<Self> {
         let mut operating = |channels: &[Channel]| -> Result<Vec<f64>> {
             let value = |c: &Channel| match c.operating {

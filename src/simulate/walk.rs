@@ -66,20 +66,34 @@ struct Group {
     outputs: Vec<usize>,
     /// The next sample.
     next: usize,
+    /// When it is taken, on the commands' clock; infinite after the last.
+    due_s: f64,
+}
+
+impl Group {
+    /// Takes note of when the next sample is taken.
+    fn look_ahead(&mut self, plan: &Plan, time_s: &[f64]) {
+        self.due_s = match (time_s.get(self.next), self.outputs.is_empty()) {
+            (None, _) => f64::INFINITY,
+            (Some(&stamp_s), true) => stamp_s,
+            (Some(&stamp_s), false) => plan.clock.commands_time_s(stamp_s) - self.delay_s,
+        };
+    }
 }
 
 /// Outputs by the delay at which they are read.
-fn groups(plan: &Plan, states: bool) -> Vec<Group> {
+fn groups(plan: &Plan, states: bool, time_s: &[f64]) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for (i, output) in plan.outputs.iter().enumerate() {
         match groups.iter_mut().find(|g| g.delay_s == output.delay_s) {
             Some(group) => group.outputs.push(i),
-            None => groups.push(Group { delay_s: output.delay_s, outputs: vec![i], next: 0 }),
+            None => groups.push(Group { delay_s: output.delay_s, outputs: vec![i], next: 0, due_s: 0.0 }),
         }
     }
     if states {
-        groups.push(Group { delay_s: 0.0, outputs: Vec::new(), next: 0 });
+        groups.push(Group { delay_s: 0.0, outputs: Vec::new(), next: 0, due_s: 0.0 });
     }
+    groups.iter_mut().for_each(|group| group.look_ahead(plan, time_s));
     groups
 }
 
@@ -96,27 +110,16 @@ pub(super) fn walk(
     let outputs = plan.outputs.len();
     let mut run =
         Run { y: DMatrix::zeros(samples, outputs), x: DMatrix::zeros(if states { samples } else { 0 }, system.plant_state().len()) };
-    let mut groups = groups(plan, states);
+    let mut groups = groups(plan, states, time_s);
     let end = time_s.last().copied().unwrap_or(0.0);
     #[allow(clippy::cast_precision_loss)]
     let together = TOGETHER * if samples > 1 { end / (samples - 1) as f64 } else { 1.0 };
-    // When a group's sample is taken, on the commands' clock.
-    let taken = |group: &Group, k: usize| match group.outputs.first() {
-        Some(_) => plan.clock.commands_time_s(time_s[k]) - group.delay_s,
-        None => time_s[k],
-    };
     let mut drive = Drive { pieces: signals.iter().map(|s| s.pieces().first().copied().unwrap_or(LEVEL)).collect() };
     let mut edges = vec![1_usize; signals.len()];
     let mut now = 0.0;
     let mut y = vec![0.0; outputs];
-    let mut innovation = vec![0.0; outputs];
     loop {
-        let mut sample = f64::INFINITY;
-        for group in &groups {
-            if group.next < samples {
-                sample = sample.min(taken(group, group.next));
-            }
-        }
+        let sample = groups.iter().fold(f64::INFINITY, |sample, group| sample.min(group.due_s));
         if sample == f64::INFINITY {
             break;
         }
@@ -140,9 +143,11 @@ pub(super) fn walk(
             }
         }
         for group in &mut groups {
-            while group.next < samples && taken(group, group.next) <= now + together {
+            while group.due_s <= now + together {
                 let k = group.next;
+                let before_start = group.due_s < -together;
                 group.next += 1;
+                group.look_ahead(plan, time_s);
                 if group.outputs.is_empty() {
                     for (i, value) in system.plant_state().iter().enumerate() {
                         run.x[(k, i)] = *value;
@@ -150,27 +155,27 @@ pub(super) fn walk(
                     continue;
                 }
                 system.outputs(now, &drive, &mut y)?;
-                innovation.fill(0.0);
-                let before_start = taken(group, k) < -together;
                 for &i in &group.outputs {
                     let mut value = y[i];
                     for map in &plan.outputs[i].maps {
                         value = map(time_s[k], value);
                     }
                     run.y[(k, i)] = value;
-                    if let Some(measured) = correction.as_ref().and_then(|c| c.measured.get(i)).and_then(|m| m.get(k)) {
-                        innovation[i] = if before_start { 0.0 } else { measured - value };
-                    }
                 }
-                if let Some(correction) = correction {
+                // A sample from before the start tells nothing of the state now.
+                let Some(correction) = correction.filter(|_| !before_start) else { continue };
+                for &j in &group.outputs {
+                    let Some(measured) = correction.measured.get(j).and_then(|m| m.get(k)) else { continue };
+                    let innovation = measured - run.y[(k, j)];
                     for (i, x) in system.plant_state().iter_mut().enumerate() {
-                        for &j in &group.outputs {
-                            *x += correction.gain[(i, j)] * innovation[j];
-                        }
+                        *x += correction.gain[(i, j)] * innovation;
                     }
                 }
             }
         }
+    }
+    if run.y.iter().all(|v| v.is_finite()) {
+        return Ok(run);
     }
     match (0..samples).find(|&k| run.y.row(k).iter().any(|v| !v.is_finite())) {
         Some(k) => Err(SimulateError::Explodes { time_s: time_s[k] }),

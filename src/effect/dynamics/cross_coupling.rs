@@ -21,6 +21,10 @@ impl Effect for CrossCoupling {
         Site::Dynamics
     }
 
+    fn rule(&self) -> &'static str {
+        "`from->x`: a state or input into a state that does not depend on it in the model"
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         let mut channels = Vec::new();
         let states = system.states.iter().enumerate().map(|(j, from)| (Source::State(j), &from.name));

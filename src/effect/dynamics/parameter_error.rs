@@ -23,6 +23,10 @@ impl Effect for ParameterError {
         Site::Dynamics
     }
 
+    fn rule(&self) -> &'static str {
+        "a parameter, or an entry of A or B that is not 0: `A[x,from]`"
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         match &system.dynamics {
             Dynamics::Equations(..) => channel::names(&system.parameters),

@@ -21,6 +21,10 @@ impl Effect for UnmodelledMode {
         Site::Dynamics
     }
 
+    fn rule(&self) -> &'static str {
+        "`u->input:u`, `u->state:x` or `u->output:y`"
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         let mut channels = Vec::new();
         for u in &system.inputs {

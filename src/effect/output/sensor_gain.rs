@@ -23,6 +23,10 @@ impl Effect for SensorGain {
         Site::Output
     }
 
+    fn rule(&self) -> &'static str {
+        "an output, or `*`: all outputs"
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         channel::shared(system)
     }

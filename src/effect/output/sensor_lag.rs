@@ -21,6 +21,10 @@ impl Effect for SensorLag {
         Site::Output
     }
 
+    fn rule(&self) -> &'static str {
+        "an output, or `*`: all outputs"
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         channel::shared(system)
     }

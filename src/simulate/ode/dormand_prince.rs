@@ -53,7 +53,17 @@ impl DormandPrince {
     /// Steps from x by h into `to` (order 5): five evaluations, the slope at the start being known.
     #[inline]
     pub(super) fn step<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, h: f64, x: &[f64], to: &mut [f64]) {
-        let n = self.n;
+        // A number of states that the compiler knows unrolls the loops.
+        match self.n {
+            2 => self.step_of(2, rhs, t, h, x, to),
+            3 => self.step_of(3, rhs, t, h, x, to),
+            4 => self.step_of(4, rhs, t, h, x, to),
+            n => self.step_of(n, rhs, t, h, x, to),
+        }
+    }
+
+    #[inline(always)]
+    fn step_of<R: Rhs + ?Sized>(&mut self, n: usize, rhs: &mut R, t: f64, h: f64, x: &[f64], to: &mut [f64]) {
         let stage = &mut self.stage[..n];
         let (x, to) = (&x[..n], &mut to[..n]);
         let (k1, rest) = self.k.split_at_mut(n);
@@ -89,10 +99,19 @@ impl DormandPrince {
 
     /// The slope at the end of the step (the seventh evaluation), and the error estimate over the tolerance.
     #[inline]
-    pub(super) fn finish<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, h: f64, x: &[f64], to: &[f64], (rtol, atol): (f64, f64)) -> f64 {
-        let n = self.n;
-        rhs.eval(t + h, to, &mut self.k[6 * n..]);
-        let k = &self.k;
+    pub(super) fn finish<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, h: f64, x: &[f64], to: &[f64], tolerance: (f64, f64)) -> f64 {
+        rhs.eval(t + h, to, &mut self.k[6 * self.n..]);
+        match self.n {
+            2 => self.error_of(2, h, x, to, tolerance),
+            3 => self.error_of(3, h, x, to, tolerance),
+            4 => self.error_of(4, h, x, to, tolerance),
+            n => self.error_of(n, h, x, to, tolerance),
+        }
+    }
+
+    #[inline(always)]
+    fn error_of(&self, n: usize, h: f64, x: &[f64], to: &[f64], (rtol, atol): (f64, f64)) -> f64 {
+        let (k, x, to) = (&self.k[..7 * n], &x[..n], &to[..n]);
         let mut sum = 0.0;
         for i in 0..n {
             let stage = |s: usize| k[s * n + i];
