@@ -13,10 +13,12 @@ use crate::effect::Site;
 
 /// Twice the log-likelihood by which the best of a whole catalogue must beat no effect: the best of 50 to 100 rivals reaches 10 to 25 on noise alone.
 const SEARCH_WIDE: f64 = 30.0;
-/// A residual this many times its floor has something left in it.
+/// A residual this many times its floor has something left in it that an effect did not explain.
 const ABOVE_FLOOR: f64 = 1.5;
+/// The same where no effect helps at all: a gap worth the name is three times the noise.
+const ABOVE_FLOOR_ALONE: f64 = 2.0;
 /// An effect that lowers the rms of no output by this factor is within the noise: the model as it is stands at the floor.
-const MATTERS: f64 = 1.2;
+const MATTERS: f64 = 1.3;
 /// The share of the explainable that an effect must explain on held-out data: less, and it describes the training logs and no cause.
 const GENERALISES: f64 = 0.5;
 /// The share of the explainable that one effect must explain.
@@ -82,8 +84,10 @@ pub(super) fn judge<'c>(
     {
         let above = left / noise.max(1e-9);
         let share = if all > noise { (all * all - left * left) / (all * all - noise * noise) } else { 1.0 };
-        if above > ABOVE_FLOOR && share < EXPLAINS {
-            unknown = 1.0 - 0.5 * (-(above - ABOVE_FLOOR)).exp();
+        let limit = if beats { ABOVE_FLOOR } else { ABOVE_FLOOR_ALONE };
+        let excused = beats && leader.is_some_and(|c| c.applied.effect.leaves_residual());
+        if above > limit && share < EXPLAINS && !excused {
+            unknown = 1.0 - 0.5 * (limit - above).exp();
         }
     }
     // What does not hold on data that it was not fitted to is no explanation.
@@ -112,8 +116,11 @@ pub(super) fn cause(
     let weight = problem.weight();
     // Probabilities: exp(odds/2), no effect at odds 0, all scaled to leave room for `unknown`.
     let best = candidates.iter().map(|c| odds(c, weight)).fold(0.0, f64::max);
+    // Effects within the noise: 9 to 1 for no effect, whatever the likelihood says of something that does not matter.
+    let none = if judged.verdict == Verdict::None && best > 0.0 { best + 2.0 * 9.0_f64.ln() } else { 0.0 };
+    let best = best.max(none);
     let share = |odds: f64| if odds.is_finite() { (0.5 * (odds - best)).exp() } else { 0.0 };
-    let sum: f64 = candidates.iter().map(|c| share(odds(c, weight))).sum::<f64>() + share(0.0);
+    let sum: f64 = candidates.iter().map(|c| share(odds(c, weight))).sum::<f64>() + share(none);
     let rest = 1.0 - judged.unknown;
     let row = |effect: &str, channel: Option<String>, probability: f64, after: Option<f64>| RankedSingle {
         effect: effect.to_owned(),
@@ -125,7 +132,7 @@ pub(super) fn cause(
         .par_iter()
         .map(|c| row(c.applied.effect.name(), Some(c.applied.channel.clone()), rest * share(odds(c, weight)) / sum, after(c)))
         .collect();
-    rows.push(row("none", None, rest * share(0.0) / sum, None));
+    rows.push(row("none", None, rest * share(none) / sum, None));
     rows.push(row("unknown", None, judged.unknown, None));
     // The verdict leads its equals.
     let verdict = match (judged.verdict, judged.found.first()) {

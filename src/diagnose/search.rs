@@ -78,9 +78,8 @@ pub(super) fn screen(problem: &Problem<'_>, catalogue: Vec<Applied>, scales: &Sc
                 if let Some(there) = evaluate(start) {
                     tried.push((cost - problem.inner(&there, &there), start.clone()));
                 }
-                // The mirror image of a start that was tried has the same signature.
-                let mirrored = between(&applied, start, -1.0);
-                if applied.parameters.iter().any(|p| p.nominal.is_infinite()) || starts[..at].contains(&mirrored) {
+                // All starts of one parameter have the same signature; a limit has none.
+                if applied.parameters.iter().any(|p| p.nominal.is_infinite()) || (at > 0 && applied.parameters.len() == 1) {
                     continue;
                 }
                 // The signature close to nominal, scaled as it fits best.
@@ -165,6 +164,21 @@ fn step(applied: &Applied, at: usize, value: f64, scales: &Scales) -> f64 {
     if value + step > p.upper { -step } else { step }
 }
 
+/// The bounds of a parameter in a search: its own, and what these logs can show at all.
+fn range(applied: &Applied, at: usize, scales: &Scales) -> (f64, f64) {
+    let p = &applied.parameters[at];
+    let (lower, upper) = match (p.name, p.unit.as_str()) {
+        // From a fifth of a period in the whole log to near the Nyquist frequency.
+        ("frequency", _) => (0.2 / scales.duration_s, 0.45 / scales.sample_time_s),
+        ("damping", _) => (1e-3, 2.0),
+        ("delay", _) => (0.0, scales.longest_delay_s),
+        ("time_constant", _) => (0.0, 0.25 * scales.duration_s),
+        ("offset", "s") if applied.effect.site() == Site::Clock => (-scales.longest_delay_s, scales.longest_delay_s),
+        _ => (p.lower, p.upper),
+    };
+    (lower.max(p.lower), upper.min(p.upper))
+}
+
 /// Gauss-Newton with bounds from one start.
 fn fit(problem: &Problem<'_>, applied: &Applied, start: &[f64], scales: &Scales, nominal: &Whitened) -> Option<Candidate> {
     let free: Vec<usize> = (0..start.len()).filter(|&i| start[i].is_finite()).collect();
@@ -193,15 +207,8 @@ fn fit(problem: &Problem<'_>, applied: &Applied, start: &[f64], scales: &Scales,
             information: DMatrix::from_fn(k, k, |i, j| problem.inner(&columns[i], &columns[j])),
         })
     };
-    let bounds = |which: fn(&crate::effect::Parameter) -> f64| free.iter().map(|&i| which(&applied.parameters[i])).collect();
-    let search = LevenbergMarquardt {
-        max_iterations: 15,
-        gradient_tolerance: 1e-4,
-        step_tolerance: 1e-4,
-        cost_floor: 0.0,
-        lower: bounds(|p| p.lower),
-        upper: bounds(|p| p.upper),
-    };
+    let (lower, upper) = free.iter().map(|&i| range(applied, i, scales)).unzip();
+    let search = LevenbergMarquardt { max_iterations: 15, gradient_tolerance: 1e-4, step_tolerance: 1e-4, cost_floor: 0.0, lower, upper };
     let from: Vec<f64> = free.iter().map(|&i| start[i]).collect();
     let found = search.minimise(&from, evaluate);
     if found.normal.information.is_empty() {
@@ -224,8 +231,8 @@ fn fit(problem: &Problem<'_>, applied: &Applied, start: &[f64], scales: &Scales,
     let inverse = found.normal.information.clone().try_inverse();
     let mut std = vec![None; values.len()];
     for (at, &i) in free.iter().enumerate().filter(|(_, i)| kept.contains(i)) {
-        let p = &applied.parameters[i];
-        let inside = values[i] > p.lower && values[i] < p.upper;
+        let (lower, upper) = range(applied, i, scales);
+        let inside = values[i] > lower && values[i] < upper;
         let variance = inverse.as_ref().map(|m| m[(at, at)]).filter(|v| v.is_finite() && *v > 0.0);
         std[i] = variance.filter(|_| inside).map(f64::sqrt);
     }

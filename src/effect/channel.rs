@@ -101,7 +101,20 @@ pub(super) fn both_signs(sizes: impl IntoIterator<Item = f64>) -> Vec<Vec<f64>> 
     sizes.into_iter().flat_map(|v| [vec![v], vec![-v]]).collect()
 }
 
-/// Delays and time constants from below a sample to the longest looked for, three per factor of ten or so.
+/// Delays of half a sample, one and a half and so on up to the longest looked for: through a direct path, and with fast edges, the cost has a minimum per sample.
+pub(super) fn delays(scales: &super::Scales) -> Vec<Vec<f64>> {
+    // Not more than 40 of them, however long the longest.
+    let step = scales.sample_time_s.max(scales.longest_delay_s / 40.0);
+    let mut delay = 0.5 * step;
+    let mut delays = Vec::new();
+    while delay <= scales.longest_delay_s && delays.len() < 50 {
+        delays.push(vec![delay]);
+        delay += step;
+    }
+    delays
+}
+
+/// Time constants from below a sample to the longest delay looked for, one per octave.
 pub(super) fn times(scales: &super::Scales) -> Vec<Vec<f64>> {
     let mut times = Vec::new();
     let mut time = 0.5 * scales.sample_time_s;
@@ -117,7 +130,7 @@ pub(super) fn times(scales: &super::Scales) -> Vec<Vec<f64>> {
 pub(super) fn limits(spread: &super::Spread) -> Vec<Vec<f64>> {
     let (middle, half) = (0.5 * (spread.largest + spread.smallest), 0.5 * (spread.largest - spread.smallest));
     let mut starts = Vec::new();
-    for share in [0.9, 0.7, 0.45] {
+    for share in [1.0, 0.9, 0.7, 0.45] {
         let (lower, upper) = (middle - share * half, middle + share * half);
         starts.extend([vec![lower, upper], vec![f64::NEG_INFINITY, upper], vec![lower, f64::INFINITY]]);
     }

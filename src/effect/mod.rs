@@ -129,6 +129,10 @@ pub trait Effect: Sync {
     fn is_identity(&self, values: &[f64], parameters: &[Parameter]) -> bool {
         values.iter().zip(parameters).all(|(v, p)| *v == p.nominal)
     }
+    /// Even the right parameters leave a residual: what it does to single samples is chance, or noise decides it.
+    fn leaves_residual(&self) -> bool {
+        false
+    }
     /// Adds its hooks. Only called away from the identity and inside the bounds.
     ///
     /// # Errors

@@ -35,7 +35,7 @@ impl Effect for ClockOffset {
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = (system, channel);
-        channel::times(scales).into_iter().flat_map(|t| [t.clone(), vec![-t[0]]]).collect()
+        channel::delays(scales).into_iter().flat_map(|t| [t.clone(), vec![-t[0]]]).collect()
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

@@ -32,7 +32,7 @@ impl Effect for InputDelay {
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = (system, channel);
-        channel::times(scales)
+        channel::delays(scales)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

@@ -35,6 +35,10 @@ impl Effect for DroppedCommands {
         vec![vec![0.1], vec![0.4], vec![0.8]]
     }
 
+    fn leaves_residual(&self) -> bool {
+        true
+    }
+
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
         plan.inputs[channel::input(self, system, channel)?].drops = Some(Drops::Mean(values[0]));
         Ok(())

@@ -38,6 +38,10 @@ impl Effect for SensorQuantisation {
         spread.lattice.into_iter().map(|step| vec![step]).collect()
     }
 
+    fn leaves_residual(&self) -> bool {
+        true
+    }
+
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
         let step = values[0];
         plan.outputs[channel::output(self, system, channel)?].maps.push(Arc::new(move |_, y| step * (y / step).round()));
