@@ -36,6 +36,9 @@ pub(super) struct Problem<'a> {
 /// Far below the noise of any sensor; a rival on its way to infinity gives up early.
 const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 2000 };
 
+/// Draws from which the scatter of a random effect is taken.
+const DRAWS: u64 = 16;
+
 /// A whitened residual, one column of all samples and outputs per record.
 pub(super) type Whitened = Vec<DVector<f64>>;
 
@@ -87,7 +90,11 @@ impl<'a> Problem<'a> {
 
     /// Predicted outputs of one record from the nominal start, samples × outputs.
     pub(super) fn predict(&self, record: usize, effects: &[Applied]) -> Option<DMatrix<f64>> {
-        let mut plan = Applied::plan(self.system, self.own.iter().chain(effects), Chance::Mean).ok()?;
+        self.predict_by(record, effects, Chance::Mean)
+    }
+
+    fn predict_by(&self, record: usize, effects: &[Applied], chance: Chance) -> Option<DMatrix<f64>> {
+        let mut plan = Applied::plan(self.system, self.own.iter().chain(effects), chance).ok()?;
         plan.tolerance = TOLERANCE;
         let run = self.system.simulate(&plan, self.records[record].commands(), &self.system.initial, self.correction(record)).ok()?;
         Some(run.y)
@@ -111,6 +118,31 @@ impl<'a> Problem<'a> {
                 e.iter().all(|v| v.is_finite()).then(|| DVector::from_column_slice(e.as_slice()))
             })
             .collect()
+    }
+
+    /// How much better the residuals of a random effect are explained by its scatter as well as its mean: twice a log-likelihood, 0 for effects without chance.
+    ///
+    /// Each whitened sample has the variance c + v, v the mean square over draws of the whitened deviation from the mean and c what noise is left beside it:
+    /// Σ e² − e²/(c + v) − ln(c + v) at the best c. A lag that is mistaken for lost commands has no scatter, and pays.
+    pub(super) fn scatter(&self, effects: &[Applied], residuals: &Whitened) -> f64 {
+        let plan = Applied::plan(self.system, effects, Chance::Mean);
+        if plan.is_ok_and(|plan| plan.inputs.iter().all(|path| path.drops.is_none())) {
+            return 0.0;
+        }
+        let mut samples: Vec<(f64, f64)> = Vec::new();
+        for (at, record) in self.records.iter().enumerate().filter(|(_, r)| r.train.is_some()) {
+            let Some(mean) = self.predict(at, effects) else { return f64::NEG_INFINITY };
+            let mut squares: DVector<f64> = DVector::zeros(residuals[at].len());
+            for seed in 0..DRAWS {
+                let Some(draw) = self.predict_by(at, effects, Chance::Seed(seed)) else { return f64::NEG_INFINITY };
+                let deviation = self.noise[at].whiten(record, &(draw - &mean));
+                squares += DVector::from_column_slice(deviation.as_slice()).map(|d| d * d);
+            }
+            #[allow(clippy::cast_precision_loss)]
+            samples.extend(squares.iter().zip(residuals[at].iter()).filter(|(_, e)| **e != 0.0).map(|(s, e)| (s / DRAWS as f64, e * e)));
+        }
+        let likelihood = |c: f64| samples.iter().map(|(v, e)| e - e / (c + v) - (c + v).ln()).sum::<f64>();
+        [1.0, 0.7, 0.5, 0.3, 0.2, 0.1, 0.05, 0.02, 0.01].into_iter().map(likelihood).fold(f64::NEG_INFINITY, f64::max)
     }
 
     /// The inner product of whitened residuals with the start integrated out: aᵀ(I + W P Wᵀ)⁻¹b over the training records.

@@ -68,7 +68,9 @@ pub(super) fn judge<'c>(
     let rms = |residuals: &[DMatrix<f64>], held: bool| Errors::of(records, residuals, |r| if held { r.held } else { r.train });
     let (was, is) = (rms(before, false).nrmse(), rms(after, false).nrmse());
     let matters = was.iter().zip(&is).any(|(b, a)| b.zip(*a).is_some_and(|(b, a)| b > MATTERS * a));
-    let beats = matters && leader.is_some_and(|c| odds(c, weight) > 0.0);
+    // An effect of chance need not lower the error: its scatter or its lattice speaks for it.
+    let chance = leader.is_some_and(|c| c.applied.effect.leaves_residual());
+    let beats = (matters || chance) && leader.is_some_and(|c| odds(c, weight) > 0.0);
     let explained = if beats { after } else { before };
     let (all, left) = (Errors::of(records, before, |r| r.train).nrmse(), Errors::of(records, explained, |r| r.train));
     let noise = left.relative(&floor.floor);
@@ -85,8 +87,7 @@ pub(super) fn judge<'c>(
         let above = left / noise.max(1e-9);
         let share = if all > noise { (all * all - left * left) / (all * all - noise * noise) } else { 1.0 };
         let limit = if beats { ABOVE_FLOOR } else { ABOVE_FLOOR_ALONE };
-        let excused = beats && leader.is_some_and(|c| c.applied.effect.leaves_residual());
-        if above > limit && share < EXPLAINS && !excused {
+        if above > limit && share < EXPLAINS && !(beats && chance) {
             unknown = 1.0 - 0.5 * (limit - above).exp();
         }
     }
@@ -94,7 +95,7 @@ pub(super) fn judge<'c>(
     let (held_before, held_after) = (rms(before, true), rms(after, true));
     let held = |e: &Errors| together(&e.nrmse()).unwrap_or(0.0);
     let (b, a, f) = (held(&held_before), held(&held_after), together(&held_before.relative(&floor.floor)).unwrap_or(0.0));
-    if beats && b * b - a * a < GENERALISES * (b * b - f * f).max(0.0) {
+    if beats && !chance && b * b - a * a < GENERALISES * (b * b - f * f).max(0.0) {
         unknown = f64::max(unknown, 0.9);
     }
     let verdict = match (unknown > 0.5, beats) {

@@ -131,7 +131,8 @@ pub(super) fn fit_all(problem: &Problem<'_>, candidates: &mut [Candidate], scale
         let starts: Vec<Vec<f64>> =
             if again { vec![candidate.applied.values.clone()] } else { candidate.starts.iter().take(STARTS).cloned().collect() };
         for start in starts {
-            if let Some(better) = fit(problem, &candidate.applied, &start, scales, nominal)
+            let fitted = fit(problem, &candidate.applied, &start, scales, nominal);
+            if let Some(better) = fitted.map(|c| if again { with_scatter(problem, c, nominal) } else { c })
                 && (better.gain > candidate.gain || !candidate.fitted || again)
             {
                 let starts = std::mem::take(&mut candidate.starts);
@@ -147,7 +148,8 @@ pub(super) fn rescore(problem: &Problem<'_>, candidates: &mut [Candidate], nomin
     let cost = problem.inner(nominal, nominal);
     candidates.par_iter_mut().for_each(|candidate| {
         let there = problem.whitened(std::slice::from_ref(&candidate.applied));
-        candidate.gain = there.map_or(f64::NEG_INFINITY, |e| cost - problem.inner(&e, &e));
+        let effects = std::slice::from_ref(&candidate.applied);
+        candidate.gain = there.map_or(f64::NEG_INFINITY, |e| cost - problem.inner(&e, &e) + problem.scatter(effects, &e));
     });
     candidates.sort_by(|a, b| b.gain.total_cmp(&a.gain));
 }
@@ -162,6 +164,35 @@ fn step(applied: &Applied, at: usize, value: f64, scales: &Scales) -> f64 {
     };
     let step = (1e-4 * size).max(1e-4 * least).max(1e-12);
     if value + step > p.upper { -step } else { step }
+}
+
+/// The parameter of an effect of chance, fitted to mean and scatter together: the best of a grid, refined by the parabola through its neighbours, whose
+/// curvature gives the standard deviation. Other effects stay as they are.
+fn with_scatter(problem: &Problem<'_>, candidate: Candidate, nominal: &Whitened) -> Candidate {
+    const GRID: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
+    let cost = problem.inner(nominal, nominal);
+    let gain = |p: f64| {
+        let effects = [with(&candidate.applied, &[p])];
+        let e = problem.whitened(&effects)?;
+        Some((cost - problem.inner(&e, &e), problem.scatter(&effects, &e)))
+    };
+    let acts = candidate.applied.values.len() == 1 && candidate.applied.values.iter().all(|&p| gain(p).is_some_and(|(_, s)| s != 0.0));
+    if !acts {
+        return candidate;
+    }
+    let total: Vec<f64> = GRID.iter().map(|&p| gain(p).map_or(f64::NEG_INFINITY, |(mean, scatter)| mean + scatter)).collect();
+    let Some(at) = (1..GRID.len() - 1).max_by(|&a, &b| total[a].total_cmp(&total[b])) else { return candidate };
+    let (left, middle, right) = (total[at - 1], total[at], total[at + 1]);
+    let bend = left - 2.0 * middle + right;
+    if bend >= 0.0 || !bend.is_finite() {
+        return candidate;
+    }
+    let step = GRID[1] - GRID[0];
+    let p = GRID[at] + (0.5 * step * (left - right) / bend).clamp(-step, step);
+    let Some((mean, scatter)) = gain(p) else { return candidate };
+    // Twice the log-likelihood bends by −2/σ².
+    let std = vec![Some((-2.0 * step * step / bend).sqrt())];
+    Candidate { applied: with(&candidate.applied, &[p]), gain: mean + scatter, std, ..candidate }
 }
 
 /// The bounds of a parameter in a search: its own, and what these logs can show at all.
@@ -236,8 +267,10 @@ fn fit(problem: &Problem<'_>, applied: &Applied, start: &[f64], scales: &Scales,
         let variance = inverse.as_ref().map(|m| m[(at, at)]).filter(|v| v.is_finite() && *v > 0.0);
         std[i] = variance.filter(|_| inside).map(f64::sqrt);
     }
-    let gain = problem.inner(nominal, nominal) - cost;
-    Some(Candidate { applied: with(applied, &values), starts: Vec::new(), free: kept, gain, std, fitted: true })
+    let best = with(applied, &values);
+    let scatter = problem.whitened(std::slice::from_ref(&best)).map_or(0.0, |e| problem.scatter(std::slice::from_ref(&best), &e));
+    let gain = problem.inner(nominal, nominal) - cost + scatter;
+    Some(Candidate { applied: best, starts: Vec::new(), free: kept, gain, std, fitted: true })
 }
 
 /// The noise of the residuals that one explanation leaves, per record; records of one sample time share it.
