@@ -1,5 +1,6 @@
 //! `deadtime gap`: injected effects are named, nothing is named on noise alone, and what is written can be read and used.
 
+#![cfg(feature = "cli")]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 #[path = "support/program.rs"]
@@ -57,6 +58,10 @@ fn commands(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
 
 /// A log of the model with these effects, with noise that follows its seed.
 fn log(document: &ModelDocument, effects: &[(&str, &str, &[f64])], name: &str, samples: usize, seed: u64) -> Log {
+    log_every(0.02, document, effects, name, samples, seed)
+}
+
+fn log_every(ts: f64, document: &ModelDocument, effects: &[(&str, &str, &[f64])], name: &str, samples: usize, seed: u64) -> Log {
     let system = System::new(document, |_| Ok(0.0)).unwrap();
     let list: Vec<Applied> = effects
         .iter()
@@ -67,7 +72,7 @@ fn log(document: &ModelDocument, effects: &[(&str, &str, &[f64])], name: &str, s
         })
         .collect();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let time_s: Vec<f64> = (0..samples).map(|k| 0.02 * k as f64).collect();
+    let time_s: Vec<f64> = (0..samples).map(|k| ts * k as f64).collect();
     let u = vec![commands(samples, &mut rng)];
     let x0: Vec<f64> = system.initial.iter().map(|x| x + 0.02 * rng.sample::<f64, _>(StandardNormal)).collect();
     let plan = Applied::plan(&system, &list, Chance::Mean).unwrap();
@@ -127,6 +132,19 @@ fn an_injected_effect_is_named_with_its_size_and_the_gap_closes_to_the_floor() {
         let sum: f64 = probabilities(&d).iter().map(|p| p.1).sum();
         assert!((sum - 1.0).abs() < 1e-9, "probabilities add up to {sum}");
     }
+}
+
+#[test]
+fn logs_of_different_sample_times_are_diagnosed_together() {
+    let folder = Folder::new();
+    let document = document(&folder, MODEL);
+    let effects: &[(&str, &str, &[f64])] = &[("input_delay", "u", &[0.07])];
+    let logs = [log(&document, effects, "a.csv", 1200, 51), log_every(0.05, &document, effects, "b.csv", 600, 52)];
+    let held = [log_every(0.033, &document, effects, "c.csv", 700, 53)];
+    let d = diagnose(&document, &logs, &held, &GapOptions::default(), &|_| ()).unwrap().diagnosis;
+    let class = d.cause.indistinguishable.first().cloned().unwrap_or_default();
+    assert!(d.cause.verdict == "input_delay" || class.iter().any(|c| c == "input_delay:u"), "{:?}", d.cause.verdict);
+    assert!(d.shrink.of_explainable.unwrap() > 0.9);
 }
 
 fn probabilities(d: &Diagnosis) -> Vec<(String, f64)> {

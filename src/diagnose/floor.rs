@@ -89,7 +89,15 @@ fn explained(
     output: usize,
     samples: &[(usize, usize)],
 ) -> f64 {
-    let rows: Vec<Vec<f64>> = samples.iter().map(|&(at, k)| regressors(&records[at], &predicted[at], settling_s, k)).collect();
+    // The same lags in seconds for all records, whatever their sample times.
+    let finest = records.iter().map(|r| r.sample_time_s).fold(f64::INFINITY, f64::min);
+    let mut lags_s = vec![0.0];
+    let mut lag_s = finest;
+    while lag_s <= settling_s.clamp(2.0 * finest, 400.0 * finest) {
+        lags_s.push(lag_s);
+        lag_s *= 3.0;
+    }
+    let rows: Vec<Vec<f64>> = samples.iter().map(|&(at, k)| regressors(&records[at], &predicted[at], &lags_s, k)).collect();
     let Some(width) = rows.first().map(Vec::len) else { return 0.0 };
     if rows.len() < 4 * width {
         return 0.0;
@@ -130,18 +138,11 @@ fn explained(
 }
 
 /// 1, every input and prediction, straight and squared with its sign, now and at growing lags up to the settling time.
-fn regressors(record: &Record, predicted: &DMatrix<f64>, settling_s: f64, k: usize) -> Vec<f64> {
+fn regressors(record: &Record, predicted: &DMatrix<f64>, lags_s: &[f64], k: usize) -> Vec<f64> {
     let mut row = vec![1.0];
-    let mut lags = vec![0_usize];
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let longest = (settling_s / record.sample_time_s).min(400.0) as usize;
-    let mut lag = 1;
-    while lag <= longest.max(2) {
-        lags.push(lag);
-        lag *= 3;
-    }
-    for lag in lags {
-        let at = k.saturating_sub(lag);
+    for lag_s in lags_s {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let at = k.saturating_sub((lag_s / record.sample_time_s).round() as usize);
         for u in &record.inputs {
             row.extend([u[at], u[at] * u[at].abs()]);
         }
