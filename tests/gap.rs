@@ -236,6 +236,11 @@ fn models_and_logs_that_do_not_fit_are_refused_with_a_remedy() {
     gap(&folder.write("empty.csv", &empty)).refused(&["empty.csv", "rate"]);
     let short: String = good_csv.lines().take(20).map(|l| format!("{l}\n")).collect();
     gap(&folder.write("short.csv", &short)).refused(&["short.csv", "19 samples", "50"]);
+    for bad in ["-1", "1000", "nan"] {
+        let longest = format!("--max-delay={bad}");
+        let said = deadtime(&["gap", "--model", text(&model), "--log", text(&folder.path("good.csv")), "--out", "x", &longest]);
+        said.refused(&["longest delay", "half the shortest log"]);
+    }
     let exploding = folder.write("exploding.toml", &MODEL.replace("[-9.0, -2.4]", "[-9.0, 2400.0]"));
     let said = deadtime(&[
         "gap",

@@ -24,6 +24,14 @@ pub enum GapError {
         /// Samples there are.
         got: usize,
     },
+    /// A longest delay that is none, or that leaves nothing of a log to learn from.
+    #[error("the longest delay is {given_s} s; give 0 s or more and less than half the shortest log, {limit_s} s")]
+    LongestDelay {
+        /// What was given, seconds.
+        given_s: f64,
+        /// Half the shortest log, seconds.
+        limit_s: f64,
+    },
     /// No log to learn from.
     #[error("a diagnosis needs at least one log")]
     NoLogs,

@@ -96,6 +96,10 @@ pub fn diagnose(
     let own = document.effects().iter().map(|e| Applied::from_entry(&system, e)).collect::<std::result::Result<Vec<_>, _>>()?;
     let mut records = logs.iter().chain(holdout).map(|log| Record::new(log, document, &system)).collect::<Result<Vec<_>>>()?;
     let longest_delay_s = options.longest_delay_s.unwrap_or_else(|| longest_delay(&records));
+    let limit_s = records.iter().map(|r| 0.5 * r.duration_s()).fold(f64::INFINITY, f64::min);
+    if !(0.0..limit_s).contains(&longest_delay_s) {
+        return Err(GapError::LongestDelay { given_s: longest_delay_s, limit_s }.into());
+    }
     let prediction = prediction::Prediction::choose(&system, &records, options.prediction);
     let holdouts = set_spans(&mut records, logs.len(), !holdout.is_empty(), longest_delay_s, prediction.settling_s);
     let outputs = system.outputs.len();
