@@ -31,10 +31,15 @@ pub(super) struct Problem<'a> {
     prior: Vec<f64>,
     noise: Vec<Noise>,
     starts: Vec<Start>,
+    /// Integration steps allowed, per record.
+    budgets: Vec<usize>,
 }
 
 /// Far below the noise of any sensor; a rival on its way to infinity gives up early.
-const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 2000 };
+const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 2000, budget: usize::MAX };
+/// A rival that needs more integration steps than so many per sample and this multiple of the nominal model's is given up.
+const STEPS_PER_SAMPLE: usize = 10;
+const STEPS_OF_NOMINAL: usize = 4;
 
 /// Draws from which the scatter of a random effect is taken.
 const DRAWS: u64 = 16;
@@ -57,10 +62,12 @@ impl<'a> Problem<'a> {
     ) -> crate::Result<Self> {
         let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
         let plan = Applied::plan(system, &own, Chance::Mean)?;
-        let mut problem = Self { system, records, prediction, own, prior, noise: Vec::new(), starts: Vec::new() };
+        let mut problem = Self { system, records, prediction, own, prior, noise: Vec::new(), starts: Vec::new(), budgets: Vec::new() };
         for (at, record) in records.iter().enumerate() {
             let scale: Vec<f64> = problem.prior.iter().map(|s| if *s > 0.0 { 1e-3 * s } else { 1.0 }).collect();
             let all = system.sensitivity(&plan, record.commands(), &system.initial, &scale, problem.correction(at))?;
+            let steps = system.simulate(&plan, record.commands(), &system.initial, problem.correction(at))?.steps;
+            problem.budgets.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
             let shape = (record.time_s.len(), system.outputs.len());
             let raw = free.iter().map(|&j| DMatrix::from_column_slice(shape.0, shape.1, all.column(j).as_slice())).collect();
             problem.starts.push(Start { raw, whitened: DMatrix::zeros(0, 0), factor: None });
@@ -95,7 +102,7 @@ impl<'a> Problem<'a> {
 
     fn predict_by(&self, record: usize, effects: &[Applied], chance: Chance) -> Option<DMatrix<f64>> {
         let mut plan = Applied::plan(self.system, self.own.iter().chain(effects), chance).ok()?;
-        plan.tolerance = TOLERANCE;
+        plan.tolerance = Tolerance { budget: self.budgets.get(record).copied().unwrap_or(usize::MAX), ..TOLERANCE };
         let run = self.system.simulate(&plan, self.records[record].commands(), &self.system.initial, self.correction(record)).ok()?;
         Some(run.y)
     }
@@ -104,6 +111,14 @@ impl<'a> Problem<'a> {
     pub(super) fn residual(&self, record: usize, predicted: &DMatrix<f64>) -> DMatrix<f64> {
         let measured = &self.records[record].measured;
         DMatrix::from_fn(predicted.nrows(), predicted.ncols(), |k, i| measured[i].get(k).map_or(0.0, |y| y - predicted[(k, i)]))
+    }
+
+    /// measured − residual, where there is a measurement; per record.
+    pub(super) fn predictions(&self, residuals: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
+        let predicted = |(record, residual): (&Record, &DMatrix<f64>)| {
+            DMatrix::from_fn(residual.nrows(), residual.ncols(), |k, i| record.measured[i].get(k).map_or(0.0, |y| y - residual[(k, i)]))
+        };
+        self.records.iter().zip(residuals).map(predicted).collect()
     }
 
     /// Whitened residuals of all training records; `None` where a simulation fails.
@@ -158,6 +173,15 @@ impl<'a> Problem<'a> {
             }
         }
         sum
+    }
+
+    /// (I + W P Wᵀ)⁻¹a, record by record: [`Self::inner`] is its scalar product with the other vector.
+    pub(super) fn reduced(&self, a: &Whitened) -> Whitened {
+        let reduce = |(a, start): (&DVector<f64>, &Start)| match start.factor.as_ref().filter(|_| start.whitened.ncols() > 0 && !a.is_empty()) {
+            Some(factor) => a - &start.whitened * factor.solve(&start.whitened.tr_mul(a)),
+            None => a.clone(),
+        };
+        a.iter().zip(&self.starts).map(reduce).collect()
     }
 
     /// Predicted outputs from the posterior mean of the start, given the samples in `span` of each record.

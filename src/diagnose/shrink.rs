@@ -45,6 +45,11 @@ impl Errors {
         errors
     }
 
+    /// Root of the mean squared error, per output.
+    pub(super) fn rms(&self) -> Vec<f64> {
+        self.squares.iter().zip(&self.count).map(|(e, n)| (e / n.max(1.0)).sqrt()).collect()
+    }
+
     /// Per output; `None` where it stands still.
     pub(super) fn nrmse(&self) -> Vec<Option<f64>> {
         self.squares.iter().zip(&self.deviations).map(|(e, d)| (*d > 0.0).then(|| (e / d).sqrt())).collect()
