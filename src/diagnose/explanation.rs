@@ -2,7 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::problem::{Problem, Whitened};
+use super::lost::Lost;
+use super::problem::{Acting, Problem, Whitened};
 use crate::effect::{Applied, Scales, Site};
 use crate::fit::{LevenbergMarquardt, Normal};
 
@@ -17,6 +18,8 @@ pub(super) struct Explanation {
     pub(super) gain: f64,
     /// Fitted in full, not only screened.
     pub(super) fitted: bool,
+    /// The commands that were lost, where an effect loses some.
+    pub(super) lost: Option<Lost>,
 }
 
 /// Whitened residuals and their derivatives by the free parameters, at one set of parameters.
@@ -38,7 +41,7 @@ pub(super) fn difference(a: &Whitened, b: &Whitened, scale: f64) -> Whitened {
 impl Explanation {
     /// One effect, not fitted yet.
     pub(super) fn screened(applied: Applied, gain: f64) -> Self {
-        Self { effects: vec![applied], free: Vec::new(), gain, fitted: false }
+        Self { effects: vec![applied], free: Vec::new(), gain, fitted: false, lost: None }
     }
 
     /// `effect:channel`, of several joined by " + ".
@@ -51,15 +54,35 @@ impl Explanation {
         self.free.len().saturating_sub(self.effects.len())
     }
 
+    /// Some effect loses commands.
+    pub(super) fn loses_commands(&self) -> bool {
+        self.effects.iter().any(|a| a.effect.loses_commands())
+    }
+
     /// Lowers the cost from the present values by bounded Gauss-Newton steps; `None` where the start cannot be simulated.
-    pub(super) fn fit(problem: &Problem<'_>, effects: &[Applied], scales: &Scales, nominal: &Whitened, iterations: usize) -> Option<Self> {
-        let free: Vec<(usize, usize)> =
-            effects.iter().enumerate().flat_map(|(e, a)| (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i))).collect();
+    pub(super) fn fit(problem: &Problem<'_>, effects: &[Applied], scales: &Scales, nominal_cost: f64, iterations: usize) -> Option<Self> {
+        Self::refit(problem, Self { effects: effects.to_vec(), free: Vec::new(), gain: 0.0, fitted: false, lost: None }, scales, nominal_cost, iterations)
+    }
+
+    /// The same with commands lost as they are; their probability is no matter of the fit.
+    pub(super) fn refit(problem: &Problem<'_>, from: Self, scales: &Scales, nominal_cost: f64, iterations: usize) -> Option<Self> {
+        let (effects, lost) = (&from.effects, from.lost.as_ref());
+        let free: Vec<(usize, usize)> = (effects.iter().enumerate())
+            .filter(|(_, a)| lost.is_none() || !a.effect.loses_commands())
+            .flat_map(|(e, a)| (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i)))
+            .collect();
+        let priced = |cost: f64| nominal_cost - cost - lost.map_or(0.0, |l| l.price);
+        if free.is_empty() {
+            let there = problem.whitened(&from)?;
+            let gain = priced(problem.inner(&there, &there));
+            return Some(Self { gain, free, fitted: true, ..from });
+        }
         let (lower, upper) = free.iter().map(|&(e, i)| range(&effects[e], i, scales)).unzip();
         let search = LevenbergMarquardt { max_iterations: iterations, gradient_tolerance: 1e-4, step_tolerance: 1e-4, cost_floor: 0.0, lower, upper };
-        let from: Vec<f64> = free.iter().map(|&(e, i)| effects[e].values[i]).collect();
-        let found = search.minimise(&from, |values| {
-            let slopes = slopes(problem, &placed(effects, &free, values), &free, scales)?;
+        let begin: Vec<f64> = free.iter().map(|&(e, i)| effects[e].values[i]).collect();
+        let acting = Acting::from(&from);
+        let found = search.minimise(&begin, |values| {
+            let slopes = slopes(problem, acting.with(&placed(effects, &free, values)), &free, scales)?;
             Some(normal(problem, &slopes))
         });
         if found.normal.information.is_empty() {
@@ -72,14 +95,15 @@ impl Explanation {
         for &(e, i) in free.iter().filter(|&&(e, i)| effects[e].parameters[i].nominal.is_infinite()) {
             let mut without = best.clone();
             without[e].values[i] = effects[e].parameters[i].nominal;
-            if problem.whitened(&without).is_some_and(|w| (problem.inner(&w, &w) - cost).abs() <= 1e-9 * cost) {
+            if problem.whitened(acting.with(&without)).is_some_and(|w| (problem.inner(&w, &w) - cost).abs() <= 1e-9 * cost) {
                 best = without;
                 kept.retain(|&at| at != (e, i));
             }
         }
-        let scatter = problem.whitened(&best).map_or(0.0, |e| problem.scatter(&best, &e));
-        let gain = problem.inner(nominal, nominal) - cost + scatter;
-        Some(Self { effects: best, free: kept, gain, fitted: true })
+        for applied in &mut best {
+            applied.values = applied.effect.canonical(std::mem::take(&mut applied.values));
+        }
+        Some(Self { effects: best, free: kept, gain: priced(cost), fitted: true, lost: from.lost })
     }
 
     /// Takes other values for its free parameters.
@@ -89,13 +113,13 @@ impl Explanation {
 
     /// The gain under the problem's present noise, parameters as they are.
     pub(super) fn rescore(&mut self, problem: &Problem<'_>, nominal_cost: f64) {
-        let there = problem.whitened(&self.effects);
-        self.gain = there.map_or(f64::NEG_INFINITY, |e| nominal_cost - problem.inner(&e, &e) + problem.scatter(&self.effects, &e));
+        let price = self.lost.as_ref().map_or(0.0, |l| l.price);
+        self.gain = problem.whitened(&*self).map_or(f64::NEG_INFINITY, |e| nominal_cost - problem.inner(&e, &e) - price);
     }
 
     /// Residual and derivatives at the present values.
     pub(super) fn slopes(&self, problem: &Problem<'_>, scales: &Scales) -> Option<Slopes> {
-        slopes(problem, &self.effects, &self.free, scales)
+        slopes(problem, Acting::from(self), &self.free, scales)
     }
 
     /// A parameter stands at the edge of what was searched.
@@ -114,14 +138,14 @@ fn placed(effects: &[Applied], free: &[(usize, usize)], values: &[f64]) -> Vec<A
     all
 }
 
-fn slopes(problem: &Problem<'_>, effects: &[Applied], free: &[(usize, usize)], scales: &Scales) -> Option<Slopes> {
-    let residual = problem.whitened(effects)?;
+fn slopes(problem: &Problem<'_>, acting: Acting<'_>, free: &[(usize, usize)], scales: &Scales) -> Option<Slopes> {
+    let (effects, residual) = (acting.effects, problem.whitened(acting)?);
     let mut columns = Vec::with_capacity(free.len());
     for &(e, i) in free {
         let h = step(&effects[e], i, scales);
         let mut moved = effects.to_vec();
         moved[e].values[i] += h;
-        columns.push(difference(&problem.whitened(&moved)?, &residual, 1.0 / h));
+        columns.push(difference(&problem.whitened(acting.with(&moved))?, &residual, 1.0 / h));
     }
     Some(Slopes { residual, columns })
 }

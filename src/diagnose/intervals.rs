@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::explanation::{Explanation, difference};
-use super::problem::{Problem, Whitened};
+use super::problem::{Acting, Problem, Whitened};
 use crate::effect::{Applied, EFFECTS, Scales};
 
 /// Prior sizes of the nominal parameters' relative errors that are tried.
@@ -35,7 +35,7 @@ fn nominal_columns(problem: &Problem<'_>, explanation: &Explanation, residual: &
         let h = STEP * applied.values[0].abs();
         applied.values[0] += h;
         let moved: Vec<Applied> = explanation.effects.iter().cloned().chain([applied]).collect();
-        Some(difference(&problem.whitened(&moved)?, residual, 1.0 / STEP))
+        Some(difference(&problem.whitened(Acting::from(explanation).with(&moved))?, residual, 1.0 / STEP))
     };
     if problem.system.is_sampled() { Vec::new() } else { effect.channels(problem.system).into_iter().filter_map(column).collect() }
 }

@@ -8,6 +8,7 @@ mod explanation;
 mod floor;
 mod intervals;
 mod locate;
+mod lost;
 mod noise;
 mod prediction;
 mod problem;
@@ -30,7 +31,7 @@ use crate::error::Result;
 use crate::log::Log;
 use crate::model::ModelDocument;
 use data::{Record, Span};
-use problem::Problem;
+use problem::{Acting, NOTHING, Problem};
 use shrink::{Errors, together};
 
 /// The part of each log that is held back where no log is held out.
@@ -110,22 +111,21 @@ pub fn diagnose(
     let smallest = motion.smallest.clone();
     let first_noise: Vec<f64> = motion.innovations(&records);
     let mut problem = Problem::new(&system, &records, &prediction, own.clone(), prior, &first_noise)?;
-    let before = shrink::residuals(&problem, &[]).ok_or_else(|| nominal_fails(&records))?;
+    let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;
     let scales = motion.scales(&system, &records, &before, longest_delay_s);
 
     let (catalogue, left_out) = search::catalogue(&system);
     let found = search::search(&mut problem, catalogue, &scales, &smallest, progress).ok_or_else(|| nominal_fails(&records))?;
 
     progress("judging");
-    let before = shrink::residuals(&problem, &[]).ok_or_else(|| nominal_fails(&records))?;
+    let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;
     let mut judged = verdict::judge(&problem, &found).ok_or_else(|| nominal_fails(&records))?;
     let estimate = judged.found.as_ref().and_then(|e| intervals::estimate(&problem, e, &scales));
     // What is held out is judged with what was found to act.
     if let (Some(explanation), Some(estimate)) = (&mut judged.found, &estimate) {
         explanation.take(&estimate.values);
     }
-    let acting: Vec<Applied> = judged.found.as_ref().map(|e| e.effects.clone()).unwrap_or_default();
-    let with_found = shrink::residuals(&problem, &acting).ok_or_else(|| nominal_fails(&records))?;
+    let with_found = shrink::residuals(&problem, judged.found.as_ref().map_or(NOTHING, Acting::from)).ok_or_else(|| nominal_fails(&records))?;
 
     let floor = &judged.floor;
     let nothing = Errors::of(&records, &before, |r| r.train);
@@ -133,7 +133,7 @@ pub fn diagnose(
     let shares = locate::output_shares(&each, &each_floor);
     let gap_output = |i: usize| GapOutput { name: system.outputs[i].name.clone(), before: each[i], floor: each_floor[i], share: shares[i] };
     let mut cause = rank::cause(&problem, &judged, &found, estimate.as_ref(), |e| {
-        let residuals = shrink::residuals(&problem, &e.effects)?;
+        let residuals = shrink::residuals(&problem, e)?;
         together(&Errors::of(&records, &residuals, |r| r.train).nrmse())
     });
     cause.not_tried = left_out.into_iter().map(|(effect, why)| NotTried { effect: effect.to_owned(), why }).collect();
@@ -155,7 +155,7 @@ pub fn diagnose(
         shrink: shrink::shrink(&system, &records, &before, &with_found, &floor.floor, prediction.settling_s, options.seed),
     };
     let mut model = document.clone();
-    model.effects_mut().extend(acting.iter().map(Applied::to_entry));
+    model.effects_mut().extend(judged.found.iter().flat_map(|e| &e.effects).map(Applied::to_entry));
     Ok(Diagnosed { diagnosis, model })
 }
 

@@ -60,6 +60,14 @@ impl Noise {
         self.innovations(record, residual) * self.unmix.transpose()
     }
 
+    /// The whitening filter on a response that starts from rest.
+    pub(super) fn filter(&self, response: &DMatrix<f64>) -> DMatrix<f64> {
+        let filtered = DMatrix::from_fn(response.nrows(), response.ncols(), |k, i| {
+            response[(k, i)] - self.ar[i].iter().zip((0..k).rev()).map(|(a, past)| a * response[(past, i)]).sum::<f64>()
+        });
+        filtered * self.unmix.transpose()
+    }
+
     /// A missing residual is replaced by its prediction, so the map stays linear.
     fn innovations(&self, record: &Record, residual: &DMatrix<f64>) -> DMatrix<f64> {
         let (samples, outputs) = residual.shape();

@@ -111,7 +111,7 @@ pub(super) fn cause(
             Verdict::Effects => first.map(|a| a.effect.name().to_owned()).unwrap_or_default(),
         },
         channel: first.map(|a| a.channel.clone()),
-        effects: judged.found.iter().flat_map(|e| found_effects(e, estimate)).collect(),
+        effects: judged.found.iter().flat_map(|e| found_effects(problem, e, estimate)).collect(),
         ranking: rows.into_iter().map(|r| r.2).collect(),
         indistinguishable: classes.iter().map(|class| class.iter().map(Applied::key).collect()).collect(),
         not_tried: Vec::new(),
@@ -127,11 +127,16 @@ fn row(explanation: &Explanation, probability: f64, after: Option<f64>) -> Ranki
     }
 }
 
-fn found_effects(explanation: &Explanation, estimate: Option<&Estimate>) -> Vec<FoundEffect> {
+fn found_effects(problem: &Problem<'_>, explanation: &Explanation, estimate: Option<&Estimate>) -> Vec<FoundEffect> {
     let parameter = |e: usize, i: usize| {
         let applied = &explanation.effects[e];
         let place = explanation.free.iter().position(|&at| at == (e, i));
-        let std = estimate.zip(place).and_then(|(estimate, at)| estimate.std[at]);
+        let std = match (&explanation.lost, place) {
+            (Some(lost), None) if applied.effect.loses_commands() => {
+                problem.system.inputs.iter().position(|p| p.name == applied.channel).and_then(|input| lost.std[input])
+            }
+            _ => estimate.zip(place).and_then(|(estimate, at)| estimate.std[at]),
+        };
         let value = applied.values[i];
         Parameter {
             name: applied.parameters[i].name.to_owned(),
@@ -152,7 +157,7 @@ fn found_effects(explanation: &Explanation, estimate: Option<&Estimate>) -> Vec<
 
 /// For every effect of the leader: itself and all that could stand in its place with a likelihood and trajectories as good; classes of one are left out.
 fn classes(problem: &Problem<'_>, leader: &Explanation, found: &Found) -> Vec<Vec<Applied>> {
-    let Some(own) = problem.whitened(&leader.effects) else { return Vec::new() };
+    let Some(own) = problem.whitened(leader) else { return Vec::new() };
     let mut classes: Vec<Vec<Applied>> = leader.effects.iter().map(|a| vec![a.clone()]).collect();
     let same_size = if leader.effects.len() == 1 { &found.singles } else { &found.pairs };
     for rival in same_size.iter().filter(|r| r.fitted && (r.gain - leader.gain).abs() < ALIKE) {
@@ -161,7 +166,7 @@ fn classes(problem: &Problem<'_>, leader: &Explanation, found: &Found) -> Vec<Ve
             (0..of.effects.len()).filter(|&i| !keys.contains(&of.effects[i].key())).collect::<Vec<_>>()
         };
         let (&[place], &[other]) = (missing(leader, rival).as_slice(), missing(rival, leader).as_slice()) else { continue };
-        let Some(theirs) = problem.whitened(&rival.effects) else { continue };
+        let Some(theirs) = problem.whitened(rival) else { continue };
         let apart = difference(&own, &theirs, 1.0);
         if problem.inner(&apart, &apart) < 2.0 * ALIKE {
             classes[place].push(rival.effects[other].clone());

@@ -4,8 +4,9 @@
 use rayon::prelude::*;
 
 use super::explanation::{Explanation, difference, with};
+use super::lost::decoded;
 use super::noise::Noise;
-use super::problem::{Problem, Whitened};
+use super::problem::{Acting, NOTHING, Problem, Whitened};
 use super::rank::{SEARCH_WIDE, odds};
 use crate::effect::{Applied, EFFECTS, Scales, Site};
 use crate::simulate::System;
@@ -28,6 +29,8 @@ const STEPS: usize = 15;
 const FIRSTS: (usize, usize) = (2, 4);
 /// Second effects that are fitted with each first one.
 const SECONDS: usize = 6;
+/// First effects beside which lost commands are looked for.
+const LOSING: usize = 3;
 /// The part of a first effect's cost that a second one must promise to take away: less is a model that is a little off.
 const PROMISING: f64 = 0.05;
 /// Steps after which all but the best pairs are given up, and how many are left then.
@@ -66,7 +69,7 @@ pub(super) fn catalogue(system: &System) -> (Vec<Applied>, Vec<(&'static str, St
 
 /// Searches the whole catalogue; leaves `problem` with the noise of the largest explanation in play.
 pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales: &Scales, smallest: &[f64], progress: &dyn Fn(&str)) -> Option<Found> {
-    let nominal = problem.whitened(&[])?;
+    let nominal = problem.whitened(NOTHING)?;
     progress(&format!("screening {} candidates", catalogue.len()));
     let pool = screen(problem, catalogue, scales, &nominal);
     progress("fitting the most promising");
@@ -79,18 +82,18 @@ pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales:
         let leading = |all: &[Explanation]| all.iter().filter(|e| e.fitted).max_by(|a, b| odds(a, weight).total_cmp(&odds(b, weight))).cloned();
         let single = leading(&found.singles);
         let pair = leading(&found.pairs).filter(|pair| single.as_ref().is_none_or(|s| odds(pair, weight) > odds(s, weight)));
-        let largest: Vec<Applied> = pair.or(single).map(|e| e.effects).unwrap_or_default();
-        let Some(noise) = noise_of(problem, &largest, smallest) else { break };
+        let largest = pair.or(single);
+        let Some(noise) = noise_of(problem, largest.as_ref().map_or(NOTHING, Acting::from), smallest) else { break };
         problem.set_noise(noise);
-        let nominal = problem.whitened(&[])?;
+        let nominal = problem.whitened(NOTHING)?;
         let cost = problem.inner(&nominal, &nominal);
         for explanations in [&mut found.singles, &mut found.pairs] {
             explanations.par_iter_mut().for_each(|e| e.rescore(problem, cost));
             explanations.sort_by(|a, b| b.gain.total_cmp(&a.gain));
             let steps = if round + 1 < ROUNDS { STEPS } else { STEPS / 2 };
             explanations.par_iter_mut().take(LEADERS).for_each(|e| {
-                if let Some(better) = Explanation::fit(problem, &e.effects, scales, &nominal, steps) {
-                    *e = with_scatter(problem, better, cost);
+                if let Some(better) = decoded(problem, e.clone(), scales, cost, steps).and_then(|e| Explanation::refit(problem, e, scales, cost, steps)) {
+                    *e = better;
                 }
             });
             explanations.sort_by(|a, b| b.gain.total_cmp(&a.gain));
@@ -171,6 +174,7 @@ fn screen(problem: &Problem<'_>, catalogue: Vec<Applied>, scales: &Scales, nomin
 
 /// Fits the most promising of the pool, each from its best starts; the others stay as screened.
 fn fit_first(problem: &Problem<'_>, pool: &[Screened], scales: &Scales, nominal: &Whitened) -> Vec<Explanation> {
+    let cost = problem.inner(nominal, nominal);
     let mut singles: Vec<Explanation> = pool
         .par_iter()
         .enumerate()
@@ -178,8 +182,9 @@ fn fit_first(problem: &Problem<'_>, pool: &[Screened], scales: &Scales, nominal:
             let values = screened.starts.first().map_or(screened.applied.values.as_slice(), Vec::as_slice);
             let as_screened = Explanation::screened(with(&screened.applied, values), screened.gain);
             let starts = screened.starts.iter().take(if at < FITTED { STARTS } else { 0 });
-            let fits = starts.filter_map(|start| Explanation::fit(problem, &[with(&screened.applied, start)], scales, nominal, STEPS));
-            fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened)
+            let fits = starts.filter_map(|start| Explanation::fit(problem, &[with(&screened.applied, start)], scales, cost, STEPS));
+            let best = fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened);
+            if best.loses_commands() && best.gain > SEARCH_WIDE { decoded(problem, best.clone(), scales, cost, STEPS).unwrap_or(best) } else { best }
         })
         .collect();
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
@@ -273,8 +278,16 @@ fn pairs(problem: &Problem<'_>, singles: &[Explanation], pool: &[Screened], scal
     for (at, beside) in beside.iter().enumerate() {
         let mut seconds: Vec<&(f64, Applied)> = promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > SEARCH_WIDE.max(PROMISING * beside.cost)).collect();
         seconds.sort_by(|a, b| b.0.total_cmp(&a.0));
-        for (_, second) in seconds.into_iter().filter(|(_, s)| beside.first.effects.iter().all(|f| f.key() != s.key())).take(SECONDS) {
+        let (losing, seconds): (Vec<_>, Vec<_>) = seconds
+            .into_iter()
+            .filter(|(_, s)| beside.first.effects.iter().all(|f| f.key() != s.key()))
+            .partition(|(_, s)| s.effect.loses_commands());
+        let losing = losing.into_iter().take(if at < LOSING { SECONDS } else { 0 });
+        for (_, second) in seconds.into_iter().take(SECONDS).chain(losing) {
             let mut pair: Vec<Applied> = beside.first.effects.iter().chain([second]).cloned().collect();
+            if pair.iter().filter(|a| a.effect.loses_commands()).count() > 1 {
+                continue;
+            }
             pair.sort_by_key(|a| EFFECTS.iter().position(|e| e.name() == a.effect.name()));
             let keys = |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>();
             if wanted.iter().all(|known| keys(known) != keys(&pair)) {
@@ -282,12 +295,19 @@ fn pairs(problem: &Problem<'_>, singles: &[Explanation], pool: &[Screened], scal
             }
         }
     }
-    let (trial, left) = TRIAL;
-    let mut pairs: Vec<Explanation> = wanted.par_iter().filter_map(|pair| Explanation::fit(problem, pair, scales, nominal, trial)).collect();
+    let ((trial, left), cost) = (TRIAL, problem.inner(nominal, nominal));
+    // Lost commands are told from a lag by their sequence only.
+    let losing: Vec<Vec<Applied>> = wanted.iter().filter(|pair| pair.iter().any(|a| a.effect.loses_commands())).cloned().collect();
+    wanted.retain(|pair| pair.iter().all(|a| !a.effect.loses_commands()));
+    let mut pairs: Vec<Explanation> = wanted.par_iter().filter_map(|pair| Explanation::fit(problem, pair, scales, cost, trial)).collect();
     pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     pairs.truncate(left);
+    pairs.extend(losing.par_iter().filter_map(|pair| {
+        let begin = Explanation { effects: pair.clone(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
+        decoded(problem, begin, scales, cost, STEPS)
+    }).collect::<Vec<_>>());
     pairs.par_iter_mut().for_each(|pair| {
-        if let Some(better) = Explanation::fit(problem, &pair.effects, scales, nominal, STEPS) {
+        if let Some(better) = Explanation::fit(problem, &pair.effects, scales, cost, STEPS) {
             *pair = better;
         }
     });
@@ -295,40 +315,13 @@ fn pairs(problem: &Problem<'_>, singles: &[Explanation], pool: &[Screened], scal
     pairs
 }
 
-/// The parameter of an effect of chance, fitted to mean and scatter together: the best of a grid, refined by the parabola through its neighbours. Other
-/// effects stay as they are.
-fn with_scatter(problem: &Problem<'_>, explanation: Explanation, nominal_cost: f64) -> Explanation {
-    const GRID: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
-    let [applied] = explanation.effects.as_slice() else { return explanation };
-    let gain = |p: f64| {
-        let effects = [with(applied, &[p])];
-        let e = problem.whitened(&effects)?;
-        Some((nominal_cost - problem.inner(&e, &e), problem.scatter(&effects, &e)))
-    };
-    let acts = applied.values.len() == 1 && applied.values.iter().all(|&p| gain(p).is_some_and(|(_, s)| s != 0.0));
-    if !acts {
-        return explanation;
-    }
-    let total: Vec<f64> = GRID.iter().map(|&p| gain(p).map_or(f64::NEG_INFINITY, |(mean, scatter)| mean + scatter)).collect();
-    let Some(at) = (1..GRID.len() - 1).max_by(|&a, &b| total[a].total_cmp(&total[b])) else { return explanation };
-    let (left, middle, right) = (total[at - 1], total[at], total[at + 1]);
-    let bend = left - 2.0 * middle + right;
-    if bend >= 0.0 || !bend.is_finite() {
-        return explanation;
-    }
-    let step = GRID[1] - GRID[0];
-    let p = GRID[at] + (0.5 * step * (left - right) / bend).clamp(-step, step);
-    let Some((mean, scatter)) = gain(p) else { return explanation };
-    Explanation { effects: vec![with(applied, &[p])], gain: mean + scatter, ..explanation }
-}
-
 /// The noise of the residuals that one explanation leaves, per record; records of one sample time share it.
-fn noise_of(problem: &Problem<'_>, effects: &[Applied], smallest: &[f64]) -> Option<Vec<Noise>> {
+fn noise_of(problem: &Problem<'_>, acting: Acting<'_>, smallest: &[f64]) -> Option<Vec<Noise>> {
     let residuals = (0..problem.records.len())
         .map(|at| {
             let record = &problem.records[at];
             let span = record.train.or(record.held)?;
-            Some(problem.residual(at, &problem.predict_from_posterior(at, effects, span)?))
+            Some(problem.residual(at, &problem.predict_from_posterior(at, acting, span)?))
         })
         .collect::<Option<Vec<_>>>()?;
     let same = |a: f64, b: f64| (a - b).abs() <= 0.02 * b;

@@ -5,11 +5,10 @@ use nalgebra::DMatrix;
 use super::data::{Record, Span};
 use super::explanation::Explanation;
 use super::floor::{self, Floor};
-use super::problem::Problem;
+use super::problem::{Acting, NOTHING, Problem};
 use super::rank::{leader, odds};
 use super::search::Found;
 use super::shrink::{self, Errors, together};
-use crate::effect::Applied;
 
 /// A residual this many times its floor has something left in it that an effect did not explain.
 const ABOVE_FLOOR: f64 = 1.5;
@@ -31,8 +30,6 @@ pub(super) struct Judged {
     pub(super) best: Option<Explanation>,
     /// Probability of `unknown`.
     pub(super) unknown: f64,
-    /// Residuals of the best explanation, per record.
-    pub(super) after: Vec<DMatrix<f64>>,
     pub(super) floor: Floor,
 }
 
@@ -53,8 +50,7 @@ struct Level {
 
 impl Level {
     fn of(problem: &Problem<'_>, explanation: Option<&Explanation>) -> Option<Self> {
-        let effects: &[Applied] = explanation.map_or(&[], |e| &e.effects);
-        let residuals = shrink::residuals(problem, effects)?;
+        let residuals = shrink::residuals(problem, explanation.map_or(NOTHING, Acting::from))?;
         let errors = |span: &dyn Fn(&Record) -> Option<Span>| Errors::of(problem.records, &residuals, span);
         let (train, held) = (errors(&|r| r.train), errors(&|r| r.held));
         Some(Self { explanation: explanation.cloned(), residuals, train, held })
@@ -64,7 +60,7 @@ impl Level {
         self.explanation.as_ref().map_or(0.0, |e| odds(e, weight))
     }
 
-    /// Single samples are chance, or noise decides them: its scatter or its lattice speaks for it.
+    /// Noise decides single samples: its lattice speaks for it.
     fn is_chance(&self) -> bool {
         self.explanation.as_ref().is_some_and(|e| e.effects.iter().all(|a| a.effect.leaves_residual()))
     }
@@ -126,5 +122,5 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found) -> Option<Judged> {
         (false, _) => Verdict::Effects,
     };
     let found = best.explanation.clone().filter(|_| verdict == Verdict::Effects);
-    Some(Judged { verdict, found, best: best.explanation, unknown, after: best.residuals, floor })
+    Some(Judged { verdict, found, best: best.explanation, unknown, floor })
 }
