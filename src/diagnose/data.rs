@@ -2,7 +2,7 @@
 
 use super::GapError;
 use crate::error::Result;
-use crate::log::Log;
+use crate::log::{Channel, Log};
 use crate::model::{ModelDocument, Operating};
 use crate::simulate::{Commands, Measured, System};
 
@@ -29,6 +29,8 @@ pub(super) struct Record {
     pub(super) sample_time_s: f64,
     pub(super) inputs: Vec<Vec<f64>>,
     pub(super) measured: Vec<Measured>,
+    /// Further columns of the log, by name; NaN where one is missing.
+    pub(super) context: Vec<(String, Vec<f64>)>,
     /// What parameters are fitted to.
     pub(super) train: Option<Span>,
     /// What the shrink is measured on.
@@ -63,6 +65,11 @@ impl Record {
             let present: Vec<bool> = (0..log.len()).map(|k| output.get(k).is_some()).collect();
             Ok(Measured { values, present: present.contains(&false).then_some(present) })
         };
+        let known = |name: &str| document.inputs().iter().chain(document.outputs()).any(|c| c.name == name);
+        let further = |c: &Channel| {
+            let samples = c.samples();
+            (c.name().to_owned(), (0..log.len()).map(|k| samples.get(k).unwrap_or(f64::NAN)).collect())
+        };
         #[allow(clippy::cast_precision_loss)]
         let sample_time_s = log.duration_s() / (log.len() - 1) as f64;
         Ok(Self {
@@ -71,6 +78,7 @@ impl Record {
             sample_time_s,
             inputs: document.inputs().iter().map(|c| Ok(log.input(&c.name)?.to_vec())).collect::<Result<_>>()?,
             measured: document.outputs().iter().map(|c| measured(&c.name)).collect::<Result<_>>()?,
+            context: log.channels().filter(|c| !known(c.name())).map(further).collect(),
             train: None,
             held: None,
         })

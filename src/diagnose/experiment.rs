@@ -1,5 +1,6 @@
 //! The next experiment: what would separate explanations that this data cannot.
 
+use super::trust::Hang;
 use crate::effect::{Applied, Site};
 
 /// The excitation that would separate a class, by the sites and kinds of its members.
@@ -22,4 +23,10 @@ pub(super) fn experiment(class: &[Applied]) -> String {
             "excite with a multisine over the whole bandwidth, at two amplitudes and two operating points"
         };
     format!("To separate {names}: {advice}.")
+}
+
+/// What would tell a start that is off from an effect.
+pub(super) fn of_starts(hangs: &[Hang]) -> String {
+    let states = hangs.iter().map(|h| format!("`{}`", h.state)).collect::<Vec<_>>().join(", ");
+    format!("The verdict hangs on how far the start of {states} is trusted: begin from a known state (and say so with initial_std), or step the operating point.")
 }

@@ -3,6 +3,7 @@
 use nalgebra::DMatrix;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::data::Record;
 use super::diagnosis::{Band, Regime, TimeSpan, Where, WhereOutput};
@@ -13,8 +14,12 @@ use crate::simulate::System;
 const MOST: f64 = 0.8;
 /// Cells of time per record, of frequency per output, of range per command.
 const CELLS: usize = 24;
-/// A range of a command is only worth naming if it is narrower than this part of all.
+/// A range of a variable is only worth naming if it holds less than this part of all samples.
 const NARROW: f64 = 0.6;
+/// Ranges that are named per output.
+const REGIMES: usize = 3;
+/// The share of false cells among those that are named.
+const FALSE: f64 = 0.05;
 
 /// Shares of Σ(before² − floor²), scaled by each output's spread; none where nothing is above the floor.
 pub(super) fn output_shares(before: &[Option<f64>], floor: &[Option<f64>]) -> Vec<Option<f64>> {
@@ -24,11 +29,19 @@ pub(super) fn output_shares(before: &[Option<f64>], floor: &[Option<f64>]) -> Ve
     all.into_iter().map(|e| e.map(|e| if sum > 0.0 { e / sum } else { 0.0 })).collect()
 }
 
-/// The sections of `where`; `residuals` are those of the model as it came.
-pub(super) fn locate(system: &System, records: &[Record], residuals: &[DMatrix<f64>], floor: &Floor, shares: &[Option<f64>]) -> Where {
+/// The sections of `where`; `residuals` are those of the model as it came, `memory` is how many samples of each output's noise count as one.
+pub(super) fn locate(
+    system: &System,
+    records: &[Record],
+    residuals: &[DMatrix<f64>],
+    floor: &Floor,
+    shares: &[Option<f64>],
+    memory: &[f64],
+) -> Where {
     let mut found = Where::default();
     let mut order: Vec<usize> = (0..shares.len()).filter(|&i| shares[i].is_some_and(|s| s > 0.0)).collect();
     order.sort_by(|&a, &b| shares[b].unwrap_or(0.0).total_cmp(&shares[a].unwrap_or(0.0)));
+    let variables = variables(system, records);
     for i in order {
         let name = system.outputs[i].name.clone();
         found.outputs.push(WhereOutput { name: name.clone(), share: shares[i].unwrap_or(0.0) });
@@ -36,15 +49,88 @@ pub(super) fn locate(system: &System, records: &[Record], residuals: &[DMatrix<f
         if shares[i].is_none_or(|s| s < 0.05) {
             continue;
         }
-        let square = floor.floor[i].powi(2);
-        times(records, residuals, i, square, &name, &mut found.times);
-        found.bands.extend(band(records, residuals, i, square, &name));
-        for (j, input) in system.inputs.iter().enumerate() {
-            found.regimes.extend(regime(records, residuals, i, square, j, &name, &input.name));
-        }
+        let noise = Noise { square: floor.floor[i].powi(2), memory: memory[i] };
+        times(records, residuals, i, noise, &name, &mut found.times);
+        found.bands.extend(band(records, residuals, i, noise, &name));
+        let mut regimes: Vec<(f64, Regime)> =
+            variables.iter().filter_map(|variable| regime(records, residuals, i, noise, variable, &name)).collect();
+        // The narrowest says most.
+        regimes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found.regimes.extend(regimes.into_iter().take(REGIMES).map(|r| r.1));
     }
     found.times.sort_by(|a, b| b.share.total_cmp(&a.share));
     found
+}
+
+/// The noise of one output's residual.
+#[derive(Debug, Clone, Copy)]
+struct Noise {
+    /// Mean square.
+    square: f64,
+    /// Samples that count as one.
+    memory: f64,
+}
+
+/// Squares of residuals gathered in cells.
+#[derive(Debug, Clone, Copy, Default)]
+struct Cell {
+    sum: f64,
+    count: f64,
+}
+
+impl Cell {
+    fn add(&mut self, square: f64) {
+        self.sum += square;
+        self.count += 1.0;
+    }
+}
+
+/// What every cell holds above the noise; 0 where that may be chance, the share of false ones among those named being controlled (Benjamini and Hochberg 1995,
+/// doi:10.1111/j.2517-6161.1995.tb02031.x; positively dependent cells: Benjamini and Yekutieli 2001).
+fn significant(cells: &[Cell], noise: Noise) -> Vec<f64> {
+    let chance = |cell: &Cell| {
+        let freedom = (cell.count / noise.memory).max(1.0);
+        if cell.count == 0.0 || noise.square <= 0.0 {
+            return if cell.sum > 0.0 { 0.0 } else { 1.0 };
+        }
+        let statistic = freedom * cell.sum / cell.count / noise.square;
+        ChiSquared::new(freedom).map_or(1.0, |chi| chi.sf(statistic))
+    };
+    let p: Vec<f64> = cells.iter().map(chance).collect();
+    let mut sorted: Vec<f64> = p.clone();
+    sorted.sort_by(f64::total_cmp);
+    #[allow(clippy::cast_precision_loss)]
+    let limit = sorted.iter().enumerate().filter(|(n, p)| **p <= FALSE * (n + 1) as f64 / cells.len() as f64).map(|(_, p)| *p).fold(-1.0, f64::max);
+    cells.iter().zip(&p).map(|(c, p)| if *p <= limit { (c.sum - c.count * noise.square).max(0.0) } else { 0.0 }).collect()
+}
+
+/// A quantity by whose range a gap may be told: a command, its size, a further column of the logs.
+struct Variable {
+    name: String,
+    /// One series per record.
+    values: Vec<Vec<f64>>,
+}
+
+fn variables(system: &System, records: &[Record]) -> Vec<Variable> {
+    let mut all = Vec::new();
+    for (j, input) in system.inputs.iter().enumerate() {
+        let values: Vec<Vec<f64>> = records.iter().map(|r| r.inputs[j].clone()).collect();
+        let signs = |sign: f64| values.iter().flatten().any(|v| v * sign > 0.0);
+        if signs(1.0) && signs(-1.0) {
+            let sizes = values.iter().map(|r| r.iter().map(|v| v.abs()).collect()).collect();
+            all.push(Variable { name: format!("abs({})", input.name), values: sizes });
+        }
+        all.push(Variable { name: input.name.clone(), values });
+    }
+    if let Some(first) = records.first() {
+        for (name, _) in &first.context {
+            let of = |r: &Record| r.context.iter().find(|c| c.0 == *name).map(|c| c.1.clone());
+            if let Some(values) = records.iter().map(of).collect::<Option<Vec<_>>>() {
+                all.push(Variable { name: name.clone(), values });
+            }
+        }
+    }
+    all
 }
 
 /// The shortest run of cells with [`MOST`] of the sum of `excess`, and its share.
@@ -68,33 +154,34 @@ fn shortest(excess: &[f64]) -> Option<(usize, usize, f64)> {
     best
 }
 
-fn times(records: &[Record], residuals: &[DMatrix<f64>], i: usize, floor: f64, name: &str, found: &mut Vec<TimeSpan>) {
-    let excess_of = |record: &Record, residual: &DMatrix<f64>| {
-        let mut cells = vec![0.0; CELLS];
-        let Some(span) = record.train else { return (span_of(record), cells) };
+fn times(records: &[Record], residuals: &[DMatrix<f64>], i: usize, noise: Noise, name: &str, found: &mut Vec<TimeSpan>) {
+    let cells_of = |record: &Record, residual: &DMatrix<f64>| {
+        let mut cells = vec![Cell::default(); CELLS];
+        let Some(span) = record.train else { return (span_of(record), Vec::new()) };
+        #[allow(clippy::cast_precision_loss)]
         let width = (span.to_s - span.from_s) / CELLS as f64;
         for k in (0..record.time_s.len()).filter(|&k| record.measured_in(record.train, i, k).is_some()) {
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
             let cell = (((record.time_s[k] - span.from_s) / width) as usize).min(CELLS - 1);
-            cells[cell] += residual[(k, i)].powi(2) - floor;
-        }
-        for cell in &mut cells {
-            *cell = cell.max(0.0);
+            cells[cell].add(residual[(k, i)].powi(2));
         }
         ((span.from_s, width), cells)
     };
-    let all: Vec<((f64, f64), Vec<f64>)> = records.iter().zip(residuals).map(|(r, e)| excess_of(r, e)).collect();
-    let total: f64 = all.iter().flat_map(|(_, cells)| cells).sum();
+    let all: Vec<((f64, f64), Vec<Cell>)> = records.iter().zip(residuals).map(|(r, e)| cells_of(r, e)).collect();
+    let excess: Vec<f64> = significant(&all.iter().flat_map(|(_, cells)| cells.clone()).collect::<Vec<_>>(), noise);
+    let total: f64 = excess.iter().sum();
+    let mut rest = excess.as_slice();
     for (record, ((start, width), cells)) in records.iter().zip(&all) {
-        let Some((from, to, share)) = shortest(cells) else { continue };
-        let here = share * cells.iter().sum::<f64>() / total;
+        let (here, further) = rest.split_at(cells.len());
+        rest = further;
+        let Some((from, to, share)) = shortest(here) else { continue };
         #[allow(clippy::cast_precision_loss)]
         found.push(TimeSpan {
             log: record.name.clone(),
             output: name.to_owned(),
             from_s: start + width * from as f64,
             to_s: start + width * (to + 1) as f64,
-            share: here,
+            share: share * here.iter().sum::<f64>() / total,
         });
     }
 }
@@ -105,8 +192,8 @@ fn span_of(record: &Record) -> (f64, f64) {
     (0.0, width)
 }
 
-/// Power of the residual by frequency, in cells of equal width on a logarithmic axis; frequency of a cell's lower edge, and the sums.
-fn spectrum(records: &[Record], residuals: &[DMatrix<f64>], i: usize, floor: f64) -> Option<(Vec<f64>, Vec<f64>)> {
+/// Power of the residual by frequency, in cells of equal width on a logarithmic axis: their edges, and the powers of the frequencies in each.
+fn spectrum(records: &[Record], residuals: &[DMatrix<f64>], i: usize) -> Option<(Vec<f64>, Vec<Cell>)> {
     let longest = records.iter().filter(|r| r.train.is_some()).map(Record::duration_s).fold(0.0, f64::max);
     let shortest = records.iter().filter(|r| r.train.is_some()).map(|r| r.sample_time_s).fold(f64::INFINITY, f64::min);
     let (low, high) = (1.0 / longest, 0.5 / shortest);
@@ -115,7 +202,7 @@ fn spectrum(records: &[Record], residuals: &[DMatrix<f64>], i: usize, floor: f64
     }
     #[allow(clippy::cast_precision_loss)]
     let edges: Vec<f64> = (0..=CELLS).map(|c| low * (high / low).powf(c as f64 / CELLS as f64)).collect();
-    let mut cells = vec![0.0; CELLS];
+    let mut cells = vec![Cell::default(); CELLS];
     let mut planner = FftPlanner::new();
     for (record, residual) in records.iter().zip(residuals).filter(|(r, _)| r.train.is_some()) {
         let mut values: Vec<Complex<f64>> = (0..record.time_s.len())
@@ -128,19 +215,16 @@ fn spectrum(records: &[Record], residuals: &[DMatrix<f64>], i: usize, floor: f64
         for (bin, value) in values.iter().enumerate().take(n / 2).skip(1) {
             let hz = bin as f64 / (n as f64 * record.sample_time_s);
             let cell = edges.partition_point(|e| *e <= hz).clamp(1, CELLS) - 1;
-            // The floor as white noise: the same power in every bin.
-            cells[cell] += value.norm_sqr() / n as f64 - floor;
+            cells[cell].add(value.norm_sqr() / n as f64);
         }
-    }
-    for cell in &mut cells {
-        *cell = cell.max(0.0);
     }
     Some((edges, cells))
 }
 
-fn band(records: &[Record], residuals: &[DMatrix<f64>], i: usize, floor: f64, name: &str) -> Option<Band> {
-    let (edges, cells) = spectrum(records, residuals, i, floor)?;
-    let (from, to, share) = shortest(&cells)?;
+fn band(records: &[Record], residuals: &[DMatrix<f64>], i: usize, noise: Noise, name: &str) -> Option<Band> {
+    let (edges, cells) = spectrum(records, residuals, i)?;
+    // The floor as white noise: the same power at every frequency, each of two degrees of freedom.
+    let (from, to, share) = shortest(&significant(&cells, Noise { memory: 0.5, ..noise }))?;
     Some(Band { output: name.to_owned(), from_hz: edges[from], to_hz: edges[to + 1], share })
 }
 
@@ -148,7 +232,8 @@ fn band(records: &[Record], residuals: &[DMatrix<f64>], i: usize, floor: f64, na
 pub(super) fn peaks_hz(records: &[Record], residuals: &[DMatrix<f64>], outputs: usize) -> Vec<f64> {
     let mut peaks = Vec::new();
     for i in 0..outputs {
-        let Some((edges, cells)) = spectrum(records, residuals, i, 0.0) else { continue };
+        let Some((edges, cells)) = spectrum(records, residuals, i) else { continue };
+        let cells: Vec<f64> = cells.iter().map(|c| c.sum).collect();
         let mut order: Vec<usize> = (0..cells.len())
             .filter(|&c| (c == 0 || cells[c - 1] <= cells[c]) && cells.get(c + 1).is_none_or(|next| *next <= cells[c]))
             .collect();
@@ -160,45 +245,36 @@ pub(super) fn peaks_hz(records: &[Record], residuals: &[DMatrix<f64>], outputs: 
     peaks
 }
 
-/// The range of a command outside which the gap is small.
-fn regime(
-    records: &[Record],
-    residuals: &[DMatrix<f64>],
-    i: usize,
-    floor: f64,
-    input: usize,
-    name: &str,
-    variable: &str,
-) -> Option<Regime> {
+/// The range of a variable outside which the gap is small, and its width as a part of all samples.
+fn regime(records: &[Record], residuals: &[DMatrix<f64>], i: usize, noise: Noise, variable: &Variable, name: &str) -> Option<(f64, Regime)> {
     let values = || {
-        records.iter().zip(residuals).flat_map(move |(r, e)| {
-            (0..r.time_s.len()).filter(move |&k| r.measured_in(r.train, i, k).is_some()).map(move |k| (r.inputs[input][k], e[(k, i)]))
+        records.iter().zip(residuals).zip(&variable.values).flat_map(move |((r, e), v)| {
+            (0..r.time_s.len()).filter(move |&k| r.measured_in(r.train, i, k).is_some() && v[k].is_finite()).map(move |k| (v[k], e[(k, i)]))
         })
     };
     let (low, high) = values().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), (u, _)| (l.min(u), h.max(u)));
     if high.partial_cmp(&low) != Some(std::cmp::Ordering::Greater) {
         return None;
     }
-    let mut cells = vec![0.0; CELLS];
+    let mut cells = vec![Cell::default(); CELLS];
     #[allow(clippy::cast_precision_loss)]
     let width = (high - low) / CELLS as f64;
     for (u, e) in values() {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let cell = (((u - low) / width) as usize).min(CELLS - 1);
-        cells[cell] += e * e - floor;
+        cells[cell].add(e * e);
     }
-    for cell in &mut cells {
-        *cell = f64::max(*cell, 0.0);
-    }
-    let (from, to, share) = shortest(&cells)?;
+    let (from, to, share) = shortest(&significant(&cells, noise))?;
+    let (inside, all): (f64, f64) = (cells[from..=to].iter().map(|c| c.count).sum(), cells.iter().map(|c| c.count).sum());
+    let part = inside / all;
+    // Where the gap's share is that of the samples, the variable tells nothing.
     #[allow(clippy::cast_precision_loss)]
-    let narrow = (to + 1 - from) as f64 <= NARROW * CELLS as f64;
-    #[allow(clippy::cast_precision_loss)]
-    narrow.then(|| Regime {
+    let regime = || Regime {
         output: name.to_owned(),
-        variable: variable.to_owned(),
+        variable: variable.name.clone(),
         from: low + width * from as f64,
         to: low + width * (to + 1) as f64,
         share,
-    })
+    };
+    (part <= NARROW).then(|| (part, regime()))
 }

@@ -5,6 +5,7 @@ mod diagnosis;
 mod error;
 mod experiment;
 mod explanation;
+mod feedback;
 mod floor;
 mod intervals;
 mod locate;
@@ -16,6 +17,7 @@ mod rank;
 mod scales;
 mod search;
 mod shrink;
+mod trust;
 mod verdict;
 
 use std::path::Path;
@@ -120,6 +122,10 @@ pub fn diagnose(
     progress("judging");
     let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;
     let mut judged = verdict::judge(&problem, &found).ok_or_else(|| nominal_fails(&records))?;
+    let hangs = match judged.verdict {
+        verdict::Verdict::Unknown => Vec::new(),
+        _ => trust::hangs(&mut problem, &found, judged.found.as_ref()),
+    };
     let estimate = judged.found.as_ref().and_then(|e| intervals::estimate(&problem, e, &scales));
     // What is held out is judged with what was found to act.
     if let (Some(explanation), Some(estimate)) = (&mut judged.found, &estimate) {
@@ -132,7 +138,7 @@ pub fn diagnose(
     let (each, each_floor) = (nothing.nrmse(), nothing.relative(&floor.floor));
     let shares = locate::output_shares(&each, &each_floor);
     let gap_output = |i: usize| GapOutput { name: system.outputs[i].name.clone(), before: each[i], floor: each_floor[i], share: shares[i] };
-    let mut cause = rank::cause(&problem, &judged, &found, estimate.as_ref(), |e| {
+    let mut cause = rank::cause(&problem, &judged, &found, estimate.as_ref(), &hangs, |e| {
         let residuals = shrink::residuals(&problem, e)?;
         together(&Errors::of(&records, &residuals, |r| r.train).nrmse())
     });
@@ -149,7 +155,7 @@ pub fn diagnose(
             floor: together(&each_floor),
             outputs: (0..outputs).map(gap_output).collect(),
         },
-        place: locate::locate(&system, &records, &before, floor, &shares),
+        place: locate::locate(&system, &records, &before, floor, &shares, &problem.memory()),
         checks: Vec::new(),
         cause,
         shrink: shrink::shrink(&system, &records, &before, &with_found, &floor.floor, prediction.settling_s, options.seed),

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::data::{Record, Span};
 use super::explanation::Explanation;
+use super::feedback;
 use super::lost::Lost;
 use super::noise::Noise;
 use super::prediction::Prediction;
@@ -11,11 +12,14 @@ use crate::effect::{Applied, Chance};
 use crate::simulate::plan::Tolerance;
 use crate::simulate::{Correction, Plan, System};
 
-/// The initial state of one record, integrated out: a prior N(0, P) on its deviation and the same sensitivities for all rivals.
+/// The nuisances of one record, integrated out alike in all rivals: the initial state with a prior N(0, P) on its deviation, and commands that react to the
+/// noise of their own sample.
 #[derive(Debug, Clone)]
 struct Start {
-    /// ∂y/∂x0, samples × outputs per free state.
+    /// ∂y/∂x0, samples × outputs per free state; then the regressors of feedback without a delay.
     raw: Vec<DMatrix<f64>>,
+    /// How many of them are states; the others have no prior.
+    states: usize,
     /// The same whitened, as columns.
     whitened: DMatrix<f64>,
     /// (P⁻¹ + WᵀW)⁻¹Wᵀ is applied with this factor.
@@ -109,8 +113,11 @@ impl<'a> Problem<'a> {
             let steps = system.simulate(&plan, record.commands(), &system.initial, problem.correction(at))?.steps;
             problem.budgets.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
             let shape = (record.time_s.len(), system.outputs.len());
-            let raw = free.iter().map(|&j| DMatrix::from_column_slice(shape.0, shape.1, all.column(j).as_slice())).collect();
-            problem.starts.push(Start { raw, whitened: DMatrix::zeros(0, 0), factor: None });
+            let mut raw: Vec<_> = free.iter().map(|&j| DMatrix::from_column_slice(shape.0, shape.1, all.column(j).as_slice())).collect();
+            if let Some(predicted) = problem.predict(at, NOTHING) {
+                raw.extend(feedback::regressors(record, &problem.residual(at, &predicted)));
+            }
+            problem.starts.push(Start { raw, states: free.len(), whitened: DMatrix::zeros(0, 0), factor: None });
         }
         problem.set_noise(vec![Noise::white(noise_std); records.len()]);
         Ok(problem)
@@ -119,16 +126,37 @@ impl<'a> Problem<'a> {
     /// Takes another noise model; one per record.
     pub(super) fn set_noise(&mut self, noise: Vec<Noise>) {
         self.noise = noise;
-        let precision: Vec<f64> = self.prior.iter().filter(|s| **s > 0.0).map(|s| 1.0 / (s * s)).collect();
         for ((start, record), noise) in self.starts.iter_mut().zip(self.records).zip(&self.noise) {
             let rows = record.time_s.len() * record.measured.len();
             let mut whitened = DMatrix::zeros(rows, start.raw.len());
             for (mut column, raw) in whitened.column_iter_mut().zip(&start.raw) {
                 column.copy_from_slice(noise.whiten(record, raw).as_slice());
             }
-            let information = whitened.tr_mul(&whitened) + DMatrix::from_diagonal(&DVector::from_column_slice(&precision));
-            (start.whitened, start.factor) = (whitened, information.cholesky());
+            start.whitened = whitened;
         }
+        self.set_prior(self.prior.clone());
+    }
+
+    /// Takes other prior standard deviations of the start; those that are 0 stay so.
+    pub(super) fn set_prior(&mut self, prior: Vec<f64>) {
+        self.prior = prior;
+        for at in 0..self.starts.len() {
+            let precision = self.precision(&self.starts[at]);
+            let start = &mut self.starts[at];
+            start.factor = (start.whitened.tr_mul(&start.whitened) + precision).cholesky();
+        }
+    }
+
+    pub(super) fn prior(&self) -> &[f64] {
+        &self.prior
+    }
+
+    /// P⁻¹; regressors without a prior get next to none, so that the sum can be factored.
+    fn precision(&self, start: &Start) -> DMatrix<f64> {
+        let known = self.prior.iter().filter(|s| **s > 0.0).map(|s| 1.0 / (s * s));
+        let loose = start.raw.len() - start.states;
+        let all: Vec<f64> = known.chain(std::iter::repeat_n(1e-9, loose)).collect();
+        DMatrix::from_diagonal(&DVector::from_vec(all))
     }
 
     pub(super) fn correction(&self, record: usize) -> Option<Correction<'_>> {
@@ -228,14 +256,20 @@ impl<'a> Problem<'a> {
         if !columns.is_empty() {
             let w = DMatrix::from_columns(&columns);
             let e = DVector::from_column_slice(noise.whiten(&whole, &residual).as_slice());
-            let precision: Vec<f64> = self.prior.iter().filter(|s| **s > 0.0).map(|s| 1.0 / (s * s)).collect();
-            let information = w.tr_mul(&w) + DMatrix::from_diagonal(&DVector::from_vec(precision));
+            let information = w.tr_mul(&w) + self.precision(start);
             let deviation = information.cholesky()?.solve(&w.tr_mul(&e));
-            for (raw, by) in start.raw.iter().zip(deviation.iter()) {
+            // Feedback moves a residual but is no part of what a model predicts.
+            for (raw, by) in start.raw.iter().zip(deviation.iter()).take(start.states) {
                 y += raw * *by;
             }
         }
         Some(y)
+    }
+
+    /// How many samples of each output's noise count as one.
+    pub(super) fn memory(&self) -> Vec<f64> {
+        let trained = self.records.iter().zip(&self.noise).find(|(r, _)| r.train.is_some());
+        (0..self.system.outputs.len()).map(|i| trained.map_or(1.0, |(_, noise)| noise.memory(i))).collect()
     }
 
     /// Samples with weight.

@@ -3,11 +3,12 @@
 use rayon::prelude::*;
 
 use super::diagnosis::{Cause, FoundEffect, Parameter, RankedPair, RankedSingle, RankingRow};
-use super::experiment::experiment;
+use super::experiment::{self, experiment};
 use super::explanation::{Explanation, difference};
 use super::intervals::Estimate;
 use super::problem::Problem;
 use super::search::Found;
+use super::trust::Hang;
 use super::verdict::{Judged, Verdict};
 use crate::effect::{Applied, EFFECTS};
 
@@ -16,8 +17,8 @@ use crate::effect::{Applied, EFFECTS};
 pub(super) const SEARCH_WIDE: f64 = 30.0;
 /// Explanations that differ by less than this in twice the log-likelihood are as good as each other.
 const NEAR: f64 = 6.0;
-/// No simulator is exact: of what an effect explains, this part of its energy (3 % of its amplitude) is within what a model is off anyway.
-const INEXACT: f64 = 1e-3;
+/// No simulator is exact: of what an effect explains, this part of its energy (1.4 % of its amplitude) is within what a model is off anyway.
+const INEXACT: f64 = 2e-4;
 /// How many pairs the ranking lists.
 const PAIRS: usize = 5;
 
@@ -29,7 +30,7 @@ pub(super) fn odds(explanation: &Explanation, weight: f64) -> f64 {
 }
 
 /// The difference in twice the log-likelihood that tells nothing.
-fn slack(gain: f64) -> f64 {
+pub(super) fn slack(gain: f64) -> f64 {
     NEAR.max(INEXACT * gain)
 }
 
@@ -59,15 +60,16 @@ struct Scale {
 impl Scale {
     fn new(judged: &Judged, found: &Found, weight: f64) -> Self {
         // 9 to 1 for the verdict where the likelihood prefers something that does not matter.
-        let clear = 2.0 * 9.0_f64.ln();
         let top = |all: &[Explanation]| all.iter().map(|e| odds(e, weight)).fold(f64::NEG_INFINITY, f64::max);
         let (single, pair) = (top(&found.singles), top(&found.pairs));
+        let temper = slack(f64::max(single, pair)) / NEAR;
+        let clear = 2.0 * 9.0_f64.ln() * temper;
         let size = judged.best.as_ref().map_or(0, |e| e.effects.len());
         let none = if size == 0 { f64::max(0.0, single + clear) } else { 0.0 };
         let limit = if size == 2 { f64::INFINITY } else { f64::max(single, none) - clear };
         let pairs = (pair - limit).max(0.0);
         let best = f64::max(f64::max(single, pair - pairs), none);
-        Self { none, best, pairs, weight, temper: slack(best) / NEAR }
+        Self { none, best, pairs, weight, temper }
     }
 
     fn share(&self, odds: f64) -> f64 {
@@ -86,6 +88,7 @@ pub(super) fn cause(
     judged: &Judged,
     found: &Found,
     estimate: Option<&Estimate>,
+    hangs: &[Hang],
     after: impl Fn(&Explanation) -> Option<f64> + Sync,
 ) -> Cause {
     let scale = Scale::new(judged, found, problem.weight());
@@ -108,8 +111,10 @@ pub(super) fn cause(
     rows.push((judged.unknown, judged.verdict == Verdict::Unknown, plain("unknown", judged.unknown)));
     // The verdict leads its equals.
     rows.sort_by(|a, b| b.1.cmp(&a.1).then(b.0.total_cmp(&a.0)));
-    let classes = judged.found.as_ref().map(|leader| classes(problem, leader, found)).unwrap_or_default();
-    let next_experiment = classes.first().map(|class| experiment(class));
+    let classes = judged.found.as_ref().and(judged.best.as_ref()).map(|leader| classes(problem, leader, found)).unwrap_or_default();
+    let next_experiment = classes.first().map(|class| experiment(class)).or_else(|| (!hangs.is_empty()).then(|| experiment::of_starts(hangs)));
+    let mut indistinguishable: Vec<Vec<String>> = classes.iter().map(|class| class.iter().map(Applied::key).collect()).collect();
+    start_classes(&mut indistinguishable, judged.found.as_ref(), hangs);
     let first = judged.found.as_ref().and_then(|e| e.effects.first());
     Cause {
         verdict: match judged.verdict {
@@ -120,9 +125,29 @@ pub(super) fn cause(
         channel: first.map(|a| a.channel.clone()),
         effects: judged.found.iter().flat_map(|e| found_effects(problem, e, estimate)).collect(),
         ranking: rows.into_iter().map(|r| r.2).collect(),
-        indistinguishable: classes.iter().map(|class| class.iter().map(Applied::key).collect()).collect(),
+        indistinguishable,
         not_tried: Vec::new(),
         next_experiment,
+    }
+}
+
+/// Adds the starts on which the verdict hangs to the class of its first effect, with what would lead instead.
+fn start_classes(classes: &mut Vec<Vec<String>>, found: Option<&Explanation>, hangs: &[Hang]) {
+    if hangs.is_empty() {
+        return;
+    }
+    let own: Vec<String> = found.iter().flat_map(|e| e.effects.first()).map(Applied::key).collect();
+    let at = classes.iter().position(|class| class.first() == own.first()).unwrap_or_else(|| {
+        classes.insert(0, own.clone());
+        0
+    });
+    for hang in hangs {
+        let names = std::iter::once(format!("initial_state:{}", hang.state)).chain(hang.instead.iter().map(Applied::key));
+        for name in names {
+            if !classes[at].contains(&name) {
+                classes[at].push(name);
+            }
+        }
     }
 }
 

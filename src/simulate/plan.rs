@@ -60,7 +60,7 @@ impl Default for Curve {
 }
 
 /// The way of one output from the plant to the log.
-#[derive(Clone, Default)]
+#[derive(Clone)]
 pub struct OutputPath {
     /// (other output, gain): what is added of the others, as they are before any is added.
     pub mixing: Vec<(usize, f64)>,
@@ -70,6 +70,21 @@ pub struct OutputPath {
     pub delay_s: f64,
     /// Maps of the samples, in the order in which they act.
     pub maps: Vec<SampleMap>,
+    /// The slope of those maps that a correction by measured outputs is divided by, so that the observer's poles are the same whatever a sensor's gain.
+    pub slope: f64,
+}
+
+impl Default for OutputPath {
+    fn default() -> Self {
+        Self { mixing: Vec::new(), lags_s: Vec::new(), delay_s: 0.0, maps: Vec::new(), slope: 1.0 }
+    }
+}
+
+impl OutputPath {
+    /// What a correction of this output's innovation is multiplied by; 1 where the sensor shows next to nothing.
+    pub(super) fn correction(&self) -> f64 {
+        if self.slope.abs() > 1e-3 { 1.0 / self.slope } else { 1.0 }
+    }
 }
 
 /// Where a resonance is added.

@@ -172,7 +172,7 @@ pub(super) fn walk(
                 let Some(correction) = correction.filter(|_| !before_start) else { continue };
                 for &j in &group.outputs {
                     let Some(measured) = correction.measured.get(j).and_then(|m| m.get(k)) else { continue };
-                    let innovation = measured - run.y[(k, j)];
+                    let innovation = (measured - run.y[(k, j)]) * plan.outputs[j].correction();
                     for (i, x) in system.plant_state().iter_mut().enumerate() {
                         *x += correction.gain[(i, j)] * innovation;
                     }

@@ -45,6 +45,7 @@ impl Effect for SensorGain {
         let gain = values[0];
         for i in channel::outputs(self, system, channel)? {
             plan.outputs[i].maps.push(Arc::new(move |_, y| gain * y));
+            plan.outputs[i].slope *= gain;
         }
         Ok(())
     }

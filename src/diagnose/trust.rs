@@ -1,0 +1,73 @@
+//! Whether a verdict hangs on how far the initial state is trusted.
+//!
+//! A start that is off and a constant offset at input, state or sensor look alike over one log: which of them is named depends on the prior of the start.
+//! So the leaders are compared again with the start known ten times better and ten times worse, state by state; where another explanation leads, or none
+//! does, the state joins the class of what cannot be told apart.
+
+use super::explanation::Explanation;
+use super::problem::{NOTHING, Problem, Whitened};
+use super::rank::{SEARCH_WIDE, leader, odds, slack};
+use super::search::Found;
+use crate::effect::Applied;
+
+/// The prior of one state's start is taken so much tighter and wider.
+const FACTORS: [f64; 2] = [0.1, 10.0];
+/// Leading explanations of each size that are compared again.
+const LEADERS: usize = 6;
+
+/// What takes the lead when the start of a state is trusted more or less.
+pub(super) struct Hang {
+    /// The state.
+    pub(super) state: String,
+    /// The effects that lead then; none: no effect.
+    pub(super) instead: Vec<Applied>,
+}
+
+/// The states on whose prior the lead hangs, `best` being what leads.
+pub(super) fn hangs(problem: &mut Problem<'_>, found: &Found, best: Option<&Explanation>) -> Vec<Hang> {
+    let weight = problem.weight();
+    // Only explanations of the verdict's size, and single effects where there is none.
+    let rivals: Vec<Explanation> = match best.map_or(0, |b| b.effects.len()) {
+        2 => &found.pairs,
+        _ => &found.singles,
+    }
+    .iter()
+    .filter(|e| e.fitted)
+    .take(LEADERS)
+    .cloned()
+    .collect();
+    let Some(nominal) = problem.whitened(NOTHING) else { return Vec::new() };
+    let residuals: Vec<Option<Whitened>> = rivals.iter().map(|e| problem.whitened(e)).collect();
+    let prior = problem.prior().to_vec();
+    let mut hangs = Vec::new();
+    for (state, port) in problem.system.states.iter().enumerate().filter(|(j, _)| prior[*j] > 0.0) {
+        for factor in FACTORS {
+            let mut other = prior.clone();
+            other[state] *= factor;
+            problem.set_prior(other);
+            let cost = problem.inner(&nominal, &nominal);
+            let mut again = rivals.clone();
+            for (e, residual) in again.iter_mut().zip(&residuals) {
+                let price = e.lost.as_ref().map_or(0.0, |l| l.price);
+                e.gain = residual.as_ref().map_or(f64::NEG_INFINITY, |w| cost - problem.inner(w, w) - price);
+            }
+            let lead = leader(&again, weight).filter(|e| odds(e, weight) > 0.0);
+            let as_before = match (lead, best) {
+                (None, None) => true,
+                // Something that was just below the search-wide bar and now is just above it is no other verdict.
+                (Some(lead), None) => odds(lead, weight) < SEARCH_WIDE,
+                (None, Some(_)) => false,
+                (Some(lead), Some(best)) => {
+                    let own = again.iter().find(|e| e.key() == best.key());
+                    own.is_some_and(|own| odds(own, weight) > odds(lead, weight) - slack(lead.gain))
+                }
+            };
+            if !as_before {
+                hangs.push(Hang { state: port.name.clone(), instead: lead.map(|e| e.effects.clone()).unwrap_or_default() });
+                break;
+            }
+        }
+    }
+    problem.set_prior(prior);
+    hangs
+}
