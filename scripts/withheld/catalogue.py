@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from .system import Names
+from .system import DYNAMICS, Names
 
 BOUNDS = {
     "delay": (0.0, math.inf), "width": (0.0, math.inf), "time_constant": (1e-6, math.inf), "damping": (0.003, 1.5), "level+": (0.0, math.inf),
@@ -22,8 +22,9 @@ class Scales:
         self.middle_y, self.y = y.mean(axis=0), y.std(axis=0)
         self.peak_y = np.abs(y - self.middle_y).max(axis=0)
         self.x, self.x_size = x.std(axis=0), np.sqrt((x**2).mean(axis=0))
-        self.rate = np.sqrt((np.diff(x, axis=0) ** 2).mean(axis=0)) / (time[1] - time[0])
-        self.step, self.span, self.settling = time[1] - time[0], time[-1], plant.settling
+        steps = np.diff(time)
+        self.rate = np.sqrt(((np.diff(x, axis=0) / steps[:, None]) ** 2).mean(axis=0))
+        self.step, self.span, self.settling = float(np.median(steps)), time[-1], plant.settling
         self.absolute_u, self.raw_peak_u = np.abs(u).mean(axis=0), np.abs(u).max(axis=0)
 
 
@@ -31,6 +32,8 @@ def channels(model: dict, effect: str) -> list[str]:
     """All channels on which the effect can act."""
     names = Names(model)
     i, s, o = names.inputs, names.states, names.outputs
+    if names.sample_time and effect in DYNAMICS:
+        return []
     if effect in ("output_delay", "sensor_lag", "sensor_gain"):
         return ["*"] + (o if len(o) > 1 else [])
     if effect.startswith("sensor_"):
