@@ -106,7 +106,7 @@ def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float,
         simple = {
             "input_delay": {"delay": size * s.settling}, "input_gain": {"gain": 1 + 0.5 * sign * min(size, 1.8)},
             "input_curve": {"quadratic": 0.4 * sign * size * u / (s.absolute_u[i] * s.raw_peak_u[i])}, "gain_fade": {"rate": 0.6 * min(size, 1.5) / s.span},
-            "input_offset": {"offset": 0.5 * sign * size * u}, "deadband": {"width": 0.6 * size * u}, "backlash": {"width": 0.5 * size * u},
+            "input_offset": {"offset": 0.5 * sign * size * u}, "deadband": {"width": min(0.6 * size, 1.2) * u}, "backlash": {"width": 0.5 * size * u},
             "saturation": {"lower": middle - reach if b < 0.75 else None, "upper": middle + reach * (0.8 + 0.2 * a) if b > 0.25 else None},
             "rate_limit": {"rate": u / (size * s.settling)}, "actuator_lag": {"time_constant": size * s.settling},
             "dropped_commands": {"probability": min(0.05 + 0.4 * size, 0.6)},

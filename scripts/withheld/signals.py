@@ -50,12 +50,12 @@ def _chirp(rng, time, period):
 
 
 def _binary(rng, time, period):
-    """A two-level pseudo-random signal whose size changes every now and then."""
+    """A two-level pseudo-random signal whose size changes often."""
     values, k, step, size = np.empty(len(time)), 0, time[1] - time[0], abs(_size(rng))
     while k < len(time):
         hold = max(1, int(round(period * rng.integers(1, 6) / 1.5 / step)))
         values[k:k + hold] = size * rng.choice([-1, 1])
-        size, k = abs(_size(rng)) if rng.random() < 0.1 else size, k + hold
+        size, k = abs(_size(rng)) if rng.random() < 0.3 else size, k + hold
     return values
 
 

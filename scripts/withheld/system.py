@@ -85,7 +85,7 @@ class System:
         self._inputs(effects)
         modes = self._modes(effects)
         self._plant(model, effects)
-        self._dynamics(effects, modes)
+        self._dynamics(model, effects, modes)
         self._outputs(model, effects, modes)
         self._compile()
 
@@ -179,11 +179,16 @@ class System:
             return f"x{self.names.states.index(name)}"
         return f"e{self.names.inputs.index(name)}"
 
-    def _dynamics(self, effects: dict, modes: dict[str, str]) -> None:
+    def _deviation(self, model: dict, name: str) -> str:
+        """What a matrix of the model would act on."""
+        operating = dict(zip(self.names.inputs, (c.get("operating") or 0.0 for c in model["inputs"])))
+        return f"({self._variable(name)} - {operating[name]!r})" if operating.get(name) else self._variable(name)
+
+    def _dynamics(self, model: dict, effects: dict, modes: dict[str, str]) -> None:
         states = self.names.states
         for channel, p in effects.get("cross_coupling", {}).items():
             source, target = channel.split("->")
-            self._add(target, f"{self.parameter(p['gain'])}*{self._variable(source)}")
+            self._add(target, f"{self.parameter(p['gain'])}*{self._deviation(model, source)}")
         for state, p in effects.get("quadratic_drag", {}).items():
             x = self._variable(state)
             self._add(state, f"-{self.parameter(p['coefficient'])}*{x}*abs({x})")
