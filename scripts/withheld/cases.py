@@ -1,4 +1,4 @@
-"""One blind case: draw a truth, tune its size, make the logs, check that they are adequate, work out the label.
+"""One blind case: draw a truth, tune its size, make the logs, check that they are adequate, work out the label. What a draw may retry is the size alone.
 
 Adequate, decided before any diagnosis: the gap of the nominal model (starts fitted) is at least 10 dB above the noise over the training logs
 (5 dB with --weak), at least 4 dB in each of them and 5 dB in the held-out log; commands have at least five distinct levels and no combination of eight
@@ -25,6 +25,7 @@ STRONG, WEAK = (12.0, 30.0), (5.5, 10.0)  # strengths drawn, dB
 MOST_SNR = 46.0  # dB, of the best sensors
 ABSENT_DB = 8.0  # so much is missing that better sensors are no help: the effect does not act in some log
 EXPLAINED = 1.5  # what known effects must leave of an unknown one, rms in units of the noise
+SHORT = 700  # samples of the first log on which rivals are screened
 HIDDEN_DB = 6.0  # wrong nominal parameters stay at least this far below the noise
 
 
@@ -81,6 +82,7 @@ class Case:
 
     def _noise_level(self) -> None:
         """The noise per output in the prediction mode of this case, in units of the sensors' noise."""
+        self.known_gaps: dict[int, tuple[float, int]] = {}
         self.noise_size = np.ones(len(self.experiment.names.outputs))
         if self.experiment.predictor:
             clean, measured = self.problem((0, 1), False), self.problem((0, 1), True)
@@ -92,13 +94,13 @@ class Case:
 
     def gaps(self, indices=(0, 1, 2)) -> list[tuple[float, int]]:
         """Per log the energy of the gap in units of the noise, and its number of samples."""
-        found = []
         for i in indices:
-            problem = self.problem((i,), False)
-            problem.linearise([])
-            gap = problem.reduced([])
-            found.append((float(gap @ gap), problem.count))
-        return found
+            if i not in self.known_gaps:
+                problem = self.problem((i,), False)
+                problem.linearise([])
+                gap = problem.reduced([])
+                self.known_gaps[i] = float(gap @ gap), problem.count
+        return [self.known_gaps[i] for i in indices]
 
     def gap_db(self, indices=(0, 1)) -> float:
         return _decibel(self.gaps(indices))
@@ -123,6 +125,7 @@ class Case:
     def remake(self, indices=(0, 1, 2)) -> None:
         truth = self.outside.model() if self.outside else self.experiment.model
         for i in indices:
+            self.known_gaps.pop(i, None)
             self.logs[i] = self.experiment.log(truth, self.effects, i, self.outside)
 
     def _disturb_parameters(self) -> None:
@@ -282,7 +285,7 @@ class Case:
         if self.wanted.group == "unknown":
             self._needs_unknown()
             return []
-        full, short = self.problem((0, 1), False), self.problem((0,), False, 900)
+        full, short = self.problem((0, 1), False), self.problem((0,), False, SHORT)
         classes = alias_classes(short, full, self.experiment.scales, self.effects)
         return classes if len(classes) > 1 else classes[0]
 
@@ -296,7 +299,7 @@ class Case:
             raise Inadequate("a known effect explains the unknown one")
 
     def _is_explained(self) -> bool:
-        full, short = self.problem((0, 1), False), self.problem((0,), False, 900)
+        full, short = self.problem((0, 1), False), self.problem((0,), False, SHORT)
         best: list[dict] = []
         for _ in range(2):
             found = explanations(short, full, self.experiment.scales, best[-1:], {f"{b['effect']}:{b['channel']}" for b in best}, worth=EXPLAINED)

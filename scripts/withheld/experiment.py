@@ -76,6 +76,7 @@ class Experiment:
 
     def __init__(self, rng, plant_name: str, effect: str | None = None):
         self.plant, self.model = PLANTS[plant_name], copy.deepcopy(PLANTS[plant_name].model)
+        self.machine_outputs = self.plant.model["outputs"]
         if rng.random() < 0.3:
             in_other_unit(rng, self.model)
         if rng.random() < 0.4 and can_shift(self.plant):
@@ -125,6 +126,17 @@ class Experiment:
         if self.predictor:
             self.nominal, self.discrete = self.model, False
         self.sigma = self.scales.y * 10 ** (-rng.uniform(22 if self.predictor else 15, 40) / 20)  # a loop leaves less of an effect to see
+
+    def traits(self) -> list[str]:
+        """What is unusual about the files, for the summary of a draw."""
+        steps = [run.step for run in self.runs]
+        held = {
+            "sampled model": self.discrete, "uneven stamps": any(np.ptp(np.diff(run.time)) > 0.1 * run.step for run in self.runs), "several rates": len(set(steps)) > 1,
+            "missing samples": any(run.missing.any() for run in self.runs), "working point": any("operating" in c for c in self.model["inputs"]),
+            "mean inputs": self.mean_inputs, "other unit": [c["unit"] for c in self.model["outputs"]] != [c["unit"] for c in self.machine_outputs],
+            "rounded commands": self.resolution is not None, "closed loop": self.closed, "predictor": self.predictor,
+        }
+        return [name for name, holds in held.items() if holds]
 
     def _means(self, rng) -> bool:
         """Whether the inputs' operating points are "mean", the mean of the training logs, which open-loop commands have before they are sent."""
