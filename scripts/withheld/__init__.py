@@ -5,7 +5,8 @@ Nothing here shares code with the crate. What FORMATS.md leaves open is fixed as
 - Log time counts from the first sample; u(t) = u[k] on [t_k, t_k+1), u[0] before, the last value after the end; at an edge a
   signal has its value from the right. Times closer than 1e-9 sample times are one.
 - Input effects act on the logged command, before `operating` is taken off; output effects with it added. A model's
-  `input_delay_s` adds to the effect. Gain and curve act on the same delayed command: gain*u + quadratic*u*|u|.
+  `input_delay_s` adds to the effect. Gain and curve act on the same delayed command: gain*u + quadratic*u*|u|. A cross coupling
+  from an input is an entry of B that the model lacks, so it acts on u - operating.
 - Lags, the rate limit, the play and modes start settled on their input at t = 0. Modes on states and outputs are driven by the
   input after all input effects. Misalignments act at once on the values before them.
 - A sample stamped s was taken at t = (s - offset)/ratio - delay of the commands' clock, at 0 if that is negative; the drift counts stamps.

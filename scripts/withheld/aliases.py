@@ -1,5 +1,7 @@
 """Which other causes explain the noise-free training outputs as well as the true one."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .catalogue import Scales, channels, of_size
@@ -9,8 +11,13 @@ from .system import CLOCK, DYNAMICS, INPUT, OUTPUT
 EFFECTS = sorted(INPUT | DYNAMICS | OUTPUT | CLOCK)
 ALIKE = 0.3  # rms misfit in units of the noise up to which a rival counts as an explanation
 SIZES = (0.03, 0.12, 0.4, 1.2)
+PROPORTIONAL = {  # outputs change nearly in proportion to the parameter: one size tells the signature, a second one its bend
+    "input_gain", "input_curve", "gain_fade", "input_offset", "cross_coupling", "quadratic_drag", "cubic_stiffness", "constant_disturbance", "parameter_error",
+    "sensor_gain", "sensor_bias", "sensor_drift", "misalignment",
+}
 FREQUENCY_SHAPES = (0.05, 0.25, 0.45, 0.65, 0.85)
 KEPT = 14  # rivals fitted in full
+NEAR, NEAREST = 8.0, 2  # replacements that miss the limit by up to this factor, so many of each effect of a pair, are tried with the other replaced too
 
 
 def rivals(model: dict) -> list[tuple[str, str]]:
@@ -23,7 +30,7 @@ def starts(scales: Scales, effect: str, channel: str) -> list[dict]:
     shapes = [(0.5, 0.5, 0.3)]
     if effect in ("unmodelled_mode", "periodic_disturbance"):
         shapes = [(f, p, 0.3) for f in FREQUENCY_SHAPES for p in ((0.5, 0.75) if effect == "periodic_disturbance" else (0.5,))]
-    sizes = (0.3,) if len(shapes) > 1 else SIZES
+    sizes = (0.3,) if len(shapes) > 1 else SIZES[::2] if effect in PROPORTIONAL else SIZES
     signs = (1.0, -1.0) if effect.startswith("clock") else (1.0,)
     found, seen = [], set()
     for shape in shapes:
@@ -92,8 +99,32 @@ def _scaled(entry, scales: Scales) -> list[list[dict]]:
     return [[{**item, "parameters": {**item["parameters"], name: float(value)}}, *effects[1:]], effects]
 
 
-def explanations(short: Problem, full: Problem, scales: Scales, others: list[dict], exclude: set[str], limit: float = ALIKE):
-    """Rivals that with `others` leave at most `limit` (rms, units of the noise) of the noise-free outputs; the least misfit of any, and that fit."""
+@dataclass
+class Explained:
+    """What came of the rivals of one effect beside fixed others."""
+
+    members: set[str]  # within the limit
+    least: float  # misfit of the best on all data, rms in units of the noise
+    best: list[dict]
+    near: list[tuple[float, list[dict]]]  # not within the limit: misfit and fitted effects, best first
+
+
+def _fitted(short: Problem, full: Problem, scales: Scales, start: list[dict], limit: float, hopeless: float, worth: float):
+    """Effects and misfit on all data and True; or on the part and False, where that shows that the whole leaves more than `worth`: its squares are among the whole's."""
+    short.linearise(start)
+    fitted, misfit = fit(short, start, parameter_scales(scales, start), 0.5 * limit, hopeless)
+    if misfit > worth * np.sqrt(full.count / short.count):
+        return fitted, misfit, False
+    full.linearise(fitted)
+    fitted, misfit = fit(full, fitted, parameter_scales(scales, fitted), limit, hopeless)
+    if limit < misfit <= 1.3 * limit:
+        full.linearise(fitted)
+        fitted, misfit = fit(full, fitted, parameter_scales(scales, fitted), limit, turns=4)
+    return fitted, misfit, True
+
+
+def explanations(short: Problem, full: Problem, scales: Scales, others: list[dict], exclude: set[str], limit: float = ALIKE, worth: float = 0.0, kept: int = KEPT) -> Explained:
+    """Rivals that with `others` leave at most `limit` (rms, units of the noise) of the noise-free outputs, and the best; misfits above `worth` need not be exact."""
     short.linearise(others)
     gap = short.reduced(others)
     size = short.rms(gap)
@@ -104,24 +135,28 @@ def explanations(short: Problem, full: Problem, scales: Scales, others: list[dic
         entries = _screened(short, scales, starts(scales, effect, channel), others, gap)
         if entries and entries[0][0] <= max(0.3 * size, 0.6):
             screened.append((entries[0][0], effect, channel, entries))
-    members, least, best = set(), size, others
-    for _, effect, channel, entries in sorted(screened, key=lambda s: s[0])[:KEPT]:
+    found = Explained(set(), size, others, [])
+    for _, effect, channel, entries in sorted(screened, key=lambda s: s[0])[:kept]:
+        tried = []
         for start in (_scaled(entries[0], scales) + ([entries[1][2]] if len(entries) > 1 else []))[:3]:
-            full.linearise(start)
-            fitted, misfit = fit(full, start, parameter_scales(scales, start), limit, 0.2 * size + 1.0)
-            if misfit < least:
-                least, best = misfit, fitted
-            if misfit <= 1.3 * limit:
-                full.linearise(fitted)
-                misfit = fit(full, fitted, parameter_scales(scales, fitted), limit, turns=4)[1]
-            if misfit <= limit:
-                members.add(f"{effect}:{channel}")
+            try:
+                fitted, misfit, exact = _fitted(short, full, scales, start, limit, 0.2 * size + 1.0, max(limit, worth))
+            except (ArithmeticError, ValueError):
+                continue  # it runs away
+            tried.append((misfit, fitted))
+            if misfit < found.least:
+                found.least, found.best = misfit, fitted
+            if exact and misfit <= limit:
+                found.members.add(f"{effect}:{channel}")
                 break
-    return members, least, best
+        else:
+            found.near += [min(tried, key=lambda entry: entry[0])] if tried else []
+    found.near.sort(key=lambda entry: entry[0])
+    return found
 
 
-def alias_class(short: Problem, full: Problem, scales: Scales, truth: list[dict]) -> list[str]:
-    """`effect:channel` of the true effects and of all that can stand in for one of them, the others refitted beside it.
+def alias_classes(short: Problem, full: Problem, scales: Scales, truth: list[dict]) -> list[list[str]]:
+    """For each true effect `effect:channel` of itself and of all that can stand in for it, the other refitted beside it or replaced too.
 
     short: part of the data, to screen; full: all training data; both with noise-free outputs. Where the machine's parameters differ from the
     model's, the true effects leave something too: a rival may leave that and 0.3 of the noise beside it (as mean squares).
@@ -129,8 +164,18 @@ def alias_class(short: Problem, full: Problem, scales: Scales, truth: list[dict]
     full.linearise(truth)
     own = fit(full, truth, parameter_scales(scales, truth))[1]
     limit = float(np.hypot(ALIKE, own))
-    members = {f"{t['effect']}:{t['channel']}" for t in truth}
+    names = [f"{t['effect']}:{t['channel']}" for t in truth]
+    classes = [{name} for name in names]
     for index in range(len(truth)):
         others = [t for k, t in enumerate(truth) if k != index]
-        members |= explanations(short, full, scales, others, set(members), limit)[0]
-    return sorted(members)
+        found = explanations(short, full, scales, others, set(names), limit)
+        classes[index] |= found.members
+        for misfit, (stand_in, *_) in found.near[:NEAREST] if others else []:
+            if misfit > NEAR * limit:
+                break
+            rival = f"{stand_in['effect']}:{stand_in['channel']}"
+            both = explanations(short, full, scales, [stand_in], {*names, rival}, limit, kept=KEPT // 3).members
+            if both:
+                classes[index].add(rival)
+                classes[1 - index] |= both
+    return [sorted(members) for members in classes]

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from .system import Names
+from .system import DYNAMICS, Names
 
 BOUNDS = {
     "delay": (0.0, math.inf), "width": (0.0, math.inf), "time_constant": (1e-6, math.inf), "damping": (0.003, 1.5), "level+": (0.0, math.inf),
@@ -22,8 +22,9 @@ class Scales:
         self.middle_y, self.y = y.mean(axis=0), y.std(axis=0)
         self.peak_y = np.abs(y - self.middle_y).max(axis=0)
         self.x, self.x_size = x.std(axis=0), np.sqrt((x**2).mean(axis=0))
-        self.rate = np.sqrt((np.diff(x, axis=0) ** 2).mean(axis=0)) / (time[1] - time[0])
-        self.step, self.span, self.settling = time[1] - time[0], time[-1], plant.settling
+        steps = np.diff(time)
+        self.rate = np.sqrt(((np.diff(x, axis=0) / steps[:, None]) ** 2).mean(axis=0))
+        self.step, self.span, self.settling = float(np.median(steps)), time[-1], plant.settling
         self.absolute_u, self.raw_peak_u = np.abs(u).mean(axis=0), np.abs(u).max(axis=0)
 
 
@@ -31,6 +32,8 @@ def channels(model: dict, effect: str) -> list[str]:
     """All channels on which the effect can act."""
     names = Names(model)
     i, s, o = names.inputs, names.states, names.outputs
+    if names.sample_time and effect in DYNAMICS:
+        return []
     if effect in ("output_delay", "sensor_lag", "sensor_gain"):
         return ["*"] + (o if len(o) > 1 else [])
     if effect.startswith("sensor_"):
@@ -103,7 +106,7 @@ def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float,
         simple = {
             "input_delay": {"delay": size * s.settling}, "input_gain": {"gain": 1 + 0.5 * sign * min(size, 1.8)},
             "input_curve": {"quadratic": 0.4 * sign * size * u / (s.absolute_u[i] * s.raw_peak_u[i])}, "gain_fade": {"rate": 0.6 * min(size, 1.5) / s.span},
-            "input_offset": {"offset": 0.5 * sign * size * u}, "deadband": {"width": 0.6 * size * u}, "backlash": {"width": 0.5 * size * u},
+            "input_offset": {"offset": 0.5 * sign * size * u}, "deadband": {"width": min(0.6 * size, 1.2) * u}, "backlash": {"width": 0.5 * size * u},
             "saturation": {"lower": middle - reach if b < 0.75 else None, "upper": middle + reach * (0.8 + 0.2 * a) if b > 0.25 else None},
             "rate_limit": {"rate": u / (size * s.settling)}, "actuator_lag": {"time_constant": size * s.settling},
             "dropped_commands": {"probability": min(0.05 + 0.4 * size, 0.6)},

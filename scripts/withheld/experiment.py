@@ -1,15 +1,17 @@
 """Three runs of one machine: which plant, loop, sample times, commands, noise and start; and the logs that a given truth leaves."""
 
 import copy
+from dataclasses import dataclass
 
 import numpy as np
 
-from .catalogue import Scales
+from .catalogue import Scales, real_channels
 from .loop import Regulator, linearised, predictor_gain
 from .plants import PLANTS, Plant
-from .signals import excitation, noise
+from .signals import colour, excitation, noise, stamps
 from .simulate import Simulator
-from .system import Names
+from .system import DYNAMICS, Names
+from .variants import can_sample, can_shift, in_other_unit, sampled, shifted, whole_delays
 
 
 class Inadequate(Exception):
@@ -31,42 +33,87 @@ def with_states(model: dict) -> dict:
 class Run:
     """The fixed circumstances of one log: times, excitation, noise of unit size, relative start, missing samples."""
 
-    def __init__(self, rng, plant: Plant, step: float, duration: float, ny: int, n: int, nu: int, colour: str):
+    def __init__(self, rng, plant: Plant, step: float, duration: float, sizes: tuple[int, int, int], style: "Style"):
+        nu, n, ny = sizes
         self.step = step
-        self.time = np.round(np.arange(int(duration / step)) * step, 9)
-        self.excitation = excitation(rng, self.time, plant.levels, plant.settling)
-        self.noise = noise(rng, len(self.time), np.ones(ny), colour)
+        self.time = stamps(rng, step, duration, style.timing)
+        even = np.arange(int(duration / step) + 1) * step
+        self.excitation = excitation(rng, even, plant.levels, plant.settling)[np.rint(self.time / step).astype(int)]
+        self.noise = noise(rng, len(self.time), style.colours, style.heavy)
         self.start = rng.standard_normal(n)
         self.drops = rng.random((len(self.time), nu))
         self.missing = np.zeros((len(self.time), ny), dtype=bool)
         self.seed = int(rng.integers(2**31))
+        self.begins = float(rng.integers(1, 5000)) if style.late else 0.0  # the first time stamp in the file
 
     def lose_samples(self, rng) -> None:
+        """Some samples of one output, and perhaps a stretch of them."""
         j = rng.integers(self.missing.shape[1])
-        self.missing[:, j] = rng.random(len(self.time)) < 0.02
+        self.missing[:, j] |= rng.random(len(self.time)) < 0.02
         if rng.random() < 0.5:
             first = int(rng.uniform(0.1, 0.8) * len(self.time))
             self.missing[first:first + int(0.03 * len(self.time)), j] = True
         self.missing[0] = False
 
+    def slow_output(self, j: int, every: int) -> None:
+        """Output j comes with every so-many-th row only."""
+        self.missing[:, j] |= np.arange(len(self.time)) % every > 0
+
+
+@dataclass
+class Style:
+    """How this machine is commanded and logged."""
+
+    timing: str  # even, jitter, missed
+    colours: list[list[float]]
+    heavy: bool  # tails of the noise
+    late: bool  # time stamps do not begin at 0
+    resolution: float | None  # of the commands, as a share of their level
+
 
 class Experiment:
-    def __init__(self, rng, plant_name: str):
-        self.plant = plant = PLANTS[plant_name]
-        self.model = copy.deepcopy(plant.model)
-        names = self.names = Names(self.model)
-        ny, n, nu = len(names.outputs), len(names.states), len(names.inputs)
+    """`model` is the machine; `nominal` what the diagnoser gets: the same, unless that has a sample time."""
+
+    def __init__(self, rng, plant_name: str, effect: str | None = None):
+        self.plant, self.model = PLANTS[plant_name], copy.deepcopy(PLANTS[plant_name].model)
+        self.machine_outputs = self.plant.model["outputs"]
+        if rng.random() < 0.3:
+            in_other_unit(rng, self.model)
+        if rng.random() < 0.4 and can_shift(self.plant):
+            plant = shifted(rng, self.plant, model := copy.deepcopy(self.model))
+            if effect is None or real_channels(model, effect, plant):
+                self.plant, self.model = plant, model
+        plant, names = self.plant, Names(self.model)
+        self.names = names
+        self.discrete = rng.random() < 0.5 and can_sample(plant) and effect not in DYNAMICS
+        nu, n, ny = sizes = len(names.inputs), len(names.states), len(names.outputs)
         self.closed = plant.closed or (plant.may_close and rng.random() < 0.4)
-        self.effort, colour = rng.uniform(0.5, 1.5), str(rng.choice(["white", "ar1", "ar2"]))
-        base, several = plant.sample_time * rng.choice([0.8, 1.0, 1.25]), rng.random() < 0.3
+        self.effort = rng.uniform(0.5, 1.5)
+        style = Style(
+            timing=str(rng.choice(["even", "jitter", "missed"], p=[0.6, 0.2, 0.2])), colours=[colour(rng) for _ in names.outputs], heavy=rng.random() < 0.2,
+            late=rng.random() < 0.3, resolution=float(rng.choice([0.02, 0.06])) if rng.random() < 0.25 else None,
+        )
+        self.resolution = None if style.resolution is None else style.resolution * np.array(plant.levels)
+        base, several = plant.sample_time * rng.choice([0.8, 1.0, 1.25]), rng.random() < 0.4
+        if self.discrete:
+            style.timing, several = "even", False
+            whole_delays(self.model, round(base, 6))
         self.runs = []
         for _ in range(3):
-            step = base * (rng.choice([1.0, 1.5]) if several else 1.0)
-            self.runs.append(Run(rng, plant, round(step, 6), plant.duration * rng.uniform(0.6, 1.1), ny, n, nu, colour))
+            step = round(base * (rng.choice([0.75, 1.0, 1.5, 2.0]) if several else 1.0), 6)
+            self.runs.append(Run(rng, plant, step, max(plant.duration * rng.uniform(0.5, 1.2), 250 * step), sizes, style))
         if rng.random() < 0.3:
             for run in self.runs:
                 run.lose_samples(rng)
+        steady = np.all(np.abs(np.linalg.eigvals(linearised(self.model, plant.trim, base)[0])) < 1 - 1 / (plant.duration / base))
+        if ny > 1 and steady and rng.random() < 0.2:  # one-step predictions with a gain for every sample would drift between rare ones
+            slow, every = int(rng.integers(ny)), int(rng.integers(2, 6))
+            for run in self.runs:
+                run.slow_output(slow, every)
         self.trim = np.array(plant.trim if plant.trim else [0.0] * nu)
+        self.mean_inputs = self._means(rng)
+        self.mean_outputs = rng.random() < 0.5  # "mean" where the measured mean is the operating point
+        self.nominal = sampled(self.model, self.runs[0].step) if self.discrete else self.model
         self.output_scale = None
         u, y, _ = self._log(with_states(self.model), [], self.runs[0], np.array(names.initial), np.zeros(ny + n), None)
         self.scales = Scales(self.model, plant, u, y[:, :ny], y[:, ny:], self.runs[0].time)
@@ -76,7 +123,37 @@ class Experiment:
         self.gives_std = rng.random() < 0.7
         poles = np.abs(np.linalg.eigvals(linearised(self.model, plant.trim, self.runs[0].step)[0]))
         self.predictor = bool(np.any(poles >= 1 - 1 / len(self.runs[0].time)))
+        if self.predictor:
+            self.nominal, self.discrete = self.model, False
         self.sigma = self.scales.y * 10 ** (-rng.uniform(22 if self.predictor else 15, 40) / 20)  # a loop leaves less of an effect to see
+
+    def traits(self) -> list[str]:
+        """What is unusual about the files, for the summary of a draw."""
+        steps = [run.step for run in self.runs]
+        held = {
+            "sampled model": self.discrete, "uneven stamps": any(np.ptp(np.diff(run.time)) > 0.1 * run.step for run in self.runs), "several rates": len(set(steps)) > 1,
+            "missing samples": any(run.missing.any() for run in self.runs), "working point": any("operating" in c for c in self.model["inputs"]),
+            "mean inputs": self.mean_inputs, "other unit": [c["unit"] for c in self.model["outputs"]] != [c["unit"] for c in self.machine_outputs],
+            "rounded commands": self.resolution is not None, "closed loop": self.closed, "predictor": self.predictor,
+        }
+        return [name for name, holds in held.items() if holds]
+
+    def _means(self, rng) -> bool:
+        """Whether the inputs' operating points are "mean", the mean of the training logs, which open-loop commands have before they are sent."""
+        channels = self.model["inputs"]
+        if self.closed or any("operating" not in c for c in channels) or rng.random() < 0.5:
+            return False
+        mean = np.mean(np.concatenate([self.commands(run) for run in self.runs[:2]]), axis=0)
+        for channel, value in zip(channels, mean):
+            channel["operating"] = float(value)
+        return True
+
+    def commands(self, run: Run) -> np.ndarray:
+        """What is sent in open loop."""
+        return self._sent(self.trim + run.excitation)
+
+    def _sent(self, command: np.ndarray) -> np.ndarray:
+        return command if self.resolution is None else self.resolution * np.round(command / self.resolution)
 
     def gain(self, run: Run):
         return predictor_gain(self.model, self.plant.trim, run.step, self.plant.levels, self.sigma) if self.predictor else None
@@ -110,7 +187,7 @@ class Experiment:
             drops = None
         simulator = Simulator(model, run.time, effects, [*x0, *[0.0] * more], drops)
         if not self.closed:
-            commands = self.trim + run.excitation
+            commands = self.commands(run)
             if outside is not None:
                 commands = np.column_stack([commands, [outside.value(k, c) for k, c in enumerate(commands)]])
             clean = simulator.open_loop(commands)
@@ -121,7 +198,7 @@ class Experiment:
         def controller(k, measured):
             if k and self._is_lost(measured[-1], effects):
                 raise Inadequate("the loop is lost")
-            command = regulator(k, measured)
+            command = self._sent(regulator(k, measured))
             return command if outside is None else np.append(command, outside.value(k, command))
 
         shape = (len(run.time), len(model["outputs"]))

@@ -8,7 +8,7 @@ FUNCTIONS = {
     name: getattr(math, name)
     for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
 }
-FUNCTIONS |= {"abs": abs, "min": min, "max": max, "sign": lambda x: float((x > 0) - (x < 0))}
+FUNCTIONS |= {"abs": abs, "min": min, "max": max, "sign": lambda x: float(x > 0) - float(x < 0)}
 _ALLOWED = (
     ast.Expression, ast.BinOp, ast.UnaryOp, ast.Call, ast.Name, ast.Load, ast.Constant,
     ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.USub, ast.UAdd,

@@ -23,9 +23,12 @@ def _toml(value) -> str:
     return "[" + ", ".join(_toml(v) for v in value) + "]"
 
 
-def model_toml(experiment: Experiment) -> str:
-    """The nominal model, with `initial_std` if the experimenter knows the start."""
-    model, names = dict(experiment.model), Names(experiment.model)
+def model_toml(experiment: Experiment, mean_outputs: list[bool]) -> str:
+    """The nominal model, with `initial_std` if the experimenter knows the start; its operating points perhaps "mean"."""
+    model, names = dict(experiment.nominal), Names(experiment.nominal)
+    means = {"inputs": [experiment.mean_inputs] * len(names.inputs), "outputs": mean_outputs}
+    for kind, flags in means.items():
+        model[kind] = [{**c, "operating": "mean"} if mean else c for c, mean in zip(model[kind], flags)]
     spread = [float(f"{v:.2g}") for v in experiment.start_std] if experiment.gives_std else None
     if spread and names.lti:
         model["initial_std"] = spread
@@ -46,7 +49,7 @@ def log_csv(model: dict, time, u, y, missing, with_units: bool) -> str:
 
     rows = [",".join(["time", *(title(c) for c in [*model["inputs"], *model["outputs"]])])]
     for t, commands, values, lost in zip(time.tolist(), u.tolist(), y.tolist(), missing.tolist()):
-        cells = [f"{t:.10g}", *(f"{v:.10g}" for v in commands), *("" if gone else f"{v:.10g}" for v, gone in zip(values, lost))]
+        cells = [f"{t:.12g}", *(f"{v:.10g}" for v in commands), *("" if gone else f"{v:.10g}" for v, gone in zip(values, lost))]
         rows.append(",".join(cells))
     return "\n".join(rows) + "\n"
 
@@ -63,10 +66,10 @@ def write(case: Case, label: dict, folder: Path, identity: str, salt: str) -> No
     experiment, place = case.experiment, folder / "cases" / identity
     place.mkdir(parents=True)
     (folder / "labels").mkdir(exist_ok=True)
-    (place / "model.toml").write_text(model_toml(experiment))
+    (place / "model.toml").write_text(model_toml(experiment, case.mean_outputs()))
     with_units = int(identity[0], 16) % 2 == 0
     for name, run, (u, y, _) in zip(("train_1", "train_2", "holdout_1"), experiment.runs, case.logs):
-        (place / f"{name}.csv").write_text(log_csv(experiment.model, run.time, u, y, run.missing, with_units))
+        (place / f"{name}.csv").write_text(log_csv(experiment.nominal, run.time + run.begins, u, y, run.missing, with_units))
     document = {"format": "deadtime/blind@1", "id": identity, "salt": salt, **label}
     content = (json.dumps(_plain(document), indent=1, allow_nan=False) + "\n").encode()
     (folder / "labels" / f"{identity}.json").write_bytes(content)

@@ -42,15 +42,15 @@ class Problem:
 
     def sensitivities(self, record: Record, effects: list[dict]) -> np.ndarray:
         """d residual / d start [N ny, n], starts in units of their prior."""
-        columns = []
-        for i, size in enumerate(self.prior):
-            ends = []
-            for sign in (1, -1):
-                x0 = self.initial.copy()
-                x0[i] += sign * 0.3 * size
-                ends.append(self.raw(record, effects, x0).ravel())
-            columns.append((ends[0] - ends[1]) / 0.6)
-        return np.array(columns).T
+        def at(i, share):
+            x0 = self.initial.copy()
+            x0[i] += share * self.prior[i]
+            return self.raw(record, effects, x0).ravel()
+
+        if Simulator(self.model, record.time[:2], effects, drops=np.zeros((2, record.u.shape[1]))).linear:
+            middle = at(0, 0.0)
+            return np.array([at(i, 0.3) - middle for i in range(len(self.prior))]).T / 0.3
+        return np.array([at(i, 0.3) - at(i, -0.3) for i in range(len(self.prior))]).T / 0.6
 
     def linearise(self, effects: list[dict]) -> None:
         """Takes the directions that a start can explain from the model with these effects."""

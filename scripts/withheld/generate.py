@@ -53,7 +53,7 @@ def make(job: tuple[Wanted, np.random.SeedSequence, Path]) -> dict:
         experiment = case.experiment
         return {
             "id": identity, "wanted": wanted, "discarded": discarded, "seconds": time.perf_counter() - began, "plant": experiment.model["name"],
-            "loop": "closed" if experiment.closed else "open", "label": label,
+            "loop": "closed" if experiment.closed else "open", "label": label, "traits": experiment.traits(),
         }
     return {"id": None, "wanted": wanted, "discarded": discarded, "seconds": time.perf_counter() - began}
 
@@ -83,6 +83,7 @@ def summary(results: list[dict]) -> str:
     lines += [f"  {count} x {reason}" for reason, count in reasons.most_common()]
     lines.append("groups: " + ", ".join(f"{g} {n}" for g, n in sorted(collections.Counter(r["wanted"].group for r in made).items())))
     lines.append("plants: " + ", ".join(f"{g} {n}" for g, n in sorted(collections.Counter(r["plant"] for r in made).items())))
+    lines.append("with: " + ", ".join(f"{t} {n}" for t, n in sorted(collections.Counter(t for r in made for t in r["traits"]).items())))
     seconds = [r["seconds"] for r in results]
     lines.append(f"time per case: {np.mean(seconds):.1f} s mean, {np.max(seconds):.1f} s longest")
     return "\n".join(lines)

@@ -6,9 +6,13 @@ import tempfile
 import tomllib
 from pathlib import Path
 
+import numpy as np
+
 from .files import commitment
 from .generate import generate
+from .simulate import simulate
 
+SEED = 324  # draws all kinds of files from plants that are quick to simulate
 KEYS = [
     "format", "id", "salt", "group", "verdict", "effects", "alias_class", "outputs", "from_s", "to_s", "from_hz", "to_hz", "strength_db", "before", "oracle_after",
 ]
@@ -22,8 +26,9 @@ def _check_case(folder: Path, result: dict) -> None:
     assert list(label) == KEYS, f"{identity}: keys of the label"
     assert (place / "commitment.txt").read_text().strip() == commitment(content, label["salt"]), f"{identity}: commitment"
     assert label["group"] == result["wanted"].group, f"{identity}: group"
-    named = {f"{e['effect']}:{e['channel']}" for e in label["effects"]}
-    assert named <= set(label["alias_class"]), f"{identity}: the truth is in its own class"
+    named = [f"{e['effect']}:{e['channel']}" for e in label["effects"]]
+    classes = label["alias_class"] if label["group"] == "pair" else [label["alias_class"]] * len(named)
+    assert len(classes) == len(named) and all(n in c for n, c in zip(named, classes)), f"{identity}: the truth is in its own class"
     model = tomllib.loads((place / "model.toml").read_text())
     channels = [c["name"] for c in model["inputs"] + model["outputs"]]
     for name in ("train_1", "train_2", "holdout_1"):
@@ -40,16 +45,51 @@ def _check_case(folder: Path, result: dict) -> None:
         assert label["verdict"] == "unknown" and not label["effects"] and label["before"] > label["oracle_after"], identity
 
 
+def _read_log(path: Path, model: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rows = list(csv.reader(path.read_text().splitlines()))
+    values = np.array([[float(cell) if cell else np.nan for cell in row] for row in rows[1:]])
+    nu = len(model["inputs"])
+    return values[:, 0], values[:, 1:1 + nu], values[:, 1 + nu:]
+
+
+def _files_and_label_tell_the_same(folder: Path, identity: str) -> set[str]:
+    """scipy's integrator, given nothing but the files and the label's effects, leaves what the label says; which kinds of files these are."""
+    place = folder / "cases" / identity
+    model, label = tomllib.loads((place / "model.toml").read_text()), json.loads((folder / "labels" / f"{identity}.json").read_text())
+    logs = [_read_log(place / f"{name}.csv", model) for name in ("train_1", "train_2", "holdout_1")]
+    kinds = {"sampled"} if model.get("sample_time_s") else set()
+    for kind, part in (("inputs", 1), ("outputs", 2)):
+        mean = np.nanmean(np.concatenate([log[part] for log in logs[:2]]), axis=0)
+        for channel, value in zip(model[kind], mean):
+            if channel.get("operating") == "mean":
+                channel["operating"] = float(value)
+                kinds.add("mean")
+    time, u, y = logs[2]
+    if np.ptp(np.diff(time)) > 0.1 * np.median(np.diff(time)):
+        kinds.add("uneven")
+    drifts = model["kind"] == "lti" and not kinds & {"sampled"} and np.linalg.eigvals(np.array(model["A"])).real.max() > -1e-6
+    if drifts or label["group"] == "unknown" or any(e["effect"] == "dropped_commands" for e in label["effects"]):
+        return kinds
+    residual = (y - simulate(model, time, u, label["effects"], integrator="reference"))[len(time) // 5:]
+    left = float(np.sqrt(np.mean(np.nanmean(residual**2, axis=0) / np.nanvar(y, axis=0))))
+    assert 0.8 < left / label["oracle_after"] < 1.25, f"{identity}: {left:.4g} is left, by the label {label['oracle_after']:.4g}"
+    return kinds
+
+
 def drawn_cases_are_whole():
-    counts = {"single": 1, "none": 1, "unknown": 1, "pair": 0}
+    counts, kinds = {"single": 3, "none": 1, "unknown": 1, "pair": 1}, set()
     with tempfile.TemporaryDirectory() as first, tempfile.TemporaryDirectory() as second:
-        results = generate(Path(first), counts, seed=11, jobs=1)
+        results = generate(Path(first), counts, seed=SEED, jobs=1)
         for result in results:
             assert result["id"], f"nothing adequate: {result['discarded']}"
             _check_case(Path(first), result)
-        again = generate(Path(second), {"single": 0, "none": 1, "unknown": 0, "pair": 0}, seed=11, jobs=1)
-        twice = generate(Path(second) / "twice", {"single": 0, "none": 1, "unknown": 0, "pair": 0}, seed=11, jobs=1)
-        assert again[0]["label"] == twice[0]["label"] and again[0]["id"] == twice[0]["id"], "same seed, same case"
+            kinds |= _files_and_label_tell_the_same(Path(first), result["id"])
+        assert kinds >= {"sampled", "mean", "uneven"}, f"the seed must draw every kind of file, not only {kinds}"
+        one = {"single": 0, "none": 1, "unknown": 0, "pair": 0}
+        again, twice = (generate(Path(second) / name, one, SEED, 1)[0] for name in ("again", "twice"))
+        assert again["label"] == twice["label"] and again["id"] == twice["id"], "same seed, same case"
+        (again, twice) = ([path.read_bytes() for path in sorted((Path(second) / name).rglob("*.*"))] for name in ("again", "twice"))
+        assert again == twice and len(again) == 6, "same seed, same files"
 
 
 CHECKS = [drawn_cases_are_whole]

@@ -15,13 +15,13 @@ _DP = (
 )
 _TIMES = (1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
 _ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
-MOST_STEPS = 400  # of Dormand-Prince per interval; a response that needs more runs away or is too stiff
+MOST_STEPS = 400  # of Dormand-Prince per interval, in fits a fifth; a response that needs more runs away or is too stiff
 TOO_SHORT = 1e-13  # s: an interval this short is passed without a step
 
 
 def _step_source(n: int) -> str:
-    """One Dormand-Prince 5(4) step of n states, unrolled."""
-    lines = ["def step(f, t, h, X, seg, P, fr, k0):", f"{', '.join(f'x{i}' for i in range(n))}, = X"]
+    """One Dormand-Prince 5(4) step of n states, unrolled: the new state, its derivative, the largest error relative to S, the largest states so far."""
+    lines = ["def step(f, t, h, X, seg, P, fr, k0, S):", f"{', '.join(f'x{i}' for i in range(n))}, = X"]
     lines.append(f"{', '.join(f'k0_{i}' for i in range(n))}, = k0")
     for stage, weights in enumerate(_DP, start=1):
         terms = [
@@ -30,8 +30,11 @@ def _step_source(n: int) -> str:
         lines.append(f"Y = ({', '.join(terms)},)")
         lines.append(f"K = f(t + {_TIMES[stage - 1]!r}*h, Y, seg, P, fr)")
         lines.append(f"{', '.join(f'k{stage}_{i}' for i in range(n))}, = K")
-    errors = ["h*(" + " + ".join(f"{w!r}*k{s}_{i}" for s, w in enumerate(_ERROR) if w) + ")" for i in range(n)]
-    lines.append(f"return Y, K, ({', '.join(errors)},)")
+    lines.append("worst = 0.0")
+    for i in range(n):
+        error = " + ".join(f"{w!r}*k{s}_{i}" for s, w in enumerate(_ERROR) if w)
+        lines += [f"size = abs(Y[{i}])", f"if size > S[{i}]: S[{i}] = size", f"ratio = abs(h*({error}))/S[{i}]", "if worst == worst and not ratio <= worst: worst = ratio"]
+    lines.append("return Y, K, worst")
     return "\n ".join(lines)
 
 
@@ -98,18 +101,23 @@ class Stepped:
         self.step = compiled(_step_source(n))["step"]
         self.scale = [1e-9] * n
         self.size = np.inf
+        self.most_steps = MOST_STEPS if tolerance < 1e-8 else MOST_STEPS // 5
 
     def run(self, grid, values, slopes, x, correct=None) -> np.ndarray:
         result = np.empty((len(grid), len(x)))
         result[0] = x
         x = tuple(float(v) for v in x)
         times, values, slopes = grid.tolist(), values.tolist(), slopes.tolist()
+        smooth = not self.reference and not self.system.frictions
         for i in range(len(times)):
             if correct is not None:
                 result[i] = x
                 correct(i, result)
                 x = tuple(result[i].tolist())
-            if i + 1 < len(times):
+            if i + 1 < len(times) and smooth:
+                x = self._dormand_prince(times[i], times[i + 1], x, (times[i], *values[i], *slopes[i]))[1]
+                result[i + 1] = x
+            elif i + 1 < len(times):
                 x = self._interval(times[i], times[i + 1], x, (times[i], *values[i], *slopes[i]))
                 result[i + 1] = x
         return result
@@ -194,16 +202,8 @@ class Stepped:
         f, p, fr, step, scale = self.system.f, self.system.parameters, self.fr, self.step, self.scale
         k0 = f(t, x, seg, p, fr)
         h = min(self.size, end - t)
-        for _ in range(MOST_STEPS):
-            new, k1, error = step(f, t, h, x, seg, p, fr, k0)
-            worst = 0.0
-            for i, v in enumerate(new):
-                size = abs(v)
-                if size > scale[i]:
-                    scale[i] = size
-                ratio = abs(error[i]) / scale[i]
-                if ratio > worst:
-                    worst = ratio
+        for _ in range(self.most_steps):
+            new, k1, worst = step(f, t, h, x, seg, p, fr, k0, scale)
             worst /= self.tolerance
             if not worst < 1e30:
                 raise ArithmeticError("the response runs away")
@@ -236,7 +236,7 @@ class Stepped:
         for turn in range(60):
             guess = low + (high - low) * low_value / (low_value - high_value) if turn % 3 else 0.5 * (low + high)
             guess = min(max(guess, low + 0.02 * (high - low)), high - 0.02 * (high - low))
-            state = self.step(self.system.f, t, guess, x, seg, self.system.parameters, self.fr, k0)[0]
+            state = self.step(self.system.f, t, guess, x, seg, self.system.parameters, self.fr, k0, self.scale)[0]
             value, _ = lowest(guess, state)
             if value >= 0.0:
                 low, low_value = guess, value

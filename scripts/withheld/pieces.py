@@ -5,6 +5,8 @@ A piece is (start, end, value, slope): value + slope*(t - start) for start <= t 
 
 import math
 
+import numpy as np
+
 Piece = tuple[float, float, float, float]
 INFINITE = math.inf
 
@@ -23,6 +25,10 @@ class Deadband:
     def __init__(self, width: float):
         self.width = width
 
+    def held(self, values: np.ndarray) -> np.ndarray:
+        """Of successive values that hold still."""
+        return np.sign(values) * np.maximum(np.abs(values) - self.width, 0.0)
+
     def __call__(self, piece: Piece) -> list[Piece]:
         result = []
         for start, end, value, slope in _split(piece, (-self.width, self.width)):
@@ -39,6 +45,9 @@ class Saturation:
         self.lower = -INFINITE if lower is None else lower
         self.upper = INFINITE if upper is None else upper
 
+    def held(self, values: np.ndarray) -> np.ndarray:
+        return np.minimum(np.maximum(values, self.lower), self.upper)
+
     def __call__(self, piece: Piece) -> list[Piece]:
         result = []
         for start, end, value, slope in _split(piece, (self.lower, self.upper)):
@@ -53,6 +62,14 @@ class Backlash:
 
     def __init__(self, width: float):
         self.width, self.position = width, None
+
+    def held(self, values: np.ndarray) -> np.ndarray:
+        result, position = [], float(values[0]) if self.position is None else self.position
+        for value in values.tolist():
+            position = min(max(position, value - self.width), value + self.width)
+            result.append(position)
+        self.position = position
+        return np.array(result)
 
     def __call__(self, piece: Piece) -> list[Piece]:
         start, end, value, slope = piece
@@ -127,6 +144,33 @@ class InputChain:
         if self.current is None:
             self.current = command
         self.edges.append((time + self.delay, command))
+
+    def push_all(self, times: np.ndarray, commands: np.ndarray) -> None:
+        self.current = float(commands[0])
+        self.edges = list(zip((times + self.delay).tolist(), commands.tolist()))
+
+    def at_once(self, start: float, end: float, closeness: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same as `pieces` for many edges: starts, values and slopes of the pieces. What holds still goes through static stages as a whole."""
+        times, values = np.array(self.edges).T
+        count = int(np.searchsorted(times, end - closeness))
+        self.edges, times, values = self.edges[count:], times[:count], values[:count]
+        first = int(np.searchsorted(times, start + closeness, side="right"))
+        current = values[first - 1] if first else self.current
+        times, values = np.concatenate([[start], times[first:]]), np.concatenate([[current], values[first:]])
+        self.current = values[-1]
+        values = self.gain * values + self.quadratic * values * np.abs(values)
+        slopes = -values * self.fade
+        values = values * (1.0 - self.fade * times) + self.offset
+        stages = list(self.stages)
+        while stages and not self.fade and isinstance(stages[0], (Deadband, Saturation, Backlash)):
+            values = stages.pop(0).held(values)
+        if not stages:
+            return times, values, slopes
+        moving = list(zip(times.tolist(), [*times[1:].tolist(), end], values.tolist(), slopes.tolist()))
+        for stage in stages:
+            moving = [out for piece in moving for out in stage(piece)]
+        columns = np.array(moving).T
+        return columns[0], columns[2], columns[3]
 
     def pieces(self, start: float, end: float, closeness: float) -> list[Piece]:
         """The signal over [start, end); an edge within `closeness` of the start counts as at the start."""

@@ -75,6 +75,16 @@ TWO_MASSES = Plant(_lti(
     "two masses", [("torque", "N m")], [("motor", "rad/s"), ("twist", "rad"), ("load", "rad/s")], [("motor", "rad/s"), ("load", "rad/s")],
     [[-1.5, -400.0, 0.0], [1.0, 0.0, -1.0], [0.0, 150.0, -0.9]], [[50.0], [0.0], [0.0]], [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [[0.0], [0.0]],
 ), 0.01, 20.0, (1.2,), 0.15, ("motor", "load"), ("motor", "load"), may_close=True)
+AIR_HEATER = Plant(_lti(
+    "air heater", [("voltage", "V")], [("wire", "K"), ("air", "K"), ("sensor", "K")], [("temperature", "K")],
+    [[-2.9, 0.8, 0.0], [3.1, -4.4, 0.0], [0.0, 2.2, -2.2]], [[2.6], [0.0], [0.0]], [[0.0, 0.0, 1.0]], [[0.0]], input_delay_s=[0.16],
+), 0.08, 110.0, (2.0,), 0.6, ("wire", "air"))
+GIMBAL = Plant(_lti(
+    "stabilised gimbal", [("pan_command", "rad"), ("tilt_command", "rad")],
+    [("pan", "rad"), ("pan_rate", "rad/s"), ("tilt", "rad"), ("tilt_rate", "rad/s")], [("pan", "rad"), ("tilt", "rad"), ("tilt_rate", "rad/s")],
+    [[0.0, 1.0, 0.0, 0.0], [-90.0, -13.0, 0.0, 1.6], [0.0, 0.0, 0.0, 1.0], [0.0, -2.1, -140.0, -18.0]],
+    [[0.0, 0.0], [90.0, 0.0], [0.0, 0.0], [0.0, 140.0]], [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]], [[0.0, 0.0]] * 3,
+), 0.01, 14.0, (0.3, 0.2), 0.12, ("pan_rate", "tilt_rate"), ("pan_rate", "tilt_rate"))
 SERVO = Plant(_equations(
     "servo", [("voltage", "V")], [("angle", "rad"), ("current", "A")], [("angle", "rad", 0.0), ("speed", "rad/s", 0.0), ("current", "A", 0.0)],
     [("inertia", "kg m^2", 0.012), ("viscous", "N m s/rad", 0.015), ("constant", "N m/A", 0.12), ("resistance", "Ohm", 1.1), ("inductance", "H", 0.03)],
@@ -112,5 +122,6 @@ CRUISE = Plant(_equations(
 
 PLANTS = {
     "lateral": LATERAL, "longitudinal": LONGITUDINAL, "directional": DIRECTIONAL, "vertical": VERTICAL, "roll": ROLL, "vehicle": VEHICLE,
-    "thermal": THERMAL, "two_masses": TWO_MASSES, "servo": SERVO, "motor": MOTOR, "tanks": TANKS, "cart": CART, "cruise": CRUISE,
+    "thermal": THERMAL, "two_masses": TWO_MASSES, "air_heater": AIR_HEATER, "gimbal": GIMBAL,
+    "servo": SERVO, "motor": MOTOR, "tanks": TANKS, "cart": CART, "cruise": CRUISE,
 }

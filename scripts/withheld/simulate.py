@@ -10,7 +10,13 @@ from .sampled import SampledPlant
 from .sensors import Sensors
 from .system import DYNAMICS, Names, System, sort_effects
 
+MANY = 16  # edges from which a signal is worked out as a whole
 GRID_SLACK = 1e-9  # times closer than this share of a sample time are one
+
+
+def _columns(pieces: list) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    columns = np.array(pieces).T
+    return columns[0], columns[2], columns[3]
 
 
 class Simulator:
@@ -40,12 +46,14 @@ class Simulator:
             if refused := set(found) & DYNAMICS:
                 raise ValueError(f"a sampled model takes no {', '.join(sorted(refused))}")
             self.sampled, self.engine, self.system = SampledPlant(model, names, found), None, None
+            self.linear = not self.sensors.limits
             return
         self.sampled, self.system = None, System(model, names, found)
         if integrator == "auto" and self.system.linear:
             self.engine = Linear(self.system, self.nu)
         else:
             self.engine = Stepped(self.system, integrator == "reference", tolerance, method)
+        self.linear = isinstance(self.engine, Linear) and not self.sensors.limits
 
     def _drops(self, probabilities: dict, drops, rng, count: int):
         if not probabilities:
@@ -67,16 +75,15 @@ class Simulator:
 
     def signals(self, start: float, end: float, marks: np.ndarray):
         """Grid of all edges and marks in [start, end], with each input's value (from the right) and slope there."""
-        pieces = [chain.pieces(start, end, self.slack) for chain in self.chains]
-        edges = [np.array([p[0] for p in channel]) for channel in pieces]
+        pieces = [chain.at_once(start, end, self.slack) if len(chain.edges) > MANY else _columns(chain.pieces(start, end, self.slack)) for chain in self.chains]
+        edges = [channel[0] for channel in pieces]
         times = np.sort(np.concatenate([marks, [start, end], *edges]))
         grid = times[np.concatenate([[True], np.diff(times) > self.slack])]
         values, slopes = np.empty((len(grid), self.nu)), np.empty((len(grid), self.nu))
-        for i, channel in enumerate(pieces):
-            parts = np.array(channel)
-            index = np.searchsorted(edges[i], grid + self.slack, side="right") - 1
-            slopes[:, i] = parts[index, 3]
-            values[:, i] = parts[index, 2] + slopes[:, i] * (grid - parts[index, 0])
+        for i, (begins, height, slope) in enumerate(pieces):
+            index = np.searchsorted(begins, grid + self.slack, side="right") - 1
+            slopes[:, i] = slope[index]
+            values[:, i] = height[index] + slopes[:, i] * (grid - begins[index])
         return grid, values, slopes
 
     def index(self, grid: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -88,8 +95,7 @@ class Simulator:
     def open_loop(self, commands, noise=0.0) -> np.ndarray:
         commands = self._passed(np.asarray(commands, dtype=float))
         for i, chain in enumerate(self.chains):
-            for time, command in zip(self.stamps.tolist(), commands[:, i].tolist()):
-                chain.push(time, command)
+            chain.push_all(self.stamps, commands[:, i])
         if self.sampled:
             return self.sensors.measure(self.sampled.run(self, self.x), self.stamps, noise)
         grid, values, slopes = self.signals(0.0, self.end, self.sampled_at.ravel())
@@ -106,8 +112,7 @@ class Simulator:
         """One-step predictions: after each sample the plant's states move by gain [n, ny] times the innovation."""
         commands, measured = self._passed(np.asarray(commands, dtype=float)), np.asarray(measured, dtype=float)
         for i, chain in enumerate(self.chains):
-            for time, command in zip(self.stamps.tolist(), commands[:, i].tolist()):
-                chain.push(time, command)
+            chain.push_all(self.stamps, commands[:, i])
         grid, values, slopes = self.signals(0.0, self.end, np.concatenate([self.stamps, self.sampled_at.ravel()]))
         self._settle(grid, values, slopes)
         taken = self.index(grid, self.sampled_at.ravel()).reshape(self.sampled_at.shape)

@@ -6,6 +6,7 @@ seg = (t0, values..., slopes...): the inputs before any lag; P: parameters; fr: 
 """
 
 import math
+import random
 import re
 from functools import lru_cache
 
@@ -76,7 +77,7 @@ class System:
     """The source, its compiled functions, the parameters and the start of a continuous model with effects."""
 
     def __init__(self, model: dict, names: Names, effects: dict):
-        self.names, self.parameters, self.linear = names, [], names.lti
+        self.names, self.parameters, self.linear = names, [], True
         self.x = [f"x{i}" for i in range(len(names.states))]
         self.extra: list[tuple[str, str]] = []  # (variable, source of its start)
         self.body: list[str] = [f"v{i} = a{i} + b{i}*(t - t0)" for i in range(len(names.inputs))]
@@ -85,7 +86,7 @@ class System:
         self._inputs(effects)
         modes = self._modes(effects)
         self._plant(model, effects)
-        self._dynamics(effects, modes)
+        self._dynamics(model, effects, modes)
         self._outputs(model, effects, modes)
         self._compile()
 
@@ -179,11 +180,16 @@ class System:
             return f"x{self.names.states.index(name)}"
         return f"e{self.names.inputs.index(name)}"
 
-    def _dynamics(self, effects: dict, modes: dict[str, str]) -> None:
+    def _deviation(self, model: dict, name: str) -> str:
+        """What a matrix of the model would act on."""
+        operating = dict(zip(self.names.inputs, (c.get("operating") or 0.0 for c in model["inputs"])))
+        return f"({self._variable(name)} - {operating[name]!r})" if operating.get(name) else self._variable(name)
+
+    def _dynamics(self, model: dict, effects: dict, modes: dict[str, str]) -> None:
         states = self.names.states
         for channel, p in effects.get("cross_coupling", {}).items():
             source, target = channel.split("->")
-            self._add(target, f"{self.parameter(p['gain'])}*{self._variable(source)}")
+            self._add(target, f"{self.parameter(p['gain'])}*{self._deviation(model, source)}")
         for state, p in effects.get("quadratic_drag", {}).items():
             x = self._variable(state)
             self._add(state, f"-{self.parameter(p['coefficient'])}*{x}*abs({x})")
@@ -254,6 +260,25 @@ class System:
             self.linear = False
         functions = compiled(source)
         self.f, self.g, self.rest, self._start = (functions[name] for name in ("f", "g", "rest", "start"))
+        if not self.names.lti and self.linear:
+            self.linear = self._is_affine(len(everything), nu)
+
+    def _is_affine(self, n: int, nu: int) -> bool:
+        """Whether equations are linear after all: values add up at points of either sign and any size."""
+        def both(point):
+            segment = (0.0, *point[n:], *[0.0] * nu)
+            return [*self.f(0.0, point[:n], segment, self.parameters, ()), *self.g(0.0, point[:n], segment, self.parameters)]
+
+        rng = random.Random(0)
+        for size in (1e-3, 1e-1, 1.0, 1e1, 1e2, 1e3):
+            left, right = ([size * rng.uniform(-1, 1) for _ in range(n + nu)] for _ in range(2))
+            try:
+                values = zip(both(left), both(right), both([a + b for a, b in zip(left, right)]), both([0.0] * (n + nu)))
+                if any(abs(a + b - total - zero) > 1e-10 * (abs(a) + abs(b) + abs(total) + abs(zero)) for a, b, total, zero in values):
+                    return False
+            except (ArithmeticError, ValueError, TypeError):
+                return False
+        return True
 
     def _ordered_start(self, segment: str) -> list[str]:
         """The settled start: each extra state is set as soon as what drives it is known."""
