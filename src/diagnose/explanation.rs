@@ -64,11 +64,11 @@ impl Explanation {
         Self::refit(problem, Self { effects: effects.to_vec(), free: Vec::new(), gain: 0.0, fitted: false, lost: None }, scales, nominal_cost, iterations)
     }
 
-    /// The same with commands lost as they are; their probability is no matter of the fit.
+    /// The same with commands lost as they are; their probability is no matter of the fit, nor is the step of a lattice, which raw values show.
     pub(super) fn refit(problem: &Problem<'_>, from: Self, scales: &Scales, nominal_cost: f64, iterations: usize) -> Option<Self> {
         let (effects, lost) = (&from.effects, from.lost.as_ref());
         let free: Vec<(usize, usize)> = (effects.iter().enumerate())
-            .filter(|(_, a)| lost.is_none() || !a.effect.loses_commands())
+            .filter(|(_, a)| (lost.is_none() || !a.effect.loses_commands()) && !a.effect.leaves_residual())
             .flat_map(|(e, a)| (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i)))
             .collect();
         let priced = |cost: f64| nominal_cost - cost - lost.map_or(0.0, |l| l.price);

@@ -38,6 +38,8 @@ use shrink::{Errors, together};
 
 /// The part of each log that is held back where no log is held out.
 const HELD_BACK: f64 = 0.3;
+/// Where a delay that explains much stands at the longest that was looked for, so many times longer ones are looked for, once.
+const LONGER: f64 = 3.0;
 
 /// How to diagnose.
 #[derive(Debug, Clone, PartialEq)]
@@ -118,6 +120,12 @@ pub fn diagnose(
 
     let (catalogue, left_out) = search::catalogue(&system);
     let found = search::search(&mut problem, catalogue, &scales, &smallest, progress).ok_or_else(|| nominal_fails(&records))?;
+
+    let longer_s = f64::min(LONGER * longest_delay_s, 0.5 * limit_s);
+    if options.longest_delay_s.is_none() && longer_s > 1.2 * longest_delay_s && found.wants_longer_delays(&scales) {
+        progress("a delay may be longer: once more");
+        return diagnose(document, logs, holdout, &GapOptions { longest_delay_s: Some(longer_s), ..options.clone() }, progress);
+    }
 
     progress("judging");
     let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;

@@ -19,6 +19,8 @@ pub(super) const SEARCH_WIDE: f64 = 30.0;
 const NEAR: f64 = 6.0;
 /// No simulator is exact: of what an effect explains, this part of its energy (1.4 % of its amplitude) is within what a model is off anyway.
 const INEXACT: f64 = 2e-4;
+/// Relative standard deviation of a lattice's step: the rounding of numbers in a log.
+const LATTICE: f64 = 1e-6;
 /// How many pairs the ranking lists.
 const PAIRS: usize = 5;
 
@@ -167,6 +169,7 @@ fn found_effects(problem: &Problem<'_>, explanation: &Explanation, estimate: Opt
             (Some(lost), None) if applied.effect.loses_commands() => {
                 problem.system.inputs.iter().position(|p| p.name == applied.channel).and_then(|input| lost.std[input])
             }
+            (_, None) if applied.effect.leaves_residual() => Some(LATTICE * applied.values[i]),
             _ => estimate.zip(place).and_then(|(estimate, at)| estimate.std[at]),
         };
         let value = applied.values[i];

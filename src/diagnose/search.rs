@@ -106,6 +106,20 @@ pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales:
     Some(found)
 }
 
+impl Found {
+    /// A delay that explains a good part of the gap stands at the longest that was looked for.
+    pub(super) fn wants_longer_delays(&self, scales: &Scales) -> bool {
+        let best = self.singles.iter().filter(|e| e.fitted).map(|e| e.gain).fold(0.0, f64::max);
+        let at_edge = |e: &Explanation| {
+            e.free.iter().any(|&(at, i)| {
+                let p = &e.effects[at].parameters[i];
+                p.unit == "s" && matches!(p.name, "delay" | "offset") && e.effects[at].values[i] > p.nominal && e.at_bound((at, i), scales)
+            })
+        };
+        self.singles.iter().any(|e| e.fitted && e.gain > SEARCH_WIDE.max(0.25 * best) && at_edge(e))
+    }
+}
+
 /// Values moved a share of the way from nominal to a start; infinite limits stay.
 fn between(applied: &Applied, start: &[f64], share: f64) -> Vec<f64> {
     let move_one = |(value, p): (&f64, &crate::effect::Parameter)| {
@@ -290,8 +304,10 @@ fn with_seconds(
         .par_iter()
         .map(|screened| {
             let applied = &screened.applied;
-            let mut best: Vec<(f64, Applied)> = beside.iter().map(|_| (0.0, applied.clone())).collect();
-            for start in applied.effect.starts(problem.system, &applied.channel, scales) {
+            let starts = applied.effect.starts(problem.system, &applied.channel, scales);
+            let first = starts.first().map_or_else(|| applied.clone(), |start| with(applied, start));
+            let mut best: Vec<(f64, Applied)> = beside.iter().map(|_| (0.0, first.clone())).collect();
+            for start in starts {
                 for share in if has_limit(applied) { &[1.0][..] } else { &[NEAR, 1.0] } {
                     let Some(there) = problem.whitened(&[with(applied, &between(applied, &start, *share))]) else { continue };
                     let signature = difference(nominal, &there, 1.0);
@@ -306,6 +322,10 @@ fn with_seconds(
             best
         })
         .collect();
+    let traces: Vec<String> = (pool.iter())
+        .filter(|s| s.applied.effect.leaves_residual() && !s.starts.is_empty())
+        .map(|s| s.applied.key())
+        .collect();
     let mut wanted: Vec<Vec<Applied>> = Vec::new();
     for (at, beside) in beside.iter().enumerate() {
         let mut seconds: Vec<&(f64, Applied)> = promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > SEARCH_WIDE.max(PROMISING * beside.cost)).collect();
@@ -314,10 +334,12 @@ fn with_seconds(
             .into_iter()
             .filter(|(_, s)| beside.first.effects.iter().all(|f| f.key() != s.key()))
             .partition(|(_, s)| s.effect.loses_commands());
-        let losing = losing.into_iter().take(if at < LOSING { SECONDS } else { 0 });
-        for (_, second) in seconds.into_iter().take(SECONDS).chain(losing) {
+        // A lattice in the raw values is there whatever it promises.
+        let traced = promises.iter().map(|p| &p[at]).filter(|(_, s)| s.effect.leaves_residual() && traces.contains(&s.key()));
+        let special = losing.into_iter().chain(traced).take(if at < LOSING { SECONDS } else { 0 });
+        for (_, second) in seconds.into_iter().take(SECONDS).chain(special) {
             let mut pair: Vec<Applied> = beside.first.effects.iter().chain([second]).cloned().collect();
-            if pair.iter().filter(|a| a.effect.loses_commands()).count() > 1 {
+            if pair.iter().filter(|a| a.effect.loses_commands()).count() > 1 || pair[0].key() == pair[1].key() {
                 continue;
             }
             pair.sort_by_key(|a| EFFECTS.iter().position(|e| e.name() == a.effect.name()));
