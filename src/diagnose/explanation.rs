@@ -10,7 +10,7 @@ use crate::fit::{LevenbergMarquardt, Normal};
 /// Effects with their best parameters so far.
 #[derive(Debug, Clone)]
 pub(super) struct Explanation {
-    /// In the order of the table of effects until a verdict orders them by what each contributes.
+    /// In the order of the table of effects; in a verdict by what each contributes.
     pub(super) effects: Vec<Applied>,
     /// Parameters that were fitted, as effect and place; limits that do not act are not among them.
     pub(super) free: Vec<(usize, usize)>,
@@ -44,9 +44,11 @@ impl Explanation {
         Self { effects: vec![applied], free: Vec::new(), gain, fitted: false, lost: None }
     }
 
-    /// `effect:channel`, of several joined by " + ".
+    /// `effect:channel`, of several joined by " + ", whatever their order.
     pub(super) fn key(&self) -> String {
-        self.effects.iter().map(Applied::key).collect::<Vec<_>>().join(" + ")
+        let mut keys: Vec<String> = self.effects.iter().map(Applied::key).collect();
+        keys.sort();
+        keys.join(" + ")
     }
 
     /// Parameters beyond the first of every effect.
@@ -111,6 +113,18 @@ impl Explanation {
         let effects = self.effects.get(place).cloned().into_iter().collect();
         let free = self.free.iter().filter(|f| f.0 == place).map(|f| (0, f.1)).collect();
         Self { effects, free, lost: None, ..self.clone() }
+    }
+
+    /// Its effects by what each explains, most first.
+    pub(super) fn ordered(mut self, explains: impl Fn(&Applied) -> f64) -> Self {
+        let mut order: Vec<usize> = (0..self.effects.len()).collect();
+        order.sort_by(|&a, &b| explains(&self.effects[b]).total_cmp(&explains(&self.effects[a])));
+        let effects = order.iter().map(|&e| self.effects[e].clone()).collect();
+        for free in &mut self.free {
+            free.0 = order.iter().position(|&e| e == free.0).unwrap_or(free.0);
+        }
+        self.effects = effects;
+        self
     }
 
     /// A limit that was left out is tried at several places; the explanation with it where that explains more than chance.

@@ -134,6 +134,8 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found) -> Option<Judged> {
         (false, 0) => Verdict::None,
         (false, _) => Verdict::Effects,
     };
-    let found = best.explanation.clone().filter(|_| verdict == Verdict::Effects);
-    Some(Judged { verdict, found, best: best.explanation, unknown, floor })
+    // What one of several explains alone orders them.
+    let alone = |a: &Applied| found.singles.iter().find(|s| s.effects.iter().all(|e| e.key() == a.key())).map_or(0.0, |s| s.gain);
+    let best = best.explanation.map(|e| e.ordered(alone));
+    Some(Judged { verdict, found: best.clone().filter(|_| verdict == Verdict::Effects), best, unknown, floor })
 }
