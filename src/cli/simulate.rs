@@ -17,7 +17,7 @@ use crate::simulate::{Commands, Hold, Options, Plan, Response, System, Tolerance
 use crate::time::TimeError;
 
 /// Tight: a simulation on paper is to differ from a measurement by the model alone.
-const TOLERANCE: Tolerance = Tolerance { relative: 1e-9, absolute: 1e-12, steps: 100_000 };
+const TOLERANCE: Tolerance = Tolerance { relative: 1e-9, absolute: 1e-12, steps: 100_000, budget: usize::MAX };
 
 /// Simulate a model with its effects on the inputs of a log and write the response as a log; outputs that the log has are compared
 #[derive(Debug, clap::Args)]

@@ -4,38 +4,45 @@
 //! samples, so calm stretches come by chance. Both estimates are therefore corrected for the noise's memory, and the smaller one counts.
 
 use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::StandardNormal;
 
 use super::data::Record;
-use super::noise::Noise;
+use super::noise::{Noise, autoregression_of};
+use super::problem::Problem;
+use super::shrink::Errors;
 
 /// Windows per record in which calm is looked for.
 const WINDOWS: usize = 20;
+/// Samples of noise that are simulated to see how calm calm windows are by chance.
+const SIMULATED: usize = 400_000;
 
-/// Root mean square over the training samples, per output, and the floor below it.
+/// What of each output's residual is noise: its standard deviation.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Floor {
-    /// Rms of the residual given.
-    pub(super) residual: Vec<f64>,
-    /// What of it is noise.
+    /// Per output.
     pub(super) floor: Vec<f64>,
 }
 
-/// From the residuals and predictions of the best explanation, one matrix per record (samples × outputs).
-pub(super) fn estimate(records: &[Record], residuals: &[DMatrix<f64>], predicted: &[DMatrix<f64>], settling_s: f64) -> Floor {
+/// From the residuals of the best explanation, one matrix per record (samples × outputs). `reached` are the errors of all leading explanations: no
+/// floor is above what a model reaches.
+pub(super) fn estimate(problem: &Problem<'_>, residuals: &[DMatrix<f64>], reached: &[Errors]) -> Floor {
+    let (records, settling_s) = (problem.records, problem.prediction.settling_s);
     let outputs = residuals.first().map_or(0, DMatrix::ncols);
-    let mut floor = Floor { residual: Vec::with_capacity(outputs), floor: Vec::with_capacity(outputs) };
-    for i in 0..outputs {
+    let predicted = problem.predictions(residuals);
+    let one = |i: usize| {
         let samples: Vec<(usize, usize)> = (records.iter().enumerate())
             .flat_map(|(at, r)| (0..r.time_s.len()).filter(move |&k| r.measured_in(r.train, i, k).is_some()).map(move |k| (at, k)))
             .collect();
         let square = mean_square(samples.iter().map(|&(at, k)| residuals[at][(k, i)]));
-        let related = 1.0 - explained(records, residuals, predicted, settling_s, i, &samples);
+        let related = 1.0 - explained(records, residuals, &predicted, settling_s, i, &samples);
         let calm = calmest(records, residuals, i) / square.max(f64::MIN_POSITIVE);
-        floor.residual.push(square.sqrt());
-        floor.floor.push((square * related.min(calm).clamp(0.0, 1.0)).sqrt());
-    }
-    floor
+        let lowest = reached.iter().map(|e| e.rms()[i]).fold(f64::INFINITY, f64::min);
+        (square * related.min(calm).clamp(0.0, 1.0)).sqrt().min(lowest)
+    };
+    Floor { floor: (0..outputs).map(one).collect() }
 }
 
 #[allow(clippy::cast_precision_loss)]
@@ -50,33 +57,65 @@ fn memory(records: &[&Record], residuals: &[&DMatrix<f64>], output: usize) -> f6
     Noise::fit(records, residuals, &smallest).memory(output)
 }
 
-/// Mean square in the calmest quarter of the windows, corrected for how calm the calmest quarter of this noise is by chance.
+/// Mean square in the calmest quarter of the windows, over what the calmest quarter of stationary noise would have by chance; infinite where the windows
+/// differ no more than those of such noise. The noise is simulated with the autoregression of the calmer half: a gap that comes and goes must not
+/// pass for its colour.
 #[allow(clippy::cast_precision_loss)]
 fn calmest(records: &[Record], residuals: &[DMatrix<f64>], output: usize) -> f64 {
-    let mut windows: Vec<f64> = Vec::new();
-    let mut length: f64 = 0.0;
-    for (record, residual) in records.iter().zip(residuals) {
-        let inside: Vec<f64> = (0..record.time_s.len())
-            .filter(|&k| record.measured_in(record.train, output, k).is_some())
-            .map(|k| residual[(k, output)])
+    let mut windows: Vec<Vec<Option<f64>>> = Vec::new();
+    for (record, residual) in records.iter().zip(residuals).filter(|(r, _)| r.train.is_some()) {
+        let inside: Vec<Option<f64>> = (0..record.time_s.len())
+            .filter(|&k| record.train.is_some_and(|s| s.holds(record.time_s[k])))
+            .map(|k| record.measured[output].get(k).map(|_| residual[(k, output)]))
             .collect();
         let size = (inside.len() / WINDOWS).max(20);
-        for window in inside.chunks_exact(size) {
-            windows.push(mean_square(window.iter().copied()));
-            length += size as f64;
-        }
+        windows.extend(inside.chunks_exact(size).filter(|w| 2 * w.iter().flatten().count() > size).map(<[_]>::to_vec));
     }
     if windows.len() < 8 {
         return f64::INFINITY;
     }
-    length /= windows.len() as f64;
-    windows.sort_by(f64::total_cmp);
-    let quarter = windows.len() / 4;
-    let calm = windows[..quarter].iter().sum::<f64>() / quarter as f64;
-    let (records, residuals): (Vec<&Record>, Vec<&DMatrix<f64>>) = records.iter().zip(residuals).filter(|(r, _)| r.train.is_some()).unzip();
-    let freedom = (length / memory(&records, &residuals, output)).max(1.0);
-    // The calmest quarter of such windows by chance: near the 12.5 % point of their distribution.
-    ChiSquared::new(freedom).map_or(f64::INFINITY, |chi| calm * freedom / chi.inverse_cdf(0.125).max(1e-3))
+    windows.sort_by(|a, b| power(a).total_cmp(&power(b)));
+    let powers: Vec<f64> = windows.iter().map(|w| power(w)).collect();
+    let (calm, all) = calm_and_all(&powers);
+    let ar = autoregression_of(&windows[..windows.len().div_ceil(2)]);
+    let samples: usize = windows.iter().map(Vec::len).sum();
+    let draws = (SIMULATED / samples.max(1)).clamp(20, 100);
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut ratios: Vec<f64> = (0..draws)
+        .map(|_| {
+            let mut powers: Vec<f64> = windows.iter().map(|w| power(&simulated(&ar, w.len(), &mut rng))).collect();
+            powers.sort_by(f64::total_cmp);
+            let (calm, all) = calm_and_all(&powers);
+            calm / all
+        })
+        .collect();
+    ratios.sort_by(f64::total_cmp);
+    let usual = ratios.iter().sum::<f64>() / draws as f64;
+    if calm / all < ratios[draws / 50] { calm / usual } else { f64::INFINITY }
+}
+
+/// Mean square of the samples that are there.
+fn power(window: &[Option<f64>]) -> f64 {
+    mean_square(window.iter().flatten().copied())
+}
+
+/// Means of the calmest quarter and of all, of sorted powers.
+#[allow(clippy::cast_precision_loss)]
+fn calm_and_all(powers: &[f64]) -> (f64, f64) {
+    let mean = |p: &[f64]| p.iter().sum::<f64>() / p.len().max(1) as f64;
+    (mean(&powers[..powers.len() / 4]), mean(powers))
+}
+
+/// A stretch of autoregressive noise of unit innovations, from rest and after settling.
+fn simulated(ar: &[f64], samples: usize, rng: &mut ChaCha8Rng) -> Vec<Option<f64>> {
+    let settle = if ar.is_empty() { 0 } else { 200 };
+    let mut past: Vec<f64> = Vec::with_capacity(samples + settle);
+    for k in 0..samples + settle {
+        let next: f64 = ar.iter().zip(past[..k].iter().rev()).map(|(a, r)| a * r).sum::<f64>() + rng.sample::<f64, _>(StandardNormal);
+        past.push(next);
+    }
+    past.drain(..settle);
+    past.into_iter().map(Some).collect()
 }
 
 /// The share of a residual's variance that inputs and predictions, straight, bent and late, explain in the same samples; adjusted for their number against

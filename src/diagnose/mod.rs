@@ -3,8 +3,12 @@
 mod data;
 mod diagnosis;
 mod error;
+mod experiment;
+mod explanation;
 mod floor;
+mod intervals;
 mod locate;
+mod lost;
 mod noise;
 mod prediction;
 mod problem;
@@ -12,10 +16,9 @@ mod rank;
 mod scales;
 mod search;
 mod shrink;
+mod verdict;
 
 use std::path::Path;
-
-use nalgebra::DMatrix;
 
 pub use diagnosis::{
     Band, Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, FoundEffect, Gap, GapOutput, Holdout, Metric, Mode,
@@ -28,13 +31,11 @@ use crate::error::Result;
 use crate::log::Log;
 use crate::model::ModelDocument;
 use data::{Record, Span};
-use problem::{Problem, Whitened};
+use problem::{Acting, NOTHING, Problem};
 use shrink::{Errors, together};
 
 /// The part of each log that is held back where no log is held out.
 const HELD_BACK: f64 = 0.3;
-/// How often the noise model is renewed from the leading explanation.
-const ROUNDS: usize = 2;
 
 /// How to diagnose.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,42 +111,29 @@ pub fn diagnose(
     let smallest = motion.smallest.clone();
     let first_noise: Vec<f64> = motion.innovations(&records);
     let mut problem = Problem::new(&system, &records, &prediction, own.clone(), prior, &first_noise)?;
-    let before = shrink::residuals(&problem, &[]).ok_or_else(|| nominal_fails(&records))?;
+    let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;
     let scales = motion.scales(&system, &records, &before, longest_delay_s);
 
     let (catalogue, left_out) = search::catalogue(&system);
-    progress(&format!("screening {} candidates", catalogue.len()));
-    let mut nominal: Whitened = problem.whitened(&[]).ok_or_else(|| nominal_fails(&records))?;
-    let mut candidates = search::screen(&problem, catalogue, &scales, &nominal);
-    progress("fitting the most promising");
-    search::fit_all(&problem, &mut candidates, &scales, &nominal, false);
-    for _ in 0..ROUNDS {
-        let leader: Vec<Applied> = candidates.iter().take(1).map(|c| c.applied.clone()).collect();
-        let Some(noise) = search::noise_of(&problem, &leader, &smallest) else { break };
-        problem.set_noise(noise);
-        let Some(again) = problem.whitened(&[]) else { break };
-        nominal = again;
-        search::rescore(&problem, &mut candidates, &nominal);
-        search::fit_all(&problem, &mut candidates, &scales, &nominal, true);
-    }
+    let found = search::search(&mut problem, catalogue, &scales, &smallest, progress).ok_or_else(|| nominal_fails(&records))?;
 
     progress("judging");
-    let before = shrink::residuals(&problem, &[]).ok_or_else(|| nominal_fails(&records))?;
-    let leader: Vec<Applied> = rank::leader(&candidates, problem.weight()).map(|c| vec![c.applied.clone()]).unwrap_or_default();
-    let after = shrink::residuals(&problem, &leader).unwrap_or_else(|| before.clone());
-    let predicted: Vec<DMatrix<f64>> = predictions(&records, &after);
-    let floor = floor::estimate(&records, &after, &predicted, prediction.settling_s);
-    let nothing = Errors::of(&records, &before, |r| r.train);
-    let judged = rank::judge(&problem, &candidates, &records, &before, &after, &floor);
+    let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;
+    let mut judged = verdict::judge(&problem, &found).ok_or_else(|| nominal_fails(&records))?;
+    let estimate = judged.found.as_ref().and_then(|e| intervals::estimate(&problem, e, &scales));
     // What is held out is judged with what was found to act.
-    let found: Vec<Applied> = judged.found.iter().map(|c| c.applied.clone()).collect();
-    let with_found = if found.is_empty() { before.clone() } else { after };
+    if let (Some(explanation), Some(estimate)) = (&mut judged.found, &estimate) {
+        explanation.take(&estimate.values);
+    }
+    let with_found = shrink::residuals(&problem, judged.found.as_ref().map_or(NOTHING, Acting::from)).ok_or_else(|| nominal_fails(&records))?;
 
+    let floor = &judged.floor;
+    let nothing = Errors::of(&records, &before, |r| r.train);
     let (each, each_floor) = (nothing.nrmse(), nothing.relative(&floor.floor));
     let shares = locate::output_shares(&each, &each_floor);
     let gap_output = |i: usize| GapOutput { name: system.outputs[i].name.clone(), before: each[i], floor: each_floor[i], share: shares[i] };
-    let mut cause = rank::cause(&problem, &judged, &candidates, |c| {
-        let residuals = shrink::residuals(&problem, std::slice::from_ref(&c.applied))?;
+    let mut cause = rank::cause(&problem, &judged, &found, estimate.as_ref(), |e| {
+        let residuals = shrink::residuals(&problem, e)?;
         together(&Errors::of(&records, &residuals, |r| r.train).nrmse())
     });
     cause.not_tried = left_out.into_iter().map(|(effect, why)| NotTried { effect: effect.to_owned(), why }).collect();
@@ -161,13 +149,13 @@ pub fn diagnose(
             floor: together(&each_floor),
             outputs: (0..outputs).map(gap_output).collect(),
         },
-        place: locate::locate(&system, &records, &before, &floor, &shares),
+        place: locate::locate(&system, &records, &before, floor, &shares),
         checks: Vec::new(),
         cause,
         shrink: shrink::shrink(&system, &records, &before, &with_found, &floor.floor, prediction.settling_s, options.seed),
     };
     let mut model = document.clone();
-    model.effects_mut().extend(found.iter().map(Applied::to_entry));
+    model.effects_mut().extend(judged.found.iter().flat_map(|e| &e.effects).map(Applied::to_entry));
     Ok(Diagnosed { diagnosis, model })
 }
 
@@ -202,12 +190,4 @@ fn set_spans(records: &mut [Record], training: usize, held_out: bool, start_s: f
         }
     }
     holdouts
-}
-
-/// measured − residual, where there is a measurement.
-fn predictions(records: &[Record], residuals: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
-    let predicted = |(record, residual): (&Record, &DMatrix<f64>)| {
-        DMatrix::from_fn(residual.nrows(), residual.ncols(), |k, i| record.measured[i].get(k).map_or(0.0, |y| y - residual[(k, i)]))
-    };
-    records.iter().zip(residuals).map(predicted).collect()
 }

@@ -60,6 +60,14 @@ impl Noise {
         self.innovations(record, residual) * self.unmix.transpose()
     }
 
+    /// The whitening filter on a response that starts from rest.
+    pub(super) fn filter(&self, response: &DMatrix<f64>) -> DMatrix<f64> {
+        let filtered = DMatrix::from_fn(response.nrows(), response.ncols(), |k, i| {
+            response[(k, i)] - self.ar[i].iter().zip((0..k).rev()).map(|(a, past)| a * response[(past, i)]).sum::<f64>()
+        });
+        filtered * self.unmix.transpose()
+    }
+
     /// A missing residual is replaced by its prediction, so the map stays linear.
     fn innovations(&self, record: &Record, residual: &DMatrix<f64>) -> DMatrix<f64> {
         let (samples, outputs) = residual.shape();
@@ -97,11 +105,17 @@ impl Noise {
 
 /// The autoregression of one output's residuals.
 fn autoregression(records: &[&Record], residuals: &[&DMatrix<f64>], output: usize) -> Vec<f64> {
+    let inside = |(record, residual): (&&Record, &&DMatrix<f64>)| -> Vec<Option<f64>> {
+        (0..record.time_s.len()).map(|k| record.measured_in(record.train, output, k).map(|_| residual[(k, output)])).collect()
+    };
+    autoregression_of(&records.iter().zip(residuals).map(inside).collect::<Vec<_>>())
+}
+
+/// The autoregression that separate stretches of one noise share, missing samples left out: Yule and Walker's equations, the order by Akaike's criterion.
+pub(super) fn autoregression_of(stretches: &[Vec<Option<f64>>]) -> Vec<f64> {
     let mut covariance = [0.0; LONGEST + 1];
     let mut count: f64 = 0.0;
-    for (record, residual) in records.iter().zip(residuals) {
-        let inside: Vec<Option<f64>> =
-            (0..record.time_s.len()).map(|k| record.measured_in(record.train, output, k).map(|_| residual[(k, output)])).collect();
+    for inside in stretches {
         for (lag, sum) in covariance.iter_mut().enumerate() {
             *sum += inside.iter().zip(inside.iter().skip(lag)).filter_map(|(a, b)| Some(a.as_ref()? * b.as_ref()?)).sum::<f64>();
         }

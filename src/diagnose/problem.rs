@@ -3,11 +3,13 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::data::{Record, Span};
+use super::explanation::Explanation;
+use super::lost::Lost;
 use super::noise::Noise;
 use super::prediction::Prediction;
 use crate::effect::{Applied, Chance};
 use crate::simulate::plan::Tolerance;
-use crate::simulate::{Correction, System};
+use crate::simulate::{Correction, Plan, System};
 
 /// The initial state of one record, integrated out: a prior N(0, P) on its deviation and the same sensitivities for all rivals.
 #[derive(Debug, Clone)]
@@ -18,6 +20,47 @@ struct Start {
     whitened: DMatrix<f64>,
     /// (P⁻¹ + WᵀW)⁻¹Wᵀ is applied with this factor.
     factor: Option<nalgebra::Cholesky<f64, nalgebra::Dyn>>,
+}
+
+/// Effects at work, with the commands that were lost where that is known.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Acting<'e> {
+    pub(super) effects: &'e [Applied],
+    pub(super) lost: Option<&'e Lost>,
+}
+
+/// No effect at all.
+pub(super) const NOTHING: Acting<'static> = Acting { effects: &[], lost: None };
+
+impl<'e> From<&'e [Applied]> for Acting<'e> {
+    fn from(effects: &'e [Applied]) -> Self {
+        Self { effects, lost: None }
+    }
+}
+
+impl<'e, const N: usize> From<&'e [Applied; N]> for Acting<'e> {
+    fn from(effects: &'e [Applied; N]) -> Self {
+        Self { effects, lost: None }
+    }
+}
+
+impl<'e> From<&'e Vec<Applied>> for Acting<'e> {
+    fn from(effects: &'e Vec<Applied>) -> Self {
+        Self { effects, lost: None }
+    }
+}
+
+impl<'e> From<&'e Explanation> for Acting<'e> {
+    fn from(explanation: &'e Explanation) -> Self {
+        Self { effects: &explanation.effects, lost: explanation.lost.as_ref() }
+    }
+}
+
+impl<'e> Acting<'e> {
+    /// With other values for the same effects.
+    pub(super) fn with(self, effects: &'e [Applied]) -> Self {
+        Self { effects, ..self }
+    }
 }
 
 /// The problem.
@@ -31,13 +74,15 @@ pub(super) struct Problem<'a> {
     prior: Vec<f64>,
     noise: Vec<Noise>,
     starts: Vec<Start>,
+    /// Integration steps allowed, per record.
+    budgets: Vec<usize>,
 }
 
 /// Far below the noise of any sensor; a rival on its way to infinity gives up early.
-const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 2000 };
-
-/// Draws from which the scatter of a random effect is taken.
-const DRAWS: u64 = 16;
+const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 2000, budget: usize::MAX };
+/// A rival that needs more integration steps than so many per sample and this multiple of the nominal model's is given up.
+const STEPS_PER_SAMPLE: usize = 10;
+const STEPS_OF_NOMINAL: usize = 4;
 
 /// A whitened residual, one column of all samples and outputs per record.
 pub(super) type Whitened = Vec<DVector<f64>>;
@@ -57,10 +102,12 @@ impl<'a> Problem<'a> {
     ) -> crate::Result<Self> {
         let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
         let plan = Applied::plan(system, &own, Chance::Mean)?;
-        let mut problem = Self { system, records, prediction, own, prior, noise: Vec::new(), starts: Vec::new() };
+        let mut problem = Self { system, records, prediction, own, prior, noise: Vec::new(), starts: Vec::new(), budgets: Vec::new() };
         for (at, record) in records.iter().enumerate() {
             let scale: Vec<f64> = problem.prior.iter().map(|s| if *s > 0.0 { 1e-3 * s } else { 1.0 }).collect();
             let all = system.sensitivity(&plan, record.commands(), &system.initial, &scale, problem.correction(at))?;
+            let steps = system.simulate(&plan, record.commands(), &system.initial, problem.correction(at))?.steps;
+            problem.budgets.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
             let shape = (record.time_s.len(), system.outputs.len());
             let raw = free.iter().map(|&j| DMatrix::from_column_slice(shape.0, shape.1, all.column(j).as_slice())).collect();
             problem.starts.push(Start { raw, whitened: DMatrix::zeros(0, 0), factor: None });
@@ -84,18 +131,21 @@ impl<'a> Problem<'a> {
         }
     }
 
-    fn correction(&self, record: usize) -> Option<Correction<'_>> {
+    pub(super) fn correction(&self, record: usize) -> Option<Correction<'_>> {
         self.prediction.gains.get(record).map(|gain| Correction { gain, measured: &self.records[record].measured })
     }
 
-    /// Predicted outputs of one record from the nominal start, samples × outputs.
-    pub(super) fn predict(&self, record: usize, effects: &[Applied]) -> Option<DMatrix<f64>> {
-        self.predict_by(record, effects, Chance::Mean)
+    /// The plan of the simulator with its own and these effects.
+    pub(super) fn plan(&self, effects: &[Applied], chance: Chance<'_>) -> Option<Plan> {
+        Applied::plan(self.system, self.own.iter().chain(effects), chance).ok()
     }
 
-    fn predict_by(&self, record: usize, effects: &[Applied], chance: Chance) -> Option<DMatrix<f64>> {
-        let mut plan = Applied::plan(self.system, self.own.iter().chain(effects), chance).ok()?;
-        plan.tolerance = TOLERANCE;
+    /// Predicted outputs of one record from the nominal start, samples × outputs.
+    pub(super) fn predict<'e>(&self, record: usize, acting: impl Into<Acting<'e>>) -> Option<DMatrix<f64>> {
+        let Acting { effects, lost } = acting.into();
+        let known = lost.and_then(|l| l.sequences.get(record));
+        let mut plan = self.plan(effects, known.map_or(Chance::Mean, |sequences| Chance::Known(sequences)))?;
+        plan.tolerance = Tolerance { budget: self.budgets.get(record).copied().unwrap_or(usize::MAX), ..TOLERANCE };
         let run = self.system.simulate(&plan, self.records[record].commands(), &self.system.initial, self.correction(record)).ok()?;
         Some(run.y)
     }
@@ -106,43 +156,39 @@ impl<'a> Problem<'a> {
         DMatrix::from_fn(predicted.nrows(), predicted.ncols(), |k, i| measured[i].get(k).map_or(0.0, |y| y - predicted[(k, i)]))
     }
 
+    /// measured − residual, where there is a measurement; per record.
+    pub(super) fn predictions(&self, residuals: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
+        let predicted = |(record, residual): (&Record, &DMatrix<f64>)| {
+            DMatrix::from_fn(residual.nrows(), residual.ncols(), |k, i| record.measured[i].get(k).map_or(0.0, |y| y - residual[(k, i)]))
+        };
+        self.records.iter().zip(residuals).map(predicted).collect()
+    }
+
     /// Whitened residuals of all training records; `None` where a simulation fails.
-    pub(super) fn whitened(&self, effects: &[Applied]) -> Option<Whitened> {
+    pub(super) fn whitened<'e>(&self, acting: impl Into<Acting<'e>>) -> Option<Whitened> {
+        let acting = acting.into();
         (0..self.records.len())
             .map(|at| {
                 if self.records[at].train.is_none() {
                     return Some(DVector::zeros(0));
                 }
-                let residual = self.residual(at, &self.predict(at, effects)?);
+                let residual = self.residual(at, &self.predict(at, acting)?);
                 let e = self.noise[at].whiten(&self.records[at], &residual);
                 e.iter().all(|v| v.is_finite()).then(|| DVector::from_column_slice(e.as_slice()))
             })
             .collect()
     }
 
-    /// How much better the residuals of a random effect are explained by its scatter as well as its mean: twice a log-likelihood, 0 for effects without chance.
-    ///
-    /// Each whitened sample has the variance c + v, v the mean square over draws of the whitened deviation from the mean and c what noise is left beside it:
-    /// Σ e² − e²/(c + v) − ln(c + v) at the best c. A lag that is mistaken for lost commands has no scatter, and pays.
-    pub(super) fn scatter(&self, effects: &[Applied], residuals: &Whitened) -> f64 {
-        let plan = Applied::plan(self.system, effects, Chance::Mean);
-        if plan.is_ok_and(|plan| plan.inputs.iter().all(|path| path.drops.is_none())) {
-            return 0.0;
-        }
-        let mut samples: Vec<(f64, f64)> = Vec::new();
-        for (at, record) in self.records.iter().enumerate().filter(|(_, r)| r.train.is_some()) {
-            let Some(mean) = self.predict(at, effects) else { return f64::NEG_INFINITY };
-            let mut squares: DVector<f64> = DVector::zeros(residuals[at].len());
-            for seed in 0..DRAWS {
-                let Some(draw) = self.predict_by(at, effects, Chance::Seed(seed)) else { return f64::NEG_INFINITY };
-                let deviation = self.noise[at].whiten(record, &(draw - &mean));
-                squares += DVector::from_column_slice(deviation.as_slice()).map(|d| d * d);
-            }
-            #[allow(clippy::cast_precision_loss)]
-            samples.extend(squares.iter().zip(residuals[at].iter()).filter(|(_, e)| **e != 0.0).map(|(s, e)| (s / DRAWS as f64, e * e)));
-        }
-        let likelihood = |c: f64| samples.iter().map(|(v, e)| e - e / (c + v) - (c + v).ln()).sum::<f64>();
-        [1.0, 0.7, 0.5, 0.3, 0.2, 0.1, 0.05, 0.02, 0.01].into_iter().map(likelihood).fold(f64::NEG_INFINITY, f64::max)
+    /// A residual whitened over the whole record, whatever is trained on.
+    pub(super) fn whiten_whole(&self, at: usize, residual: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut whole = self.records[at].clone();
+        whole.train = Some(Span { from_s: 0.0, to_s: whole.duration_s() });
+        self.noise[at].whiten(&whole, residual)
+    }
+
+    /// Anything that moves as a residual does, from any sample on, through the noise's whitening filter.
+    pub(super) fn filter(&self, at: usize, response: &DMatrix<f64>) -> DMatrix<f64> {
+        self.noise[at].filter(response)
     }
 
     /// The inner product of whitened residuals with the start integrated out: aᵀ(I + W P Wᵀ)⁻¹b over the training records.
@@ -160,9 +206,18 @@ impl<'a> Problem<'a> {
         sum
     }
 
+    /// (I + W P Wᵀ)⁻¹a, record by record: [`Self::inner`] is its scalar product with the other vector.
+    pub(super) fn reduced(&self, a: &Whitened) -> Whitened {
+        let reduce = |(a, start): (&DVector<f64>, &Start)| match start.factor.as_ref().filter(|_| start.whitened.ncols() > 0 && !a.is_empty()) {
+            Some(factor) => a - &start.whitened * factor.solve(&start.whitened.tr_mul(a)),
+            None => a.clone(),
+        };
+        a.iter().zip(&self.starts).map(reduce).collect()
+    }
+
     /// Predicted outputs from the posterior mean of the start, given the samples in `span` of each record.
-    pub(super) fn predict_from_posterior(&self, record: usize, effects: &[Applied], span: Span) -> Option<DMatrix<f64>> {
-        let mut y = self.predict(record, effects)?;
+    pub(super) fn predict_from_posterior<'e>(&self, record: usize, acting: impl Into<Acting<'e>>, span: Span) -> Option<DMatrix<f64>> {
+        let mut y = self.predict(record, acting)?;
         let residual = self.residual(record, &y);
         let mut whole = self.records[record].clone();
         whole.train = Some(span);

@@ -1,38 +1,53 @@
-//! The search over all effects on all channels: screened by signature, fitted in full, compared under one noise model.
+//! The search through the catalogue: candidates screened by their signatures, the promising ones fitted in full, pairs built on them, all compared under
+//! one noise model.
 
-use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::explanation::{Explanation, difference, with};
+use super::lost::decoded;
 use super::noise::Noise;
-use super::problem::{Problem, Whitened};
+use super::problem::{Acting, NOTHING, Problem, Whitened};
+use super::rank::{SEARCH_WIDE, odds};
 use crate::effect::{Applied, EFFECTS, Scales, Site};
-use crate::fit::{LevenbergMarquardt, Normal};
 use crate::simulate::System;
 
 /// Candidates that are fitted in full after the screen.
 const FITTED: usize = 25;
-/// Candidates that are fitted again once the noise is known.
+/// Explanations of each size that are fitted again once the noise is known.
 const LEADERS: usize = 12;
+/// How often the noise model is renewed from the leading explanation.
+const ROUNDS: usize = 2;
 /// Where a signature is taken, as a share of the way from nominal to a start.
 const NEAR: f64 = 0.02;
 /// How often the way along a signature is halved before it is given up.
 const HALVINGS: i32 = 5;
 /// Starts of one candidate that are fitted.
 const STARTS: usize = 2;
+/// Steps of a full fit, and of a fit that starts where another ended.
+const STEPS: usize = 15;
+/// First effects of pairs: so many of the best, and so many more that have one parameter; leading singles are often flexible impostors.
+const FIRSTS: (usize, usize) = (2, 4);
+/// Second effects that are fitted with each first one.
+const SECONDS: usize = 6;
+/// First effects beside which lost commands are looked for.
+const LOSING: usize = 3;
+/// The part of a first effect's cost that a second one must promise to take away: less is a model that is a little off.
+const PROMISING: f64 = 0.05;
+/// Steps after which all but the best pairs are given up, and how many are left then.
+const TRIAL: (usize, usize) = (3, 8);
 
-/// An effect on a channel with its best parameters so far.
-#[derive(Debug, Clone)]
-pub(super) struct Candidate {
-    pub(super) applied: Applied,
-    /// Other starts, best first.
+/// A candidate with its starts, best first.
+pub(super) struct Screened {
+    applied: Applied,
     starts: Vec<Vec<f64>>,
-    /// Parameters that were fitted; limits that do not act are not among them.
-    pub(super) free: Vec<usize>,
-    /// How far the whitened cost falls against no effect.
-    pub(super) gain: f64,
-    /// Standard deviations of the parameters, in whitened units; `None` at a bound or where not fitted.
-    pub(super) std: Vec<Option<f64>>,
-    pub(super) fitted: bool,
+    gain: f64,
+}
+
+/// What a search found, best first.
+pub(super) struct Found {
+    /// Single effects: those fitted, then the rest of the catalogue as screened.
+    pub(super) singles: Vec<Explanation>,
+    pub(super) pairs: Vec<Explanation>,
 }
 
 /// All candidates of a system, in the order of the effects' table, with the reasons for those that cannot act.
@@ -52,8 +67,39 @@ pub(super) fn catalogue(system: &System) -> (Vec<Applied>, Vec<(&'static str, St
     (all, left_out)
 }
 
-fn with(applied: &Applied, values: &[f64]) -> Applied {
-    Applied { values: values.to_vec(), ..applied.clone() }
+/// Searches the whole catalogue; leaves `problem` with the noise of the largest explanation in play.
+pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales: &Scales, smallest: &[f64], progress: &dyn Fn(&str)) -> Option<Found> {
+    let nominal = problem.whitened(NOTHING)?;
+    progress(&format!("screening {} candidates", catalogue.len()));
+    let pool = screen(problem, catalogue, scales, &nominal);
+    progress("fitting the most promising");
+    let mut found = Found { singles: fit_first(problem, &pool, scales, &nominal), pairs: Vec::new() };
+    progress("looking for pairs");
+    found.pairs = pairs(problem, &found.singles, &pool, scales, &nominal);
+    for round in 0..ROUNDS {
+        progress("fitting again under the noise of what leads");
+        let weight = problem.weight();
+        let leading = |all: &[Explanation]| all.iter().filter(|e| e.fitted).max_by(|a, b| odds(a, weight).total_cmp(&odds(b, weight))).cloned();
+        let single = leading(&found.singles);
+        let pair = leading(&found.pairs).filter(|pair| single.as_ref().is_none_or(|s| odds(pair, weight) > odds(s, weight)));
+        let largest = pair.or(single);
+        let Some(noise) = noise_of(problem, largest.as_ref().map_or(NOTHING, Acting::from), smallest) else { break };
+        problem.set_noise(noise);
+        let nominal = problem.whitened(NOTHING)?;
+        let cost = problem.inner(&nominal, &nominal);
+        for explanations in [&mut found.singles, &mut found.pairs] {
+            explanations.par_iter_mut().for_each(|e| e.rescore(problem, cost));
+            explanations.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+            let steps = if round + 1 < ROUNDS { STEPS } else { STEPS / 2 };
+            explanations.par_iter_mut().take(LEADERS).for_each(|e| {
+                if let Some(better) = decoded(problem, e.clone(), scales, cost, steps).and_then(|e| Explanation::refit(problem, e, scales, cost, steps)) {
+                    *e = better;
+                }
+            });
+            explanations.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        }
+    }
+    Some(found)
 }
 
 /// Values moved a share of the way from nominal to a start; infinite limits stay.
@@ -62,56 +108,7 @@ fn between(applied: &Applied, start: &[f64], share: f64) -> Vec<f64> {
         let moved = p.nominal + share * (value - p.nominal);
         if p.nominal.is_infinite() || !moved.is_finite() { *value } else { moved.clamp(p.lower, p.upper) }
     };
-    start.iter().zip(&applied.parameters).map(move_one).collect()
-}
-
-/// Screens all candidates: the fall of the cost along each start's signature, or at the start itself where that is more.
-pub(super) fn screen(problem: &Problem<'_>, catalogue: Vec<Applied>, scales: &Scales, nominal: &Whitened) -> Vec<Candidate> {
-    let cost = problem.inner(nominal, nominal);
-    let mut candidates: Vec<Candidate> = catalogue
-        .into_par_iter()
-        .map(|applied| {
-            let mut tried: Vec<(f64, Vec<f64>)> = Vec::new();
-            let starts = applied.effect.starts(problem.system, &applied.channel, scales);
-            let evaluate = |values: &[f64]| problem.whitened(&[with(&applied, values)]);
-            for (at, start) in starts.iter().enumerate() {
-                if let Some(there) = evaluate(start) {
-                    tried.push((cost - problem.inner(&there, &there), start.clone()));
-                }
-                // All starts of one parameter have the same signature; a limit has none.
-                if applied.parameters.iter().any(|p| p.nominal.is_infinite()) || (at > 0 && applied.parameters.len() == 1) {
-                    continue;
-                }
-                // The signature close to nominal, scaled as it fits best.
-                let Some(near) = evaluate(&keep_shape(&applied, start, between(&applied, start, NEAR))) else { continue };
-                let signature: Whitened = nominal.iter().zip(&near).map(|(n, t)| n - t).collect();
-                let share = NEAR * problem.inner(&signature, nominal) / problem.inner(&signature, &signature);
-                if !share.is_finite() {
-                    continue;
-                }
-                // Shorter where the whole way makes things worse or cannot be simulated.
-                for halved in 0..HALVINGS {
-                    let share = share.clamp(-20.0, 20.0) * 0.5_f64.powi(halved);
-                    let values = keep_shape(&applied, start, between(&applied, start, share));
-                    let gain = evaluate(&values).map(|there| cost - problem.inner(&there, &there));
-                    tried.extend(gain.map(|gain| (gain, values)));
-                    if gain.is_some_and(|g| g > 0.0) {
-                        break;
-                    }
-                }
-            }
-            tried.retain(|(gain, _)| gain.is_finite());
-            tried.sort_by(|a, b| b.0.total_cmp(&a.0));
-            let gain = tried.first().map_or(f64::NEG_INFINITY, |t| t.0);
-            let starts: Vec<Vec<f64>> = tried.into_iter().map(|t| t.1).collect();
-            let values = starts.first().cloned().unwrap_or_else(|| applied.values.clone());
-            let std = vec![None; values.len()];
-            Candidate { applied: with(&applied, &values), starts, free: Vec::new(), gain, std, fitted: false }
-        })
-        .collect();
-    // Stable: of equals the first of the table leads.
-    candidates.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    candidates
+    keep_shape(applied, start, start.iter().zip(&applied.parameters).map(move_one).collect())
 }
 
 /// Frequency, damping and phase keep the start's value when a signature is scaled.
@@ -124,162 +121,207 @@ fn keep_shape(applied: &Applied, start: &[f64], mut values: Vec<f64>) -> Vec<f64
     values
 }
 
-/// Fits the most promising candidates in full.
-pub(super) fn fit_all(problem: &Problem<'_>, candidates: &mut [Candidate], scales: &Scales, nominal: &Whitened, again: bool) {
-    let count = if again { LEADERS } else { FITTED };
-    candidates.par_iter_mut().take(count).for_each(|candidate| {
-        let starts: Vec<Vec<f64>> =
-            if again { vec![candidate.applied.values.clone()] } else { candidate.starts.iter().take(STARTS).cloned().collect() };
-        for start in starts {
-            let fitted = fit(problem, &candidate.applied, &start, scales, nominal);
-            if let Some(better) = fitted.map(|c| if again { with_scatter(problem, c, nominal) } else { c })
-                && (better.gain > candidate.gain || !candidate.fitted || again)
-            {
-                let starts = std::mem::take(&mut candidate.starts);
-                *candidate = Candidate { starts, ..better };
+/// Some parameter is a limit, infinite when nominal.
+fn has_limit(applied: &Applied) -> bool {
+    applied.parameters.iter().any(|p| p.nominal.is_infinite())
+}
+
+/// Screens all candidates: the fall of the cost along each start's signature, or at the start itself where that is more.
+fn screen(problem: &Problem<'_>, catalogue: Vec<Applied>, scales: &Scales, nominal: &Whitened) -> Vec<Screened> {
+    let cost = problem.inner(nominal, nominal);
+    let mut candidates: Vec<Screened> = catalogue
+        .into_par_iter()
+        .map(|applied| {
+            let mut tried: Vec<(f64, Vec<f64>)> = Vec::new();
+            let starts = applied.effect.starts(problem.system, &applied.channel, scales);
+            let evaluate = |values: &[f64]| problem.whitened(&[with(&applied, values)]);
+            for (at, start) in starts.iter().enumerate() {
+                if let Some(there) = evaluate(start) {
+                    tried.push((cost - problem.inner(&there, &there), start.clone()));
+                }
+                // All starts of one parameter have the same signature; a limit has none.
+                if has_limit(&applied) || (at > 0 && applied.parameters.len() == 1) {
+                    continue;
+                }
+                // The signature close to nominal, scaled as it fits best.
+                let Some(near) = evaluate(&between(&applied, start, NEAR)) else { continue };
+                let signature = difference(nominal, &near, 1.0);
+                let share = NEAR * problem.inner(&signature, nominal) / problem.inner(&signature, &signature);
+                if !share.is_finite() {
+                    continue;
+                }
+                // Shorter where the whole way makes things worse or cannot be simulated.
+                for halved in 0..HALVINGS {
+                    let share = share.clamp(-20.0, 20.0) * 0.5_f64.powi(halved);
+                    let values = between(&applied, start, share);
+                    let gain = evaluate(&values).map(|there| cost - problem.inner(&there, &there));
+                    tried.extend(gain.map(|gain| (gain, values)));
+                    if gain.is_some_and(|g| g > 0.0) {
+                        break;
+                    }
+                }
             }
-        }
-    });
-    candidates.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-}
-
-/// The gain of every candidate under the problem's present noise, parameters as they are.
-pub(super) fn rescore(problem: &Problem<'_>, candidates: &mut [Candidate], nominal: &Whitened) {
-    let cost = problem.inner(nominal, nominal);
-    candidates.par_iter_mut().for_each(|candidate| {
-        let there = problem.whitened(std::slice::from_ref(&candidate.applied));
-        let effects = std::slice::from_ref(&candidate.applied);
-        candidate.gain = there.map_or(f64::NEG_INFINITY, |e| cost - problem.inner(&e, &e) + problem.scatter(effects, &e));
-    });
-    candidates.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-}
-
-/// The step for a numerical derivative.
-fn step(applied: &Applied, at: usize, value: f64, scales: &Scales) -> f64 {
-    let p = &applied.parameters[at];
-    let size = if p.nominal.is_finite() { (value - p.nominal).abs() } else { value.abs() };
-    let least = match p.unit.as_str() {
-        "s" => 0.01 * scales.sample_time_s,
-        _ => 1e-6 * value.abs(),
-    };
-    let step = (1e-4 * size).max(1e-4 * least).max(1e-12);
-    if value + step > p.upper { -step } else { step }
-}
-
-/// The parameter of an effect of chance, fitted to mean and scatter together: the best of a grid, refined by the parabola through its neighbours, whose
-/// curvature gives the standard deviation. Other effects stay as they are.
-fn with_scatter(problem: &Problem<'_>, candidate: Candidate, nominal: &Whitened) -> Candidate {
-    const GRID: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
-    let cost = problem.inner(nominal, nominal);
-    let gain = |p: f64| {
-        let effects = [with(&candidate.applied, &[p])];
-        let e = problem.whitened(&effects)?;
-        Some((cost - problem.inner(&e, &e), problem.scatter(&effects, &e)))
-    };
-    let acts = candidate.applied.values.len() == 1 && candidate.applied.values.iter().all(|&p| gain(p).is_some_and(|(_, s)| s != 0.0));
-    if !acts {
-        return candidate;
-    }
-    let total: Vec<f64> = GRID.iter().map(|&p| gain(p).map_or(f64::NEG_INFINITY, |(mean, scatter)| mean + scatter)).collect();
-    let Some(at) = (1..GRID.len() - 1).max_by(|&a, &b| total[a].total_cmp(&total[b])) else { return candidate };
-    let (left, middle, right) = (total[at - 1], total[at], total[at + 1]);
-    let bend = left - 2.0 * middle + right;
-    if bend >= 0.0 || !bend.is_finite() {
-        return candidate;
-    }
-    let step = GRID[1] - GRID[0];
-    let p = GRID[at] + (0.5 * step * (left - right) / bend).clamp(-step, step);
-    let Some((mean, scatter)) = gain(p) else { return candidate };
-    // Twice the log-likelihood bends by −2/σ².
-    let std = vec![Some((-2.0 * step * step / bend).sqrt())];
-    Candidate { applied: with(&candidate.applied, &[p]), gain: mean + scatter, std, ..candidate }
-}
-
-/// The bounds of a parameter in a search: its own, and what these logs can show at all.
-fn range(applied: &Applied, at: usize, scales: &Scales) -> (f64, f64) {
-    let p = &applied.parameters[at];
-    let (lower, upper) = match (p.name, p.unit.as_str()) {
-        // From a fifth of a period in the whole log to near the Nyquist frequency.
-        ("frequency", _) => (0.2 / scales.duration_s, 0.45 / scales.sample_time_s),
-        ("damping", _) => (1e-3, 2.0),
-        ("delay", _) => (0.0, scales.longest_delay_s),
-        ("time_constant", _) => (0.0, 0.25 * scales.duration_s),
-        ("offset", "s") if applied.effect.site() == Site::Clock => (-scales.longest_delay_s, scales.longest_delay_s),
-        _ => (p.lower, p.upper),
-    };
-    (lower.max(p.lower), upper.min(p.upper))
-}
-
-/// Gauss-Newton with bounds from one start.
-fn fit(problem: &Problem<'_>, applied: &Applied, start: &[f64], scales: &Scales, nominal: &Whitened) -> Option<Candidate> {
-    let free: Vec<usize> = (0..start.len()).filter(|&i| start[i].is_finite()).collect();
-    let full = |values: &[f64]| {
-        let mut all = start.to_vec();
-        for (&i, v) in free.iter().zip(values) {
-            all[i] = *v;
-        }
-        all
-    };
-    let evaluate = |values: &[f64]| -> Option<Normal> {
-        let here = full(values);
-        let e = problem.whitened(&[with(applied, &here)])?;
-        let mut columns: Vec<Whitened> = Vec::with_capacity(free.len());
-        for &i in &free {
-            let h = step(applied, i, here[i], scales);
-            let mut moved = here.clone();
-            moved[i] += h;
-            let there = problem.whitened(&[with(applied, &moved)])?;
-            columns.push(there.iter().zip(&e).map(|(t, e)| (t - e) / h).collect());
-        }
-        let k = free.len();
-        Some(Normal {
-            cost: problem.inner(&e, &e),
-            gradient: DVector::from_fn(k, |i, _| problem.inner(&columns[i], &e)),
-            information: DMatrix::from_fn(k, k, |i, j| problem.inner(&columns[i], &columns[j])),
+            tried.retain(|(gain, _)| gain.is_finite());
+            tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let gain = tried.first().map_or(f64::NEG_INFINITY, |t| t.0);
+            Screened { applied, starts: tried.into_iter().map(|t| t.1).collect(), gain }
         })
-    };
-    let (lower, upper) = free.iter().map(|&i| range(applied, i, scales)).unzip();
-    let search = LevenbergMarquardt { max_iterations: 15, gradient_tolerance: 1e-4, step_tolerance: 1e-4, cost_floor: 0.0, lower, upper };
-    let from: Vec<f64> = free.iter().map(|&i| start[i]).collect();
-    let found = search.minimise(&from, evaluate);
-    if found.normal.information.is_empty() {
-        return None;
-    }
-    let (mut values, mut kept) = (full(&found.parameters), free.clone());
-    let cost = found.normal.cost;
-    // A limit that the training data never reach is infinite.
-    for &i in &free {
-        if applied.parameters[i].nominal.is_infinite() {
-            let mut without = values.clone();
-            without[i] = applied.parameters[i].nominal;
-            let idle = problem.whitened(&[with(applied, &without)]).is_some_and(|e| (problem.inner(&e, &e) - cost).abs() <= 1e-9 * cost);
-            if idle {
-                values = without;
-                kept.retain(|&j| j != i);
+        .collect();
+    // Stable: of equals the first of the table leads.
+    candidates.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    candidates
+}
+
+/// Fits the most promising of the pool, each from its best starts; the others stay as screened.
+fn fit_first(problem: &Problem<'_>, pool: &[Screened], scales: &Scales, nominal: &Whitened) -> Vec<Explanation> {
+    let cost = problem.inner(nominal, nominal);
+    let mut singles: Vec<Explanation> = pool
+        .par_iter()
+        .enumerate()
+        .map(|(at, screened)| {
+            let values = screened.starts.first().map_or(screened.applied.values.as_slice(), Vec::as_slice);
+            let as_screened = Explanation::screened(with(&screened.applied, values), screened.gain);
+            let starts = screened.starts.iter().take(if at < FITTED { STARTS } else { 0 });
+            let fits = starts.filter_map(|start| Explanation::fit(problem, &[with(&screened.applied, start)], scales, cost, STEPS));
+            let best = fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened);
+            if best.loses_commands() && best.gain > SEARCH_WIDE { decoded(problem, best.clone(), scales, cost, STEPS).unwrap_or(best) } else { best }
+        })
+        .collect();
+    singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    singles
+}
+
+/// The first effects that pairs are built on: the best, and the best of one parameter, each kind of effect once.
+fn firsts(singles: &[Explanation], weight: f64) -> Vec<&Explanation> {
+    let mut order: Vec<&Explanation> = singles.iter().filter(|e| e.fitted).collect();
+    order.sort_by(|a, b| odds(b, weight).total_cmp(&odds(a, weight)));
+    let mut chosen: Vec<&Explanation> = Vec::new();
+    for (count, plain) in [(FIRSTS.0, false), (FIRSTS.1, true)] {
+        let full = chosen.len() + count;
+        for single in &order {
+            let known = chosen.iter().any(|c| c.effects[0].effect.name() == single.effects[0].effect.name());
+            if chosen.len() < full && !known && (!plain || single.free.len() == 1) {
+                chosen.push(single);
             }
         }
     }
-    let inverse = found.normal.information.clone().try_inverse();
-    let mut std = vec![None; values.len()];
-    for (at, &i) in free.iter().enumerate().filter(|(_, i)| kept.contains(i)) {
-        let (lower, upper) = range(applied, i, scales);
-        let inside = values[i] > lower && values[i] < upper;
-        let variance = inverse.as_ref().map(|m| m[(at, at)]).filter(|v| v.is_finite() && *v > 0.0);
-        std[i] = variance.filter(|_| inside).map(f64::sqrt);
+    chosen
+}
+
+/// What a second effect promises beside each first: the fall of the cost along its signature, the first's own directions taken out.
+struct Beside {
+    first: Explanation,
+    residual: Whitened,
+    cost: f64,
+    /// Directions in which the first can still move, orthonormal.
+    own: Vec<Whitened>,
+}
+
+impl Beside {
+    fn new(problem: &Problem<'_>, first: &Explanation, scales: &Scales) -> Option<Self> {
+        let slopes = first.slopes(problem, scales)?;
+        let mut own: Vec<Whitened> = Vec::new();
+        for mut column in slopes.columns {
+            let whole = problem.inner(&column, &column);
+            for q in &own {
+                let along = problem.inner(q, &column);
+                column = column.iter().zip(q).map(|(c, q)| c - q * along).collect();
+            }
+            let left = problem.inner(&column, &column);
+            if left > 1e-10 * whole {
+                own.push(column.iter().map(|c| c / left.sqrt()).collect());
+            }
+        }
+        let cost = problem.inner(&slopes.residual, &slopes.residual);
+        Some(Self { first: first.clone(), residual: slopes.residual, cost, own })
     }
-    let best = with(applied, &values);
-    let scatter = problem.whitened(std::slice::from_ref(&best)).map_or(0.0, |e| problem.scatter(std::slice::from_ref(&best), &e));
-    let gain = problem.inner(nominal, nominal) - cost + scatter;
-    Some(Candidate { applied: best, starts: Vec::new(), free: kept, gain, std, fitted: true })
+
+    /// How far the cost would fall along a signature, at any size.
+    fn promise(&self, problem: &Problem<'_>, signature: &Whitened) -> f64 {
+        let mut along = problem.inner(signature, &self.residual);
+        let mut length = problem.inner(signature, signature);
+        for q in &self.own {
+            let part = problem.inner(q, signature);
+            along -= part * problem.inner(q, &self.residual);
+            length -= part * part;
+        }
+        if length > 0.0 && along.is_finite() { along * along / length } else { 0.0 }
+    }
+}
+
+/// Pairs: for each of the leading singles the seconds that promise most beside it, refitted together.
+fn pairs(problem: &Problem<'_>, singles: &[Explanation], pool: &[Screened], scales: &Scales, nominal: &Whitened) -> Vec<Explanation> {
+    let weight = problem.weight();
+    let beside: Vec<Beside> = firsts(singles, weight).into_par_iter().filter_map(|first| Beside::new(problem, first, scales)).collect();
+    // Per candidate and first: the promise, and the start that gave it.
+    let promises: Vec<Vec<(f64, Applied)>> = pool
+        .par_iter()
+        .map(|screened| {
+            let applied = &screened.applied;
+            let mut best: Vec<(f64, Applied)> = beside.iter().map(|_| (0.0, applied.clone())).collect();
+            for start in applied.effect.starts(problem.system, &applied.channel, scales) {
+                for share in if has_limit(applied) { &[1.0][..] } else { &[NEAR, 1.0] } {
+                    let Some(there) = problem.whitened(&[with(applied, &between(applied, &start, *share))]) else { continue };
+                    let signature = difference(nominal, &there, 1.0);
+                    for (best, beside) in best.iter_mut().zip(&beside) {
+                        let promise = beside.promise(problem, &signature);
+                        if promise > best.0 {
+                            *best = (promise, with(applied, &start));
+                        }
+                    }
+                }
+            }
+            best
+        })
+        .collect();
+    let mut wanted: Vec<Vec<Applied>> = Vec::new();
+    for (at, beside) in beside.iter().enumerate() {
+        let mut seconds: Vec<&(f64, Applied)> = promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > SEARCH_WIDE.max(PROMISING * beside.cost)).collect();
+        seconds.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (losing, seconds): (Vec<_>, Vec<_>) = seconds
+            .into_iter()
+            .filter(|(_, s)| beside.first.effects.iter().all(|f| f.key() != s.key()))
+            .partition(|(_, s)| s.effect.loses_commands());
+        let losing = losing.into_iter().take(if at < LOSING { SECONDS } else { 0 });
+        for (_, second) in seconds.into_iter().take(SECONDS).chain(losing) {
+            let mut pair: Vec<Applied> = beside.first.effects.iter().chain([second]).cloned().collect();
+            if pair.iter().filter(|a| a.effect.loses_commands()).count() > 1 {
+                continue;
+            }
+            pair.sort_by_key(|a| EFFECTS.iter().position(|e| e.name() == a.effect.name()));
+            let keys = |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>();
+            if wanted.iter().all(|known| keys(known) != keys(&pair)) {
+                wanted.push(pair);
+            }
+        }
+    }
+    let ((trial, left), cost) = (TRIAL, problem.inner(nominal, nominal));
+    // Lost commands are told from a lag by their sequence only.
+    let losing: Vec<Vec<Applied>> = wanted.iter().filter(|pair| pair.iter().any(|a| a.effect.loses_commands())).cloned().collect();
+    wanted.retain(|pair| pair.iter().all(|a| !a.effect.loses_commands()));
+    let mut pairs: Vec<Explanation> = wanted.par_iter().filter_map(|pair| Explanation::fit(problem, pair, scales, cost, trial)).collect();
+    pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    pairs.truncate(left);
+    pairs.extend(losing.par_iter().filter_map(|pair| {
+        let begin = Explanation { effects: pair.clone(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
+        decoded(problem, begin, scales, cost, STEPS)
+    }).collect::<Vec<_>>());
+    pairs.par_iter_mut().for_each(|pair| {
+        if let Some(better) = Explanation::fit(problem, &pair.effects, scales, cost, STEPS) {
+            *pair = better;
+        }
+    });
+    pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    pairs
 }
 
 /// The noise of the residuals that one explanation leaves, per record; records of one sample time share it.
-pub(super) fn noise_of(problem: &Problem<'_>, effects: &[Applied], smallest: &[f64]) -> Option<Vec<Noise>> {
+fn noise_of(problem: &Problem<'_>, acting: Acting<'_>, smallest: &[f64]) -> Option<Vec<Noise>> {
     let residuals = (0..problem.records.len())
         .map(|at| {
             let record = &problem.records[at];
             let span = record.train.or(record.held)?;
-            Some(problem.residual(at, &problem.predict_from_posterior(at, effects, span)?))
+            Some(problem.residual(at, &problem.predict_from_posterior(at, acting, span)?))
         })
         .collect::<Option<Vec<_>>>()?;
     let same = |a: f64, b: f64| (a - b).abs() <= 0.02 * b;

@@ -7,8 +7,7 @@ use rand_chacha::rand_core::SeedableRng;
 
 use super::data::{Record, Span};
 use super::diagnosis::{Shrink, ShrinkOutput};
-use super::problem::Problem;
-use crate::effect::Applied;
+use super::problem::{Acting, Problem};
 use crate::simulate::System;
 
 /// Draws of the bootstrap.
@@ -45,6 +44,11 @@ impl Errors {
         errors
     }
 
+    /// Root of the mean squared error, per output.
+    pub(super) fn rms(&self) -> Vec<f64> {
+        self.squares.iter().zip(&self.count).map(|(e, n)| (e / n.max(1.0)).sqrt()).collect()
+    }
+
     /// Per output; `None` where it stands still.
     pub(super) fn nrmse(&self) -> Vec<Option<f64>> {
         self.squares.iter().zip(&self.deviations).map(|(e, d)| (*d > 0.0).then(|| (e / d).sqrt())).collect()
@@ -66,12 +70,13 @@ pub(super) fn together(outputs: &[Option<f64>]) -> Option<f64> {
 }
 
 /// Residuals from the posterior start of each record, by the same rule for every explanation: of a held-out log its own samples, else the training span.
-pub(super) fn residuals(problem: &Problem<'_>, effects: &[Applied]) -> Option<Vec<DMatrix<f64>>> {
+pub(super) fn residuals<'e>(problem: &Problem<'_>, acting: impl Into<Acting<'e>>) -> Option<Vec<DMatrix<f64>>> {
+    let acting = acting.into();
     (0..problem.records.len())
         .map(|at| {
             let record = &problem.records[at];
             let span = record.train.or(record.held)?;
-            Some(problem.residual(at, &problem.predict_from_posterior(at, effects, span)?))
+            Some(problem.residual(at, &problem.predict_from_posterior(at, acting, span)?))
         })
         .collect()
 }

@@ -6,11 +6,13 @@ use crate::simulate::{Drops, Plan, System};
 
 /// What random effects do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Chance {
+pub enum Chance<'a> {
     /// Their mean, which is what a fit can predict.
     Mean,
     /// A draw from this seed.
     Seed(u64),
+    /// What happened, one sequence per input: which commands were lost.
+    Known(&'a [Option<Vec<bool>>]),
 }
 
 /// An effect on a channel with its values.
@@ -118,7 +120,7 @@ impl Applied {
     pub fn plan<'a>(
         system: &System,
         effects: impl IntoIterator<Item = &'a Self, IntoIter: Clone>,
-        chance: Chance,
+        chance: Chance<'_>,
     ) -> Result<Plan, EffectError> {
         let mut plan = Plan::new(system);
         let effects = effects.into_iter();
@@ -127,11 +129,12 @@ impl Applied {
                 applied.apply(system, &mut plan)?;
             }
         }
-        if let Chance::Seed(seed) = chance {
-            for (i, path) in plan.inputs.iter_mut().enumerate() {
-                if let Some(Drops::Mean(probability)) = path.drops {
-                    path.drops = Some(Drops::Random { probability, seed: seed.wrapping_add(i as u64) });
-                }
+        for (i, path) in plan.inputs.iter_mut().enumerate() {
+            let Some(Drops::Mean(probability)) = path.drops else { continue };
+            match chance {
+                Chance::Mean => {}
+                Chance::Seed(seed) => path.drops = Some(Drops::Random { probability, seed: seed.wrapping_add(i as u64) }),
+                Chance::Known(sequences) => path.drops = sequences.get(i).cloned().flatten().map(Drops::Sequence).or(Some(Drops::Mean(probability))),
             }
         }
         Ok(plan)

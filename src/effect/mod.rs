@@ -129,9 +129,17 @@ pub trait Effect: Sync {
     fn is_identity(&self, values: &[f64], parameters: &[Parameter]) -> bool {
         values.iter().zip(parameters).all(|(v, p)| *v == p.nominal)
     }
-    /// Even the right parameters leave a residual: what it does to single samples is chance, or noise decides it.
+    /// Even the right parameters leave a residual: noise decides what it does to single samples.
     fn leaves_residual(&self) -> bool {
         false
+    }
+    /// What it does to single samples is a hidden sequence of lost commands, which outputs reveal.
+    fn loses_commands(&self) -> bool {
+        false
+    }
+    /// Parameters that mean the same written in the one usual way.
+    fn canonical(&self, values: Vec<f64>) -> Vec<f64> {
+        values
     }
     /// Adds its hooks. Only called away from the identity and inside the bounds.
     ///

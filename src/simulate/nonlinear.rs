@@ -109,4 +109,9 @@ impl Stepper for Nonlinear<'_> {
     fn plant_state(&mut self) -> &mut [f64] {
         &mut self.x[..self.field.plant]
     }
+
+    fn steps(&self) -> usize {
+        let (made, again) = self.integrator.steps();
+        made + again
+    }
 }

@@ -186,12 +186,14 @@ pub struct Tolerance {
     pub absolute: f64,
     /// Steps between two edges or samples before the simulation gives up.
     pub steps: usize,
+    /// Steps of the whole run before it gives up.
+    pub budget: usize,
 }
 
 impl Default for Tolerance {
     /// Errors far below what a sensor resolves, at a price that a fit can pay.
     fn default() -> Self {
-        Self { relative: 1e-8, absolute: 1e-10, steps: 100_000 }
+        Self { relative: 1e-8, absolute: 1e-10, steps: 100_000, budget: usize::MAX }
     }
 }
 

@@ -73,7 +73,7 @@ impl System {
             return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, correction, true);
         }
         let mut integrator = Integrator::with_tolerance(assembly.states, plan.tolerance.relative, plan.tolerance.absolute);
-        integrator.max_steps = plan.tolerance.steps;
+        (integrator.max_steps, integrator.budget) = (plan.tolerance.steps, plan.tolerance.budget);
         let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, integrator);
         walk(&mut stepper, &signals, plan, time_s, correction, true)
     }

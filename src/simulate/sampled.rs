@@ -145,7 +145,7 @@ pub(super) fn run(
     let about = |u: &DMatrix<f64>, k: usize| DVector::from_fn(u.ncols(), |i, _| u[(k, i)] - system.input_operating[i]);
     let mut sensors: Vec<Sensor<'_>> =
         plan.outputs.iter().map(|path| Sensor { path, time_s: &grid, values: Vec::new(), lagged: Vec::new() }).collect();
-    let mut run = Run { y: DMatrix::zeros(samples, plan.outputs.len()), x: DMatrix::zeros(samples, x0.len()) };
+    let mut run = Run { y: DMatrix::zeros(samples, plan.outputs.len()), x: DMatrix::zeros(samples, x0.len()), steps: 0 };
     let mut x = DVector::from_column_slice(x0);
     let reading = |sensor: &Sensor<'_>, k: usize| -> Result<f64, SimulateError> {
         let mut value = sensor.read(taken(plan.clock, sensor.path, time_s[k]))?;

@@ -22,6 +22,10 @@ pub(super) trait Stepper {
     fn outputs(&mut self, at_s: f64, drive: &Drive, y: &mut [f64]) -> Result<(), SimulateError>;
     /// The plant's own state.
     fn plant_state(&mut self) -> &mut [f64];
+    /// Steps of the integration so far.
+    fn steps(&self) -> usize {
+        0
+    }
 }
 
 /// Measured outputs that correct the state at every sample: x ← x + K·(measured − predicted), the same K for every rival.
@@ -58,6 +62,8 @@ pub struct Run {
     pub y: DMatrix<f64>,
     /// The plant's states at the log's time stamps, samples × states; empty unless asked for.
     pub x: DMatrix<f64>,
+    /// Steps of the integration, those made again shorter included; 0 where none was needed.
+    pub steps: usize,
 }
 
 /// Outputs that are sampled at the same instants.
@@ -108,8 +114,8 @@ pub(super) fn walk(
 ) -> Result<Run, SimulateError> {
     let samples = time_s.len();
     let outputs = plan.outputs.len();
-    let mut run =
-        Run { y: DMatrix::zeros(samples, outputs), x: DMatrix::zeros(if states { samples } else { 0 }, system.plant_state().len()) };
+    let rows = if states { samples } else { 0 };
+    let mut run = Run { y: DMatrix::zeros(samples, outputs), x: DMatrix::zeros(rows, system.plant_state().len()), steps: 0 };
     let mut groups = groups(plan, states, time_s);
     let end = time_s.last().copied().unwrap_or(0.0);
     #[allow(clippy::cast_precision_loss)]
@@ -174,6 +180,7 @@ pub(super) fn walk(
             }
         }
     }
+    run.steps = system.steps();
     if run.y.iter().all(|v| v.is_finite()) {
         return Ok(run);
     }

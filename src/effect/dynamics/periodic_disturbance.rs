@@ -44,6 +44,14 @@ impl Effect for PeriodicDisturbance {
         values[1] == 0.0
     }
 
+    fn canonical(&self, values: Vec<f64>) -> Vec<f64> {
+        use std::f64::consts::{PI, TAU};
+        let [frequency, amplitude, phase] = values[..] else { return values };
+        let phase = if amplitude < 0.0 { phase + PI } else { phase };
+        // Into (−π, π].
+        vec![frequency, amplitude.abs(), PI - (PI - phase).rem_euclid(TAU)]
+    }
+
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
         let to = channel::state(self, system, channel)?;
         plan.terms.push(Term::Sine { to, omega_rad_s: std::f64::consts::TAU * values[0], amplitude: values[1], phase_rad: values[2] });

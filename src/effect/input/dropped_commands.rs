@@ -35,7 +35,7 @@ impl Effect for DroppedCommands {
         vec![vec![0.1], vec![0.4], vec![0.8]]
     }
 
-    fn leaves_residual(&self) -> bool {
+    fn loses_commands(&self) -> bool {
         true
     }
 

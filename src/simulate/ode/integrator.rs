@@ -48,6 +48,8 @@ pub struct Integrator {
     pub atol: f64,
     /// Steps of one call before the equations count as too stiff; 100 000 by default.
     pub max_steps: usize,
+    /// Steps of all calls together, those made again shorter included, before the run is given up; no limit by default.
+    pub budget: usize,
     pub(super) n: usize,
     /// The next step, 0: unknown.
     h: f64,
@@ -87,6 +89,7 @@ impl Integrator {
             rtol,
             atol,
             max_steps: 100_000,
+            budget: usize::MAX,
             n,
             h: 0.0,
             method: Method::Explicit,
@@ -208,6 +211,9 @@ impl Integrator {
                 (self.h, false)
             };
             steps += 1;
+            if self.steps + self.rejected >= self.budget {
+                return Err(SimulateError::Stiff { time_s: t, steps: self.budget, step_s: self.h });
+            }
             if steps > self.max_steps {
                 if self.method == Method::Rosenbrock {
                     return Err(SimulateError::Stiff { time_s: t, steps: self.max_steps, step_s: self.h });

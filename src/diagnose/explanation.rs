@@ -1,0 +1,191 @@
+//! One or more effects that together explain a gap, and their fit to the training logs.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::lost::Lost;
+use super::problem::{Acting, Problem, Whitened};
+use crate::effect::{Applied, Scales, Site};
+use crate::fit::{LevenbergMarquardt, Normal};
+
+/// Effects with their best parameters so far.
+#[derive(Debug, Clone)]
+pub(super) struct Explanation {
+    /// In the order of the table of effects until a verdict orders them by what each contributes.
+    pub(super) effects: Vec<Applied>,
+    /// Parameters that were fitted, as effect and place; limits that do not act are not among them.
+    pub(super) free: Vec<(usize, usize)>,
+    /// How far the whitened cost falls against no effect.
+    pub(super) gain: f64,
+    /// Fitted in full, not only screened.
+    pub(super) fitted: bool,
+    /// The commands that were lost, where an effect loses some.
+    pub(super) lost: Option<Lost>,
+}
+
+/// Whitened residuals and their derivatives by the free parameters, at one set of parameters.
+pub(super) struct Slopes {
+    pub(super) residual: Whitened,
+    pub(super) columns: Vec<Whitened>,
+}
+
+/// The same effect with other values.
+pub(super) fn with(applied: &Applied, values: &[f64]) -> Applied {
+    Applied { values: values.to_vec(), ..applied.clone() }
+}
+
+/// `a − b`, times `scale`.
+pub(super) fn difference(a: &Whitened, b: &Whitened, scale: f64) -> Whitened {
+    a.iter().zip(b).map(|(a, b)| (a - b) * scale).collect()
+}
+
+impl Explanation {
+    /// One effect, not fitted yet.
+    pub(super) fn screened(applied: Applied, gain: f64) -> Self {
+        Self { effects: vec![applied], free: Vec::new(), gain, fitted: false, lost: None }
+    }
+
+    /// `effect:channel`, of several joined by " + ".
+    pub(super) fn key(&self) -> String {
+        self.effects.iter().map(Applied::key).collect::<Vec<_>>().join(" + ")
+    }
+
+    /// Parameters beyond the first of every effect.
+    pub(super) fn further_parameters(&self) -> usize {
+        self.free.len().saturating_sub(self.effects.len())
+    }
+
+    /// Some effect loses commands.
+    pub(super) fn loses_commands(&self) -> bool {
+        self.effects.iter().any(|a| a.effect.loses_commands())
+    }
+
+    /// Lowers the cost from the present values by bounded Gauss-Newton steps; `None` where the start cannot be simulated.
+    pub(super) fn fit(problem: &Problem<'_>, effects: &[Applied], scales: &Scales, nominal_cost: f64, iterations: usize) -> Option<Self> {
+        Self::refit(problem, Self { effects: effects.to_vec(), free: Vec::new(), gain: 0.0, fitted: false, lost: None }, scales, nominal_cost, iterations)
+    }
+
+    /// The same with commands lost as they are; their probability is no matter of the fit.
+    pub(super) fn refit(problem: &Problem<'_>, from: Self, scales: &Scales, nominal_cost: f64, iterations: usize) -> Option<Self> {
+        let (effects, lost) = (&from.effects, from.lost.as_ref());
+        let free: Vec<(usize, usize)> = (effects.iter().enumerate())
+            .filter(|(_, a)| lost.is_none() || !a.effect.loses_commands())
+            .flat_map(|(e, a)| (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i)))
+            .collect();
+        let priced = |cost: f64| nominal_cost - cost - lost.map_or(0.0, |l| l.price);
+        if free.is_empty() {
+            let there = problem.whitened(&from)?;
+            let gain = priced(problem.inner(&there, &there));
+            return Some(Self { gain, free, fitted: true, ..from });
+        }
+        let (lower, upper) = free.iter().map(|&(e, i)| range(&effects[e], i, scales)).unzip();
+        let search = LevenbergMarquardt { max_iterations: iterations, gradient_tolerance: 1e-4, step_tolerance: 1e-4, cost_floor: 0.0, lower, upper };
+        let begin: Vec<f64> = free.iter().map(|&(e, i)| effects[e].values[i]).collect();
+        let acting = Acting::from(&from);
+        let found = search.minimise(&begin, |values| {
+            let slopes = slopes(problem, acting.with(&placed(effects, &free, values)), &free, scales)?;
+            Some(normal(problem, &slopes))
+        });
+        if found.normal.information.is_empty() {
+            return None;
+        }
+        let mut best = placed(effects, &free, &found.parameters);
+        let mut kept = free.clone();
+        let cost = found.normal.cost;
+        // A limit that the training data never reach is infinite.
+        for &(e, i) in free.iter().filter(|&&(e, i)| effects[e].parameters[i].nominal.is_infinite()) {
+            let mut without = best.clone();
+            without[e].values[i] = effects[e].parameters[i].nominal;
+            if problem.whitened(acting.with(&without)).is_some_and(|w| (problem.inner(&w, &w) - cost).abs() <= 1e-9 * cost) {
+                best = without;
+                kept.retain(|&at| at != (e, i));
+            }
+        }
+        for applied in &mut best {
+            applied.values = applied.effect.canonical(std::mem::take(&mut applied.values));
+        }
+        Some(Self { effects: best, free: kept, gain: priced(cost), fitted: true, lost: from.lost })
+    }
+
+    /// Takes other values for its free parameters.
+    pub(super) fn take(&mut self, values: &[f64]) {
+        self.effects = placed(&self.effects, &self.free, values);
+    }
+
+    /// The gain under the problem's present noise, parameters as they are.
+    pub(super) fn rescore(&mut self, problem: &Problem<'_>, nominal_cost: f64) {
+        let price = self.lost.as_ref().map_or(0.0, |l| l.price);
+        self.gain = problem.whitened(&*self).map_or(f64::NEG_INFINITY, |e| nominal_cost - problem.inner(&e, &e) - price);
+    }
+
+    /// Residual and derivatives at the present values.
+    pub(super) fn slopes(&self, problem: &Problem<'_>, scales: &Scales) -> Option<Slopes> {
+        slopes(problem, Acting::from(self), &self.free, scales)
+    }
+
+    /// A parameter stands at the edge of what was searched.
+    pub(super) fn at_bound(&self, (e, i): (usize, usize), scales: &Scales) -> bool {
+        let (lower, upper) = range(&self.effects[e], i, scales);
+        let value = self.effects[e].values[i];
+        value <= lower || value >= upper
+    }
+}
+
+fn placed(effects: &[Applied], free: &[(usize, usize)], values: &[f64]) -> Vec<Applied> {
+    let mut all = effects.to_vec();
+    for (&(e, i), v) in free.iter().zip(values) {
+        all[e].values[i] = *v;
+    }
+    all
+}
+
+fn slopes(problem: &Problem<'_>, acting: Acting<'_>, free: &[(usize, usize)], scales: &Scales) -> Option<Slopes> {
+    let (effects, residual) = (acting.effects, problem.whitened(acting)?);
+    let mut columns = Vec::with_capacity(free.len());
+    for &(e, i) in free {
+        let h = step(&effects[e], i, scales);
+        let mut moved = effects.to_vec();
+        moved[e].values[i] += h;
+        columns.push(difference(&problem.whitened(acting.with(&moved))?, &residual, 1.0 / h));
+    }
+    Some(Slopes { residual, columns })
+}
+
+fn normal(problem: &Problem<'_>, slopes: &Slopes) -> Normal {
+    let (e, columns) = (&slopes.residual, &slopes.columns);
+    let k = columns.len();
+    let mut information = DMatrix::zeros(k, k);
+    for i in 0..k {
+        for j in 0..=i {
+            information[(i, j)] = problem.inner(&columns[i], &columns[j]);
+            information[(j, i)] = information[(i, j)];
+        }
+    }
+    Normal { cost: problem.inner(e, e), gradient: DVector::from_fn(k, |i, _| problem.inner(&columns[i], e)), information }
+}
+
+/// The step for a numerical derivative.
+fn step(applied: &Applied, at: usize, scales: &Scales) -> f64 {
+    let (p, value) = (&applied.parameters[at], applied.values[at]);
+    let size = if p.nominal.is_finite() { (value - p.nominal).abs() } else { value.abs() };
+    let least = match p.unit.as_str() {
+        "s" => 0.01 * scales.sample_time_s,
+        _ => 1e-6 * value.abs(),
+    };
+    let step = (1e-4 * size).max(1e-4 * least).max(1e-12);
+    if value + step > p.upper { -step } else { step }
+}
+
+/// The bounds of a parameter in a search: its own, and what these logs can show at all.
+fn range(applied: &Applied, at: usize, scales: &Scales) -> (f64, f64) {
+    let p = &applied.parameters[at];
+    let (lower, upper) = match (p.name, p.unit.as_str()) {
+        // From a fifth of a period in the whole log to near the Nyquist frequency.
+        ("frequency", _) => (0.2 / scales.duration_s, 0.45 / scales.sample_time_s),
+        ("damping", _) => (1e-3, 2.0),
+        ("delay", _) => (0.0, scales.longest_delay_s),
+        ("time_constant", _) => (0.0, 0.25 * scales.duration_s),
+        ("offset", "s") if applied.effect.site() == Site::Clock => (-scales.longest_delay_s, scales.longest_delay_s),
+        _ => (p.lower, p.upper),
+    };
+    (lower.max(p.lower), upper.min(p.upper))
+}
