@@ -12,10 +12,12 @@ mod lost;
 mod noise;
 mod prediction;
 mod problem;
+mod progress;
 mod rank;
 mod scales;
 mod search;
 mod shrink;
+mod traces;
 mod verdict;
 
 use std::path::Path;
@@ -25,6 +27,8 @@ pub use diagnosis::{
     NotTried, Parameter, Prediction, RankedPair, RankedSingle, RankingRow, Regime, Shrink, ShrinkOutput, TimeSpan, Where, WhereOutput,
 };
 pub use error::GapError;
+pub use progress::Stage;
+pub use traces::Trace;
 
 use crate::effect::Applied;
 use crate::error::Result;
@@ -62,6 +66,8 @@ pub struct Diagnosed {
     pub diagnosis: Diagnosis,
     /// The model with what was found added to its effects.
     pub model: ModelDocument,
+    /// What was measured and predicted, by output and then by log.
+    pub traces: Vec<Trace>,
 }
 
 /// As [`diagnose`], from files.
@@ -88,7 +94,7 @@ pub fn diagnose(
     logs: &[Log],
     holdout: &[Log],
     options: &GapOptions,
-    progress: &dyn Fn(&str),
+    progress: &dyn Fn(Stage),
 ) -> Result<Diagnosed> {
     if logs.is_empty() {
         return Err(GapError::NoLogs.into());
@@ -105,7 +111,7 @@ pub fn diagnose(
     let holdouts = set_spans(&mut records, logs.len(), !holdout.is_empty(), longest_delay_s, prediction.settling_s);
     let outputs = system.outputs.len();
 
-    progress("simulating the model as it is");
+    progress(Stage::Simulating);
     let motion = scales::Motion::of(&system, &own, &records, &prediction)?;
     let prior: Vec<f64> = system.initial_std.iter().zip(&motion.rms).map(|(std, rms)| std.unwrap_or(*rms)).collect();
     let smallest = motion.smallest.clone();
@@ -117,7 +123,7 @@ pub fn diagnose(
     let (catalogue, left_out) = search::catalogue(&system);
     let found = search::search(&mut problem, catalogue, &scales, &smallest, progress).ok_or_else(|| nominal_fails(&records))?;
 
-    progress("judging");
+    progress(Stage::Judging);
     let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;
     let mut judged = verdict::judge(&problem, &found).ok_or_else(|| nominal_fails(&records))?;
     let estimate = judged.found.as_ref().and_then(|e| intervals::estimate(&problem, e, &scales));
@@ -154,9 +160,10 @@ pub fn diagnose(
         cause,
         shrink: shrink::shrink(&system, &records, &before, &with_found, &floor.floor, prediction.settling_s, options.seed),
     };
+    let traces = traces::traces(&problem, judged.found.as_ref().map(Acting::from), &floor.floor);
     let mut model = document.clone();
     model.effects_mut().extend(judged.found.iter().flat_map(|e| &e.effects).map(Applied::to_entry));
-    Ok(Diagnosed { diagnosis, model })
+    Ok(Diagnosed { diagnosis, model, traces })
 }
 
 fn nominal_fails(records: &[Record]) -> crate::Error {
