@@ -80,6 +80,9 @@ impl Gap {
         write_atomic(&self.out.join("report.html"), |out| out.write_all(page(&found).as_bytes()))?;
         write_json(json, &found.diagnosis)?;
         say!("{}", summary(&found.diagnosis));
+        for caveat in &found.caveats {
+            say!("Caveat: {caveat}.");
+        }
         say!("\n{}", ranking(&found.diagnosis, self.rows).to_string().trim_end());
         say!("\nWritten to {}: diagnosis.json, report.html, model_with_effects.toml.", self.out.display());
         Ok(())

@@ -1,5 +1,6 @@
 //! The gap between a simulator and a log: its size, its place, its cause, and how far it shrinks.
 
+mod caveats;
 mod data;
 mod diagnosis;
 mod error;
@@ -22,6 +23,7 @@ mod verdict;
 
 use std::path::Path;
 
+pub use caveats::Caveat;
 pub use diagnosis::{
     Band, Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, FoundEffect, Gap, GapOutput, Holdout, Metric, Mode,
     NotTried, Parameter, Prediction, RankedPair, RankedSingle, RankingRow, Regime, Shrink, ShrinkOutput, TimeSpan, Where, WhereOutput,
@@ -68,6 +70,8 @@ pub struct Diagnosed {
     pub model: ModelDocument,
     /// What was measured and predicted, by output and then by log.
     pub traces: Vec<Trace>,
+    /// What a reader has to know of the data.
+    pub caveats: Vec<Caveat>,
 }
 
 /// As [`diagnose`], from files.
@@ -118,6 +122,7 @@ pub fn diagnose(
     let first_noise: Vec<f64> = motion.innovations(&records);
     let mut problem = Problem::new(&system, &records, &prediction, own.clone(), prior, &first_noise)?;
     let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;
+    caveats::must_not_explode(&system, &records, &before)?;
     let scales = motion.scales(&system, &records, &before, longest_delay_s);
 
     let (catalogue, left_out) = search::catalogue(&system);
@@ -163,7 +168,7 @@ pub fn diagnose(
     let traces = traces::traces(&problem, judged.found.as_ref().map(Acting::from), &floor.floor);
     let mut model = document.clone();
     model.effects_mut().extend(judged.found.iter().flat_map(|e| &e.effects).map(Applied::to_entry));
-    Ok(Diagnosed { diagnosis, model, traces })
+    Ok(Diagnosed { diagnosis, model, traces, caveats: caveats::caveats(&system, &records) })
 }
 
 fn nominal_fails(records: &[Record]) -> crate::Error {

@@ -146,6 +146,9 @@ pub fn page(diagnosed: &Diagnosed) -> String {
         let (what, rest) = sentence.split_once(": ").unwrap_or(("", sentence));
         let _ = writeln!(html, "<p><strong>{}:</strong> {}</p>", escape(what), quoted(rest));
     }
+    for caveat in &diagnosed.caveats {
+        let _ = writeln!(html, "<p><strong>Caveat:</strong> {}.</p>", quoted(&caveat.to_string()));
+    }
     html += &curves(diagnosed);
     html += &cause(d);
     html += &size(d);
