@@ -67,6 +67,7 @@ pub(super) fn caveats(system: &System, records: &[Record]) -> Vec<Caveat> {
         |span: Option<Span>, r: &Record| (0..r.time_s.len()).filter(|&k| span.is_some_and(|s| s.holds(r.time_s[k]))).collect::<Vec<_>>();
     for (j, input) in system.inputs.iter().enumerate() {
         // A level of its own in each log is no movement either: nothing happens after the start.
+        #[allow(clippy::float_cmp)]
         let still = |r: &Record| {
             let values: Vec<f64> = inside(r.train, r).into_iter().map(|k| r.inputs[j][k]).collect();
             values.windows(2).all(|w| w[0] == w[1])

@@ -18,7 +18,7 @@ pub enum GapError {
     #[error("{found}; say which column it is with `--map {channel}=COLUMN`")]
     Channel {
         /// What the log has.
-        found: crate::log::LogError,
+        found: Box<crate::log::LogError>,
         /// The model's name for it.
         channel: String,
     },

@@ -123,7 +123,7 @@ impl Table {
     }
 }
 
-fn code(name: &impl Display) -> String {
+fn code(name: impl Display) -> String {
     format!("<code>{}</code>", escape(&name.to_string()))
 }
 
@@ -161,7 +161,7 @@ pub fn page(diagnosed: &Diagnosed) -> String {
 /// Names in backquotes as code.
 fn quoted(text: &str) -> String {
     let parts = text.split('`').enumerate();
-    parts.map(|(at, part)| if at % 2 == 1 { code(&part) } else { escape(part) }).collect()
+    parts.map(|(at, part)| if at % 2 == 1 { code(part) } else { escape(part) }).collect()
 }
 
 /// One picture per output.
@@ -184,7 +184,7 @@ fn curves(diagnosed: &Diagnosed) -> String {
         let name = shown.first().map_or("", |t| t.output.as_str());
         let title = format!("{}: measured and predicted over time", escape(name));
         let description = describe(&diagnosed.diagnosis, at);
-        let _ = writeln!(html, "<figure>\n<figcaption>{} <span class=\"faint\">{description}</span></figcaption>", code(&name));
+        let _ = writeln!(html, "<figure>\n<figcaption>{} <span class=\"faint\">{description}</span></figcaption>", code(name));
         let _ = writeln!(html, "<div class=\"wide\">{}</div>", chart(at, shown, points, &title, &description));
         if traces.len() > shown.len() {
             let _ = writeln!(html, "<p class=\"faint\">The first {} of {} logs.</p>", shown.len(), traces.len());
@@ -193,7 +193,7 @@ fn curves(diagnosed: &Diagnosed) -> String {
     }
     let logs: Vec<&str> = diagnosed.diagnosis.logs.iter().map(String::as_str).collect();
     let held = diagnosed.diagnosis.holdout.iter().map(|h| h.log.as_str()).filter(|h| !logs.contains(h));
-    let all: Vec<String> = logs.iter().copied().chain(held).enumerate().map(|(i, log)| format!("{} {}", i + 1, code(&log))).collect();
+    let all: Vec<String> = logs.iter().copied().chain(held).enumerate().map(|(i, log)| format!("{} {}", i + 1, code(log))).collect();
     if all.len() > 1 {
         let _ = writeln!(html, "<p class=\"faint\">Logs: {}.</p>", all.join(", "));
     }
@@ -232,7 +232,7 @@ fn cause(d: &Diagnosis) -> String {
         html += &table.end();
     }
     for class in &d.cause.indistinguishable {
-        let names: Vec<String> = class.iter().map(|name| code(name)).collect();
+        let names: Vec<String> = class.iter().map(code).collect();
         let _ = writeln!(html, "<p>This data cannot tell apart: {}.</p>", names.join(", "));
     }
     if let Some(next) = &d.cause.next_experiment {
@@ -280,7 +280,7 @@ fn size(d: &Diagnosis) -> String {
             after(shrink.after),
             percent(shrink.floor),
         ];
-        table.row(&[&[gap.name.clone()], cells.as_slice()].concat());
+        table.row(&[std::slice::from_ref(&gap.name), cells.as_slice()].concat());
     }
     let s = &d.shrink;
     if d.gap.outputs.len() > 1 {
@@ -340,7 +340,7 @@ fn data(d: &Diagnosis) -> String {
     for h in &d.holdout {
         table.row(&[h.log.clone(), number(Some(h.from_s)), number(Some(h.to_s))]);
     }
-    let logs: Vec<String> = d.logs.iter().map(|log| code(log)).collect();
+    let logs: Vec<String> = d.logs.iter().map(code).collect();
     format!(
         "<h2>Data</h2>\n<p>Learnt from: {}. Predicted means {mode}: {}.</p>\n{}<p class=\"faint\">deadtime {}</p>\n",
         logs.join(", "),
