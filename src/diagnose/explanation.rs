@@ -106,6 +106,40 @@ impl Explanation {
         Some(Self { effects: best, free: kept, gain: priced(cost), fitted: true, lost: from.lost })
     }
 
+    /// One of its effects, with the values that it has beside the others.
+    pub(super) fn only(&self, place: usize) -> Self {
+        let effects = self.effects.get(place).cloned().into_iter().collect();
+        let free = self.free.iter().filter(|f| f.0 == place).map(|f| (0, f.1)).collect();
+        Self { effects, free, lost: None, ..self.clone() }
+    }
+
+    /// A limit that was left out is tried at several places; the explanation with it where that explains more than chance.
+    pub(super) fn with_missing_limits(self, problem: &Problem<'_>, scales: &Scales, nominal_cost: f64, iterations: usize) -> Self {
+        let mut best = self;
+        let open: Vec<(usize, usize)> = (best.effects.iter().enumerate())
+            .flat_map(|(e, a)| (0..a.values.len()).filter(|&i| a.values[i].is_infinite()).map(move |i| (e, i)))
+            .collect();
+        for (e, i) in open {
+            // Between the other limit and where the signal ends: all starts of the effect know sensible places.
+            let applied = &best.effects[e];
+            let starts = applied.effect.starts(problem.system, &applied.channel, scales);
+            let mut tried: Vec<(f64, Vec<Applied>)> = Vec::new();
+            for place in starts.iter().filter_map(|s| s.get(i)).filter(|v| v.is_finite()) {
+                let mut moved = best.effects.clone();
+                moved[e].values[i] = *place;
+                tried.extend(problem.whitened(Acting::from(&best).with(&moved)).map(|w| (problem.inner(&w, &w), moved)));
+            }
+            let Some((_, effects)) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
+            let from = Self { effects, ..best.clone() };
+            if let Some(better) = Self::refit(problem, from, scales, nominal_cost, iterations)
+                && better.gain > best.gain + 2.0 * problem.weight().max(2.0).ln()
+            {
+                best = better;
+            }
+        }
+        best
+    }
+
     /// Takes other values for its free parameters.
     pub(super) fn take(&mut self, values: &[f64]) {
         self.effects = placed(&self.effects, &self.free, values);

@@ -15,6 +15,8 @@ use crate::effect::{Applied, EFFECTS, Scales};
 const SIZES: [f64; 7] = [0.0, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.1];
 /// Blocks of time per record for the scores.
 const BLOCKS: usize = 12;
+/// How much the cost of the plain fit may rise when nominal errors are allowed for.
+const WORSE: f64 = 1.05;
 /// A relative change of a nominal parameter for its derivative.
 const STEP: f64 = 1e-4;
 
@@ -95,6 +97,18 @@ pub(super) fn estimate(problem: &Problem<'_>, explanation: &Explanation, scales:
         std.push(std_here.filter(|_| !explanation.at_bound((e, i), scales)));
     }
     Some(Estimate { values, std })
+}
+
+/// Gives the explanation the estimate's values, unless it explains the logs less well with them: one step may lead too far.
+pub(super) fn take(problem: &Problem<'_>, explanation: &mut Explanation, estimate: &Estimate) {
+    let mut moved = explanation.clone();
+    moved.take(&estimate.values);
+    let cost = |e: &Explanation| problem.whitened(e).map(|w| problem.inner(&w, &w));
+    if let (Some(before), Some(after)) = (cost(explanation), cost(&moved))
+        && after < WORSE * before
+    {
+        *explanation = moved;
+    }
 }
 
 /// Σ over blocks of time of the scores' outer products, at the residual after the step.

@@ -48,8 +48,8 @@ const HELD_BACK: f64 = 0.3;
 pub struct GapOptions {
     /// The prediction mode; `None`: chosen from the model's poles.
     pub prediction: Option<Mode>,
-    /// The longest delay and lag that are looked for, seconds; `None`: 35 samples, at most a tenth of the shortest log. So much of every log's start
-    /// carries no weight.
+    /// The longest delay and lag that are looked for, seconds; `None`: 35 samples or half the time in which the model settles, at most a tenth of the
+    /// shortest log. So much of every log's start carries no weight.
     pub longest_delay_s: Option<f64>,
     /// Seed of the bootstrap. Default 1.
     pub seed: u64,
@@ -106,12 +106,12 @@ pub fn diagnose(
     let system = data::system(document, logs)?;
     let own = document.effects().iter().map(|e| Applied::from_entry(&system, e)).collect::<std::result::Result<Vec<_>, _>>()?;
     let mut records = logs.iter().chain(holdout).map(|log| Record::new(log, document, &system)).collect::<Result<Vec<_>>>()?;
-    let longest_delay_s = options.longest_delay_s.unwrap_or_else(|| longest_delay(&records));
+    let prediction = prediction::Prediction::choose(&system, &records, options.prediction);
+    let longest_delay_s = options.longest_delay_s.unwrap_or_else(|| longest_delay(&records, prediction.settling_s));
     let limit_s = records.iter().map(|r| 0.5 * r.duration_s()).fold(f64::INFINITY, f64::min);
     if !(0.0..limit_s).contains(&longest_delay_s) {
         return Err(GapError::LongestDelay { given_s: longest_delay_s, limit_s }.into());
     }
-    let prediction = prediction::Prediction::choose(&system, &records, options.prediction);
     let holdouts = set_spans(&mut records, logs.len(), !holdout.is_empty(), longest_delay_s, prediction.settling_s);
     let outputs = system.outputs.len();
 
@@ -134,7 +134,7 @@ pub fn diagnose(
     let estimate = judged.found.as_ref().and_then(|e| intervals::estimate(&problem, e, &scales));
     // What is held out is judged with what was found to act.
     if let (Some(explanation), Some(estimate)) = (&mut judged.found, &estimate) {
-        explanation.take(&estimate.values);
+        intervals::take(&problem, explanation, estimate);
     }
     let with_found = shrink::residuals(&problem, judged.found.as_ref().map_or(NOTHING, Acting::from)).ok_or_else(|| nominal_fails(&records))?;
 
@@ -176,9 +176,9 @@ fn nominal_fails(records: &[Record]) -> crate::Error {
     GapError::Nominal { log, why: "its predictions are not finite".to_owned() }.into()
 }
 
-/// 35 samples, at most a tenth of the shortest log.
-fn longest_delay(records: &[Record]) -> f64 {
-    let samples = records.iter().map(|r| 35.0 * r.sample_time_s).fold(0.0, f64::max);
+/// 35 samples or half the time in which the model settles, at most a tenth of the shortest log.
+fn longest_delay(records: &[Record], settling_s: f64) -> f64 {
+    let samples = records.iter().map(|r| 35.0 * r.sample_time_s).fold(0.5 * settling_s, f64::max);
     records.iter().map(|r| 0.1 * r.duration_s()).fold(samples, f64::min)
 }
 

@@ -14,12 +14,10 @@ use crate::effect::{Applied, EFFECTS};
 /// Twice the log-likelihood by which the best of a whole catalogue must beat no effect, and the best second effect a single one: the best of 50 to 100
 /// rivals reaches 10 to 25 on noise alone.
 pub(super) const SEARCH_WIDE: f64 = 30.0;
-/// Explanations that differ by less than this in twice the log-likelihood are as good as each other: the one with fewer parameters leads.
+/// Explanations that differ by less than this in twice the log-likelihood are as good as each other.
 const NEAR: f64 = 6.0;
-/// Equals, but for rounding: the first of the table leads.
-const EQUAL: f64 = 0.5;
-/// Rivals that differ by less than this in twice the log-likelihood, and whose trajectories are as close, are one class.
-const ALIKE: f64 = 6.0;
+/// No simulator is exact: of what an effect explains, this part of its energy (3 % of its amplitude) is within what a model is off anyway.
+const INEXACT: f64 = 1e-3;
 /// How many pairs the ranking lists.
 const PAIRS: usize = 5;
 
@@ -30,15 +28,21 @@ pub(super) fn odds(explanation: &Explanation, weight: f64) -> f64 {
     explanation.gain - further * weight.max(2.0).ln() - effects * SEARCH_WIDE
 }
 
+/// The difference in twice the log-likelihood that tells nothing.
+fn slack(gain: f64) -> f64 {
+    NEAR.max(INEXACT * gain)
+}
+
 /// The best fitted explanation; of near equals the one with the fewest parameters, of equals the first in the table.
 pub(super) fn leader(explanations: &[Explanation], weight: f64) -> Option<&Explanation> {
     let fitted = || explanations.iter().filter(|e| e.fitted);
     let best = |among: &dyn Fn(&Explanation) -> bool| fitted().filter(|e| among(e)).map(|e| odds(e, weight)).fold(f64::NEG_INFINITY, f64::max);
     let top = best(&|_| true);
-    let fewest = fitted().filter(|e| odds(e, weight) > top - NEAR).map(|e| e.free.len()).min()?;
+    let slack = slack(top);
+    let fewest = fitted().filter(|e| odds(e, weight) > top - slack).map(|e| e.free.len()).min()?;
     let top = best(&|e| e.free.len() <= fewest);
     let place = |e: &Explanation| e.effects.iter().filter_map(|a| EFFECTS.iter().position(|t| t.name() == a.effect.name())).collect::<Vec<_>>();
-    fitted().filter(|e| e.free.len() <= fewest && odds(e, weight) > top - EQUAL).min_by_key(|e| place(e))
+    fitted().filter(|e| e.free.len() <= fewest && odds(e, weight) > top - slack).min_by_key(|e| place(e))
 }
 
 /// Twice the log-odds of everything that is ranked, as the verdict sees it.
@@ -48,6 +52,8 @@ struct Scale {
     /// What pairs lose where a second effect does not matter.
     pairs: f64,
     weight: f64,
+    /// Differences count for less by this factor.
+    temper: f64,
 }
 
 impl Scale {
@@ -60,11 +66,12 @@ impl Scale {
         let none = if size == 0 { f64::max(0.0, single + clear) } else { 0.0 };
         let limit = if size == 2 { f64::INFINITY } else { f64::max(single, none) - clear };
         let pairs = (pair - limit).max(0.0);
-        Self { none, best: f64::max(f64::max(single, pair - pairs), none), pairs, weight }
+        let best = f64::max(f64::max(single, pair - pairs), none);
+        Self { none, best, pairs, weight, temper: slack(best) / NEAR }
     }
 
     fn share(&self, odds: f64) -> f64 {
-        if odds.is_finite() { (0.5 * (odds - self.best)).exp() } else { 0.0 }
+        if odds.is_finite() { (0.5 * (odds - self.best) / self.temper).exp() } else { 0.0 }
     }
 
     fn of(&self, explanation: &Explanation) -> f64 {
@@ -160,7 +167,8 @@ fn classes(problem: &Problem<'_>, leader: &Explanation, found: &Found) -> Vec<Ve
     let Some(own) = problem.whitened(leader) else { return Vec::new() };
     let mut classes: Vec<Vec<Applied>> = leader.effects.iter().map(|a| vec![a.clone()]).collect();
     let same_size = if leader.effects.len() == 1 { &found.singles } else { &found.pairs };
-    for rival in same_size.iter().filter(|r| r.fitted && (r.gain - leader.gain).abs() < ALIKE) {
+    let slack = slack(leader.gain);
+    for rival in same_size.iter().filter(|r| r.fitted && (r.gain - leader.gain).abs() < slack) {
         let missing = |of: &Explanation, from: &Explanation| {
             let keys: Vec<String> = from.effects.iter().map(Applied::key).collect();
             (0..of.effects.len()).filter(|&i| !keys.contains(&of.effects[i].key())).collect::<Vec<_>>()
@@ -168,7 +176,7 @@ fn classes(problem: &Problem<'_>, leader: &Explanation, found: &Found) -> Vec<Ve
         let (&[place], &[other]) = (missing(leader, rival).as_slice(), missing(rival, leader).as_slice()) else { continue };
         let Some(theirs) = problem.whitened(rival) else { continue };
         let apart = difference(&own, &theirs, 1.0);
-        if problem.inner(&apart, &apart) < 2.0 * ALIKE {
+        if problem.inner(&apart, &apart) < 2.0 * slack {
             classes[place].push(rival.effects[other].clone());
         }
     }

@@ -30,6 +30,8 @@ const STEPS: usize = 15;
 const FIRSTS: (usize, usize) = (2, 4);
 /// Second effects that are fitted with each first one.
 const SECONDS: usize = 6;
+/// Pairs whose members are tried as first effects in their turn.
+const SWAPPED: usize = 3;
 /// First effects beside which lost commands are looked for.
 const LOSING: usize = 3;
 /// The part of a first effect's cost that a second one must promise to take away: less is a model that is a little off.
@@ -77,6 +79,7 @@ pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales:
     let mut found = Found { singles: fit_first(problem, &pool, scales, &nominal), pairs: Vec::new() };
     progress(Stage::Pairing);
     found.pairs = pairs(problem, &found.singles, &pool, scales, &nominal);
+    dbg_list("white", &found, problem.weight()); // DBG
     for round in 0..ROUNDS {
         progress(Stage::Refitting(round));
         let weight = problem.weight();
@@ -94,11 +97,12 @@ pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales:
             let steps = if round + 1 < ROUNDS { STEPS } else { STEPS / 2 };
             explanations.par_iter_mut().take(LEADERS).for_each(|e| {
                 if let Some(better) = decoded(problem, e.clone(), scales, cost, steps).and_then(|e| Explanation::refit(problem, e, scales, cost, steps)) {
-                    *e = better;
+                    *e = better.with_missing_limits(problem, scales, cost, steps);
                 }
             });
             explanations.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         }
+        dbg_list("round", &found, problem.weight()); // DBG
     }
     Some(found)
 }
@@ -253,7 +257,35 @@ impl Beside {
 /// Pairs: for each of the leading singles the seconds that promise most beside it, refitted together.
 fn pairs(problem: &Problem<'_>, singles: &[Explanation], pool: &[Screened], scales: &Scales, nominal: &Whitened) -> Vec<Explanation> {
     let weight = problem.weight();
-    let beside: Vec<Beside> = firsts(singles, weight).into_par_iter().filter_map(|first| Beside::new(problem, first, scales)).collect();
+    let firsts: Vec<Explanation> = firsts(singles, weight).into_iter().cloned().collect();
+    let mut pairs = with_seconds(problem, &firsts, pool, scales, nominal, &[]);
+    // Forward and backward: what only a second effect made visible takes the first place.
+    let mut kept: Vec<Explanation> = Vec::new();
+    for (pair, place) in pairs.iter().take(SWAPPED).flat_map(|pair| (0..pair.effects.len()).map(move |place| (pair, place))) {
+        let single = pair.only(place);
+        if !single.loses_commands() && firsts.iter().chain(&kept).all(|f| f.key() != single.key()) {
+            kept.push(single);
+        }
+    }
+    let more = with_seconds(problem, &kept, pool, scales, nominal, &pairs);
+    pairs.extend(more);
+    pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    pairs
+}
+
+/// The seconds that promise most beside each first, fitted with it; but those known already.
+fn with_seconds(
+    problem: &Problem<'_>,
+    firsts: &[Explanation],
+    pool: &[Screened],
+    scales: &Scales,
+    nominal: &Whitened,
+    known: &[Explanation],
+) -> Vec<Explanation> {
+    let beside: Vec<Beside> = firsts.par_iter().filter_map(|first| Beside::new(problem, first, scales)).collect();
+    if beside.is_empty() {
+        return Vec::new();
+    }
     // Per candidate and first: the promise, and the start that gave it.
     let promises: Vec<Vec<(f64, Applied)>> = pool
         .par_iter()
@@ -291,7 +323,7 @@ fn pairs(problem: &Problem<'_>, singles: &[Explanation], pool: &[Screened], scal
             }
             pair.sort_by_key(|a| EFFECTS.iter().position(|e| e.name() == a.effect.name()));
             let keys = |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>();
-            if wanted.iter().all(|known| keys(known) != keys(&pair)) {
+            if wanted.iter().chain(known.iter().map(|k| &k.effects)).all(|known| keys(known) != keys(&pair)) {
                 wanted.push(pair);
             }
         }
@@ -338,3 +370,12 @@ fn noise_of(problem: &Problem<'_>, acting: Acting<'_>, smallest: &[f64]) -> Opti
     };
     Some(problem.records.iter().map(|r| noise(r.sample_time_s)).collect())
 }
+
+// DBG
+fn dbg_list(what: &str, found: &Found, weight: f64) { // DBG
+    if std::env::var("DT_DEBUG").is_ok() { // DBG
+        for (n, e) in found.singles.iter().take(8).chain(found.pairs.iter().take(12)).enumerate() { // DBG
+            eprintln!("{what} {n} odds {:.1} gain {:.1} fitted {} {:?}", odds(e, weight), e.gain, e.fitted, e.effects); // DBG
+        } // DBG
+    } // DBG
+} // DBG

@@ -9,13 +9,14 @@ use super::problem::{Acting, NOTHING, Problem};
 use super::rank::{leader, odds};
 use super::search::Found;
 use super::shrink::{self, Errors, together};
+use crate::effect::Applied;
 
 /// A residual this many times its floor has something left in it that an effect did not explain.
 const ABOVE_FLOOR: f64 = 1.5;
 /// The same where no effect helps at all: a gap worth the name is well above the noise.
 const ABOVE_FLOOR_ALONE: f64 = 1.75;
 /// An effect that lowers the rms of no output by this factor is within the noise: the model as it is stands at the floor. A second effect likewise.
-const MATTERS: [f64; 2] = [1.3, 1.15];
+const MATTERS: [f64; 2] = [1.3, 1.25];
 /// The share of the explainable that one effect must explain, and two.
 const EXPLAINS: [f64; 2] = [0.93, 0.97];
 /// The share of the explainable that must be explained on held-out data: less, and it describes the training logs and no cause.
@@ -62,7 +63,15 @@ impl Level {
 
     /// Noise decides single samples: its lattice speaks for it.
     fn is_chance(&self) -> bool {
-        self.explanation.as_ref().is_some_and(|e| e.effects.iter().all(|a| a.effect.leaves_residual()))
+        self.explanation.as_ref().is_some_and(|e| e.effects.iter().any(|a| a.effect.leaves_residual()))
+    }
+
+    /// Training errors without the effects whose single samples noise decides: beside a lattice, a little more or less of anything moves many samples.
+    fn smooth(&self, problem: &Problem<'_>) -> Option<Errors> {
+        let Some(explanation) = self.explanation.as_ref().filter(|_| self.is_chance()) else { return Some(self.train.clone()) };
+        let effects: Vec<Applied> = explanation.effects.iter().filter(|a| !a.effect.leaves_residual()).cloned().collect();
+        let acting = Acting::from(explanation).with(&effects);
+        Some(Errors::of(problem.records, &shrink::residuals(problem, acting)?, |r| r.train))
     }
 
     fn size(&self) -> usize {
@@ -85,7 +94,10 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found) -> Option<Judged> {
         let Some(next) = leader(explanations, weight).and_then(|e| Level::of(problem, Some(e))) else { continue };
         lowest.push(next.train.clone());
         let better = next.odds(weight) > best.odds(weight);
-        if better && (next.is_chance() || matters(&best.train, &next.train, MATTERS[size])) && (size == 0 || best.size() == size) {
+        // A lattice needs not lower the error to be seen.
+        let lattice = next.is_chance() && !best.is_chance();
+        let matters = lattice || matters(&best.smooth(problem)?, &next.smooth(problem)?, MATTERS[size]);
+        if better && matters {
             best = next;
         }
     }
@@ -100,6 +112,7 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found) -> Option<Judged> {
     let by = |key: &dyn Fn(usize) -> Option<f64>| (0..all.len()).max_by(|&a, &b| key(a).unwrap_or(0.0).total_cmp(&key(b).unwrap_or(0.0)));
     let decisive = if size > 0 { by(&gained) } else { by(&ratio) };
     let mut unknown: f64 = 0.0;
+    if std::env::var("DT_DEBUG").is_ok() { eprintln!("judge size {size} all {all:?} left {left:?} noise {noise:?} decisive {decisive:?} held {:?} > {:?} floor {:?}", together(&nothing.held.nrmse()), together(&best.held.nrmse()), together(&nothing.held.relative(&floor.floor))); } // DBG
     if let Some(i) = decisive
         && let (Some(all), Some(left), Some(noise)) = (all[i], left[i], noise[i])
     {
