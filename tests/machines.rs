@@ -59,7 +59,6 @@ fn the_hair_dryer_lacks_its_dead_time() {
 }
 
 #[test]
-#[ignore = "a sensor gain multiplies the observer's gain, so that a pair with it turns the predictor into one that follows the measurement"]
 fn the_positioning_system_lacks_dry_friction() {
     let Some(d) = diagnosis("emps", "emps/train.csv.gz", &["--to", "8"]) else { return };
     let found: Vec<_> = d.cause.effects.iter().filter(|e| e.effect == "coulomb_friction" && e.channel == "speed").collect();

@@ -240,6 +240,9 @@ fn ticks(lowest: f64, highest: f64, about: f64) -> Vec<(f64, String)> {
     let decimals = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
     let most = lowest.abs().max(highest.abs());
     let label = |value: f64| {
+        if value == 0.0 && !(1e-4..1e6).contains(&most) {
+            return "0".to_owned();
+        }
         if !(1e-4..1e6).contains(&most) {
             // The same digits for all: those that tell neighbours apart.
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -319,7 +322,7 @@ mod tests {
         let labels = |l, h| ticks(l, h, 5.0).into_iter().map(|t| t.1).collect::<Vec<_>>();
         assert_eq!(labels(-0.1, 1.05), ["0.0", "0.5", "1.0"]);
         assert_eq!(labels(0.0, 12.0), ["0", "5", "10"]);
-        assert_eq!(labels(-1.1e-7, 1.1e-7), ["−1e−7", "−5e−8", "0e0", "5e−8", "1e−7"]);
+        assert_eq!(labels(-1.1e-7, 1.1e-7), ["−1.0e−7", "−5.0e−8", "0", "5.0e−8", "1.0e−7"]);
         assert!(labels(1.0, 1.0).is_empty());
     }
 }

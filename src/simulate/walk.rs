@@ -4,7 +4,8 @@ use nalgebra::DMatrix;
 
 use super::SimulateError;
 use super::piecewise::{Piece, Piecewise};
-use super::plan::Plan;
+
+use super::plan::{Plan, SampleMap};
 
 /// Edges and samples closer than this, relative to the mean sample time, fall together: the edge comes first.
 const TOGETHER: f64 = 1e-9;
@@ -103,6 +104,16 @@ fn groups(plan: &Plan, states: bool, time_s: &[f64]) -> Vec<Group> {
     groups
 }
 
+/// How much a sensor's reading changes with what it reads, at one value; 1 where it does not change, beyond a limit or inside a step. A correction is divided
+/// by it: a sensor gain would otherwise multiply the observer's gain, and a large one make the prediction follow the measurement.
+fn slope(maps: &[SampleMap], time_s: f64, value: f64) -> f64 {
+    let read = |y: f64| maps.iter().fold(y, |y, map| map(time_s, y));
+    let step = 1e-6 * (1.0 + value.abs());
+    let slope = (read(value + step) - read(value)) / step;
+    // A gain of 1 is exactly that, so that effects at nominal change no bit.
+    if slope == 0.0 || !slope.is_finite() || (slope - 1.0).abs() < 1e-6 { 1.0 } else { slope }
+}
+
 /// Walks a system through the log's time. `time_s` counts from the log's first sample.
 pub(super) fn walk(
     system: &mut impl Stepper,
@@ -172,7 +183,7 @@ pub(super) fn walk(
                 let Some(correction) = correction.filter(|_| !before_start) else { continue };
                 for &j in &group.outputs {
                     let Some(measured) = correction.measured.get(j).and_then(|m| m.get(k)) else { continue };
-                    let innovation = measured - run.y[(k, j)];
+                    let innovation = (measured - run.y[(k, j)]) / slope(&plan.outputs[j].maps, time_s[k], y[j]);
                     for (i, x) in system.plant_state().iter_mut().enumerate() {
                         *x += correction.gain[(i, j)] * innovation;
                     }
@@ -192,3 +203,21 @@ pub(super) fn walk(
 
 /// A signal without pieces.
 const LEVEL: Piece = Piece { start_s: 0.0, value: 0.0, slope: 0.0 };
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+
+    #[test]
+    fn a_correction_is_divided_by_the_gain_of_its_sensor_alone() {
+        let maps = |map: fn(f64, f64) -> f64| -> Vec<SampleMap> { vec![Arc::new(map)] };
+        assert!((slope(&maps(|_, y| -3.0 * y), 1.0, 5.0) + 3.0).abs() < 1e-6);
+        assert_eq!(slope(&maps(|t, y| y + 2.0 * t), 1.0, 5.0).to_bits(), 1.0_f64.to_bits());
+        // Beyond a limit and inside a step nothing is told of the gain.
+        assert_eq!(slope(&maps(|_, y| y.clamp(-1.0, 1.0)), 1.0, 5.0).to_bits(), 1.0_f64.to_bits());
+        assert_eq!(slope(&maps(|_, y| (y / 0.5).round() * 0.5), 1.0, 5.1).to_bits(), 1.0_f64.to_bits());
+        assert_eq!(slope(&[], 1.0, 0.0).to_bits(), 1.0_f64.to_bits());
+    }
+}
