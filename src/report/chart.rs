@@ -149,7 +149,9 @@ fn curves_panel(traces: &[Trace]) -> Panel {
 fn rest_panel(traces: &[Trace], rests: &[[Option<Vec<Sample>>; 2]]) -> Panel {
     let spread = range(traces.iter().flat_map(|t| t.measured.iter().flatten().copied())).map_or(0.0, |(low, high)| high - low);
     let floor = traces.iter().map(|t| t.floor).filter(|f| f.is_finite()).fold(0.0, f64::max);
-    let all = rests.iter().flatten().flatten().flatten().map(|s| s.1.abs());
+    // What carries no weight at the start of a log may stick out.
+    let counts = |t: &Trace, s: &Sample| [t.train, t.held].iter().flatten().any(|[from, to]| (*from..=*to).contains(&s.0));
+    let all = traces.iter().zip(rests).flat_map(|(t, r)| r.iter().flatten().flatten().filter(move |s| counts(t, s)).map(|s| s.1.abs()));
     let reach = range(all).map_or(0.0, |(_, most)| most).min((1.0 + LEAVES) * spread).max(1.5 * floor);
     Panel::new(TOP + CURVES + BETWEEN, REST, -reach, reach)
 }
@@ -185,7 +187,7 @@ fn held(svg: &mut String, trace: &Trace, lane: Lane) {
 /// Frames, grid lines, numbers.
 fn axes(svg: &mut String, panels: &[Panel], traces: &[Trace], lanes: &[Lane]) {
     for panel in panels {
-        for value in ticks(panel.lowest, panel.highest, panel.height / 26.0) {
+        for value in ticks(panel.lowest, panel.highest, panel.height / 22.0) {
             let y = panel.y(value.0);
             let _ = writeln!(svg, "<path class=\"grid\" d=\"M{LEFT} {y:.1}H{}\"/>", WIDTH - RIGHT);
             let _ = writeln!(svg, "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>", LEFT - 6.0, y + 4.0, value.1);
