@@ -29,7 +29,7 @@ D = [[0.0], [0.0]]
 fn log(samples: usize, late: usize) -> String {
     let mut out = String::from("time,u<b>,\"angle & \"\"co\"\"\",rate\n");
     let (mut x, mut v, mut noise) = (0.0_f64, 0.0_f64, 1_u64);
-    let command = |k: usize| [0.6, -0.9, 0.2, 0.9, -0.4, -0.1, 0.7][(k / 35) % 7] * if (k / 245) % 2 == 0 { 1.0 } else { 0.7 };
+    let command = |k: usize| [0.6, -0.9, 0.2, 0.9, -0.4, -0.1, 0.7][(k / 35) % 7] * if (k / 245).is_multiple_of(2) { 1.0 } else { 0.7 };
     for k in 0..samples {
         // A linear congruential generator, uniform in ±0.02.
         let mut draw = || {

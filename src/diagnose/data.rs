@@ -94,7 +94,9 @@ const SHORTEST: usize = 50;
 fn channels_fit(log: &Log, document: &ModelDocument) -> Result<()> {
     for channel in document.inputs().iter().chain(document.outputs()) {
         match log.channel(&channel.name) {
-            Err(found @ LogError::UnknownChannel { .. }) => return Err(GapError::Channel { found: found.into(), channel: channel.name.clone() }.into()),
+            Err(found @ LogError::UnknownChannel { .. }) => {
+                return Err(GapError::Channel { found: found.into(), channel: channel.name.clone() }.into());
+            }
             other => other?,
         };
         log.check_unit(&channel.name, channel.unit.as_deref())?;
