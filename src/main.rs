@@ -12,8 +12,21 @@ fn main() -> ExitCode {
             ExitCode::SUCCESS
         }
         Err(e) => {
-            eprintln!("deadtime: {e:#}");
+            eprintln!("deadtime: {}", said(&e));
             ExitCode::from(if e.is::<deadtime::cli::LimitNotMet>() { 1 } else { 2 })
         }
     }
+}
+
+/// The error and its causes, each said once: some messages already end with their cause.
+fn said(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(ToString::to_string).filter(|c| !c.is_empty()) {
+        if text.is_empty() {
+            text = cause;
+        } else if !text.ends_with(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
 }

@@ -10,6 +10,7 @@ use crate::file::write_atomic;
 use crate::log;
 use crate::model::{ModelDocument, ModelFile};
 use crate::report::diagnosis::{ranking, summary};
+use crate::report::html::page;
 use crate::report::study::table;
 use crate::signal::excitation::Rbs;
 use crate::study::Injected;
@@ -110,9 +111,10 @@ impl Demo {
         say!("\n{}", ranking(&found.diagnosis, 6).to_string().trim_end());
         found.diagnosis.write(&file("diagnosis.json"))?;
         found.model.write(&file("model_with_effects.toml"))?;
+        write_atomic(&file("report.html"), |out| out.write_all(page(&found).as_bytes()))?;
 
         say!(
-            "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy.md, diagnosis.json, model_with_effects.toml.",
+            "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy.md, diagnosis.json, report.html, model_with_effects.toml.",
             self.out.display()
         );
         say!("Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE");

@@ -2,12 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+use super::progress::Bar;
 use super::source::Reading;
 use super::write_json;
 use crate::diagnose::{GapOptions, Mode, diagnose};
+use crate::file::write_atomic;
 use crate::log::Log;
 use crate::model::ModelDocument;
 use crate::report::diagnosis::{ranking, summary};
+use crate::report::html::page;
 
 /// Diagnose the gap between a model and logs of the real machine: where it lies, which unmodelled effect causes it, how far it shrinks
 #[derive(Debug, clap::Args)]
@@ -35,7 +38,7 @@ pub(super) struct Gap {
     /// Rows of the ranking to print
     #[arg(long, value_name = "N", default_value_t = 8)]
     rows: usize,
-    /// Folder to write diagnosis.json and model_with_effects.toml to
+    /// Folder to write diagnosis.json, report.html and model_with_effects.toml to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
@@ -68,13 +71,20 @@ impl Gap {
             longest_delay_s: self.max_delay,
             seed: self.seed,
         };
-        let found = diagnose(&document, &logs, &holdout, &options, &|step| eprintln!("{step} ..."))?;
+        let bar = Bar::new();
+        let found = diagnose(&document, &logs, &holdout, &options, &|stage| bar.show(stage.begins_at(), &stage));
+        bar.end();
+        let found = found?;
         found.diagnosis.write(&self.out.join("diagnosis.json"))?;
         found.model.write(&self.out.join("model_with_effects.toml"))?;
+        write_atomic(&self.out.join("report.html"), |out| out.write_all(page(&found).as_bytes()))?;
         write_json(json, &found.diagnosis)?;
         say!("{}", summary(&found.diagnosis));
+        for caveat in &found.caveats {
+            say!("Caveat: {caveat}.");
+        }
         say!("\n{}", ranking(&found.diagnosis, self.rows).to_string().trim_end());
-        say!("\nWritten to {}: diagnosis.json, model_with_effects.toml.", self.out.display());
+        say!("\nWritten to {}: diagnosis.json, report.html, model_with_effects.toml.", self.out.display());
         Ok(())
     }
 }

@@ -15,6 +15,7 @@ mod estimate;
 mod excite;
 mod gap;
 mod list;
+mod progress;
 mod simulate;
 mod source;
 

@@ -2,7 +2,7 @@
 
 use super::GapError;
 use crate::error::Result;
-use crate::log::{Channel, Log};
+use crate::log::{Channel, Log, LogError};
 use crate::model::{ModelDocument, Operating};
 use crate::simulate::{Commands, Measured, System};
 
@@ -44,10 +44,7 @@ impl Record {
     /// [`GapError`] for a sample time that does not fit or too few samples; [`crate::log::LogError`] for channels and units that do not fit or samples that
     /// are missing.
     pub(super) fn new(log: &Log, document: &ModelDocument, system: &System) -> Result<Self> {
-        for channel in document.inputs().iter().chain(document.outputs()) {
-            log.channel(&channel.name)?;
-            log.check_unit(&channel.name, channel.unit.as_deref())?;
-        }
+        channels_fit(log, document)?;
         if log.len() < SHORTEST {
             return Err(GapError::Short { log: log.source().to_owned(), needed: SHORTEST, got: log.len() }.into());
         }
@@ -101,11 +98,26 @@ impl Record {
 /// Fewer samples than this tell nothing about a gap.
 const SHORTEST: usize = 50;
 
+/// That a log has the model's channels, in its units.
+fn channels_fit(log: &Log, document: &ModelDocument) -> Result<()> {
+    for channel in document.inputs().iter().chain(document.outputs()) {
+        match log.channel(&channel.name) {
+            Err(found @ LogError::UnknownChannel { .. }) => {
+                return Err(GapError::Channel { found: found.into(), channel: channel.name.clone() }.into());
+            }
+            other => other?,
+        };
+        log.check_unit(&channel.name, channel.unit.as_deref())?;
+    }
+    Ok(())
+}
+
 /// The simulator of a model file, its operating points `"mean"` taken over the training logs.
 ///
 /// # Errors
-/// [`crate::model::ModelError`] or [`crate::log::LogError`].
+/// As [`Record::new`] of channels, and [`crate::model::ModelError`].
 pub(super) fn system(document: &ModelDocument, logs: &[Log]) -> Result<System> {
+    logs.iter().try_for_each(|log| channels_fit(log, document))?;
     let asked = document.inputs().iter().chain(document.outputs()).any(|c| matches!(c.operating, Operating::Mean(_)));
     System::new(document, |name| {
         let (mut sum, mut count) = (0.0, 0.0);

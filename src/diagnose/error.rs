@@ -14,6 +14,14 @@ pub enum GapError {
         /// Sample time of the log, seconds.
         log_s: f64,
     },
+    /// A channel of the model that a log does not have.
+    #[error("{found}; say which column it is with `--map {channel}=COLUMN`")]
+    Channel {
+        /// What the log has.
+        found: Box<crate::log::LogError>,
+        /// The model's name for it.
+        channel: String,
+    },
     /// Too few samples.
     #[error("{log}: {got} samples are too few for a diagnosis; at least {needed} are needed")]
     Short {

@@ -10,12 +10,16 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::StandardNormal;
 
 use super::data::Record;
-use super::noise::{Noise, autoregression_of};
+use super::noise::{Noise, autoregression_of, memory_of};
 use super::problem::Problem;
 use super::shrink::Errors;
 
-/// Windows per record in which calm is looked for.
-const WINDOWS: usize = 20;
+/// Windows per record in which calm is looked for: what comes and goes may do so slowly or fast.
+const WINDOWS: [usize; 3] = [20, 60, 180];
+/// Samples of the shortest window.
+const SHORTEST: usize = 10;
+/// A window holds at least so many times the noise's memory.
+const MEMORIES: f64 = 4.0;
 /// Samples of noise that are simulated to see how calm calm windows are by chance.
 const SIMULATED: usize = 400_000;
 
@@ -59,16 +63,24 @@ fn memory(records: &[&Record], residuals: &[&DMatrix<f64>], output: usize) -> f6
 
 /// Mean square in the calmest quarter of the windows, over what the calmest quarter of stationary noise would have by chance; infinite where the windows
 /// differ no more than those of such noise. The noise is simulated with the autoregression of the calmer half: a gap that comes and goes must not
-/// pass for its colour.
-#[allow(clippy::cast_precision_loss)]
+/// pass for its colour. Windows shorter than the noise's memory tell nothing.
 fn calmest(records: &[Record], residuals: &[DMatrix<f64>], output: usize) -> f64 {
+    let series: Vec<Vec<Option<f64>>> = (records.iter().zip(residuals))
+        .filter(|(r, _)| r.train.is_some())
+        .map(|(record, residual)| {
+            let inside = (0..record.time_s.len()).filter(|&k| record.train.is_some_and(|s| s.holds(record.time_s[k])));
+            inside.map(|k| record.measured[output].get(k).map(|_| residual[(k, output)])).collect()
+        })
+        .collect();
+    WINDOWS.iter().map(|&count| calmest_of(&series, count)).fold(f64::INFINITY, f64::min)
+}
+
+/// As [`calmest`], with so many windows per record.
+#[allow(clippy::cast_precision_loss)]
+fn calmest_of(series: &[Vec<Option<f64>>], count: usize) -> f64 {
     let mut windows: Vec<Vec<Option<f64>>> = Vec::new();
-    for (record, residual) in records.iter().zip(residuals).filter(|(r, _)| r.train.is_some()) {
-        let inside: Vec<Option<f64>> = (0..record.time_s.len())
-            .filter(|&k| record.train.is_some_and(|s| s.holds(record.time_s[k])))
-            .map(|k| record.measured[output].get(k).map(|_| residual[(k, output)]))
-            .collect();
-        let size = (inside.len() / WINDOWS).max(20);
+    for inside in series {
+        let size = (inside.len() / count).max(SHORTEST);
         windows.extend(inside.chunks_exact(size).filter(|w| 2 * w.iter().flatten().count() > size).map(<[_]>::to_vec));
     }
     if windows.len() < 8 {
@@ -79,7 +91,10 @@ fn calmest(records: &[Record], residuals: &[DMatrix<f64>], output: usize) -> f64
     let (calm, all) = calm_and_all(&powers);
     let ar = autoregression_of(&windows[..windows.len().div_ceil(2)]);
     let samples: usize = windows.iter().map(Vec::len).sum();
-    let draws = (SIMULATED / samples.max(1)).clamp(20, 100);
+    if (samples / windows.len()) as f64 <= MEMORIES * memory_of(&ar) {
+        return f64::INFINITY;
+    }
+    let draws = (SIMULATED / samples.max(1)).clamp(20, 200);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut ratios: Vec<f64> = (0..draws)
         .map(|_| {
@@ -91,7 +106,7 @@ fn calmest(records: &[Record], residuals: &[DMatrix<f64>], output: usize) -> f64
         .collect();
     ratios.sort_by(f64::total_cmp);
     let usual = ratios.iter().sum::<f64>() / draws as f64;
-    if calm / all < ratios[draws / 50] { calm / usual } else { f64::INFINITY }
+    if calm / all < ratios[draws / 100] { calm / usual } else { f64::INFINITY }
 }
 
 /// Mean square of the samples that are there.

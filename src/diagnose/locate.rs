@@ -10,8 +10,10 @@ use super::diagnosis::{Band, Regime, TimeSpan, Where, WhereOutput};
 use super::floor::Floor;
 use crate::simulate::System;
 
-/// The share of the excess that a span must hold.
+/// The share of the excess that a band or a range must hold.
 const MOST: f64 = 0.8;
+/// The same for a span of time: an event should be told from its beginning to its end.
+const NEARLY_ALL: f64 = 0.95;
 /// Cells of time per record, of frequency per output, of range per command.
 const CELLS: usize = 24;
 /// A range of a variable is only worth naming if it holds less than this part of all samples.
@@ -133,8 +135,8 @@ fn variables(system: &System, records: &[Record]) -> Vec<Variable> {
     all
 }
 
-/// The shortest run of cells with [`MOST`] of the sum of `excess`, and its share.
-fn shortest(excess: &[f64]) -> Option<(usize, usize, f64)> {
+/// The shortest run of cells with the share `most` of the sum of `excess`, and its own share.
+fn shortest(excess: &[f64], most: f64) -> Option<(usize, usize, f64)> {
     let sum: f64 = excess.iter().sum();
     if sum <= 0.0 {
         return None;
@@ -143,11 +145,11 @@ fn shortest(excess: &[f64]) -> Option<(usize, usize, f64)> {
     let (mut from, mut held) = (0, 0.0);
     for to in 0..excess.len() {
         held += excess[to];
-        while held - excess[from] >= MOST * sum && from < to {
+        while held - excess[from] >= most * sum && from < to {
             held -= excess[from];
             from += 1;
         }
-        if held >= MOST * sum && best.is_none_or(|(a, b, _)| to - from < b - a) {
+        if held >= most * sum && best.is_none_or(|(a, b, _)| to - from < b - a) {
             best = Some((from, to, held / sum));
         }
     }
@@ -174,7 +176,7 @@ fn times(records: &[Record], residuals: &[DMatrix<f64>], i: usize, noise: Noise,
     for (record, ((start, width), cells)) in records.iter().zip(&all) {
         let (here, further) = rest.split_at(cells.len());
         rest = further;
-        let Some((from, to, share)) = shortest(here) else { continue };
+        let Some((from, to, share)) = shortest(here, NEARLY_ALL) else { continue };
         #[allow(clippy::cast_precision_loss)]
         found.push(TimeSpan {
             log: record.name.clone(),
@@ -224,7 +226,7 @@ fn spectrum(records: &[Record], residuals: &[DMatrix<f64>], i: usize) -> Option<
 fn band(records: &[Record], residuals: &[DMatrix<f64>], i: usize, noise: Noise, name: &str) -> Option<Band> {
     let (edges, cells) = spectrum(records, residuals, i)?;
     // The floor as white noise: the same power at every frequency, each of two degrees of freedom.
-    let (from, to, share) = shortest(&significant(&cells, Noise { memory: 0.5, ..noise }))?;
+    let (from, to, share) = shortest(&significant(&cells, Noise { memory: 0.5, ..noise }), MOST)?;
     Some(Band { output: name.to_owned(), from_hz: edges[from], to_hz: edges[to + 1], share })
 }
 
@@ -264,7 +266,7 @@ fn regime(records: &[Record], residuals: &[DMatrix<f64>], i: usize, noise: Noise
         let cell = (((u - low) / width) as usize).min(CELLS - 1);
         cells[cell].add(e * e);
     }
-    let (from, to, share) = shortest(&significant(&cells, noise))?;
+    let (from, to, share) = shortest(&significant(&cells, noise), MOST)?;
     let (inside, all): (f64, f64) = (cells[from..=to].iter().map(|c| c.count).sum(), cells.iter().map(|c| c.count).sum());
     let part = inside / all;
     // Where the gap's share is that of the samples, the variable tells nothing.

@@ -1,5 +1,6 @@
 //! The gap between a simulator and a log: its size, its place, its cause, and how far it shrinks.
 
+mod caveats;
 mod data;
 mod diagnosis;
 mod error;
@@ -13,20 +14,25 @@ mod lost;
 mod noise;
 mod prediction;
 mod problem;
+mod progress;
 mod rank;
 mod scales;
 mod search;
 mod shrink;
+mod traces;
 mod trust;
 mod verdict;
 
 use std::path::Path;
 
+pub use caveats::Caveat;
 pub use diagnosis::{
     Band, Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, FoundEffect, Gap, GapOutput, Holdout, Metric, Mode,
     NotTried, Parameter, Prediction, RankedPair, RankedSingle, RankingRow, Regime, Shrink, ShrinkOutput, TimeSpan, Where, WhereOutput,
 };
 pub use error::GapError;
+pub use progress::Stage;
+pub use traces::Trace;
 
 use crate::effect::Applied;
 use crate::error::Result;
@@ -66,6 +72,10 @@ pub struct Diagnosed {
     pub diagnosis: Diagnosis,
     /// The model with what was found added to its effects.
     pub model: ModelDocument,
+    /// What was measured and predicted, by output and then by log.
+    pub traces: Vec<Trace>,
+    /// What a reader has to know of the data.
+    pub caveats: Vec<Caveat>,
 }
 
 /// As [`diagnose`], from files.
@@ -92,7 +102,7 @@ pub fn diagnose(
     logs: &[Log],
     holdout: &[Log],
     options: &GapOptions,
-    progress: &dyn Fn(&str),
+    progress: &dyn Fn(Stage),
 ) -> Result<Diagnosed> {
     if logs.is_empty() {
         return Err(GapError::NoLogs.into());
@@ -109,13 +119,14 @@ pub fn diagnose(
     let holdouts = set_spans(&mut records, logs.len(), !holdout.is_empty(), longest_delay_s, prediction.settling_s);
     let outputs = system.outputs.len();
 
-    progress("simulating the model as it is");
+    progress(Stage::Simulating);
     let motion = scales::Motion::of(&system, &own, &records, &prediction)?;
     let prior: Vec<f64> = system.initial_std.iter().zip(&motion.rms).map(|(std, rms)| std.unwrap_or(*rms)).collect();
     let smallest = motion.smallest.clone();
     let first_noise: Vec<f64> = motion.innovations(&records);
     let mut problem = Problem::new(&system, &records, &prediction, own.clone(), prior, &first_noise)?;
     let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;
+    caveats::must_not_explode(&system, &records, &before)?;
     let scales = motion.scales(&system, &records, &before, longest_delay_s);
 
     let (catalogue, left_out) = search::catalogue(&system);
@@ -123,11 +134,11 @@ pub fn diagnose(
 
     let longer_s = f64::min(LONGER * longest_delay_s, 0.5 * limit_s);
     if options.longest_delay_s.is_none() && longer_s > 1.2 * longest_delay_s && found.wants_longer_delays(&scales) {
-        progress("a delay may be longer: once more");
+        progress(Stage::Longer);
         return diagnose(document, logs, holdout, &GapOptions { longest_delay_s: Some(longer_s), ..options.clone() }, progress);
     }
 
-    progress("judging");
+    progress(Stage::Judging);
     let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;
     let mut judged = verdict::judge(&problem, &found).ok_or_else(|| nominal_fails(&records))?;
     let hangs = match judged.verdict {
@@ -168,9 +179,10 @@ pub fn diagnose(
         cause,
         shrink: shrink::shrink(&system, &records, &before, &with_found, &floor.floor, prediction.settling_s, options.seed),
     };
+    let traces = traces::traces(&problem, judged.found.as_ref().map(Acting::from), &floor.floor);
     let mut model = document.clone();
     model.effects_mut().extend(judged.found.iter().flat_map(|e| &e.effects).map(Applied::to_entry));
-    Ok(Diagnosed { diagnosis, model })
+    Ok(Diagnosed { diagnosis, model, traces, caveats: caveats::caveats(&system, &records) })
 }
 
 fn nominal_fails(records: &[Record]) -> crate::Error {

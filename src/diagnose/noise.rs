@@ -88,19 +88,22 @@ impl Noise {
         e
     }
 
-    /// How many samples of this noise count as one independent sample, per output: (1 + Σ correlations²)-like inflation by the autoregression's poles.
+    /// How many samples of one output's noise count as one independent sample.
     pub(super) fn memory(&self, output: usize) -> f64 {
-        // The spectrum at 0 over its mean: (1 / (1 − Σ a))² against the variance of the process.
-        let ar = &self.ar[output];
-        let mut impulse = vec![1.0];
-        for k in 1..512 {
-            let next = ar.iter().zip(impulse[..k].iter().rev()).map(|(a, h)| a * h).sum();
-            impulse.push(next);
-        }
-        let variance: f64 = impulse.iter().map(|h| h * h).sum();
-        let at_zero: f64 = impulse.iter().sum::<f64>().powi(2);
-        (at_zero / variance).max(1.0)
+        memory_of(&self.ar[output])
     }
+}
+
+/// How many samples of autoregressive noise count as one independent sample: its spectrum at 0 over its variance.
+pub(super) fn memory_of(ar: &[f64]) -> f64 {
+    let mut impulse = vec![1.0];
+    for k in 1..512 {
+        let next = ar.iter().zip(impulse[..k].iter().rev()).map(|(a, h)| a * h).sum();
+        impulse.push(next);
+    }
+    let variance: f64 = impulse.iter().map(|h| h * h).sum();
+    let at_zero: f64 = impulse.iter().sum::<f64>().powi(2);
+    (at_zero / variance).max(1.0)
 }
 
 /// The autoregression of one output's residuals.

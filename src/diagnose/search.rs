@@ -7,6 +7,7 @@ use super::explanation::{Explanation, difference, with};
 use super::lost::decoded;
 use super::noise::Noise;
 use super::problem::{Acting, NOTHING, Problem, Whitened};
+use super::progress::Stage;
 use super::rank::{SEARCH_WIDE, odds};
 use crate::effect::{Applied, EFFECTS, Scales, Site};
 use crate::simulate::System;
@@ -70,17 +71,17 @@ pub(super) fn catalogue(system: &System) -> (Vec<Applied>, Vec<(&'static str, St
 }
 
 /// Searches the whole catalogue; leaves `problem` with the noise of the largest explanation in play.
-pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales: &Scales, smallest: &[f64], progress: &dyn Fn(&str)) -> Option<Found> {
+pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales: &Scales, smallest: &[f64], progress: &dyn Fn(Stage)) -> Option<Found> {
     let nominal = problem.whitened(NOTHING)?;
-    progress(&format!("screening {} candidates", catalogue.len()));
+    progress(Stage::Screening(catalogue.len()));
     let pool = screen(problem, catalogue, scales, &nominal);
-    progress("fitting the most promising");
+    progress(Stage::Fitting);
     let mut found = Found { singles: fit_first(problem, &pool, scales, &nominal), pairs: Vec::new() };
-    progress("looking for pairs");
+    progress(Stage::Pairing);
     found.pairs = pairs(problem, &found.singles, &pool, scales, &nominal);
     dbg_list("white", &found, problem.weight()); // DBG
     for round in 0..ROUNDS {
-        progress("fitting again under the noise of what leads");
+        progress(Stage::Refitting(round));
         let weight = problem.weight();
         let leading = |all: &[Explanation]| all.iter().filter(|e| e.fitted).max_by(|a, b| odds(a, weight).total_cmp(&odds(b, weight))).cloned();
         let single = leading(&found.singles);

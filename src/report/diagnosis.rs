@@ -1,6 +1,6 @@
 //! The diagnosis in plain sentences.
 
-use crate::diagnose::{Diagnosis, FoundEffect, Mode, Parameter, RankingRow};
+use crate::diagnose::{Diagnosis, FoundEffect, Mode, Parameter, RankedPair, RankingRow};
 use crate::report::text::Table;
 
 /// Five sentences: how big the gap is, where it sits, what causes it and how sure that is, what else it could be, how far it shrinks.
@@ -61,10 +61,17 @@ fn effect(e: &FoundEffect) -> String {
     format!("{} on `{}` with {}", e.effect, e.channel, parameters.join(", "))
 }
 
+/// Whether a row of the ranking is what was found, in either order.
+fn same_pair(row: &RankedPair, found: &[FoundEffect]) -> bool {
+    let holds = |e: &FoundEffect| row.effects.iter().any(|[effect, channel]| *effect == e.effect && *channel == e.channel);
+    row.effects.len() == found.len() && found.iter().all(holds)
+}
+
 fn cause(d: &Diagnosis) -> String {
     let probability = |name: &str| {
         let of = |row: &RankingRow| match row {
-            RankingRow::Single(r) if r.effect == name && r.channel == d.cause.channel => Some(r.probability),
+            RankingRow::Single(r) if d.cause.effects.len() < 2 && r.effect == name && r.channel == d.cause.channel => Some(r.probability),
+            RankingRow::Pair(r) if same_pair(r, &d.cause.effects) => Some(r.probability),
             _ => None,
         };
         d.cause.ranking.iter().find_map(of).unwrap_or(0.0)

@@ -1,9 +1,11 @@
 //! What people and machines read. Nothing is computed here.
 
 pub mod blind;
+mod chart;
 pub mod diagnosis;
 pub mod effects;
 pub mod estimate;
+pub mod html;
 #[cfg(feature = "cli")]
 pub mod picture;
 pub mod study;

@@ -1,0 +1,52 @@
+//! How far a diagnosis is.
+
+use std::fmt;
+
+/// What is being done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// The model is simulated as it is.
+    Simulating,
+    /// So many candidates are screened.
+    Screening(usize),
+    /// The most promising candidates are fitted.
+    Fitting,
+    /// Pairs of effects are looked for.
+    Pairing,
+    /// What leads is fitted again under its noise; this is the n-th time, from 0.
+    Refitting(usize),
+    /// A delay stands at the longest that was looked for: everything once more with longer ones.
+    Longer,
+    /// The verdict is reached.
+    Judging,
+}
+
+impl Stage {
+    /// The part of a usual diagnosis that is over when the stage begins, 0 to 1.
+    #[must_use]
+    pub fn begins_at(self) -> f64 {
+        match self {
+            Self::Simulating | Self::Longer => 0.0,
+            Self::Screening(_) => 0.02,
+            Self::Fitting => 0.1,
+            Self::Pairing => 0.35,
+            Self::Refitting(0) => 0.6,
+            Self::Refitting(_) => 0.78,
+            Self::Judging => 0.92,
+        }
+    }
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Simulating => f.write_str("simulating the model as it is"),
+            Self::Screening(candidates) => write!(f, "screening {candidates} candidates"),
+            Self::Fitting => f.write_str("fitting the most promising"),
+            Self::Pairing => f.write_str("looking for pairs"),
+            Self::Refitting(_) => f.write_str("fitting again under the noise of what leads"),
+            Self::Longer => f.write_str("a delay may be longer: once more"),
+            Self::Judging => f.write_str("judging"),
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! Real machines whose simulator lacks an effect that physics knows: the verdict must name it. What is asserted is physics, with its own uncertainty.
+//!
+//! Without the logs every test says visibly that it was skipped.
+
+#![cfg(feature = "cli")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+#[path = "support/program.rs"]
+mod program;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use deadtime::diagnose::Diagnosis;
+use deadtime::model::ModelDocument;
+use program::{Folder, deadtime, text};
+
+/// The diagnosis of one log against examples/machines/NAME.toml; `None`, and a line that says so, without the log.
+fn diagnosis(name: &str, log: &str, more: &[&str]) -> Option<Diagnosis> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let logs = std::env::var_os("DEADTIME_REAL_DATA").map_or_else(|| root.join("../shared/data"), PathBuf::from);
+    let path = logs.join(log);
+    if !path.is_file() {
+        // Past the test harness, which keeps what a passing test prints to itself.
+        let mut terminal = std::io::stderr();
+        writeln!(terminal, "skipped: no real logs at {} (wanted {log})", logs.display()).unwrap();
+        return None;
+    }
+    let folder = Folder::new();
+    let model = root.join("examples/machines").join(format!("{name}.toml"));
+    let out = folder.path("out");
+    let said = deadtime(&[&["gap", "--model", text(&model), "--log", text(&path), "--out", text(&out)], more].concat()).done();
+    println!("{said}");
+    Some(Diagnosis::read(&out.join("diagnosis.json")).unwrap())
+}
+
+/// The verdict's effect as `effect:channel`, and the interval of its first parameter.
+fn leading(d: &Diagnosis) -> (String, [f64; 2]) {
+    let effect = d.cause.effects.first().unwrap_or_else(|| panic!("no effect was found: {}", d.cause.verdict));
+    (format!("{}:{}", effect.effect, effect.channel), effect.parameters[0].ci95.unwrap())
+}
+
+#[test]
+fn the_hair_dryer_lacks_its_dead_time() {
+    let Some(d) = diagnosis("hairdryer", "hairdryer/hairdryer.csv", &[]) else { return };
+    let (effect, _) = leading(&d);
+    assert_eq!(effect, "input_delay:heater_voltage");
+    // Accepted: three samples of 0.08 s with the sampling delay, two without; to the hundredth of a second.
+    let delay = d.cause.effects[0].parameters[0].value.unwrap();
+    assert!((0.155..0.245).contains(&delay), "{delay}");
+    // One input, one output, at rest before: the same delay anywhere else fits as well.
+    let class = d.cause.indistinguishable.iter().find(|c| c.contains(&effect)).unwrap();
+    assert_eq!(class[0], effect);
+    for other in ["output_delay:*", "clock_offset:*"] {
+        assert!(class.iter().any(|e| e == other), "{class:?}");
+    }
+    // Most of the error is that delay; it goes on data that the fit has not seen.
+    assert!(d.shrink.fraction.unwrap() > 0.5, "{:?}", d.shrink);
+}
+
+#[test]
+fn the_positioning_system_lacks_dry_friction() {
+    let Some(d) = diagnosis("emps", "emps/train.csv.gz", &["--to", "8"]) else { return };
+    let found: Vec<_> = d.cause.effects.iter().filter(|e| e.effect == "coulomb_friction" && e.channel == "speed").collect();
+    assert_eq!(found.len(), 1, "{:?}", d.cause.effects);
+    // Published: 20.39 N over 95.11 kg; 20.14 N and 20.63 N by direction, and a constant force of a sixth of that, which may be missing too.
+    let level = found[0].parameters[0].value.unwrap();
+    assert!((level / (20.39 / 95.11) - 1.0).abs() < 0.1, "{level}");
+}
+
+#[test]
+fn the_silverbox_lacks_its_hardening_spring() {
+    let Some(d) = diagnosis("silverbox", "silverbox/snls80mv.csv.gz", &["--from", "100", "--to", "106"]) else { return };
+    let (effect, [lower, _]) = leading(&d);
+    assert_eq!(effect, "cubic_stiffness:q->v");
+    assert!(lower > 0.0, "the spring hardens: {lower}");
+    assert!(d.shrink.fraction.unwrap() > 0.8, "{:?}", d.shrink);
+}
+
+#[test]
+fn the_models_of_the_machines_can_be_read() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/machines");
+    let models: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|f| f.unwrap().path()).collect();
+    assert!(models.len() >= 10);
+    for path in models {
+        let model = ModelDocument::read(&path).unwrap();
+        assert!(model.effects().is_empty(), "{}: the effect is to be left out", path.display());
+    }
+}
