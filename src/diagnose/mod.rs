@@ -1,5 +1,6 @@
 //! The gap between a simulator and a log: its size, its place, its cause, and how far it shrinks.
 
+mod checks;
 mod data;
 mod diagnosis;
 mod error;
@@ -20,6 +21,7 @@ mod verdict;
 
 use std::path::Path;
 
+pub use checks::{ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect};
 pub use diagnosis::{
     Band, Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, FoundEffect, Gap, GapOutput, Holdout, Metric, Mode,
     NotTried, Parameter, Prediction, RankedPair, RankedSingle, RankingRow, Regime, Shrink, ShrinkOutput, TimeSpan, Where, WhereOutput,
@@ -150,7 +152,7 @@ pub fn diagnose(
             outputs: (0..outputs).map(gap_output).collect(),
         },
         place: locate::locate(&system, &records, &before, floor, &shares),
-        checks: Vec::new(),
+        checks: checks::all(&system, &own, &records),
         cause,
         shrink: shrink::shrink(&system, &records, &before, &with_found, &floor.floor, prediction.settling_s, options.seed),
     };
