@@ -9,6 +9,8 @@ use crate::diagnose::diagnosis::{Check, CheckKind};
 const PURE: f64 = 0.9;
 /// The part of what is left after present and past that commands to come must explain: no machine, however fast, answers before the command.
 const AHEAD: f64 = 0.15;
+/// Lags that differ by so much beside their scatter may be the same: half a sample is a whole one for an output with a direct path from the command.
+const SAME: f64 = 0.5;
 /// A lag that is known less closely than this says nothing, samples.
 const KNOWN: f64 = 0.25;
 
@@ -40,7 +42,7 @@ fn common(known: &[Timing], ts: f64) -> Option<(Option<bool>, String)> {
     let weight = |t: &Timing| 1.0 / t.std.max(1e-3).powi(2);
     let total: f64 = known.iter().map(weight).sum();
     let lag = known.iter().map(|t| weight(t) * t.lag).sum::<f64>() / total;
-    if !known.iter().all(|t| (t.lag - lag).abs() <= 4.0 * t.std.max(0.05)) {
+    if !known.iter().all(|t| (t.lag - lag).abs() <= 4.0 * t.std + SAME) {
         return None;
     }
     let size = format!("{} s (± {} s)", short(lag.abs() * ts), short(2.0 * ts * (1.0 / total).sqrt().max(1e-3 * lag.abs())));

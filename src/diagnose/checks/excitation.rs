@@ -14,8 +14,8 @@ const RANK: f64 = 1e-9;
 const COPIES: usize = 8;
 /// A command of so few independent delayed copies (a sine has 2) tells one gain and one phase.
 const POOR: usize = 2;
-/// The part of a command's variance that changes within the slowest time constant; below it only a static gain can be seen.
-const CHANGES: f64 = 1e-3;
+/// The largest change of a command within the slowest time constant, in its standard deviations; below it only a static gain can be seen.
+const CHANGES: f64 = 0.1;
 /// Two commands that are one: the part of the one that the others explain.
 const TOGETHER: f64 = 0.98;
 /// The part of the power that a command's band holds.
@@ -79,8 +79,6 @@ fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) 
         let names: Vec<String> = with.iter().map(|&k| format!("`{}`", system.inputs[k].name)).collect();
         says.push(format!("{} of it follows {}: what each does cannot be told apart; move them one at a time", short(share), names.join(", ")));
     }
-    let mut sizes: Vec<f64> = levels.iter().map(|v| (v - mean(all())).abs()).collect();
-    sizes.sort_by(f64::total_cmp);
     if levels.len() <= 3 {
         says.push("with one amplitude a dead zone, a limit and a gain look the same: use two or more".to_owned());
     }
@@ -104,13 +102,12 @@ fn band_hz(u: &[f64], sample_time_s: f64) -> Option<f64> {
     (total > 0.0).then(|| (bin + 1) as f64 / (n as f64 * sample_time_s))
 }
 
-/// Half the mean square change over a time, over the variance: 1 for what forgets within it.
+/// The largest change over a time, in standard deviations.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 fn changes(u: &[Vec<f64>], samples: f64) -> f64 {
     let of = |r: &Vec<f64>| {
         let lag = (samples.round().max(1.0) as usize).min(r.len() / 2);
-        let square = mean(r.iter().zip(r.iter().skip(lag)).map(|(a, b)| (a - b).powi(2)));
-        0.5 * square / deviation(r).powi(2)
+        r.iter().zip(r.iter().skip(lag)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / deviation(r)
     };
     u.iter().filter(|r| deviation(r) > 0.0).map(of).fold(0.0, f64::max)
 }
