@@ -404,14 +404,24 @@ fn a_channel_of_the_other_sign_is_found() {
 fn a_channel_in_another_unit_is_found_and_the_unit_named() {
     let mut count = Count::default();
     // 180/π, 1000, 3.6, 1/9.80665, 100; the units that the models give.
-    let units = [("rad", "deg", 57.29578), ("rad/s", "deg/s", 57.29578), ("m", "mm", 1e3), ("m/s", "km/h", 3.6), ("m/s^2", "g", 0.1019716), ("N", "mN", 1e3), ("V", "mV", 1e3)];
+    let units = [
+        ("rad", "deg", 57.29578),
+        ("rad/s", "deg/s", 57.29578),
+        ("m", "mm", 1e3),
+        ("m/s", "km/h", 3.6),
+        ("m/s^2", "g", 0.1019716),
+        ("N", "mN", 1e3),
+        ("V", "mV", 1e3),
+    ];
     all(|plant, at, system, s, columns| {
         for port in system.inputs.iter().chain(&system.outputs) {
             let Some((_, unit, factor)) = units.iter().find(|u| Some(u.0) == port.unit.as_deref()) else { continue };
             let mut faulty = columns.clone();
             values(&mut faulty, &port.name).iter_mut().for_each(|v| *v *= factor);
             let found = look(plant, &faulty);
-            let named = wrong(&found).iter().any(|c| c.check == CheckKind::Unit && c.finding.contains(&format!("`{}`", port.name)) && c.finding.contains(unit));
+            let named = wrong(&found)
+                .iter()
+                .any(|c| c.check == CheckKind::Unit && c.finding.contains(&format!("`{}`", port.name)) && c.finding.contains(unit));
             count.add(named, || format!("plant {at} sensor {s} {} in {unit}: {:?}", port.name, not_ok(&found)));
         }
     });
@@ -430,7 +440,9 @@ fn channels_that_changed_places_are_found() {
                     *values(&mut faulty, &p.name) = other;
                     *values(&mut faulty, &q.name) = one;
                     let found = look(plant, &faulty);
-                    let both = wrong(&found).iter().any(|c| c.check == CheckKind::Axes && [p, q].iter().all(|p| c.finding.contains(&format!("`{}`", p.name))));
+                    let both = wrong(&found)
+                        .iter()
+                        .any(|c| c.check == CheckKind::Axes && [p, q].iter().all(|p| c.finding.contains(&format!("`{}`", p.name))));
                     count.add(both, || format!("plant {at} sensor {s} {} {}: {:?}", p.name, q.name, not_ok(&found)));
                 }
             }
@@ -566,8 +578,8 @@ fn commands_that_are_too_poor_are_named_with_the_reason() {
     }
 }
 
-/// Over 720 logs without a fault (a model that lacks nothing, or a delay, a lag, a dead zone, friction, up to half of its gain or of a parameter; noise white,
-/// coloured, quantised and none) FALSE_ALARMS raised a false alarm when this was written; 1 % is allowed.
+/// 720 logs without a fault: a model that lacks nothing, or a delay, a lag, a dead zone, friction, up to half of its gain or of a parameter; noise white, coloured,
+/// quantised and none. When this was written 0, 1 and 0 of 720 (three seeds, by the variable SEED) raised a false alarm; 1 % is allowed.
 #[test]
 fn logs_without_a_fault_are_left_in_peace() {
     let (mut runs, mut alarms) = (0, Vec::new());
@@ -589,6 +601,58 @@ fn logs_without_a_fault_are_left_in_peace() {
     assert!(runs > 700 && 100 * alarms.len() <= runs, "{} of {runs}: {alarms:#?}", alarms.len());
 }
 
+/// The second thousand that seeds start from; another one draws other logs.
 fn seed() -> u64 {
     std::env::var("SEED").ok().and_then(|s| s.parse().ok()).unwrap_or(0)
+}
+
+#[test]
+fn the_command_says_names_units_and_missing_samples_with_the_remedy() {
+    let plant = PLANTS[0];
+    let folder = Folder::new();
+    let model = folder.write("model.toml", SERVO);
+    let good = folder.path("good.csv");
+    log(&plant, &record(&plant, &document(SERVO), &[], CLEAN, 1), "good.csv").write_csv(&good).unwrap();
+    let csv = std::fs::read_to_string(&good).unwrap();
+    let check = |name: &str, csv: &str| {
+        let path = folder.write(name, csv);
+        deadtime(&["check", "--model", text(&model), "--log", text(&path), "--json", text(&folder.path("c.json"))]).done()
+    };
+    let json = || serde_json::from_str::<Inspection>(&std::fs::read_to_string(folder.path("c.json")).unwrap()).unwrap();
+    let said = check("good.csv", &csv);
+    assert!(said.contains("one every 0.02 s") && said.contains("3 of 3 channels") && !said.contains("LOOK"), "{said}");
+    assert_eq!(json().checks.len(), 9, "one line per check and input: {:?}", json().checks);
+    let said = check("renamed.csv", &csv.replacen("rate [", "Rate [", 1));
+    assert!(said.contains("`Rate` is near") && said.contains("--map rate=Rate") && said.contains("2 of 3 channels"), "{said}");
+    let said = check("lost.csv", &csv.replacen("u [V]", "volts [V]", 1));
+    assert!(said.contains("--map u=") && said.contains("checks were not run"), "{said}");
+    assert!(json().checks.is_empty() && json().not_run.is_some());
+    // The header says degrees, the numbers are radians: the header is what to look at.
+    let said = check("header.csv", &csv.replacen("angle [rad]", "angle [deg]", 1));
+    assert!(said.contains("`angle` is in deg in the log, in rad in the model (factor 57.3)"), "{said}");
+    assert!(has(&json(), CheckKind::Unit, "angle"));
+    let gap: String = csv
+        .lines()
+        .enumerate()
+        .map(|(i, l)| if i % 10 == 5 { format!("{},\n", l.rsplit_once(',').unwrap().0) } else { format!("{l}\n") })
+        .collect();
+    let said = check("gaps.csv", &gap);
+    assert!(said.contains("`rate` misses 150 samples (10.0 %)") && !said.contains("LOOK"), "{said}");
+    let short: String = csv.lines().take(20).map(|l| format!("{l}\n")).collect();
+    assert!(check("short.csv", &short).contains("19 samples are too few"));
+    deadtime(&["check", "--model", text(&model), "--log", "no.csv"]).refused(&["no.csv"]);
+}
+
+#[test]
+fn a_diagnosis_carries_the_checks_of_its_training_logs() {
+    let plant = PLANTS[0];
+    let document = document(SERVO);
+    let mut columns = record(&plant, &document, &[], CLEAN, 9);
+    values(&mut columns, "rate").iter_mut().for_each(|v| *v *= 57.29578);
+    let logs = [log(&plant, &columns, "a.csv")];
+    let d = deadtime::diagnose::diagnose(&document, &logs, &[], &deadtime::diagnose::GapOptions::default(), &|_| ()).unwrap().diagnosis;
+    let unit = d.checks.iter().find(|c| c.check == CheckKind::Unit && c.ok == Some(false)).unwrap();
+    // The check names the unit, the verdict stays the effect's.
+    assert!(unit.channel == "rate" && unit.finding.contains("deg/s"), "{unit:?}");
+    assert_eq!((d.cause.verdict.as_str(), d.cause.channel.as_deref()), ("sensor_gain", Some("rate")));
 }

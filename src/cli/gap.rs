@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 
 use super::source::Reading;
 use super::write_json;
-use crate::diagnose::{GapOptions, Mode, diagnose};
+use crate::diagnose::{GapOptions, Mode, diagnose, isolability};
 use crate::log::Log;
 use crate::model::ModelDocument;
 use crate::report::diagnosis::{ranking, summary};
+use crate::report::isolability::text as isolability_text;
 
 /// Diagnose the gap between a model and logs of the real machine: where it lies, which unmodelled effect causes it, how far it shrinks
 #[derive(Debug, clap::Args)]
@@ -35,9 +36,12 @@ pub(super) struct Gap {
     /// Rows of the ranking to print
     #[arg(long, value_name = "N", default_value_t = 8)]
     rows: usize,
+    /// Only say which effects these logs can tell apart at all; nothing is diagnosed
+    #[arg(long)]
+    isolability: bool,
     /// Folder to write diagnosis.json and model_with_effects.toml to
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "isolability")]
+    out: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -68,13 +72,19 @@ impl Gap {
             longest_delay_s: self.max_delay,
             seed: self.seed,
         };
+        let Some(out) = self.out.as_deref().filter(|_| !self.isolability) else {
+            let found = isolability(&document, &logs, &options)?;
+            write_json(json, &found)?;
+            say!("{}", isolability_text(&found).trim_end());
+            return Ok(());
+        };
         let found = diagnose(&document, &logs, &holdout, &options, &|step| eprintln!("{step} ..."))?;
-        found.diagnosis.write(&self.out.join("diagnosis.json"))?;
-        found.model.write(&self.out.join("model_with_effects.toml"))?;
+        found.diagnosis.write(&out.join("diagnosis.json"))?;
+        found.model.write(&out.join("model_with_effects.toml"))?;
         write_json(json, &found.diagnosis)?;
         say!("{}", summary(&found.diagnosis));
         say!("\n{}", ranking(&found.diagnosis, self.rows).to_string().trim_end());
-        say!("\nWritten to {}: diagnosis.json, model_with_effects.toml.", self.out.display());
+        say!("\nWritten to {}: diagnosis.json, model_with_effects.toml.", out.display());
         Ok(())
     }
 }

@@ -8,6 +8,7 @@ mod experiment;
 mod explanation;
 mod floor;
 mod intervals;
+mod isolability;
 mod locate;
 mod lost;
 mod noise;
@@ -27,6 +28,7 @@ pub use diagnosis::{
     NotTried, Parameter, Prediction, RankedPair, RankedSingle, RankingRow, Regime, Shrink, ShrinkOutput, TimeSpan, Where, WhereOutput,
 };
 pub use error::GapError;
+pub use isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size, isolability};
 
 use crate::effect::Applied;
 use crate::error::Result;
@@ -127,7 +129,8 @@ pub fn diagnose(
     if let (Some(explanation), Some(estimate)) = (&mut judged.found, &estimate) {
         explanation.take(&estimate.values);
     }
-    let with_found = shrink::residuals(&problem, judged.found.as_ref().map_or(NOTHING, Acting::from)).ok_or_else(|| nominal_fails(&records))?;
+    let with_found =
+        shrink::residuals(&problem, judged.found.as_ref().map_or(NOTHING, Acting::from)).ok_or_else(|| nominal_fails(&records))?;
 
     let floor = &judged.floor;
     let nothing = Errors::of(&records, &before, |r| r.train);

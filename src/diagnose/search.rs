@@ -68,7 +68,13 @@ pub(super) fn catalogue(system: &System) -> (Vec<Applied>, Vec<(&'static str, St
 }
 
 /// Searches the whole catalogue; leaves `problem` with the noise of the largest explanation in play.
-pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales: &Scales, smallest: &[f64], progress: &dyn Fn(&str)) -> Option<Found> {
+pub(super) fn search(
+    problem: &mut Problem<'_>,
+    catalogue: Vec<Applied>,
+    scales: &Scales,
+    smallest: &[f64],
+    progress: &dyn Fn(&str),
+) -> Option<Found> {
     let nominal = problem.whitened(NOTHING)?;
     progress(&format!("screening {} candidates", catalogue.len()));
     let pool = screen(problem, catalogue, scales, &nominal);
@@ -79,7 +85,8 @@ pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales:
     for round in 0..ROUNDS {
         progress("fitting again under the noise of what leads");
         let weight = problem.weight();
-        let leading = |all: &[Explanation]| all.iter().filter(|e| e.fitted).max_by(|a, b| odds(a, weight).total_cmp(&odds(b, weight))).cloned();
+        let leading =
+            |all: &[Explanation]| all.iter().filter(|e| e.fitted).max_by(|a, b| odds(a, weight).total_cmp(&odds(b, weight))).cloned();
         let single = leading(&found.singles);
         let pair = leading(&found.pairs).filter(|pair| single.as_ref().is_none_or(|s| odds(pair, weight) > odds(s, weight)));
         let largest = pair.or(single);
@@ -92,7 +99,9 @@ pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales:
             explanations.sort_by(|a, b| b.gain.total_cmp(&a.gain));
             let steps = if round + 1 < ROUNDS { STEPS } else { STEPS / 2 };
             explanations.par_iter_mut().take(LEADERS).for_each(|e| {
-                if let Some(better) = decoded(problem, e.clone(), scales, cost, steps).and_then(|e| Explanation::refit(problem, e, scales, cost, steps)) {
+                if let Some(better) =
+                    decoded(problem, e.clone(), scales, cost, steps).and_then(|e| Explanation::refit(problem, e, scales, cost, steps))
+                {
                     *e = better;
                 }
             });
@@ -184,7 +193,11 @@ fn fit_first(problem: &Problem<'_>, pool: &[Screened], scales: &Scales, nominal:
             let starts = screened.starts.iter().take(if at < FITTED { STARTS } else { 0 });
             let fits = starts.filter_map(|start| Explanation::fit(problem, &[with(&screened.applied, start)], scales, cost, STEPS));
             let best = fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened);
-            if best.loses_commands() && best.gain > SEARCH_WIDE { decoded(problem, best.clone(), scales, cost, STEPS).unwrap_or(best) } else { best }
+            if best.loses_commands() && best.gain > SEARCH_WIDE {
+                decoded(problem, best.clone(), scales, cost, STEPS).unwrap_or(best)
+            } else {
+                best
+            }
         })
         .collect();
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
@@ -276,7 +289,8 @@ fn pairs(problem: &Problem<'_>, singles: &[Explanation], pool: &[Screened], scal
         .collect();
     let mut wanted: Vec<Vec<Applied>> = Vec::new();
     for (at, beside) in beside.iter().enumerate() {
-        let mut seconds: Vec<&(f64, Applied)> = promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > SEARCH_WIDE.max(PROMISING * beside.cost)).collect();
+        let mut seconds: Vec<&(f64, Applied)> =
+            promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > SEARCH_WIDE.max(PROMISING * beside.cost)).collect();
         seconds.sort_by(|a, b| b.0.total_cmp(&a.0));
         let (losing, seconds): (Vec<_>, Vec<_>) = seconds
             .into_iter()
@@ -302,10 +316,15 @@ fn pairs(problem: &Problem<'_>, singles: &[Explanation], pool: &[Screened], scal
     let mut pairs: Vec<Explanation> = wanted.par_iter().filter_map(|pair| Explanation::fit(problem, pair, scales, cost, trial)).collect();
     pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     pairs.truncate(left);
-    pairs.extend(losing.par_iter().filter_map(|pair| {
-        let begin = Explanation { effects: pair.clone(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
-        decoded(problem, begin, scales, cost, STEPS)
-    }).collect::<Vec<_>>());
+    pairs.extend(
+        losing
+            .par_iter()
+            .filter_map(|pair| {
+                let begin = Explanation { effects: pair.clone(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
+                decoded(problem, begin, scales, cost, STEPS)
+            })
+            .collect::<Vec<_>>(),
+    );
     pairs.par_iter_mut().for_each(|pair| {
         if let Some(better) = Explanation::fit(problem, &pair.effects, scales, cost, STEPS) {
             *pair = better;

@@ -134,7 +134,9 @@ impl Applied {
             match chance {
                 Chance::Mean => {}
                 Chance::Seed(seed) => path.drops = Some(Drops::Random { probability, seed: seed.wrapping_add(i as u64) }),
-                Chance::Known(sequences) => path.drops = sequences.get(i).cloned().flatten().map(Drops::Sequence).or(Some(Drops::Mean(probability))),
+                Chance::Known(sequences) => {
+                    path.drops = sequences.get(i).cloned().flatten().map(Drops::Sequence).or(Some(Drops::Mean(probability)))
+                }
             }
         }
         Ok(plan)

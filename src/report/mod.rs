@@ -5,6 +5,7 @@ pub mod checks;
 pub mod diagnosis;
 pub mod effects;
 pub mod estimate;
+pub mod isolability;
 #[cfg(feature = "cli")]
 pub mod picture;
 pub mod study;

@@ -11,6 +11,8 @@ const PURE: f64 = 0.9;
 const AHEAD: f64 = 0.15;
 /// Lags that differ by so much beside their scatter may be the same: half a sample is a whole one for an output with a direct path from the command.
 const SAME: f64 = 0.5;
+/// No lag is known more closely, samples: that is what the interpolation is good for.
+const LEAST: f64 = 0.02;
 /// A lag that is known less closely than this says nothing, samples.
 const KNOWN: f64 = 0.25;
 
@@ -45,16 +47,23 @@ fn common(known: &[Timing], ts: f64) -> Option<(Option<bool>, String)> {
     if !known.iter().all(|t| (t.lag - lag).abs() <= 4.0 * t.std + SAME) {
         return None;
     }
-    let size = format!("{} s (± {} s)", short(lag.abs() * ts), short(2.0 * ts * (1.0 / total).sqrt().max(1e-3 * lag.abs())));
+    // Outputs that differ by more than their scatter say how well the time is known.
+    let apart = known.iter().map(|t| (t.lag - lag).abs()).fold(0.0, f64::max);
+    let size = format!("{} s (± {} s)", short(lag.abs() * ts), short(ts * apart.max(2.0 * (1.0 / total).sqrt()).max(LEAST)));
     if known.iter().all(is_one) {
         return Some((None, format!("commands and outputs are {size} apart, one sample: see one_sample_shift")));
     }
     if lag > 0.0 {
-        return Some((None, format!("commands and outputs are {size} apart, outputs late; a clock offset, a dead time and a lag look the same here")));
+        return Some((
+            None,
+            format!("commands and outputs are {size} apart, outputs late; a clock offset, a dead time and a lag look the same here"),
+        ));
     }
     let certain = known.iter().all(|t| t.pure >= PURE) && known.iter().any(|t| t.ahead >= AHEAD);
     let finding = if certain {
-        format!("the outputs answer {size} before the commands, which no machine does: the sensors' clock is behind, or the commands are logged late; shift one of them")
+        format!(
+            "the outputs answer {size} before the commands, which no machine does: the sensors' clock is behind, or the commands are logged late; shift one of them"
+        )
     } else {
         format!("the outputs come {size} earlier than the model says: a clock offset, or a model that is too slow")
     };

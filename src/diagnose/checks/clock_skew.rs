@@ -16,9 +16,7 @@ const STRAIGHT: f64 = 0.9;
 pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let mut found = Vec::new();
     let known: Vec<Timing> = e.timing.iter().flatten().copied().collect();
-    let grows = |t: &Timing| {
-        (t.growth * t.length).abs() >= GROWS && t.growth.abs() > SURE * t.growth_std && t.straight >= STRAIGHT
-    };
+    let grows = |t: &Timing| (t.growth * t.length).abs() >= GROWS && t.growth.abs() > SURE * t.growth_std && t.straight >= STRAIGHT;
     let best = known.iter().min_by(|a, b| a.growth_std.total_cmp(&b.growth_std));
     let agree = |best: &Timing| known.iter().all(|t| (t.growth - best.growth).abs() <= SURE * t.growth_std.hypot(best.growth_std));
     if let Some(t) = best.filter(|t| grows(t) && agree(t)) {
@@ -33,7 +31,10 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let ts = e.view.sample_time_s();
     let bound = best.map_or(0.0, |t| (t.growth.abs() + SURE * t.growth_std) * t.length);
     if found.is_empty() && bound > UNSEEN {
-        let finding = format!("cannot be told: the outputs may drift against the commands by {} s over the log and it would not show", short(bound * ts));
+        let finding = format!(
+            "cannot be told: the outputs may drift against the commands by {} s over the log and it would not show",
+            short(bound * ts)
+        );
         found.push(result(CheckKind::ClockSkew, ALL, None, finding));
     }
     let good = format!("outputs drift against the commands by less than {} s over the log", short(bound * ts));

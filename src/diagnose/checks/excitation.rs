@@ -50,7 +50,10 @@ fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) 
     let all = || u.iter().flatten().copied();
     let (low, high) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     if !u.iter().any(|r| deviation(r) > 0.0) {
-        return (false, format!("`{name}` is constant ({}{unit}): nothing that it does can be learnt; record a log in which it moves", short(low)));
+        return (
+            false,
+            format!("`{name}` is constant ({}{unit}): nothing that it does can be learnt; record a log in which it moves", short(low)),
+        );
     }
     let mut says = vec![format!("`{name}` moves from {} to {}{unit}", short(low), short(high))];
     let mut levels: Vec<f64> = all().collect();
@@ -77,7 +80,11 @@ fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) 
     if let Some((with, share)) = explained(inputs, j).filter(|(_, share)| *share > TOGETHER) {
         ok = false;
         let names: Vec<String> = with.iter().map(|&k| format!("`{}`", system.inputs[k].name)).collect();
-        says.push(format!("{} of it follows {}: what each does cannot be told apart; move them one at a time", short(share), names.join(", ")));
+        says.push(format!(
+            "{} of it follows {}: what each does cannot be told apart; move them one at a time",
+            short(share),
+            names.join(", ")
+        ));
     }
     if levels.len() <= 3 {
         says.push("with one amplitude a dead zone, a limit and a gain look the same: use two or more".to_owned());
@@ -138,18 +145,24 @@ fn rank(u: &[Vec<f64>], view: &View<'_>) -> usize {
 /// The other inputs that move, and the part of this one that they explain (the multiple correlation).
 fn explained(inputs: &[Vec<Vec<f64>>], j: usize) -> Option<(Vec<usize>, f64)> {
     let centred = |k: usize| -> Vec<f64> {
-        inputs[k].iter().flat_map(|r| {
-            let centre = mean(r.iter().copied());
-            r.iter().map(move |v| v - centre)
-        }).collect()
+        inputs[k]
+            .iter()
+            .flat_map(|r| {
+                let centre = mean(r.iter().copied());
+                r.iter().map(move |v| v - centre)
+            })
+            .collect()
     };
     let others: Vec<usize> = (0..inputs.len()).filter(|&k| k != j && inputs[k].iter().any(|r| deviation(r) > 0.0)).collect();
     let u = centred(j);
-    let columns: Vec<Vec<f64>> = others.iter().map(|&k| {
-        let column = centred(k);
-        let size = deviation(&column);
-        column.into_iter().map(|v| v / size).collect()
-    }).collect();
+    let columns: Vec<Vec<f64>> = others
+        .iter()
+        .map(|&k| {
+            let column = centred(k);
+            let size = deviation(&column);
+            column.into_iter().map(|v| v / size).collect()
+        })
+        .collect();
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let n = columns.len();
     let gram = DMatrix::from_fn(n, n, |a, b| dot(&columns[a], &columns[b]) * if a == b { 1.0 + 1e-9 } else { 1.0 });

@@ -119,7 +119,8 @@ fn channel(log: &Log, name: &str, unit: Option<&str>, role: Role) -> ChannelRepo
     if log.check_unit(name, unit).is_err() {
         let (logged, modelled) = (report.log_unit.clone().unwrap_or_default(), unit.unwrap_or_default());
         let factor = units::between(&logged, modelled).map(|f| format!(" (factor {})", super::short(f))).unwrap_or_default();
-        let text = format!("`{name}` is in {logged} in the log, in {modelled} in the model{factor}: convert the column or correct the header");
+        let text =
+            format!("`{name}` is in {logged} in the log, in {modelled} in the model{factor}: convert the column or correct the header");
         report.finding = Some(report.finding.map_or(text.clone(), |before| format!("{before}; {text}")));
     }
     report

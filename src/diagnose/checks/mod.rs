@@ -100,11 +100,9 @@ impl Evidence<'_> {
         };
         let why = |i: usize| match search.fits[i] {
             None => Some(format!("`{}` or its model stands still", self.output(i))),
-            Some(fit) if fit.along < faults::AGREES => Some(format!(
-                "`{}` and its model hardly go together (correlation {} at best)",
-                self.output(i),
-                short(fit.along)
-            )),
+            Some(fit) if fit.along < faults::AGREES => {
+                Some(format!("`{}` and its model hardly go together (correlation {} at best)", self.output(i), short(fit.along)))
+            }
             Some(_) => None,
         };
         (0..self.view.outputs()).filter_map(|i| Some((i, why(i)?))).collect()

@@ -32,7 +32,8 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
         // The others in step: half a sample of dead time is a whole one for an output with a direct path.
         for (i, t) in hit {
             let name = e.output(*i);
-            let finding = format!("`{name}` comes one sample {} ({}), other outputs do not: look for an off-by-one in its logger", words(t), one(t));
+            let finding =
+                format!("`{name}` comes one sample {} ({}), other outputs do not: look for an off-by-one in its logger", words(t), one(t));
             found.push(result(CheckKind::OneSampleShift, name, Some(false), finding));
         }
     }

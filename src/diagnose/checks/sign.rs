@@ -21,7 +21,8 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     }
     for m in e.kinematics.iter().filter(|m| m.correlation.abs() > TOGETHER && m.slope[0] < 0.0) {
         let (of, rate) = (e.output(m.relation.of), e.output(m.relation.rate));
-        let text = format!("measured, the derivative of `{of}` is {} times what `{rate}` says it is", short(0.5 * (m.slope[0] + m.slope[1])));
+        let text =
+            format!("measured, the derivative of `{of}` is {} times what `{rate}` says it is", short(0.5 * (m.slope[0] + m.slope[1])));
         match found.iter_mut().find(|c: &&mut Check| c.channel == of || c.channel == rate) {
             Some(check) => check.finding += &format!("; {text}"),
             None => found.push(result(CheckKind::Sign, rate, Some(false), format!("`{of}` or `{rate}` has the other sign: {text}"))),

@@ -64,18 +64,32 @@ fn judge(trace: &Trace<'_>, name: &str, others_move: impl Fn(std::ops::Range<usi
     if command && repeats > RARELY {
         return None;
     }
-    Some(finding(trace, run, name, value, repeats))
+    Some(finding(trace, run, name, value, repeats, command))
 }
 
-fn finding(trace: &Trace<'_>, run: Stretch, name: &str, value: f64, repeats: f64) -> Check {
+fn finding(trace: &Trace<'_>, run: Stretch, name: &str, value: f64, repeats: f64, command: bool) -> Check {
     let (from_s, to_s) = (trace.time_s(run.from), trace.time_s(run.to - 1));
     let place = format!("from {from_s:.2} s to {to_s:.2} s of {}", trace.record.name);
     if run.len() == trace.values.len() {
-        let finding = format!("`{name}` is {} throughout {} while the rest moves: a dead sensor or the wrong column", short(value), trace.record.name);
+        let finding = format!(
+            "`{name}` is {} throughout {} while the rest moves: a dead sensor or the wrong column",
+            short(value),
+            trace.record.name
+        );
         return result(CheckKind::Stuck, name, Some(false), finding);
     }
+    if command {
+        let finding = format!(
+            "`{name}` holds {} {place}, elsewhere it changes with nearly every sample: so commanded, or a logger that stopped",
+            short(value)
+        );
+        return result(CheckKind::Stuck, name, None, finding);
+    }
     if repeats > RARELY {
-        let finding = format!("`{name}` stays at {} {place} while the rest moves; it often repeats, so it may be stuck or be held by friction", short(value));
+        let finding = format!(
+            "`{name}` stays at {} {place} while the rest moves; it often repeats, so it may be stuck or be held by friction",
+            short(value)
+        );
         return result(CheckKind::Stuck, name, None, finding);
     }
     let finding = format!(
@@ -90,7 +104,9 @@ impl Evidence<'_> {
     /// What should move an output moves in a stretch of a log: its model, or where it has none a command or another output.
     fn moves(&self, at: usize, span: std::ops::Range<usize>, output: Option<usize>) -> bool {
         let record = self.view.records[at];
-        let enough = |values: &[f64]| values.get(span.clone()).is_some_and(|part| deviation(part) > MOVES * deviation(values) && deviation(part) > 0.0);
+        let enough = |values: &[f64]| {
+            values.get(span.clone()).is_some_and(|part| deviation(part) > MOVES * deviation(values) && deviation(part) > 0.0)
+        };
         let model = self.search.as_ref().filter(|_| !self.view.predicts()).zip(output);
         match model {
             Some((search, i)) => enough(&search.modelled[at][i]),
@@ -101,7 +117,8 @@ impl Evidence<'_> {
     fn outputs_move(&self, at: usize, span: std::ops::Range<usize>) -> bool {
         let record = self.view.records[at];
         record.measured.iter().any(|m| {
-            m.present.is_none() && m.values.get(span.clone()).is_some_and(|part| deviation(part) > MOVES * deviation(&m.values) && deviation(part) > 0.0)
+            m.present.is_none()
+                && m.values.get(span.clone()).is_some_and(|part| deviation(part) > MOVES * deviation(&m.values) && deviation(part) > 0.0)
         })
     }
 }

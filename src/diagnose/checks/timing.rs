@@ -191,9 +191,7 @@ fn misfit(view: &View<'_>, search: &Search, output: usize, lags: &[isize], comma
     }
     // Columns of equal size; next to equal ones stay solvable.
     let size: Vec<f64> = (0..width).map(|i| f64::max(gram[(i, i)], f64::MIN_POSITIVE).sqrt()).collect();
-    let scaled = DMatrix::from_fn(width, width, |i, j| {
-        gram[(i.max(j), i.min(j))] / (size[i] * size[j]) + if i == j { RIDGE } else { 0.0 }
-    });
+    let scaled = DMatrix::from_fn(width, width, |i, j| gram[(i.max(j), i.min(j))] / (size[i] * size[j]) + if i == j { RIDGE } else { 0.0 });
     let right = DVector::from_fn(width, |i, _| right[i] / size[i]);
     let solution = scaled.cholesky()?.solve(&right);
     Some((power - right.dot(&solution)).max(0.0))
