@@ -656,3 +656,16 @@ fn a_diagnosis_carries_the_checks_of_its_training_logs() {
     assert!(unit.channel == "rate" && unit.finding.contains("deg/s"), "{unit:?}");
     assert_eq!((d.cause.verdict.as_str(), d.cause.channel.as_deref()), ("sensor_gain", Some("rate")));
 }
+
+#[test]
+fn a_model_that_drifts_and_is_far_from_its_linearisation_is_left_alone() {
+    // Dry friction is steep about rest: the linearisation moves a tenth as far as the model, which is no unit.
+    let plant = Plant { model: include_str!("../examples/cart_pendulum.toml"), ts: 0.01, samples: 3000, size: 1.0, feedback: &[] };
+    let document = document(plant.model);
+    for seed in 0..3 {
+        let found = look(&plant, &record(&plant, &document, &[], CLEAN, seed));
+        assert!(wrong(&found).is_empty(), "{:?}", wrong(&found));
+        let sign = found.checks.iter().find(|c| c.check == CheckKind::Sign).unwrap();
+        assert!(sign.ok.is_none() && sign.finding.contains("linearisation"), "{sign:?}");
+    }
+}

@@ -12,6 +12,7 @@ use super::data::{self, Record};
 use super::diagnosis::Prediction;
 use super::experiment::experiment;
 use super::problem::{NOTHING, Problem, Whitened};
+use super::rank::SEARCH_WIDE as VISIBLE;
 use super::{GapError, GapOptions, longest_delay, nominal_fails, prediction, scales, search, set_spans, shrink};
 use crate::effect::{Applied, Scales};
 use crate::error::Result;
@@ -20,12 +21,13 @@ use crate::model::ModelDocument;
 
 /// Cosines from which on two effects count as alike.
 const ALIKE: f64 = 0.95;
-/// Twice the log-likelihood that an effect must gain to be seen, the price of a search over the whole catalogue.
-const VISIBLE: f64 = 30.0;
+
 /// Sizes at which an effect is looked at.
 const SIZES: usize = 4;
 /// An effect that changes the outputs by more than this part of the measured motion's power is no longer small; a smaller one is taken instead.
 const PLAUSIBLE: f64 = 0.1;
+/// Parameters beyond this come from a division by a motion that is none.
+const BOUNDLESS: f64 = 1e50;
 /// How often a size is halved to become plausible.
 const HALVINGS: usize = 6;
 /// Rows of signatures that are compared; longer ones are thinned.
@@ -223,6 +225,8 @@ fn change(problem: &Problem<'_>, applied: &Applied, values: &[f64], nominal: &Wh
 /// An effect at a few of its starts, made smaller until it is plausible.
 fn signatures(problem: &Problem<'_>, applied: &Applied, scales: &Scales, nominal: &Whitened, limit: f64) -> Vec<Signature> {
     let mut starts = applied.effect.starts(problem.system, &applied.channel, scales);
+    // What nothing drives has first guesses without bound: no size of it shows.
+    starts.retain(|s| s.iter().all(|v| v.is_infinite() || v.abs() < BOUNDLESS));
     // Limits on both sides hold the directions of each alone.
     if starts.iter().any(|s| s.iter().all(|v| v.is_finite())) {
         starts.retain(|s| s.iter().all(|v| v.is_finite()));

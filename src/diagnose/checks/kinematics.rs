@@ -38,25 +38,27 @@ pub(super) struct Measured {
 /// Numbers that differ from point to point and are no simple fractions.
 fn spread(at: usize, index: usize) -> f64 {
     #[allow(clippy::cast_precision_loss)]
-    let phase = 1.0 + at as f64 * 1.618_033_988_75 + index as f64 * 2.718_281_828;
+    let phase = 1.0 + at as f64 * 1.618_033_988_75 + index as f64 * 2.399_963_23;
     phase.sin()
 }
 
-/// Derivatives of all outputs and the outputs themselves at one point; `None` where they depend on the input's derivative.
-fn linear(m: &Matrices, at: usize) -> Option<(Vec<Option<f64>>, Vec<f64>)> {
+/// Derivatives of all outputs and the outputs themselves at one point; no derivative where it depends on the input's.
+type Point = (Vec<Option<f64>>, Vec<f64>);
+
+fn linear(m: &Matrices, at: usize) -> Point {
     let x = DVector::from_fn(m.a.nrows(), |j, _| spread(at, j));
     let u = DVector::from_fn(m.b.ncols(), |j, _| spread(at, 100 + j));
     let dx = &m.a * &x + &m.b * &u;
     let y = &m.c * &x + &m.d * &u;
     let derivative = |i: usize| m.d.row(i).iter().all(|d| *d == 0.0).then(|| m.c.row(i).dot(&dx.transpose()));
-    Some(((0..m.c.nrows()).map(derivative).collect(), y.iter().copied().collect()))
+    ((0..m.c.nrows()).map(derivative).collect(), y.iter().copied().collect())
 }
 
-fn points(view: &View<'_>) -> Option<Vec<(Vec<Option<f64>>, Vec<f64>)>> {
+fn points(view: &View<'_>) -> Option<Vec<Point>> {
     let system = view.system;
     match &system.dynamics {
         Dynamics::Sampled(..) => None,
-        Dynamics::Linear(m) => (0..POINTS).map(|at| linear(m, at)).collect(),
+        Dynamics::Linear(m) => Some((0..POINTS).map(|at| linear(m, at)).collect()),
         Dynamics::Equations(equations, nominal) => {
             let point = |at: usize| {
                 let states = system.initial.iter().enumerate();

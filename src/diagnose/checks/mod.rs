@@ -95,7 +95,7 @@ impl Evidence<'_> {
     /// The outputs that do not go with the model, each with the reason why nothing can be said of them.
     fn untestable(&self) -> Vec<(usize, String)> {
         let Some(search) = &self.search else {
-            let why = "the model cannot be simulated on the log".to_owned();
+            let why = self.view.why_not.to_owned();
             return (0..self.view.outputs()).map(|i| (i, why.clone())).collect();
         };
         let why = |i: usize| match search.fits[i] {

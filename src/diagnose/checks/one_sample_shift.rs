@@ -55,7 +55,9 @@ impl Evidence<'_> {
         let measured = self.timing.iter().flatten().count();
         let outcome = if measured > 0 {
             result(check, ALL, Some(true), format!("{good} (lags of {measured} of {} outputs measured)", self.timing.len()))
-        } else if self.search.is_some() && !self.view.is_even() {
+        } else if self.search.is_none() {
+            result(check, ALL, None, format!("cannot be told: {}", self.view.why_not))
+        } else if !self.view.is_even() {
             result(check, ALL, None, "cannot be told: the time stamps are uneven; use --resample".to_owned())
         } else {
             result(check, ALL, None, "cannot be told: no output goes with its model closely enough for its lag to be measured".to_owned())

@@ -8,6 +8,7 @@ use nalgebra::DMatrix;
 
 use super::super::data::Record;
 use super::super::prediction::Prediction;
+use super::runs::deviation;
 use crate::effect::{Applied, Chance};
 use crate::simulate::{Commands, Correction, Dynamics, Matrices, Measured, Plan, System};
 
@@ -17,6 +18,8 @@ const LAGS: usize = 35;
 const LAGS_OF_LOG: usize = 10;
 /// Samples of one log that enter a correlation; longer logs are thinned.
 const SAMPLES: usize = 20_000;
+/// By how much the innovations of a nonlinear model and of its linearisation may differ, as a part of what is compared.
+const LINEAR: f64 = 0.3;
 /// Sample times that differ by less are the same.
 const SAME_TIME: f64 = 0.02;
 
@@ -37,6 +40,8 @@ pub(super) struct View<'a> {
     pub(super) settling_s: f64,
     /// The model's time constants, seconds, shortest first.
     pub(super) time_constants_s: Vec<f64>,
+    /// Why model and log cannot be compared, where they cannot.
+    pub(super) why_not: &'static str,
 }
 
 /// How two signals go together.
@@ -89,7 +94,7 @@ impl<'a> View<'a> {
                 }
             }
         }
-        Self {
+        let mut view = Self {
             system,
             gains: chosen.iter().filter_map(|&at| prediction.gains.get(at).cloned()).collect(),
             records: chosen.iter().map(|&at| &records[at]).collect(),
@@ -97,7 +102,30 @@ impl<'a> View<'a> {
             plan,
             settling_s: prediction.settling_s,
             time_constants_s,
+            why_not: "the model cannot be simulated on the log",
+        };
+        if (matches!(system.dynamics, Dynamics::Equations(..)) || !own.is_empty()) && view.predicts() && !view.is_linear_enough(own) {
+            view.why_not = "the model does not decay within a log, and what it does there is far from what its linearisation does";
+            view.plan = None;
         }
+        view
+    }
+
+    /// The innovations of the model itself are near those of its linearisation.
+    fn is_linear_enough(&self, own: &[Applied]) -> bool {
+        let Some(record) = self.records.first() else { return false };
+        let Ok(plan) = Applied::plan(self.system, own, Chance::Mean) else { return false };
+        let correction = self.gains.first().map(|gain| Correction { gain, measured: &record.measured });
+        let run = self.system.simulate(&plan, record.commands(), &self.system.initial, correction);
+        let linear = self.measured(0, &record.measured).zip(self.modelled(0, &record.inputs));
+        let (Ok(run), Some((measured, modelled))) = (run, linear) else { return false };
+        (0..self.outputs()).all(|i| {
+            let samples = self.usable(0, i);
+            let innovation = |k: &usize| record.measured[i].values[*k] - run.y[(*k, i)];
+            let linear: Vec<f64> = samples.iter().map(|&k| measured[i][k]).collect();
+            let apart: Vec<f64> = samples.iter().map(|k| innovation(k) - (measured[i][*k] - modelled[i][*k])).collect();
+            deviation(&apart) <= LINEAR * deviation(&linear)
+        })
     }
 
     pub(super) fn outputs(&self) -> usize {
