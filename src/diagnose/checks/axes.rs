@@ -1,8 +1,12 @@
 //! Channels that changed places.
 
-use super::faults::Fault;
+use super::faults::{Fault, GOOD, SIZE, agreement};
+use super::view::Columns;
 use super::{Evidence, result, short};
 use crate::diagnose::diagnosis::{Check, CheckKind};
+
+/// Correlation of two outputs' models from which on they cannot be told apart: just below where a swap is no longer looked for.
+const ALIKE: f64 = 0.95 * GOOD;
 
 pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let mut found = Vec::new();
@@ -31,6 +35,27 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
         );
         found.push(result(CheckKind::Axes, rate, Some(false), finding));
     }
+    if found.is_empty() {
+        found.extend(e.twins().into_iter().map(|(i, j)| {
+            let (i, j) = (e.output(i), e.output(j));
+            let finding = format!("cannot be told: `{i}` and `{j}` move so much alike that either could be the other");
+            result(CheckKind::Axes, i, None, finding)
+        }));
+    }
     e.rest(CheckKind::Axes, &mut found, "every output goes with its own model");
     found
+}
+
+impl Evidence<'_> {
+    /// Pairs of outputs whose models move alike, in the same size.
+    fn twins(&self) -> Vec<(usize, usize)> {
+        let Some(search) = &self.search else { return Vec::new() };
+        let outputs = self.view.outputs();
+        let alike = |i: usize, j: usize| {
+            let other: Vec<Columns> = search.modelled.iter().map(|columns| vec![columns[j].clone(); outputs]).collect();
+            self.view.fit(i, &search.modelled, &other).is_some_and(|f| agreement(&f, SIZE) >= ALIKE)
+        };
+        let pairs = (0..outputs).flat_map(|i| (i + 1..outputs).map(move |j| (i, j)));
+        pairs.filter(|&(i, j)| alike(i, j)).collect()
+    }
 }

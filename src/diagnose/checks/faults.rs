@@ -11,6 +11,8 @@ use crate::simulate::Measured;
 
 /// A correlation from which on two signals go together.
 pub(super) const AGREES: f64 = 0.7;
+/// From here on nothing is looked for.
+pub(super) const GOOD: f64 = 0.95;
 /// The correlation that a fault's correction must reach: more than that, as a fault is the exception.
 const CONVINCES: f64 = 0.85;
 /// What may be left of the distance to 1 that it had before: a correction that only betters things is none.
@@ -18,7 +20,7 @@ const LEAVES: f64 = 0.25;
 /// How far another output may fall meanwhile.
 const FALLS: f64 = 0.1;
 /// Sizes that differ by less than this factor are the same: gains are wrong more often than units.
-const SIZE: f64 = 1.8;
+pub(super) const SIZE: f64 = 1.8;
 /// Factors between units below this are so close to a wrong gain that the size must agree well,
 const SMALL_FACTOR: f64 = 5.0;
 /// within this factor.
@@ -156,11 +158,15 @@ impl Search {
         let mut state = Self::with(view, &[], Some(&base))?;
         let rounds = view.system.inputs.len() + view.outputs();
         for _ in 0..rounds {
-            if state.fits.iter().flatten().all(|f| agreement(f, SIZE) >= AGREES) {
+            let worst = state.fits.iter().flatten().map(|f| agreement(f, SIZE)).fold(1.0, f64::min);
+            if worst >= GOOD {
                 break;
             }
+            // Channels that move alike go together even when they have changed places; a sign or a unit does not hide so.
+            let worth = |fault: &Fault| worst < AGREES || matches!(fault, Fault::Swap(..));
             let tried: Vec<(Fault, Self)> = menu
                 .par_iter()
+                .filter(|&fault| worth(fault))
                 .filter_map(|&fault| {
                     let faults: Vec<Fault> = corrections.iter().copied().chain([fault]).collect();
                     let there = Self::with(view, &faults, Some(&base))?;
