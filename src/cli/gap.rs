@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 use super::progress::Bar;
 use super::source::Reading;
 use super::write_json;
-use crate::diagnose::{GapOptions, Mode, diagnose};
+use crate::diagnose::{GapOptions, Mode, diagnose, isolability};
 use crate::file::write_atomic;
 use crate::log::Log;
 use crate::model::ModelDocument;
 use crate::report::diagnosis::{ranking, summary};
 use crate::report::html::page;
+use crate::report::isolability::text as isolability_text;
 
 /// Diagnose the gap between a model and logs of the real machine: where it lies, which unmodelled effect causes it, how far it shrinks
 #[derive(Debug, clap::Args)]
@@ -38,9 +39,12 @@ pub(super) struct Gap {
     /// Rows of the ranking to print
     #[arg(long, value_name = "N", default_value_t = 8)]
     rows: usize,
+    /// Only say which effects these logs can tell apart at all; nothing is diagnosed
+    #[arg(long)]
+    isolability: bool,
     /// Folder to write diagnosis.json, report.html and model_with_effects.toml to
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "isolability")]
+    out: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -71,20 +75,26 @@ impl Gap {
             longest_delay_s: self.max_delay,
             seed: self.seed,
         };
+        let Some(out) = self.out.as_deref().filter(|_| !self.isolability) else {
+            let found = isolability(&document, &logs, &options)?;
+            write_json(json, &found)?;
+            say!("{}", isolability_text(&found).trim_end());
+            return Ok(());
+        };
         let bar = Bar::new();
         let found = diagnose(&document, &logs, &holdout, &options, &|stage| bar.show(stage.begins_at(), &stage));
         bar.end();
         let found = found?;
-        found.diagnosis.write(&self.out.join("diagnosis.json"))?;
-        found.model.write(&self.out.join("model_with_effects.toml"))?;
-        write_atomic(&self.out.join("report.html"), |out| out.write_all(page(&found).as_bytes()))?;
+        found.diagnosis.write(&out.join("diagnosis.json"))?;
+        found.model.write(&out.join("model_with_effects.toml"))?;
+        write_atomic(&out.join("report.html"), |out| out.write_all(page(&found).as_bytes()))?;
         write_json(json, &found.diagnosis)?;
         say!("{}", summary(&found.diagnosis));
         for caveat in &found.caveats {
             say!("Caveat: {caveat}.");
         }
         say!("\n{}", ranking(&found.diagnosis, self.rows).to_string().trim_end());
-        say!("\nWritten to {}: diagnosis.json, report.html, model_with_effects.toml.", self.out.display());
+        say!("\nWritten to {}: diagnosis.json, report.html, model_with_effects.toml.", out.display());
         Ok(())
     }
 }

@@ -10,6 +10,7 @@ macro_rules! say {
 
 mod blind;
 mod c2d;
+mod check;
 mod demo;
 mod estimate;
 mod excite;
@@ -49,6 +50,7 @@ enum Command {
     Simulate(simulate::Simulate),
     C2d(c2d::C2d),
     Excite(excite::Excite),
+    Check(check::Check),
     Gap(gap::Gap),
     #[command(subcommand)]
     Blind(blind::Blind),
@@ -71,6 +73,7 @@ impl Cli {
             Command::Simulate(c) => c.run(json),
             Command::C2d(c) => c.run(json),
             Command::Excite(c) => c.run(json),
+            Command::Check(c) => c.run(json),
             Command::Gap(c) => c.run(json),
             Command::Blind(c) => c.run(json),
             Command::List(c) => c.run(json),

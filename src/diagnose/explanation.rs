@@ -63,7 +63,13 @@ impl Explanation {
 
     /// Lowers the cost from the present values by bounded Gauss-Newton steps; `None` where the start cannot be simulated.
     pub(super) fn fit(problem: &Problem<'_>, effects: &[Applied], scales: &Scales, nominal_cost: f64, iterations: usize) -> Option<Self> {
-        Self::refit(problem, Self { effects: effects.to_vec(), free: Vec::new(), gain: 0.0, fitted: false, lost: None }, scales, nominal_cost, iterations)
+        Self::refit(
+            problem,
+            Self { effects: effects.to_vec(), free: Vec::new(), gain: 0.0, fitted: false, lost: None },
+            scales,
+            nominal_cost,
+            iterations,
+        )
     }
 
     /// The same with commands lost as they are; their probability is no matter of the fit, nor is the step of a lattice, which raw values show.
@@ -80,7 +86,14 @@ impl Explanation {
             return Some(Self { gain, free, fitted: true, ..from });
         }
         let (lower, upper) = free.iter().map(|&(e, i)| range(&effects[e], i, scales)).unzip();
-        let search = LevenbergMarquardt { max_iterations: iterations, gradient_tolerance: 1e-4, step_tolerance: 1e-4, cost_floor: 0.0, lower, upper };
+        let search = LevenbergMarquardt {
+            max_iterations: iterations,
+            gradient_tolerance: 1e-4,
+            step_tolerance: 1e-4,
+            cost_floor: 0.0,
+            lower,
+            upper,
+        };
         let begin: Vec<f64> = free.iter().map(|&(e, i)| effects[e].values[i]).collect();
         let acting = Acting::from(&from);
         let found = search.minimise(&begin, |values| {
@@ -136,7 +149,7 @@ impl Explanation {
         for (e, i) in open {
             // Between the other limit and where the signal ends: all starts of the effect know sensible places.
             let applied = &best.effects[e];
-            let starts = applied.effect.starts(problem.system, &applied.channel, scales);
+            let starts = applied.starts(problem.system, scales);
             let mut tried: Vec<(f64, Vec<Applied>)> = Vec::new();
             for place in starts.iter().filter_map(|s| s.get(i)).filter(|v| v.is_finite()) {
                 let mut moved = best.effects.clone();

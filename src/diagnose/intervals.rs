@@ -54,8 +54,11 @@ pub(super) fn estimate(problem: &Problem<'_>, explanation: &Explanation, scales:
         return None;
     }
     let all = columns.len();
-    let gram = DMatrix::from_fn(all, all, |i, j| if length[i] * length[j] > 0.0 { problem.inner(&columns[i], &columns[j]) / (length[i] * length[j]) } else { 0.0 });
-    let gradient = DVector::from_fn(all, |i, _| if length[i] > 0.0 { problem.inner(&columns[i], &slopes.residual) / length[i] } else { 0.0 });
+    let gram = DMatrix::from_fn(all, all, |i, j| {
+        if length[i] * length[j] > 0.0 { problem.inner(&columns[i], &columns[j]) / (length[i] * length[j]) } else { 0.0 }
+    });
+    let gradient =
+        DVector::from_fn(all, |i, _| if length[i] > 0.0 { problem.inner(&columns[i], &slopes.residual) / length[i] } else { 0.0 });
     let solve = |size: f64| -> Option<(f64, DMatrix<f64>)> {
         // Nominal parameters have the precision 1/size², in units of their columns' length.
         let mut information = gram.clone();

@@ -42,7 +42,13 @@ const PASSES: usize = 2;
 
 /// The explanation with the sequence of its lost commands estimated and its other parameters refitted; unchanged where it has none, `None` where nothing
 /// can be decided.
-pub(super) fn decoded(problem: &Problem<'_>, mut explanation: Explanation, scales: &Scales, nominal_cost: f64, steps: usize) -> Option<Explanation> {
+pub(super) fn decoded(
+    problem: &Problem<'_>,
+    mut explanation: Explanation,
+    scales: &Scales,
+    nominal_cost: f64,
+    steps: usize,
+) -> Option<Explanation> {
     let losing: Vec<usize> = (0..explanation.effects.len()).filter(|&e| explanation.effects[e].effect.loses_commands()).collect();
     if losing.is_empty() {
         return Some(explanation);

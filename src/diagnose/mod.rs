@@ -1,6 +1,7 @@
 //! The gap between a simulator and a log: its size, its place, its cause, and how far it shrinks.
 
 mod caveats;
+mod checks;
 mod data;
 mod diagnosis;
 mod error;
@@ -9,6 +10,7 @@ mod explanation;
 mod feedback;
 mod floor;
 mod intervals;
+mod isolability;
 mod locate;
 mod lost;
 mod noise;
@@ -26,6 +28,7 @@ mod verdict;
 use std::path::Path;
 
 pub use caveats::Caveat;
+pub use checks::{ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect};
 pub use diagnosis::{
     Band, Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, FoundEffect, Gap, GapOutput, Holdout, Metric, Mode,
     NotTried, Parameter, Prediction, RankedPair, RankedSingle, RankingRow, Regime, Shrink, ShrinkOutput, TimeSpan, Where, WhereOutput,
@@ -33,12 +36,14 @@ pub use diagnosis::{
 pub use error::GapError;
 pub use progress::Stage;
 pub use traces::Trace;
+pub use isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size, isolability};
 
 use crate::effect::Applied;
 use crate::error::Result;
 use crate::log::Log;
 use crate::model::ModelDocument;
 use data::{Record, Span};
+use crate::simulate::System;
 use problem::{Acting, NOTHING, Problem};
 use shrink::{Errors, together};
 
@@ -104,33 +109,23 @@ pub fn diagnose(
     options: &GapOptions,
     progress: &dyn Fn(Stage),
 ) -> Result<Diagnosed> {
-    if logs.is_empty() {
-        return Err(GapError::NoLogs.into());
-    }
-    let system = data::system(document, logs)?;
-    let own = document.effects().iter().map(|e| Applied::from_entry(&system, e)).collect::<std::result::Result<Vec<_>, _>>()?;
-    let mut records = logs.iter().chain(holdout).map(|log| Record::new(log, document, &system)).collect::<Result<Vec<_>>>()?;
-    let prediction = prediction::Prediction::choose(&system, &records, options.prediction);
-    let longest_delay_s = options.longest_delay_s.unwrap_or_else(|| longest_delay(&records, prediction.settling_s));
-    let limit_s = records.iter().map(|r| 0.5 * r.duration_s()).fold(f64::INFINITY, f64::min);
-    if !(0.0..limit_s).contains(&longest_delay_s) {
-        return Err(GapError::LongestDelay { given_s: longest_delay_s, limit_s }.into());
-    }
-    let holdouts = set_spans(&mut records, logs.len(), !holdout.is_empty(), longest_delay_s, prediction.settling_s);
+    let setup = Setup::new(document, logs, holdout, options)?;
+    let Setup { system, own, records, prediction, holdouts, longest_delay_s, limit_s } = &setup;
+    let (longest_delay_s, limit_s) = (*longest_delay_s, *limit_s);
     let outputs = system.outputs.len();
 
     progress(Stage::Simulating);
-    let motion = scales::Motion::of(&system, &own, &records, &prediction)?;
+    let motion = scales::Motion::of(system, own, records, prediction)?;
     let prior: Vec<f64> = system.initial_std.iter().zip(&motion.rms).map(|(std, rms)| std.unwrap_or(*rms)).collect();
     let smallest = motion.smallest.clone();
-    let first_noise: Vec<f64> = motion.innovations(&records);
-    let mut problem = Problem::new(&system, &records, &prediction, own.clone(), prior, &first_noise)?;
-    let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;
-    caveats::must_not_explode(&system, &records, &before)?;
-    let scales = motion.scales(&system, &records, &before, longest_delay_s);
+    let first_noise: Vec<f64> = motion.innovations(records);
+    let mut problem = Problem::new(system, records, prediction, own.clone(), prior, &first_noise)?;
+    let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(records))?;
+    caveats::must_not_explode(system, records, &before)?;
+    let scales = motion.scales(system, records, &before, longest_delay_s);
 
-    let (catalogue, left_out) = search::catalogue(&system);
-    let found = search::search(&mut problem, catalogue, &scales, &smallest, progress).ok_or_else(|| nominal_fails(&records))?;
+    let (catalogue, left_out) = search::catalogue(system);
+    let found = search::search(&mut problem, catalogue, &scales, &smallest, progress).ok_or_else(|| nominal_fails(records))?;
 
     let longer_s = f64::min(LONGER * longest_delay_s, 0.5 * limit_s);
     if options.longest_delay_s.is_none() && longer_s > 1.2 * longest_delay_s && found.wants_longer_delays(&scales) {
@@ -139,8 +134,8 @@ pub fn diagnose(
     }
 
     progress(Stage::Judging);
-    let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;
-    let mut judged = verdict::judge(&problem, &found).ok_or_else(|| nominal_fails(&records))?;
+    let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(records))?;
+    let mut judged = verdict::judge(&problem, &found).ok_or_else(|| nominal_fails(records))?;
     let hangs = match judged.verdict {
         verdict::Verdict::Unknown => Vec::new(),
         _ => trust::hangs(&mut problem, &found, judged.found.as_ref()),
@@ -150,23 +145,24 @@ pub fn diagnose(
     if let (Some(explanation), Some(estimate)) = (&mut judged.found, &estimate) {
         intervals::take(&problem, explanation, estimate);
     }
-    let with_found = shrink::residuals(&problem, judged.found.as_ref().map_or(NOTHING, Acting::from)).ok_or_else(|| nominal_fails(&records))?;
+    let with_found =
+        shrink::residuals(&problem, judged.found.as_ref().map_or(NOTHING, Acting::from)).ok_or_else(|| nominal_fails(records))?;
 
     let floor = &judged.floor;
-    let nothing = Errors::of(&records, &before, |r| r.train);
+    let nothing = Errors::of(records, &before, |r| r.train);
     let (each, each_floor) = (nothing.nrmse(), nothing.relative(&floor.floor));
     let shares = locate::output_shares(&each, &each_floor);
     let gap_output = |i: usize| GapOutput { name: system.outputs[i].name.clone(), before: each[i], floor: each_floor[i], share: shares[i] };
     let mut cause = rank::cause(&problem, &judged, &found, estimate.as_ref(), &hangs, |e| {
         let residuals = shrink::residuals(&problem, e)?;
-        together(&Errors::of(&records, &residuals, |r| r.train).nrmse())
+        together(&Errors::of(records, &residuals, |r| r.train).nrmse())
     });
     cause.not_tried = left_out.into_iter().map(|(effect, why)| NotTried { effect: effect.to_owned(), why }).collect();
     let diagnosis = Diagnosis {
         format: DiagnosisFormat::V1,
         model: document.name().to_owned(),
         logs: logs.iter().map(|l| l.source().to_owned()).collect(),
-        holdout: holdouts,
+        holdout: holdouts.clone(),
         prediction: Prediction { mode: prediction.mode, why: prediction.why.clone() },
         gap: Gap {
             metric: Metric::Nrmse,
@@ -174,15 +170,48 @@ pub fn diagnose(
             floor: together(&each_floor),
             outputs: (0..outputs).map(gap_output).collect(),
         },
-        place: locate::locate(&system, &records, &before, floor, &shares, &problem.memory()),
-        checks: Vec::new(),
+        place: locate::locate(system, records, &before, floor, &shares, &problem.memory()),
+        checks: checks::all(system, own, records),
         cause,
-        shrink: shrink::shrink(&system, &records, &before, &with_found, &floor.floor, prediction.settling_s, options.seed),
+        shrink: shrink::shrink(system, records, &before, &with_found, &floor.floor, prediction.settling_s, options.seed),
     };
     let traces = traces::traces(&problem, judged.found.as_ref().map(Acting::from), &floor.floor);
     let mut model = document.clone();
     model.effects_mut().extend(judged.found.iter().flat_map(|e| &e.effects).map(Applied::to_entry));
-    Ok(Diagnosed { diagnosis, model, traces, caveats: caveats::caveats(&system, &records) })
+    Ok(Diagnosed { diagnosis, model, traces, caveats: caveats::caveats(system, records) })
+}
+
+/// What every diagnosis begins with: the simulator, its logs with what is trained on and what is held back, and how outputs are predicted.
+struct Setup {
+    system: System,
+    /// Effects that belong to the simulator.
+    own: Vec<Applied>,
+    /// Training logs, then those held out.
+    records: Vec<Record>,
+    prediction: prediction::Prediction,
+    holdouts: Vec<Holdout>,
+    longest_delay_s: f64,
+    /// No delay as long as this can be looked for.
+    limit_s: f64,
+}
+
+impl Setup {
+    fn new(document: &ModelDocument, logs: &[Log], holdout: &[Log], options: &GapOptions) -> Result<Self> {
+        if logs.is_empty() {
+            return Err(GapError::NoLogs.into());
+        }
+        let system = data::system(document, logs)?;
+        let own = document.effects().iter().map(|e| Applied::from_entry(&system, e)).collect::<std::result::Result<Vec<_>, _>>()?;
+        let mut records = logs.iter().chain(holdout).map(|log| Record::new(log, document, &system)).collect::<Result<Vec<_>>>()?;
+        let prediction = prediction::Prediction::choose(&system, &records, options.prediction);
+        let longest_delay_s = options.longest_delay_s.unwrap_or_else(|| longest_delay(&records, prediction.settling_s));
+        let limit_s = records.iter().map(|r| 0.5 * r.duration_s()).fold(f64::INFINITY, f64::min);
+        if !(0.0..limit_s).contains(&longest_delay_s) {
+            return Err(GapError::LongestDelay { given_s: longest_delay_s, limit_s }.into());
+        }
+        let holdouts = set_spans(&mut records, logs.len(), !holdout.is_empty(), longest_delay_s, prediction.settling_s);
+        Ok(Self { system, own, records, prediction, holdouts, longest_delay_s, limit_s })
+    }
 }
 
 fn nominal_fails(records: &[Record]) -> crate::Error {

@@ -236,10 +236,11 @@ impl<'a> Problem<'a> {
 
     /// (I + W P Wᵀ)⁻¹a, record by record: [`Self::inner`] is its scalar product with the other vector.
     pub(super) fn reduced(&self, a: &Whitened) -> Whitened {
-        let reduce = |(a, start): (&DVector<f64>, &Start)| match start.factor.as_ref().filter(|_| start.whitened.ncols() > 0 && !a.is_empty()) {
-            Some(factor) => a - &start.whitened * factor.solve(&start.whitened.tr_mul(a)),
-            None => a.clone(),
-        };
+        let reduce =
+            |(a, start): (&DVector<f64>, &Start)| match start.factor.as_ref().filter(|_| start.whitened.ncols() > 0 && !a.is_empty()) {
+                Some(factor) => a - &start.whitened * factor.solve(&start.whitened.tr_mul(a)),
+                None => a.clone(),
+            };
         a.iter().zip(&self.starts).map(reduce).collect()
     }
 

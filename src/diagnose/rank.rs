@@ -39,7 +39,8 @@ pub(super) fn slack(gain: f64) -> f64 {
 /// The best fitted explanation; of near equals the one with the fewest parameters, of equals the first in the table.
 pub(super) fn leader(explanations: &[Explanation], weight: f64) -> Option<&Explanation> {
     let fitted = || explanations.iter().filter(|e| e.fitted);
-    let best = |among: &dyn Fn(&Explanation) -> bool| fitted().filter(|e| among(e)).map(|e| odds(e, weight)).fold(f64::NEG_INFINITY, f64::max);
+    let best =
+        |among: &dyn Fn(&Explanation) -> bool| fitted().filter(|e| among(e)).map(|e| odds(e, weight)).fold(f64::NEG_INFINITY, f64::max);
     let top = best(&|_| true);
     let slack = slack(top);
     let fewest = fitted().filter(|e| odds(e, weight) > top - slack).map(|e| e.free.len()).min()?;
@@ -156,7 +157,12 @@ fn start_classes(classes: &mut Vec<Vec<String>>, found: Option<&Explanation>, ha
 fn row(explanation: &Explanation, probability: f64, after: Option<f64>) -> RankingRow {
     let named = |a: &Applied| [a.effect.name().to_owned(), a.channel.clone()];
     match explanation.effects.as_slice() {
-        [one] => RankingRow::Single(RankedSingle { effect: one.effect.name().to_owned(), channel: Some(one.channel.clone()), probability, after }),
+        [one] => RankingRow::Single(RankedSingle {
+            effect: one.effect.name().to_owned(),
+            channel: Some(one.channel.clone()),
+            probability,
+            after,
+        }),
         several => RankingRow::Pair(RankedPair { effects: several.iter().map(named).collect(), probability, after }),
     }
 }

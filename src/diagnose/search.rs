@@ -83,7 +83,8 @@ pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales:
     for round in 0..ROUNDS {
         progress(Stage::Refitting(round));
         let weight = problem.weight();
-        let leading = |all: &[Explanation]| all.iter().filter(|e| e.fitted).max_by(|a, b| odds(a, weight).total_cmp(&odds(b, weight))).cloned();
+        let leading =
+            |all: &[Explanation]| all.iter().filter(|e| e.fitted).max_by(|a, b| odds(a, weight).total_cmp(&odds(b, weight))).cloned();
         let single = leading(&found.singles);
         let pair = leading(&found.pairs).filter(|pair| single.as_ref().is_none_or(|s| odds(pair, weight) > odds(s, weight)));
         let largest = pair.or(single);
@@ -152,7 +153,7 @@ fn screen(problem: &Problem<'_>, catalogue: Vec<Applied>, scales: &Scales, nomin
         .into_par_iter()
         .map(|applied| {
             let mut tried: Vec<(f64, Vec<f64>)> = Vec::new();
-            let starts = applied.effect.starts(problem.system, &applied.channel, scales);
+            let starts = applied.starts(problem.system, scales);
             let evaluate = |values: &[f64]| problem.whitened(&[with(&applied, values)]);
             for (at, start) in starts.iter().enumerate() {
                 if let Some(there) = evaluate(start) {
@@ -203,7 +204,11 @@ fn fit_first(problem: &Problem<'_>, pool: &[Screened], scales: &Scales, nominal:
             let starts = screened.starts.iter().take(if at < FITTED { STARTS } else { 0 });
             let fits = starts.filter_map(|start| Explanation::fit(problem, &[with(&screened.applied, start)], scales, cost, STEPS));
             let best = fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened);
-            if best.loses_commands() && best.gain > SEARCH_WIDE { decoded(problem, best.clone(), scales, cost, STEPS).unwrap_or(best) } else { best }
+            if best.loses_commands() && best.gain > SEARCH_WIDE {
+                decoded(problem, best.clone(), scales, cost, STEPS).unwrap_or(best)
+            } else {
+                best
+            }
         })
         .collect();
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
@@ -305,7 +310,7 @@ fn with_seconds(
         .par_iter()
         .map(|screened| {
             let applied = &screened.applied;
-            let starts = applied.effect.starts(problem.system, &applied.channel, scales);
+            let starts = applied.starts(problem.system, scales);
             let first = starts.first().map_or_else(|| applied.clone(), |start| with(applied, start));
             let mut best: Vec<(f64, Applied)> = beside.iter().map(|_| (0.0, first.clone())).collect();
             for start in starts {
@@ -329,7 +334,8 @@ fn with_seconds(
         .collect();
     let mut wanted: Vec<Vec<Applied>> = Vec::new();
     for (at, beside) in beside.iter().enumerate() {
-        let mut seconds: Vec<&(f64, Applied)> = promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > SEARCH_WIDE.max(PROMISING * beside.cost)).collect();
+        let mut seconds: Vec<&(f64, Applied)> =
+            promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > SEARCH_WIDE.max(PROMISING * beside.cost)).collect();
         seconds.sort_by(|a, b| b.0.total_cmp(&a.0));
         let (losing, seconds): (Vec<_>, Vec<_>) = seconds
             .into_iter()
@@ -357,10 +363,15 @@ fn with_seconds(
     let mut pairs: Vec<Explanation> = wanted.par_iter().filter_map(|pair| Explanation::fit(problem, pair, scales, cost, trial)).collect();
     pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     pairs.truncate(left);
-    pairs.extend(losing.par_iter().filter_map(|pair| {
-        let begin = Explanation { effects: pair.clone(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
-        decoded(problem, begin, scales, cost, STEPS)
-    }).collect::<Vec<_>>());
+    pairs.extend(
+        losing
+            .par_iter()
+            .filter_map(|pair| {
+                let begin = Explanation { effects: pair.clone(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
+                decoded(problem, begin, scales, cost, STEPS)
+            })
+            .collect::<Vec<_>>(),
+    );
     pairs.par_iter_mut().for_each(|pair| {
         if let Some(better) = Explanation::fit(problem, &pair.effects, scales, cost, STEPS) {
             *pair = better;

@@ -1,8 +1,11 @@
 //! An effect on a channel with values for its parameters, and a list of them as a plan.
 
-use super::{EFFECTS, Effect, EffectError, Parameter, find};
+use super::{EFFECTS, Effect, EffectError, Parameter, Scales, find};
 use crate::model::EffectEntry;
 use crate::simulate::{Drops, Plan, System};
+
+/// No size of a parameter is beyond this.
+const BOUNDLESS: f64 = 1e50;
 
 /// What random effects do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,6 +49,14 @@ impl Applied {
         let parameters = effect.parameters(system, channel)?;
         let values = parameters.iter().map(|p| p.nominal).collect();
         Ok(Self { effect, channel: channel.to_owned(), parameters, values })
+    }
+
+    /// First guesses of the parameters from sizes of the data; those that come of a division by a motion that is none are left out.
+    #[must_use]
+    pub fn starts(&self, system: &System, scales: &Scales) -> Vec<Vec<f64>> {
+        let mut starts = self.effect.starts(system, &self.channel, scales);
+        starts.retain(|s| s.iter().all(|v| v.is_infinite() || v.abs() < BOUNDLESS));
+        starts
     }
 
     /// From an entry of a model file.
@@ -134,7 +145,9 @@ impl Applied {
             match chance {
                 Chance::Mean => {}
                 Chance::Seed(seed) => path.drops = Some(Drops::Random { probability, seed: seed.wrapping_add(i as u64) }),
-                Chance::Known(sequences) => path.drops = sequences.get(i).cloned().flatten().map(Drops::Sequence).or(Some(Drops::Mean(probability))),
+                Chance::Known(sequences) => {
+                    path.drops = sequences.get(i).cloned().flatten().map(Drops::Sequence).or(Some(Drops::Mean(probability)))
+                }
             }
         }
         Ok(plan)

@@ -2,10 +2,12 @@
 
 pub mod blind;
 mod chart;
+pub mod checks;
 pub mod diagnosis;
 pub mod effects;
 pub mod estimate;
 pub mod html;
+pub mod isolability;
 #[cfg(feature = "cli")]
 pub mod picture;
 pub mod study;

@@ -1,0 +1,39 @@
+//! `deadtime check`: whether a model and logs fit, before anyone diagnoses.
+
+use std::path::{Path, PathBuf};
+
+use super::source::Reading;
+use super::write_json;
+use crate::diagnose::inspect;
+use crate::log::Log;
+use crate::model::ModelDocument;
+use crate::report::checks::text;
+
+/// Check a model and logs before diagnosing: names, units, time stamps, signs, axes, clocks, stuck and clipped channels, excitation
+#[derive(Debug, clap::Args)]
+pub(super) struct Check {
+    /// The model, deadtime/model@1
+    #[arg(long, value_name = "MODEL")]
+    model: PathBuf,
+    /// A log; may be repeated
+    #[arg(long, value_name = "LOG", required = true)]
+    log: Vec<PathBuf>,
+    #[command(flatten)]
+    reading: Reading,
+}
+
+impl Check {
+    /// Prints what was found; as JSON it is deadtime/check@1.
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        let document = ModelDocument::read(&self.model)?;
+        let held: Vec<String> = document.inputs().iter().map(|c| c.name.clone()).collect();
+        let mut logs: Vec<Log> = Vec::new();
+        for path in &self.log {
+            logs.extend(self.reading.read(path, &held)?);
+        }
+        let found = inspect(&document, &logs)?;
+        write_json(json, &found)?;
+        say!("{}", text(&found).trim_end());
+        Ok(())
+    }
+}

@@ -1,0 +1,70 @@
+//! A channel in another unit.
+
+use super::faults::{Fault, Port, agrees};
+use super::kinematics::TOGETHER;
+use super::units::alternatives;
+use super::{Evidence, result, short};
+use crate::diagnose::diagnosis::{Check, CheckKind};
+
+/// How close a measured factor between two sensors comes to that of a unit; nothing but their own gains lies between.
+const CLOSE: f64 = 1.15;
+
+pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
+    let mut found = Vec::new();
+    for f in e.search.iter().flat_map(|s| &s.faults) {
+        if let Fault::Unit(port, factor) = f.fault {
+            let name = port.name(&e.view);
+            let says = port.unit(&e.view).map_or_else(|| "gives no unit".to_owned(), |u| format!("says {u}"));
+            let finding = format!(
+                "`{name}` looks like {} where the model {says} (factor {}; measured over modelled {}, correlation {}){}; convert the column",
+                factor.unit,
+                short(factor.factor),
+                short(f.ratio),
+                short(f.correlation),
+                e.or_instead(f)
+            );
+            found.push(result(CheckKind::Unit, &name, Some(false), finding));
+        }
+    }
+    kinematic(e, &mut found);
+    for (i, fit) in e.search.iter().flat_map(|s| s.fits.iter().enumerate()) {
+        let Some(fit) = fit.filter(|f| f.along >= super::faults::AGREES && !agrees(f)) else { continue };
+        let name = e.output(i);
+        if found.iter().all(|c| c.channel != name) {
+            let finding = format!(
+                "`{name}` moves {} times as far as the model says, which is no factor between units known here: a gain, or a unit",
+                short(fit.ratio)
+            );
+            found.push(result(CheckKind::Unit, name, None, finding));
+        }
+    }
+    e.rest(CheckKind::Unit, &mut found, "every output moves about as far as the model says");
+    found
+}
+
+/// Two sensors of which the one is the derivative of the other.
+fn kinematic(e: &Evidence<'_>, found: &mut Vec<Check>) {
+    for m in e.kinematics.iter().filter(|m| m.correlation.abs() > TOGETHER) {
+        let slope = (m.slope[0] * m.slope[1]).sqrt();
+        let near = |factor: f64| (slope / factor).ln().abs() <= CLOSE.ln();
+        // The one in another unit multiplies, the other divides.
+        let (of, rate) = (m.relation.of, m.relation.rate);
+        let guess = |i: usize, inverse: bool| {
+            let port = Port::Output(i);
+            let fits = move |f: &super::units::Factor| near(if inverse { 1.0 / f.factor } else { f.factor });
+            alternatives(port.unit(&e.view)).into_iter().find(fits).map(|f| format!("`{}` in {}", e.output(i), f.unit))
+        };
+        let guesses: Vec<String> = [guess(of, false), guess(rate, true)].into_iter().flatten().collect();
+        if guesses.is_empty() || near(1.0) {
+            continue;
+        }
+        let text = format!("measured, the derivative of `{}` is {} times what `{}` says it is", e.output(of), short(slope), e.output(rate));
+        match found.iter_mut().find(|c| c.channel == e.output(of) || c.channel == e.output(rate)) {
+            Some(check) => check.finding += &format!("; {text}"),
+            None => {
+                let finding = format!("{text}: {}", guesses.join(", or "));
+                found.push(result(super::CheckKind::Unit, e.output(rate), Some(false), finding));
+            }
+        }
+    }
+}

@@ -1,0 +1,49 @@
+//! The checks in plain sentences.
+
+use std::fmt::Write as _;
+
+use crate::diagnose::{Check, Inspection};
+
+/// What `deadtime check` says: the logs and what is wrong with them, then every check, what needs a look first.
+#[must_use]
+pub fn text(found: &Inspection) -> String {
+    let mut text = String::new();
+    for log in &found.logs {
+        let every = log.sample_time_s.map_or_else(|| "unevenly sampled".to_owned(), |ts| format!("one every {ts} s"));
+        let usable = log.channels.iter().filter(|c| c.ok).count();
+        let _ = writeln!(
+            text,
+            "{}: {} samples, {every}, {:.3} s in all; {usable} of {} channels of {} can be used",
+            log.log,
+            log.samples,
+            log.duration_s,
+            log.channels.len(),
+            found.model
+        );
+        for finding in log.time.iter().chain(log.channels.iter().filter_map(|c| c.finding.as_ref())) {
+            let _ = writeln!(text, "  {finding}");
+        }
+        for c in log.channels.iter().filter(|c| c.ok && c.missing > 0) {
+            #[allow(clippy::cast_precision_loss)]
+            let percent = 100.0 * c.missing as f64 / log.samples.max(1) as f64;
+            let _ = writeln!(text, "  `{}` misses {} samples ({percent:.1} %)", c.channel, c.missing);
+        }
+    }
+    if let Some(why) = &found.not_run {
+        let _ = writeln!(text, "The checks were not run: {why}.");
+    }
+    text + &lines(&found.checks)
+}
+
+/// One line per check: what failed, what cannot be told, what passed.
+#[must_use]
+pub fn lines(checks: &[Check]) -> String {
+    let mut text = String::new();
+    for (ok, word) in [(Some(false), "LOOK"), (None, "  ? "), (Some(true), "  ok")] {
+        for check in checks.iter().filter(|c| c.ok == ok) {
+            let name = serde_json::to_value(check.check).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default();
+            let _ = writeln!(text, "  {word}  {name:<16}  {}", check.finding);
+        }
+    }
+    text
+}

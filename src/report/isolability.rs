@@ -1,0 +1,46 @@
+//! What an excitation can tell apart, as a table.
+
+use super::Table;
+use crate::diagnose::{Isolability, Mode, Size};
+
+/// Every effect with the smallest size that would be seen and its closest rival, then the groups that look alike.
+#[must_use]
+pub fn text(found: &Isolability) -> String {
+    let mode = match found.prediction.mode {
+        Mode::Simulation => "simulated freely",
+        Mode::Predictor => "predicted one step ahead",
+    };
+    let mut table = Table::new(&["effect", "channel", "seen from", "closest rival", "cosine"], &[0, 1, 2, 3]);
+    for e in &found.effects {
+        let seen = e.smallest.as_ref().map_or_else(|| "not visible".to_owned(), size);
+        let (rival, cosine) = e.rival.as_ref().map_or_else(Default::default, |r| (r.name.clone(), format!("{:.3}", r.cosine)));
+        table.row(vec![e.effect.clone(), e.channel.clone(), seen, rival, cosine]);
+    }
+    let visible = found.effects.iter().filter(|e| e.visible).count();
+    let mut text = format!(
+        "{} ({mode}) on {}: {visible} of {} effects are visible at a plausible size (twice the log-likelihood {} or more).\n\n{table}\n",
+        found.model,
+        found.logs.join(", "),
+        found.effects.len(),
+        found.visible_from
+    );
+    if found.classes.is_empty() {
+        text += &format!("No two of them look alike (cosine {} or more).\n", found.alike_from);
+    } else {
+        text += &format!("These logs cannot tell apart (cosine {} or more):\n", found.alike_from);
+    }
+    for class in &found.classes {
+        text += &format!("  {}\n    {}\n", class.members.join(", "), class.next_experiment);
+    }
+    text
+}
+
+/// A size as it is read: the change of a parameter that is not 0 by nature, the limit itself.
+fn size(s: &Size) -> String {
+    let unit = if s.unit == "1" { String::new() } else { format!(" {}", s.unit) };
+    match s.nominal {
+        None => format!("{} {:.3e}{unit} and tighter", s.parameter, s.value),
+        Some(0.0) => format!("{} {:.2e}{unit}", s.parameter, s.value.abs()),
+        Some(nominal) => format!("{} {nominal:.4} ± {:.2e}{unit}", s.parameter, (s.value - nominal).abs()),
+    }
+}
