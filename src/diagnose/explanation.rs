@@ -38,6 +38,9 @@ pub(super) fn difference(a: &Whitened, b: &Whitened, scale: f64) -> Whitened {
     a.iter().zip(b).map(|(a, b)| (a - b) * scale).collect()
 }
 
+/// Steps to either side that are tried for one parameter.
+const POLISHES: usize = 6;
+
 impl Explanation {
     /// One effect, not fitted yet.
     pub(super) fn screened(applied: Applied, gain: f64) -> Self {
@@ -119,6 +122,39 @@ impl Explanation {
             applied.values = applied.effect.canonical(std::mem::take(&mut applied.values));
         }
         Some(Self { effects: best, free: kept, gain: priced(cost), fitted: true, lost: from.lost })
+    }
+
+    /// Tries steps of each parameter beside the fit: a cost with kinks has minima that no gradient leaves.
+    pub(super) fn polished(self, problem: &Problem<'_>, scales: &Scales, nominal_cost: f64, iterations: usize) -> Self {
+        let mut best = self;
+        let cost_of = |e: &Self| problem.whitened(e).map_or(f64::INFINITY, |w| problem.inner(&w, &w));
+        let (mut cost, mut moved) = (cost_of(&best), false);
+        let before = cost;
+        for at in best.free.clone() {
+            let (p, value) = (&best.effects[at.0].parameters[at.1], best.effects[at.0].values[at.1]);
+            let mut step = match (p.unit.as_str(), p.nominal.is_finite()) {
+                ("s", _) => 0.5 * scales.sample_time_s,
+                (_, true) => 0.1 * (value - p.nominal).abs(),
+                (_, false) => 0.1 * value.abs(),
+            };
+            let (lower, upper) = range(&best.effects[at.0], at.1, scales);
+            for _ in 0..POLISHES {
+                let try_at = |value: f64| {
+                    let mut there = best.clone();
+                    there.effects[at.0].values[at.1] = value.clamp(lower, upper);
+                    (cost_of(&there), there)
+                };
+                let here = best.effects[at.0].values[at.1];
+                let (lowest, there) = [here + step, here - step].map(try_at).into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, best.clone()));
+                if lowest < cost {
+                    (cost, best, moved) = (lowest, there, true);
+                } else {
+                    step *= 0.4;
+                }
+            }
+        }
+        // What gains next to nothing is no other minimum.
+        if moved && cost < before * (1.0 - 1e-6) { Self::refit(problem, best.clone(), scales, nominal_cost, iterations).unwrap_or(best) } else { best }
     }
 
     /// One of its effects, with the values that it has beside the others.

@@ -18,6 +18,7 @@ mod prediction;
 mod problem;
 mod progress;
 mod rank;
+mod related;
 mod scales;
 mod search;
 mod shrink;
@@ -125,7 +126,7 @@ pub fn diagnose(
     let scales = motion.scales(system, records, &before, longest_delay_s);
 
     let (catalogue, left_out) = search::catalogue(system);
-    let found = search::search(&mut problem, catalogue, &scales, &smallest, progress).ok_or_else(|| nominal_fails(records))?;
+    let found = search::search(&mut problem, catalogue.clone(), &scales, &smallest, progress).ok_or_else(|| nominal_fails(records))?;
 
     let longer_s = f64::min(LONGER * longest_delay_s, 0.5 * limit_s);
     if options.longest_delay_s.is_none() && longer_s > 1.2 * longest_delay_s && found.wants_longer_delays(&scales) {
@@ -135,7 +136,7 @@ pub fn diagnose(
 
     progress(Stage::Judging);
     let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(records))?;
-    let mut judged = verdict::judge(&problem, &found).ok_or_else(|| nominal_fails(records))?;
+    let mut judged = verdict::judge(&problem, &found, &catalogue, &scales).ok_or_else(|| nominal_fails(records))?;
     let hangs = match judged.verdict {
         verdict::Verdict::Unknown => Vec::new(),
         _ => trust::hangs(&mut problem, &found, judged.found.as_ref()),

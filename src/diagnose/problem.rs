@@ -184,14 +184,6 @@ impl<'a> Problem<'a> {
         DMatrix::from_fn(predicted.nrows(), predicted.ncols(), |k, i| measured[i].get(k).map_or(0.0, |y| y - predicted[(k, i)]))
     }
 
-    /// measured − residual, where there is a measurement; per record.
-    pub(super) fn predictions(&self, residuals: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
-        let predicted = |(record, residual): (&Record, &DMatrix<f64>)| {
-            DMatrix::from_fn(residual.nrows(), residual.ncols(), |k, i| record.measured[i].get(k).map_or(0.0, |y| y - residual[(k, i)]))
-        };
-        self.records.iter().zip(residuals).map(predicted).collect()
-    }
-
     /// Whitened residuals of all training records; `None` where a simulation fails.
     pub(super) fn whitened<'e>(&self, acting: impl Into<Acting<'e>>) -> Option<Whitened> {
         let acting = acting.into();

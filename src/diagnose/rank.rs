@@ -15,7 +15,7 @@ use crate::effect::{Applied, EFFECTS};
 /// Twice the log-likelihood by which the best of a whole catalogue must beat no effect, and the best second effect a single one: the best of 50 to 100
 /// rivals reaches 10 to 25 on noise alone.
 pub(super) const SEARCH_WIDE: f64 = 30.0;
-/// Explanations that differ by less than this in twice the log-likelihood are as good as each other.
+/// Explanations that differ by less than this in twice the log-likelihood are as good as each other: the fewest parameters, then the first of the table lead.
 const NEAR: f64 = 6.0;
 /// No simulator is exact: of what an effect explains, this part of its energy (1.4 % of its amplitude) is within what a model is off anyway.
 const INEXACT: f64 = 2e-4;
@@ -42,11 +42,10 @@ pub(super) fn leader(explanations: &[Explanation], weight: f64) -> Option<&Expla
     let best =
         |among: &dyn Fn(&Explanation) -> bool| fitted().filter(|e| among(e)).map(|e| odds(e, weight)).fold(f64::NEG_INFINITY, f64::max);
     let top = best(&|_| true);
-    let slack = slack(top);
-    let fewest = fitted().filter(|e| odds(e, weight) > top - slack).map(|e| e.free.len()).min()?;
+    let fewest = fitted().filter(|e| odds(e, weight) > top - NEAR).map(|e| e.free.len()).min()?;
     let top = best(&|e| e.free.len() <= fewest);
     let place = |e: &Explanation| e.effects.iter().filter_map(|a| EFFECTS.iter().position(|t| t.name() == a.effect.name())).collect::<Vec<_>>();
-    fitted().filter(|e| e.free.len() <= fewest && odds(e, weight) > top - slack).min_by_key(|e| place(e))
+    fitted().filter(|e| e.free.len() <= fewest && odds(e, weight) > top - NEAR).min_by_key(|e| place(e))
 }
 
 /// Twice the log-odds of everything that is ranked, as the verdict sees it.

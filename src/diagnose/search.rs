@@ -99,6 +99,9 @@ pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales:
             explanations.par_iter_mut().take(LEADERS).for_each(|e| {
                 if let Some(better) = decoded(problem, e.clone(), scales, cost, steps).and_then(|e| Explanation::refit(problem, e, scales, cost, steps)) {
                     *e = better.with_missing_limits(problem, scales, cost, steps);
+                    if round == 0 {
+                        *e = e.clone().polished(problem, scales, cost, steps);
+                    }
                 }
             });
             explanations.sort_by(|a, b| b.gain.total_cmp(&a.gain));

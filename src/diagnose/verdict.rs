@@ -7,9 +7,10 @@ use super::explanation::Explanation;
 use super::floor::{self, Floor};
 use super::problem::{Acting, NOTHING, Problem};
 use super::rank::{leader, odds};
+use super::related;
 use super::search::Found;
 use super::shrink::{self, Errors, together};
-use crate::effect::Applied;
+use crate::effect::{Applied, Scales};
 
 /// A residual this many times its floor has something left in it that an effect did not explain.
 const ABOVE_FLOOR: f64 = 1.5;
@@ -85,7 +86,7 @@ fn matters(before: &Errors, after: &Errors, factor: f64) -> bool {
 }
 
 /// Decides between no effect, the leaders of the search and something that is in no catalogue; `None` where the model cannot be simulated.
-pub(super) fn judge(problem: &Problem<'_>, found: &Found) -> Option<Judged> {
+pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied], scales: &Scales) -> Option<Judged> {
     let weight = problem.weight();
     let nothing = Level::of(problem, None)?;
     let mut best = Level::of(problem, None)?;
@@ -101,7 +102,9 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found) -> Option<Judged> {
             best = next;
         }
     }
-    let floor = floor::estimate(problem, &best.residuals, &lowest);
+    let acting = best.explanation.as_ref().map_or(NOTHING, Acting::from);
+    let related = related::shares(problem, acting, &best.residuals, catalogue, scales);
+    let floor = floor::estimate(problem, &best.residuals, &lowest, &related);
     let (all, left) = (nothing.train.nrmse(), best.train.nrmse());
     let noise = best.train.relative(&floor.floor);
     let size = best.size();
@@ -112,7 +115,7 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found) -> Option<Judged> {
     let by = |key: &dyn Fn(usize) -> Option<f64>| (0..all.len()).max_by(|&a, &b| key(a).unwrap_or(0.0).total_cmp(&key(b).unwrap_or(0.0)));
     let decisive = if size > 0 { by(&gained) } else { by(&ratio) };
     let mut unknown: f64 = 0.0;
-    if std::env::var("DT_DEBUG").is_ok() { eprintln!("judge size {size} all {all:?} left {left:?} noise {noise:?} decisive {decisive:?} held {:?} > {:?} floor {:?}", together(&nothing.held.nrmse()), together(&best.held.nrmse()), together(&nothing.held.relative(&floor.floor))); } // DBG
+    if std::env::var("DT_DEBUG").is_ok() { eprintln!("judge related {related:?} size {size} all {all:?} left {left:?} noise {noise:?} decisive {decisive:?} held {:?} > {:?} floor {:?}", together(&nothing.held.nrmse()), together(&best.held.nrmse()), together(&nothing.held.relative(&floor.floor))); } // DBG
     if let Some(i) = decisive
         && let (Some(all), Some(left), Some(noise)) = (all[i], left[i], noise[i])
     {
