@@ -1,7 +1,8 @@
 //! The noise floor: the part of a residual that no deterministic model can explain.
 //!
 //! How it can be wrong: a gap that is the same everywhere and unrelated to inputs and predictions looks like noise; coloured noise has few independent
-//! samples, so calm stretches come by chance. Both estimates are therefore corrected for the noise's memory, and the smaller one counts.
+//! samples, so calm stretches come by chance. So a floor is the least of four: what the commands do not predict, what calm windows hold (corrected for the
+//! noise's memory), what noise of the longest memory allowed would hold, and what any explanation reaches.
 
 use nalgebra::DMatrix;
 use rand::RngExt;
@@ -10,7 +11,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::StandardNormal;
 
 use super::data::Record;
-use super::noise::{autoregression_of, memory_of};
+use super::noise::{Noise, autoregression_of, memory_of};
 use super::problem::Problem;
 use super::shrink::Errors;
 
@@ -20,6 +21,8 @@ const WINDOWS: [usize; 3] = [20, 60, 180];
 const SHORTEST: usize = 10;
 /// A window holds at least so many times the noise's memory.
 const MEMORIES: f64 = 4.0;
+/// Noise of a sensor forgets within so many samples; what remembers longer is a gap.
+const SLOWEST: f64 = 60.0;
 /// Samples of noise that are simulated to see how calm calm windows are by chance.
 const SIMULATED: usize = 400_000;
 
@@ -40,8 +43,9 @@ pub(super) fn estimate(problem: &Problem<'_>, residuals: &[DMatrix<f64>], reache
         });
         let square = mean_square(samples);
         let calm = calmest(records, residuals, i) / square.max(f64::MIN_POSITIVE);
+        let slow = slow(records, residuals, i) / square.max(f64::MIN_POSITIVE);
         let lowest = reached.iter().map(|e| e.rms()[i]).fold(f64::INFINITY, f64::min);
-        (square * (1.0 - related[i]).min(calm).clamp(0.0, 1.0)).sqrt().min(lowest)
+        (square * (1.0 - related[i]).min(calm).min(slow).clamp(0.0, 1.0)).sqrt().min(lowest)
     };
     Floor { floor: (0..related.len()).map(one).collect() }
 }
@@ -50,6 +54,17 @@ pub(super) fn estimate(problem: &Problem<'_>, residuals: &[DMatrix<f64>], reache
 fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0_usize), |(s, n), v| (s + v * v, n + 1));
     sum / count.max(1) as f64
+}
+
+/// The mean square that noise of the longest memory allowed would have with this residual's innovations; infinite where the residual forgets sooner.
+fn slow(records: &[Record], residuals: &[DMatrix<f64>], output: usize) -> f64 {
+    let (trained, left): (Vec<&Record>, Vec<&DMatrix<f64>>) = records.iter().zip(residuals).filter(|(r, _)| r.train.is_some()).unzip();
+    let noise = Noise::fit(&trained, &left, &vec![0.0; left.first().map_or(0, |r| r.ncols())]);
+    if noise.memory(output) <= SLOWEST {
+        return f64::INFINITY;
+    }
+    // A first-order autoregression of memory m has the variance (m + 1)²/4m in units of its innovations'.
+    noise.std()[output].powi(2) * (SLOWEST + 1.0).powi(2) / (4.0 * SLOWEST)
 }
 
 /// Mean square in the calmest quarter of the windows, over what the calmest quarter of stationary noise would have by chance; infinite where the windows
