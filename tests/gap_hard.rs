@@ -67,7 +67,10 @@ fn log(machine: &ModelDocument, effects: &[(&str, &str, &[f64])], samples: usize
     let system = System::new(machine, |_| Ok(0.0)).unwrap();
     let list: Vec<Applied> = effects
         .iter()
-        .map(|(effect, channel, values)| Applied { values: values.to_vec(), ..Applied::nominal(&system, find(effect).unwrap(), channel).unwrap() })
+        .map(|(effect, channel, values)| Applied {
+            values: values.to_vec(),
+            ..Applied::nominal(&system, find(effect).unwrap(), channel).unwrap()
+        })
         .collect();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let time_s: Vec<f64> = (0..samples).map(|k| TS * k as f64).collect();
@@ -130,7 +133,8 @@ fn two_effects_are_named_together_and_ordered_by_what_each_explains() {
         let alone = |key: &str| {
             let json = serde_json::to_value(&d.cause.ranking).unwrap();
             let rows = json.as_array().unwrap().clone();
-            let row = rows.iter().find(|r| format!("{}:{}", r["effect"].as_str().unwrap_or(""), r["channel"].as_str().unwrap_or("")) == key);
+            let row =
+                rows.iter().find(|r| format!("{}:{}", r["effect"].as_str().unwrap_or(""), r["channel"].as_str().unwrap_or("")) == key);
             row.unwrap()["after"].as_f64().unwrap()
         };
         let order: Vec<String> = d.cause.effects.iter().map(|e| format!("{}:{}", e.effect, e.channel)).collect();
@@ -281,7 +285,8 @@ fn feedback_of_the_same_sample_is_no_direct_path() {
     // u(k) holds −4 and −1.5 times the noise of y(k), so any rival with a path from u(k) to y(k) would gain.
     let model = pendulum();
     for seed in 620..624 {
-        let d = diagnosed(&model, &[flown(1.0, false, 1500, seed), flown(1.0, false, 1500, seed + 20)], &[flown(1.0, false, 1200, seed + 50)]);
+        let d =
+            diagnosed(&model, &[flown(1.0, false, 1500, seed), flown(1.0, false, 1500, seed + 20)], &[flown(1.0, false, 1200, seed + 50)]);
         assert_eq!((d.cause.verdict.as_str(), keys(&d)), ("none", Vec::new()), "seed {seed}");
     }
     let d = diagnosed(&model, &[flown(0.75, false, 1500, 630), flown(0.75, false, 1500, 631)], &[flown(0.75, false, 1200, 632)]);

@@ -28,5 +28,7 @@ pub(super) fn experiment(class: &[Applied]) -> String {
 /// What would tell a start that is off from an effect.
 pub(super) fn of_starts(hangs: &[Hang]) -> String {
     let states = hangs.iter().map(|h| format!("`{}`", h.state)).collect::<Vec<_>>().join(", ");
-    format!("The verdict hangs on how far the start of {states} is trusted: begin from a known state (and say so with initial_std), or step the operating point.")
+    format!(
+        "The verdict hangs on how far the start of {states} is trusted: begin from a known state (and say so with initial_std), or step the operating point."
+    )
 }

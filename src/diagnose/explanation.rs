@@ -145,7 +145,11 @@ impl Explanation {
                     (cost_of(&there), there)
                 };
                 let here = best.effects[at.0].values[at.1];
-                let (lowest, there) = [here + step, here - step].map(try_at).into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, best.clone()));
+                let (lowest, there) = [here + step, here - step]
+                    .map(try_at)
+                    .into_iter()
+                    .min_by(|a, b| a.0.total_cmp(&b.0))
+                    .unwrap_or((f64::INFINITY, best.clone()));
                 if lowest < cost {
                     (cost, best, moved) = (lowest, there, true);
                 } else {
@@ -154,7 +158,11 @@ impl Explanation {
             }
         }
         // What gains next to nothing is no other minimum.
-        if moved && cost < before * (1.0 - 1e-6) { Self::refit(problem, best.clone(), scales, nominal_cost, iterations).unwrap_or(best) } else { best }
+        if moved && cost < before * (1.0 - 1e-6) {
+            Self::refit(problem, best.clone(), scales, nominal_cost, iterations).unwrap_or(best)
+        } else {
+            best
+        }
     }
 
     /// One of its effects, with the values that it has beside the others.

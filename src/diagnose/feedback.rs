@@ -24,7 +24,8 @@ const CORRELATED: f64 = 5.0;
 pub(super) fn regressors(record: &Record, residual: &DMatrix<f64>) -> Vec<DMatrix<f64>> {
     let outputs = record.measured.len();
     let samples = record.time_s.len();
-    let rows: Vec<usize> = (PAST..samples).filter(|&k| (0..outputs).all(|i| (0..=PAST).all(|lag| record.measured[i].get(k - lag).is_some()))).collect();
+    let rows: Vec<usize> =
+        (PAST..samples).filter(|&k| (0..outputs).all(|i| (0..=PAST).all(|lag| record.measured[i].get(k - lag).is_some()))).collect();
     let mut found = Vec::new();
     for input in 0..record.inputs.len() {
         let Some(alone) = unpredicted(record, input, &rows, false) else { continue };
@@ -81,7 +82,8 @@ fn unpredicted(record: &Record, input: usize, rows: &[usize], outputs: bool) -> 
 
 /// What an output's residual does not predict of itself.
 fn innovations(record: &Record, residual: &DMatrix<f64>, output: usize) -> Vec<f64> {
-    let series: Vec<Option<f64>> = (0..record.time_s.len()).map(|k| record.measured[output].get(k).map(|_| residual[(k, output)])).collect();
+    let series: Vec<Option<f64>> =
+        (0..record.time_s.len()).map(|k| record.measured[output].get(k).map(|_| residual[(k, output)])).collect();
     let ar = autoregression_of(std::slice::from_ref(&series));
     let filled: Vec<f64> = series.iter().map(|v| v.unwrap_or(0.0)).collect();
     (0..filled.len()).map(|k| filled[k] - ar.iter().zip(filled[..k].iter().rev()).map(|(a, r)| a * r).sum::<f64>()).collect()

@@ -38,9 +38,10 @@ pub(super) struct Floor {
 pub(super) fn estimate(problem: &Problem<'_>, residuals: &[DMatrix<f64>], reached: &[Errors], related: &[f64]) -> Floor {
     let records = problem.records;
     let one = |i: usize| {
-        let samples = records.iter().zip(residuals).flat_map(|(r, e)| {
-            (0..r.time_s.len()).filter(move |&k| r.measured_in(r.train, i, k).is_some()).map(move |k| e[(k, i)])
-        });
+        let samples = records
+            .iter()
+            .zip(residuals)
+            .flat_map(|(r, e)| (0..r.time_s.len()).filter(move |&k| r.measured_in(r.train, i, k).is_some()).map(move |k| e[(k, i)]));
         let square = mean_square(samples);
         let calm = calmest(records, residuals, i) / square.max(f64::MIN_POSITIVE);
         let slow = slow(records, residuals, i) / square.max(f64::MIN_POSITIVE);

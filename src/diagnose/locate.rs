@@ -102,7 +102,8 @@ fn significant(cells: &[Cell], noise: Noise) -> Vec<f64> {
     let mut sorted: Vec<f64> = p.clone();
     sorted.sort_by(f64::total_cmp);
     #[allow(clippy::cast_precision_loss)]
-    let limit = sorted.iter().enumerate().filter(|(n, p)| **p <= FALSE * (n + 1) as f64 / cells.len() as f64).map(|(_, p)| *p).fold(-1.0, f64::max);
+    let limit =
+        sorted.iter().enumerate().filter(|(n, p)| **p <= FALSE * (n + 1) as f64 / cells.len() as f64).map(|(_, p)| *p).fold(-1.0, f64::max);
     cells.iter().zip(&p).map(|(c, p)| if *p <= limit { (c.sum - c.count * noise.square).max(0.0) } else { 0.0 }).collect()
 }
 
@@ -248,7 +249,14 @@ pub(super) fn peaks_hz(records: &[Record], residuals: &[DMatrix<f64>], outputs: 
 }
 
 /// The range of a variable outside which the gap is small, and its width as a part of all samples.
-fn regime(records: &[Record], residuals: &[DMatrix<f64>], i: usize, noise: Noise, variable: &Variable, name: &str) -> Option<(f64, Regime)> {
+fn regime(
+    records: &[Record],
+    residuals: &[DMatrix<f64>],
+    i: usize,
+    noise: Noise,
+    variable: &Variable,
+    name: &str,
+) -> Option<(f64, Regime)> {
     let values = || {
         records.iter().zip(residuals).zip(&variable.values).flat_map(move |((r, e), v)| {
             (0..r.time_s.len()).filter(move |&k| r.measured_in(r.train, i, k).is_some() && v[k].is_finite()).map(move |k| (v[k], e[(k, i)]))

@@ -35,16 +35,16 @@ pub use diagnosis::{
     NotTried, Parameter, Prediction, RankedPair, RankedSingle, RankingRow, Regime, Shrink, ShrinkOutput, TimeSpan, Where, WhereOutput,
 };
 pub use error::GapError;
+pub use isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size, isolability};
 pub use progress::Stage;
 pub use traces::Trace;
-pub use isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size, isolability};
 
 use crate::effect::Applied;
 use crate::error::Result;
 use crate::log::Log;
 use crate::model::ModelDocument;
-use data::{Record, Span};
 use crate::simulate::System;
+use data::{Record, Span};
 use problem::{Acting, NOTHING, Problem};
 use shrink::{Errors, together};
 

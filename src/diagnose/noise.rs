@@ -72,15 +72,26 @@ impl Noise {
     fn innovations(&self, record: &Record, residual: &DMatrix<f64>) -> DMatrix<f64> {
         let (samples, outputs) = residual.shape();
         let mut e = DMatrix::zeros(samples, outputs);
+        let Some(span) = record.train else { return e };
+        let (from, to) = (record.time_s.partition_point(|t| *t < span.from_s), record.time_s.partition_point(|t| *t <= span.to_s));
         let mut past = vec![0.0; samples];
         for i in 0..outputs {
             let ar = &self.ar[i];
+            if record.measured[i].present.is_none() {
+                // All there: a plain filter over the span.
+                let left = &residual.as_slice()[i * samples..(i + 1) * samples];
+                for (k, e) in e.as_mut_slice()[i * samples..(i + 1) * samples].iter_mut().enumerate().take(to).skip(from) {
+                    let predicted: f64 = ar.iter().zip(left[..k].iter().rev()).map(|(a, r)| a * r).sum();
+                    *e = left[k] - predicted;
+                }
+                continue;
+            }
             for k in 0..samples {
                 let predicted: f64 = ar.iter().zip(past[..k].iter().rev()).map(|(a, r)| a * r).sum();
                 past[k] = residual[(k, i)];
                 if record.measured[i].get(k).is_none() {
                     past[k] = predicted;
-                } else if record.train.is_some_and(|s| s.holds(record.time_s[k])) {
+                } else if span.holds(record.time_s[k]) {
                     e[(k, i)] = residual[(k, i)] - predicted;
                 }
             }

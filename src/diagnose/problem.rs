@@ -180,8 +180,13 @@ impl<'a> Problem<'a> {
 
     /// measured − predicted, 0 where there is no measurement.
     pub(super) fn residual(&self, record: usize, predicted: &DMatrix<f64>) -> DMatrix<f64> {
-        let measured = &self.records[record].measured;
-        DMatrix::from_fn(predicted.nrows(), predicted.ncols(), |k, i| measured[i].get(k).map_or(0.0, |y| y - predicted[(k, i)]))
+        let mut residual = -predicted;
+        for (mut column, measured) in residual.column_iter_mut().zip(&self.records[record].measured) {
+            for (k, (left, y)) in column.iter_mut().zip(&measured.values).enumerate() {
+                *left = if measured.present.as_ref().is_none_or(|p| p[k]) { *left + y } else { 0.0 };
+            }
+        }
+        residual
     }
 
     /// Whitened residuals of all training records; `None` where a simulation fails.

@@ -44,7 +44,8 @@ pub(super) fn leader(explanations: &[Explanation], weight: f64) -> Option<&Expla
     let top = best(&|_| true);
     let fewest = fitted().filter(|e| odds(e, weight) > top - NEAR).map(|e| e.free.len()).min()?;
     let top = best(&|e| e.free.len() <= fewest);
-    let place = |e: &Explanation| e.effects.iter().filter_map(|a| EFFECTS.iter().position(|t| t.name() == a.effect.name())).collect::<Vec<_>>();
+    let place =
+        |e: &Explanation| e.effects.iter().filter_map(|a| EFFECTS.iter().position(|t| t.name() == a.effect.name())).collect::<Vec<_>>();
     fitted().filter(|e| e.free.len() <= fewest && odds(e, weight) > top - NEAR).min_by_key(|e| place(e))
 }
 
@@ -114,7 +115,8 @@ pub(super) fn cause(
     // The verdict leads its equals.
     rows.sort_by(|a, b| b.1.cmp(&a.1).then(b.0.total_cmp(&a.0)));
     let classes = judged.found.as_ref().and(judged.best.as_ref()).map(|leader| classes(problem, leader, found)).unwrap_or_default();
-    let next_experiment = classes.first().map(|class| experiment(class)).or_else(|| (!hangs.is_empty()).then(|| experiment::of_starts(hangs)));
+    let next_experiment =
+        classes.first().map(|class| experiment(class)).or_else(|| (!hangs.is_empty()).then(|| experiment::of_starts(hangs)));
     let mut indistinguishable: Vec<Vec<String>> = classes.iter().map(|class| class.iter().map(Applied::key).collect()).collect();
     start_classes(&mut indistinguishable, judged.found.as_ref(), hangs);
     let first = judged.found.as_ref().and_then(|e| e.effects.first());

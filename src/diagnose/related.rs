@@ -23,7 +23,13 @@ const FOLDS: usize = 8;
 const RIDGES: [f64; 5] = [1e-6, 1e-4, 1e-3, 1e-2, 1e-1];
 
 /// Per output, the share of the residual's mean square over the training samples that is predicted.
-pub(super) fn shares(problem: &Problem<'_>, acting: Acting<'_>, residuals: &[DMatrix<f64>], catalogue: &[Applied], scales: &Scales) -> Vec<f64> {
+pub(super) fn shares(
+    problem: &Problem<'_>,
+    acting: Acting<'_>,
+    residuals: &[DMatrix<f64>],
+    catalogue: &[Applied],
+    scales: &Scales,
+) -> Vec<f64> {
     let outputs = residuals.first().map_or(0, DMatrix::ncols);
     let rows = rows(problem);
     let Some(base) = stacked(problem, acting, &rows) else { return vec![0.0; outputs] };
@@ -48,7 +54,8 @@ pub(super) fn shares(problem: &Problem<'_>, acting: Acting<'_>, residuals: &[DMa
         .map(|i| {
             let there: Vec<usize> = (0..rows.len()).filter(|&r| problem.records[rows[r].0].measured[i].get(rows[r].1).is_some()).collect();
             let left = DVector::from_iterator(there.len(), there.iter().map(|&r| residuals[rows[r].0][(rows[r].1, i)]));
-            let regressors = DMatrix::from_fn(there.len(), columns.len() + 1, |r, c| if c == 0 { 1.0 } else { columns[c - 1][(there[r], i)] });
+            let regressors =
+                DMatrix::from_fn(there.len(), columns.len() + 1, |r, c| if c == 0 { 1.0 } else { columns[c - 1][(there[r], i)] });
             predicted(&left, regressors)
         })
         .collect()
@@ -68,8 +75,9 @@ fn rows(problem: &Problem<'_>) -> Vec<(usize, usize)> {
 /// Predictions at the rows, rows × outputs.
 fn stacked(problem: &Problem<'_>, acting: Acting<'_>, rows: &[(usize, usize)]) -> Option<DMatrix<f64>> {
     let wanted = |at: usize| problem.records[at].train.is_some();
-    let all: Vec<Option<DMatrix<f64>>> =
-        (0..problem.records.len()).map(|at| if wanted(at) { problem.predict(at, acting).map(Some) } else { Some(None) }).collect::<Option<_>>()?;
+    let all: Vec<Option<DMatrix<f64>>> = (0..problem.records.len())
+        .map(|at| if wanted(at) { problem.predict(at, acting).map(Some) } else { Some(None) })
+        .collect::<Option<_>>()?;
     let outputs = all.iter().flatten().map(DMatrix::ncols).next()?;
     Some(DMatrix::from_fn(rows.len(), outputs, |r, i| all[rows[r].0].as_ref().map_or(0.0, |y| y[(rows[r].1, i)])))
 }

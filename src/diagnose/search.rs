@@ -15,7 +15,7 @@ use crate::simulate::System;
 /// Candidates that are fitted in full after the screen.
 const FITTED: usize = 25;
 /// Explanations of each size that are fitted again once the noise is known.
-const LEADERS: usize = 12;
+const LEADERS: usize = 8;
 /// How often the noise model is renewed from the leading explanation.
 const ROUNDS: usize = 2;
 /// Where a signature is taken, as a share of the way from nominal to a start.
@@ -24,10 +24,14 @@ const NEAR: f64 = 0.02;
 const HALVINGS: i32 = 5;
 /// Starts of one candidate that are fitted.
 const STARTS: usize = 2;
+/// Candidates whose fit goes on after the first few steps.
+const ON: usize = 10;
 /// Steps of a full fit, and of a fit that starts where another ended.
 const STEPS: usize = 15;
 /// First effects of pairs: so many of the best, and so many more that have one parameter; leading singles are often flexible impostors.
 const FIRSTS: (usize, usize) = (2, 4);
+/// Starts of a candidate that are looked at before any pair is fitted.
+const GLANCES: usize = 3;
 /// Second effects that are fitted with each first one.
 const SECONDS: usize = 6;
 /// Pairs whose members are tried as first effects in their turn.
@@ -71,13 +75,22 @@ pub(super) fn catalogue(system: &System) -> (Vec<Applied>, Vec<(&'static str, St
 }
 
 /// Searches the whole catalogue; leaves `problem` with the noise of the largest explanation in play.
-pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales: &Scales, smallest: &[f64], progress: &dyn Fn(Stage)) -> Option<Found> {
+pub(super) fn search(
+    problem: &mut Problem<'_>,
+    catalogue: Vec<Applied>,
+    scales: &Scales,
+    smallest: &[f64],
+    progress: &dyn Fn(Stage),
+) -> Option<Found> {
     let nominal = problem.whitened(NOTHING)?;
     progress(Stage::Screening(catalogue.len()));
+    eprintln!("STAGE screen"); // DBG
     let pool = screen(problem, catalogue, scales, &nominal);
+    eprintln!("STAGE first"); // DBG
     progress(Stage::Fitting);
     let mut found = Found { singles: fit_first(problem, &pool, scales, &nominal), pairs: Vec::new() };
     progress(Stage::Pairing);
+    eprintln!("STAGE pairs {}", found.singles.len()); // DBG
     found.pairs = pairs(problem, &found.singles, &pool, scales, &nominal);
     dbg_list("white", &found, problem.weight()); // DBG
     for round in 0..ROUNDS {
@@ -97,7 +110,9 @@ pub(super) fn search(problem: &mut Problem<'_>, catalogue: Vec<Applied>, scales:
             explanations.sort_by(|a, b| b.gain.total_cmp(&a.gain));
             let steps = if round + 1 < ROUNDS { STEPS } else { STEPS / 2 };
             explanations.par_iter_mut().take(LEADERS).for_each(|e| {
-                if let Some(better) = decoded(problem, e.clone(), scales, cost, steps).and_then(|e| Explanation::refit(problem, e, scales, cost, steps)) {
+                if let Some(better) =
+                    decoded(problem, e.clone(), scales, cost, steps).and_then(|e| Explanation::refit(problem, e, scales, cost, steps))
+                {
                     *e = better.with_missing_limits(problem, scales, cost, steps);
                     if round == 0 {
                         *e = e.clone().polished(problem, scales, cost, steps);
@@ -195,7 +210,7 @@ fn screen(problem: &Problem<'_>, catalogue: Vec<Applied>, scales: &Scales, nomin
     candidates
 }
 
-/// Fits the most promising of the pool, each from its best starts; the others stay as screened.
+/// Fits the most promising of the pool, each from its best starts, the best of them to the end; the others stay as screened.
 fn fit_first(problem: &Problem<'_>, pool: &[Screened], scales: &Scales, nominal: &Whitened) -> Vec<Explanation> {
     let cost = problem.inner(nominal, nominal);
     let mut singles: Vec<Explanation> = pool
@@ -205,15 +220,21 @@ fn fit_first(problem: &Problem<'_>, pool: &[Screened], scales: &Scales, nominal:
             let values = screened.starts.first().map_or(screened.applied.values.as_slice(), Vec::as_slice);
             let as_screened = Explanation::screened(with(&screened.applied, values), screened.gain);
             let starts = screened.starts.iter().take(if at < FITTED { STARTS } else { 0 });
-            let fits = starts.filter_map(|start| Explanation::fit(problem, &[with(&screened.applied, start)], scales, cost, STEPS));
-            let best = fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened);
-            if best.loses_commands() && best.gain > SEARCH_WIDE {
-                decoded(problem, best.clone(), scales, cost, STEPS).unwrap_or(best)
-            } else {
-                best
-            }
+            let fits = starts.filter_map(|start| Explanation::fit(problem, &[with(&screened.applied, start)], scales, cost, TRIAL.0));
+            fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened)
         })
         .collect();
+    singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    singles.par_iter_mut().take(ON).for_each(|single| {
+        let better = if single.loses_commands() && single.gain > SEARCH_WIDE {
+            decoded(problem, single.clone(), scales, cost, STEPS)
+        } else {
+            Explanation::refit(problem, single.clone(), scales, cost, STEPS)
+        };
+        if let Some(better) = better {
+            *single = better;
+        }
+    });
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     singles
 }
@@ -280,6 +301,9 @@ impl Beside {
 fn pairs(problem: &Problem<'_>, singles: &[Explanation], pool: &[Screened], scales: &Scales, nominal: &Whitened) -> Vec<Explanation> {
     let weight = problem.weight();
     let firsts: Vec<Explanation> = firsts(singles, weight).into_iter().cloned().collect();
+    if !something_beside(problem, firsts.first(), pool, scales, nominal) {
+        return Vec::new();
+    }
     let mut pairs = with_seconds(problem, &firsts, pool, scales, nominal, &[]);
     // Forward and backward: what only a second effect made visible takes the first place.
     let mut kept: Vec<Explanation> = Vec::new();
@@ -293,6 +317,25 @@ fn pairs(problem: &Problem<'_>, singles: &[Explanation], pool: &[Screened], scal
     pairs.extend(more);
     pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     pairs
+}
+
+/// Something of the catalogue promises to take a part of what the best single leaves.
+fn something_beside(problem: &Problem<'_>, best: Option<&Explanation>, pool: &[Screened], scales: &Scales, nominal: &Whitened) -> bool {
+    let Some(beside) = best.and_then(|best| Beside::new(problem, best, scales)) else { return false };
+    let promises = |screened: &Screened| {
+        // A lattice in raw values need not promise anything.
+        let traced = screened.applied.effect.leaves_residual() && !screened.starts.is_empty();
+        let own = beside.first.effects.iter().any(|e| e.key() == screened.applied.key());
+        let starts = screened.applied.starts(problem.system, scales);
+        let every = starts.len().div_ceil(GLANCES).max(1);
+        let glance = |start: Vec<f64>| {
+            let share = if has_limit(&screened.applied) { 1.0 } else { 0.5 };
+            let there = problem.whitened(&[with(&screened.applied, &between(&screened.applied, &start, share))]);
+            there.is_some_and(|there| beside.promise(problem, &difference(nominal, &there, 1.0)) > SEARCH_WIDE.max(PROMISING * beside.cost))
+        };
+        !own && (traced || starts.into_iter().step_by(every).any(glance))
+    };
+    pool.par_iter().any(promises)
 }
 
 /// The seconds that promise most beside each first, fitted with it; but those known already.
@@ -331,10 +374,8 @@ fn with_seconds(
             best
         })
         .collect();
-    let traces: Vec<String> = (pool.iter())
-        .filter(|s| s.applied.effect.leaves_residual() && !s.starts.is_empty())
-        .map(|s| s.applied.key())
-        .collect();
+    let traces: Vec<String> =
+        (pool.iter()).filter(|s| s.applied.effect.leaves_residual() && !s.starts.is_empty()).map(|s| s.applied.key()).collect();
     let mut wanted: Vec<Vec<Applied>> = Vec::new();
     for (at, beside) in beside.iter().enumerate() {
         let mut seconds: Vec<&(f64, Applied)> =
@@ -408,9 +449,12 @@ fn noise_of(problem: &Problem<'_>, acting: Acting<'_>, smallest: &[f64]) -> Opti
 }
 
 // DBG
-fn dbg_list(what: &str, found: &Found, weight: f64) { // DBG
-    if std::env::var("DT_DEBUG").is_ok() { // DBG
-        for (n, e) in found.singles.iter().take(8).chain(found.pairs.iter().take(12)).enumerate() { // DBG
+fn dbg_list(what: &str, found: &Found, weight: f64) {
+    // DBG
+    if std::env::var("DT_DEBUG").is_ok() {
+        // DBG
+        for (n, e) in found.singles.iter().take(8).chain(found.pairs.iter().take(12)).enumerate() {
+            // DBG
             eprintln!("{what} {n} odds {:.1} gain {:.1} fitted {} {:?}", odds(e, weight), e.gain, e.fitted, e.effects); // DBG
         } // DBG
     } // DBG

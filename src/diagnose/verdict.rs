@@ -115,7 +115,15 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
     let by = |key: &dyn Fn(usize) -> Option<f64>| (0..all.len()).max_by(|&a, &b| key(a).unwrap_or(0.0).total_cmp(&key(b).unwrap_or(0.0)));
     let decisive = if size > 0 { by(&gained) } else { by(&ratio) };
     let mut unknown: f64 = 0.0;
-    if std::env::var("DT_DEBUG").is_ok() { eprintln!("judge memory {:?} n {weight} related {related:?} size {size} all {all:?} left {left:?} noise {noise:?} decisive {decisive:?} held {:?} > {:?} floor {:?}", problem.memory(), together(&nothing.held.nrmse()), together(&best.held.nrmse()), together(&nothing.held.relative(&floor.floor))); } // DBG
+    if std::env::var("DT_DEBUG").is_ok() {
+        eprintln!(
+            "judge memory {:?} n {weight} related {related:?} size {size} all {all:?} left {left:?} noise {noise:?} decisive {decisive:?} held {:?} > {:?} floor {:?}",
+            problem.memory(),
+            together(&nothing.held.nrmse()),
+            together(&best.held.nrmse()),
+            together(&nothing.held.relative(&floor.floor))
+        );
+    } // DBG
     if let Some(i) = decisive
         && let (Some(all), Some(left), Some(noise)) = (all[i], left[i], noise[i])
     {

@@ -168,7 +168,11 @@ pub(super) fn run(
             for (j, sensor) in sensors.iter().enumerate() {
                 let value = reading(sensor, k)?;
                 run.y[(k, j)] = value;
-                let innovation = correction.measured.get(j).and_then(|m| m.get(k)).map_or(0.0, |measured| (measured - value) * plan.outputs[j].correction());
+                let innovation = correction
+                    .measured
+                    .get(j)
+                    .and_then(|m| m.get(k))
+                    .map_or(0.0, |measured| (measured - value) * plan.outputs[j].correction());
                 x += correction.gain.column(j) * innovation;
             }
         }
