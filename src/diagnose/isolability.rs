@@ -13,7 +13,7 @@ use super::diagnosis::Prediction;
 use super::experiment::experiment;
 use super::problem::{NOTHING, Problem, Whitened};
 use super::rank::SEARCH_WIDE as VISIBLE;
-use super::{GapOptions, Setup, nominal_fails, scales, search, set_spans, shrink};
+use super::{GapOptions, Setup, nominal_fails, scales, screen, set_spans, shrink};
 use crate::effect::{Applied, Scales};
 use crate::error::Result;
 use crate::log::Log;
@@ -151,7 +151,7 @@ pub fn isolability(document: &ModelDocument, logs: &[Log], options: &GapOptions)
     let nominal = problem.whitened(NOTHING).ok_or_else(|| nominal_fails(&records))?;
 
     let limit = PLAUSIBLE * motion_size(&records, &noise);
-    let candidates: Vec<Candidate> = (search::catalogue(&system).0.into_par_iter())
+    let candidates: Vec<Candidate> = (screen::catalogue(&system).0.into_par_iter())
         .map(|applied| Candidate { signatures: signatures(&problem, &applied, &scales, &nominal, limit), applied })
         .collect();
     let visible = |c: &Candidate| c.signatures.iter().any(|s| s.strength >= VISIBLE);

@@ -14,12 +14,14 @@ mod isolability;
 mod locate;
 mod lost;
 mod noise;
+mod pairs;
 mod prediction;
 mod problem;
 mod progress;
 mod rank;
 mod related;
 mod scales;
+mod screen;
 mod search;
 mod shrink;
 mod traces;
@@ -125,7 +127,7 @@ pub fn diagnose(
     caveats::must_not_explode(system, records, &before)?;
     let scales = motion.scales(system, records, &before, longest_delay_s);
 
-    let (catalogue, left_out) = search::catalogue(system);
+    let (catalogue, left_out) = screen::catalogue(system);
     let found = search::search(&mut problem, catalogue.clone(), &scales, &smallest, progress).ok_or_else(|| nominal_fails(records))?;
 
     let longer_s = f64::min(LONGER * longest_delay_s, 0.5 * limit_s);

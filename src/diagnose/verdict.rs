@@ -20,8 +20,8 @@ const ABOVE_FLOOR_ALONE: f64 = 1.75;
 const MATTERS: [f64; 2] = [1.3, 1.25];
 /// The share of the explainable that one effect must explain, and two.
 const EXPLAINS: [f64; 2] = [0.93, 0.97];
-/// The share of the explainable that must be explained on held-out data: less, and it describes the training logs and no cause.
-const GENERALISES: f64 = 0.5;
+/// The share of the explainable that one effect, and two, must explain on held-out data: less, and they describe the training logs and no cause.
+const GENERALISES: [f64; 2] = [0.5, 0.75];
 
 /// The verdict and what it rests on.
 pub(super) struct Judged {
@@ -115,15 +115,6 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
     let by = |key: &dyn Fn(usize) -> Option<f64>| (0..all.len()).max_by(|&a, &b| key(a).unwrap_or(0.0).total_cmp(&key(b).unwrap_or(0.0)));
     let decisive = if size > 0 { by(&gained) } else { by(&ratio) };
     let mut unknown: f64 = 0.0;
-    if std::env::var("DT_DEBUG").is_ok() {
-        eprintln!(
-            "judge memory {:?} n {weight} related {related:?} size {size} all {all:?} left {left:?} noise {noise:?} decisive {decisive:?} held {:?} > {:?} floor {:?}",
-            problem.memory(),
-            together(&nothing.held.nrmse()),
-            together(&best.held.nrmse()),
-            together(&nothing.held.relative(&floor.floor))
-        );
-    } // DBG
     if let Some(i) = decisive
         && let (Some(all), Some(left), Some(noise)) = (all[i], left[i], noise[i])
     {
@@ -137,7 +128,7 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
     // What does not hold on data that it was not fitted to is no explanation.
     let held = |e: &Errors| together(&e.nrmse()).unwrap_or(0.0);
     let (b, a, f) = (held(&nothing.held), held(&best.held), together(&nothing.held.relative(&floor.floor)).unwrap_or(0.0));
-    if size > 0 && !chance && b * b - a * a < GENERALISES * (b * b - f * f).max(0.0) {
+    if size > 0 && !chance && b * b - a * a < GENERALISES[size.min(2) - 1] * (b * b - f * f).max(0.0) {
         unknown = f64::max(unknown, 0.9);
     }
     let verdict = match (unknown > 0.5, size) {

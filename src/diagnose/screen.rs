@@ -1,0 +1,107 @@
+//! The screen: every candidate of the catalogue by its signature.
+
+use rayon::prelude::*;
+
+use super::explanation::{difference, with};
+use super::problem::{Problem, Whitened};
+use crate::effect::{Applied, EFFECTS, Scales, Site};
+use crate::simulate::System;
+
+/// Where a signature is taken, as a share of the way from nominal to a start.
+pub(super) const NEAR: f64 = 0.02;
+/// How often the way along a signature is halved before it is given up.
+const HALVINGS: i32 = 5;
+
+/// A candidate with its starts, best first.
+pub(super) struct Screened {
+    pub(super) applied: Applied,
+    pub(super) starts: Vec<Vec<f64>>,
+    pub(super) gain: f64,
+}
+
+/// All candidates of a system, in the order of the effects' table, with the reasons for those that cannot act.
+pub(super) fn catalogue(system: &System) -> (Vec<Applied>, Vec<(&'static str, String)>) {
+    let (mut all, mut left_out) = (Vec::new(), Vec::new());
+    for effect in EFFECTS {
+        if effect.site() == Site::Dynamics && system.is_sampled() {
+            left_out.push((effect.name(), "the model is sampled".to_owned()));
+            continue;
+        }
+        let channels = effect.channels(system);
+        if channels.is_empty() {
+            left_out.push((effect.name(), "the model has no channel for it".to_owned()));
+        }
+        all.extend(channels.iter().filter_map(|channel| Applied::nominal(system, effect, channel).ok()));
+    }
+    (all, left_out)
+}
+
+/// Values moved a share of the way from nominal to a start; infinite limits stay.
+pub(super) fn between(applied: &Applied, start: &[f64], share: f64) -> Vec<f64> {
+    let move_one = |(value, p): (&f64, &crate::effect::Parameter)| {
+        let moved = p.nominal + share * (value - p.nominal);
+        if p.nominal.is_infinite() || !moved.is_finite() { *value } else { moved.clamp(p.lower, p.upper) }
+    };
+    keep_shape(applied, start, start.iter().zip(&applied.parameters).map(move_one).collect())
+}
+
+/// Frequency, damping and phase keep the start's value when a signature is scaled.
+fn keep_shape(applied: &Applied, start: &[f64], mut values: Vec<f64>) -> Vec<f64> {
+    for ((value, start), p) in values.iter_mut().zip(start).zip(&applied.parameters) {
+        if matches!(p.name, "frequency" | "damping" | "phase") {
+            *value = *start;
+        }
+    }
+    values
+}
+
+/// Some parameter is a limit, infinite when nominal.
+pub(super) fn has_limit(applied: &Applied) -> bool {
+    applied.parameters.iter().any(|p| p.nominal.is_infinite())
+}
+
+/// Screens all candidates: the fall of the cost along each start's signature, or at the start itself where that is more.
+pub(super) fn screen(problem: &Problem<'_>, catalogue: Vec<Applied>, scales: &Scales, nominal: &Whitened) -> Vec<Screened> {
+    let cost = problem.inner(nominal, nominal);
+    let mut candidates: Vec<Screened> = catalogue
+        .into_par_iter()
+        .map(|applied| {
+            let mut tried: Vec<(f64, Vec<f64>)> = Vec::new();
+            let starts = applied.starts(problem.system, scales);
+            let evaluate = |values: &[f64]| problem.whitened(&[with(&applied, values)]);
+            for (at, start) in starts.iter().enumerate() {
+                if let Some(there) = evaluate(start) {
+                    tried.push((cost - problem.inner(&there, &there), start.clone()));
+                }
+                // All starts of one parameter have the same signature; a limit has none.
+                if has_limit(&applied) || (at > 0 && applied.parameters.len() == 1) {
+                    continue;
+                }
+                // The signature close to nominal, scaled as it fits best.
+                let Some(near) = evaluate(&between(&applied, start, NEAR)) else { continue };
+                let signature = difference(nominal, &near, 1.0);
+                let share = NEAR * problem.inner(&signature, nominal) / problem.inner(&signature, &signature);
+                if !share.is_finite() {
+                    continue;
+                }
+                // Shorter where the whole way makes things worse or cannot be simulated.
+                for halved in 0..HALVINGS {
+                    let share = share.clamp(-20.0, 20.0) * 0.5_f64.powi(halved);
+                    let values = between(&applied, start, share);
+                    let gain = evaluate(&values).map(|there| cost - problem.inner(&there, &there));
+                    tried.extend(gain.map(|gain| (gain, values)));
+                    if gain.is_some_and(|g| g > 0.0) {
+                        break;
+                    }
+                }
+            }
+            tried.retain(|(gain, _)| gain.is_finite());
+            tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let gain = tried.first().map_or(f64::NEG_INFINITY, |t| t.0);
+            Screened { applied, starts: tried.into_iter().map(|t| t.1).collect(), gain }
+        })
+        .collect();
+    // Stable: of equals the first of the table leads.
+    candidates.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    candidates
+}
