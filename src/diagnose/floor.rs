@@ -33,9 +33,9 @@ pub(super) struct Floor {
     pub(super) floor: Vec<f64>,
 }
 
-/// From the residuals of the best explanation, one matrix per record (samples × outputs). `reached` are the errors of all leading explanations: no
-/// floor is above what a model reaches. `related` is the share of every output's residual that hangs together with the commands.
-pub(super) fn estimate(problem: &Problem<'_>, residuals: &[DMatrix<f64>], reached: &[Errors], related: &[f64]) -> Floor {
+/// From the residuals of the best explanation, one matrix per record (samples × outputs). `reached` are errors and residuals of all leading explanations,
+/// no effect included: no floor is above what a model reaches. `related` is the share of every output's residual that hangs together with the commands.
+pub(super) fn estimate(problem: &Problem<'_>, residuals: &[DMatrix<f64>], reached: &[(Errors, Vec<DMatrix<f64>>)], related: &[f64]) -> Floor {
     let records = problem.records;
     let one = |i: usize| {
         let samples = records
@@ -45,7 +45,8 @@ pub(super) fn estimate(problem: &Problem<'_>, residuals: &[DMatrix<f64>], reache
         let square = mean_square(samples);
         let calm = calmest(records, residuals, i) / square.max(f64::MIN_POSITIVE);
         let slow = slow(records, residuals, i) / square.max(f64::MIN_POSITIVE);
-        let lowest = reached.iter().map(|e| e.rms()[i]).fold(f64::INFINITY, f64::min);
+        // Noise is in every residual: the calmest of any explanation holds no less.
+        let lowest = reached.iter().map(|(e, other)| e.rms()[i].min(calmest(records, other, i).sqrt())).fold(f64::INFINITY, f64::min);
         (square * (1.0 - related[i]).min(calm).min(slow).clamp(0.0, 1.0)).sqrt().min(lowest)
     };
     Floor { floor: (0..related.len()).map(one).collect() }

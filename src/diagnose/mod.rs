@@ -141,7 +141,7 @@ pub fn diagnose(
     let mut judged = verdict::judge(&problem, &found, &catalogue, &scales).ok_or_else(|| nominal_fails(records))?;
     let hangs = match judged.verdict {
         verdict::Verdict::Unknown => Vec::new(),
-        _ => trust::hangs(&mut problem, &found, judged.found.as_ref()),
+        _ => trust::hangs(&mut problem, &found, judged.found.as_ref(), &catalogue, &scales),
     };
     let estimate = judged.found.as_ref().and_then(|e| intervals::estimate(&problem, e, &scales));
     // What is held out is judged with what was found to act.

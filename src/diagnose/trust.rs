@@ -2,13 +2,17 @@
 //!
 //! A start that is off and a constant offset at input, state or sensor look alike over one log: which of them is named depends on the prior of the start.
 //! So the leaders are compared again with the start known ten times better and ten times worse, state by state; where another explanation leads, or none
-//! does, the state joins the class of what cannot be told apart.
+//! does, the state joins the class of what cannot be told apart. Where nothing was named, the signatures of all candidates are compared: what the start took
+//! up is not in any fit.
 
-use super::explanation::Explanation;
+use rayon::prelude::*;
+
+use super::explanation::{Explanation, difference, with};
 use super::problem::{NOTHING, Problem, Whitened};
 use super::rank::{SEARCH_WIDE, leader, odds, slack};
+use super::screen::{NEAR, between};
 use super::search::Found;
-use crate::effect::Applied;
+use crate::effect::{Applied, Scales};
 
 /// The prior of one state's start is taken so much tighter and wider.
 const FACTORS: [f64; 2] = [0.1, 10.0];
@@ -24,7 +28,7 @@ pub(super) struct Hang {
 }
 
 /// The states on whose prior the lead hangs, `best` being what leads.
-pub(super) fn hangs(problem: &mut Problem<'_>, found: &Found, best: Option<&Explanation>) -> Vec<Hang> {
+pub(super) fn hangs(problem: &mut Problem<'_>, found: &Found, best: Option<&Explanation>, catalogue: &[Applied], scales: &Scales) -> Vec<Hang> {
     let weight = problem.weight();
     // Only explanations of the verdict's size, and single effects where there is none.
     let rivals: Vec<Explanation> = match best.map_or(0, |b| b.effects.len()) {
@@ -39,6 +43,7 @@ pub(super) fn hangs(problem: &mut Problem<'_>, found: &Found, best: Option<&Expl
     let Some(nominal) = problem.whitened(NOTHING) else { return Vec::new() };
     let residuals: Vec<Option<Whitened>> = rivals.iter().map(|e| problem.whitened(e)).collect();
     let prior = problem.prior().to_vec();
+    let signatures = if best.is_none() { signatures(problem, &nominal, catalogue, scales) } else { Vec::new() };
     let mut hangs = Vec::new();
     for (state, port) in problem.system.states.iter().enumerate().filter(|(j, _)| prior[*j] > 0.0) {
         for factor in FACTORS {
@@ -53,9 +58,16 @@ pub(super) fn hangs(problem: &mut Problem<'_>, found: &Found, best: Option<&Expl
             }
             let lead = leader(&again, weight).filter(|e| odds(e, weight) > 0.0);
             let as_before = match (lead, best) {
-                (None, None) => true,
-                // Something that was just below the search-wide bar and now is just above it is no other verdict.
-                (Some(lead), None) => odds(lead, weight) < SEARCH_WIDE,
+                (_, None) => {
+                    // Something that was just below the search-wide bar and now is just above it is no other verdict.
+                    let promise = |s: &Whitened| problem.inner(s, &nominal).powi(2) / problem.inner(s, s).max(f64::MIN_POSITIVE);
+                    let most = signatures.iter().map(|(a, s)| (promise(s), a)).max_by(|a, b| a.0.total_cmp(&b.0));
+                    if let Some((_, applied)) = most.filter(|(promise, _)| *promise > 2.0 * SEARCH_WIDE) {
+                        hangs.push(Hang { state: port.name.clone(), instead: vec![applied.clone()] });
+                        break;
+                    }
+                    true
+                }
                 (None, Some(_)) => false,
                 (Some(lead), Some(best)) => {
                     let own = again.iter().find(|e| e.key() == best.key());
@@ -70,4 +82,14 @@ pub(super) fn hangs(problem: &mut Problem<'_>, found: &Found, best: Option<&Expl
     }
     problem.set_prior(prior);
     hangs
+}
+
+/// How every candidate of one parameter moves the residual, small.
+fn signatures(problem: &Problem<'_>, nominal: &Whitened, catalogue: &[Applied], scales: &Scales) -> Vec<(Applied, Whitened)> {
+    let one = |applied: &Applied| {
+        let start = applied.starts(problem.system, scales).into_iter().next().filter(|s| s.len() == 1)?;
+        let there = problem.whitened(&[with(applied, &between(applied, &start, NEAR))])?;
+        Some((applied.clone(), difference(nominal, &there, 1.0)))
+    };
+    catalogue.par_iter().filter_map(one).collect()
 }

@@ -90,10 +90,10 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
     let weight = problem.weight();
     let nothing = Level::of(problem, None)?;
     let mut best = Level::of(problem, None)?;
-    let mut lowest: Vec<Errors> = vec![nothing.train.clone()];
+    let mut reached = vec![(nothing.train.clone(), nothing.residuals.clone())];
     for (size, explanations) in [&found.singles, &found.pairs].into_iter().enumerate() {
         let Some(next) = leader(explanations, weight).and_then(|e| Level::of(problem, Some(e))) else { continue };
-        lowest.push(next.train.clone());
+        reached.push((next.train.clone(), next.residuals.clone()));
         let better = next.odds(weight) > best.odds(weight);
         // A lattice needs not lower the error to be seen.
         let lattice = next.is_chance() && !best.is_chance();
@@ -104,7 +104,7 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
     }
     let acting = best.explanation.as_ref().map_or(NOTHING, Acting::from);
     let related = related::shares(problem, acting, &best.residuals, catalogue, scales);
-    let floor = floor::estimate(problem, &best.residuals, &lowest, &related);
+    let floor = floor::estimate(problem, &best.residuals, &reached, &related);
     let (all, left) = (nothing.train.nrmse(), best.train.nrmse());
     let noise = best.train.relative(&floor.floor);
     let size = best.size();
