@@ -35,7 +35,12 @@ pub(super) struct Floor {
 
 /// From the residuals of the best explanation, one matrix per record (samples × outputs). `reached` are errors and residuals of all leading explanations,
 /// no effect included: no floor is above what a model reaches. `related` is the share of every output's residual that hangs together with the commands.
-pub(super) fn estimate(problem: &Problem<'_>, residuals: &[DMatrix<f64>], reached: &[(Errors, Vec<DMatrix<f64>>)], related: &[f64]) -> Floor {
+pub(super) fn estimate(
+    problem: &Problem<'_>,
+    residuals: &[DMatrix<f64>],
+    reached: &[(Errors, Vec<DMatrix<f64>>)],
+    related: &[f64],
+) -> Floor {
     let records = problem.records;
     let one = |i: usize| {
         let samples = records

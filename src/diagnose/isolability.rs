@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::data::Record;
 use super::diagnosis::Prediction;
-use super::experiment::experiment;
+use super::experiment;
 use super::problem::{NOTHING, Problem, Whitened};
 use super::rank::SEARCH_WIDE as VISIBLE;
 use super::{GapOptions, Setup, nominal_fails, scales, screen, set_spans, shrink};
@@ -354,7 +354,7 @@ fn classes(candidates: &[Candidate], cosines: &DMatrix<f64>, visible: impl Fn(&C
         left = rest;
         if members.len() > 1 {
             let class: Vec<Applied> = members.iter().map(|&j| candidates[j].applied.clone()).collect();
-            classes.push(Class { members: class.iter().map(Applied::key).collect(), next_experiment: experiment(&class) });
+            classes.push(Class { members: class.iter().map(Applied::key).collect(), next_experiment: experiment::by_kind(&class) });
         }
     }
     classes

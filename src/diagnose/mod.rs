@@ -156,7 +156,7 @@ pub fn diagnose(
     let (each, each_floor) = (nothing.nrmse(), nothing.relative(&floor.floor));
     let shares = locate::output_shares(&each, &each_floor);
     let gap_output = |i: usize| GapOutput { name: system.outputs[i].name.clone(), before: each[i], floor: each_floor[i], share: shares[i] };
-    let mut cause = rank::cause(&problem, &judged, &found, estimate.as_ref(), &hangs, |e| {
+    let mut cause = rank::cause(&problem, &judged, &found, estimate.as_ref(), &scales, &hangs, |e| {
         let residuals = shrink::residuals(&problem, e)?;
         together(&Errors::of(records, &residuals, |r| r.train).nrmse())
     });

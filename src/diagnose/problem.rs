@@ -264,6 +264,12 @@ impl<'a> Problem<'a> {
         Some(y)
     }
 
+    /// Standard deviation of each output's innovations.
+    pub(super) fn noise_std(&self) -> Vec<f64> {
+        let trained = self.records.iter().zip(&self.noise).find(|(r, _)| r.train.is_some());
+        trained.map_or_else(|| vec![1.0; self.system.outputs.len()], |(_, noise)| noise.std())
+    }
+
     /// How many samples of each output's noise count as one.
     pub(super) fn memory(&self) -> Vec<f64> {
         let trained = self.records.iter().zip(&self.noise).find(|(r, _)| r.train.is_some());

@@ -10,7 +10,7 @@ use super::problem::Problem;
 use super::search::Found;
 use super::trust::Hang;
 use super::verdict::{Judged, Verdict};
-use crate::effect::{Applied, EFFECTS};
+use crate::effect::{Applied, EFFECTS, Scales};
 
 /// Twice the log-likelihood by which the best of a whole catalogue must beat no effect, and the best second effect a single one: the best of 50 to 100
 /// rivals reaches 10 to 25 on noise alone.
@@ -91,6 +91,7 @@ pub(super) fn cause(
     judged: &Judged,
     found: &Found,
     estimate: Option<&Estimate>,
+    scales: &Scales,
     hangs: &[Hang],
     after: impl Fn(&Explanation) -> Option<f64> + Sync,
 ) -> Cause {
@@ -115,8 +116,14 @@ pub(super) fn cause(
     // The verdict leads its equals.
     rows.sort_by(|a, b| b.1.cmp(&a.1).then(b.0.total_cmp(&a.0)));
     let classes = judged.found.as_ref().and(judged.best.as_ref()).map(|leader| classes(problem, leader, found)).unwrap_or_default();
-    let next_experiment =
-        classes.first().map(|class| experiment(class)).or_else(|| (!hangs.is_empty()).then(|| experiment::of_starts(hangs)));
+    let next_experiment = match (classes.iter().find(|class| class.len() > 1), judged.best.as_ref()) {
+        (Some(class), Some(best)) => {
+            let replaced = |a: &Applied| if a.key() == class[0].key() { class[1].clone() } else { a.clone() };
+            let rival: Vec<Applied> = best.effects.iter().map(replaced).collect();
+            Some(experiment(problem, scales, class, &best.effects, &rival))
+        }
+        _ => (!hangs.is_empty()).then(|| experiment::of_starts(hangs)),
+    };
     let mut indistinguishable: Vec<Vec<String>> = classes.iter().map(|class| class.iter().map(Applied::key).collect()).collect();
     start_classes(&mut indistinguishable, judged.found.as_ref(), hangs);
     let first = judged.found.as_ref().and_then(|e| e.effects.first());

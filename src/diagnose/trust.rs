@@ -28,7 +28,13 @@ pub(super) struct Hang {
 }
 
 /// The states on whose prior the lead hangs, `best` being what leads.
-pub(super) fn hangs(problem: &mut Problem<'_>, found: &Found, best: Option<&Explanation>, catalogue: &[Applied], scales: &Scales) -> Vec<Hang> {
+pub(super) fn hangs(
+    problem: &mut Problem<'_>,
+    found: &Found,
+    best: Option<&Explanation>,
+    catalogue: &[Applied],
+    scales: &Scales,
+) -> Vec<Hang> {
     let weight = problem.weight();
     // Only explanations of the verdict's size, and single effects where there is none.
     let rivals: Vec<Explanation> = match best.map_or(0, |b| b.effects.len()) {

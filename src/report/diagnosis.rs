@@ -86,7 +86,7 @@ fn cause(d: &Diagnosis) -> String {
 
 fn rivals(d: &Diagnosis) -> String {
     if let Some(class) = d.cause.indistinguishable.first() {
-        let others: Vec<&str> = class.iter().skip(1).map(String::as_str).collect();
+        let others: Vec<&str> = class.iter().skip(usize::from(!d.cause.effects.is_empty())).map(String::as_str).collect();
         let next = d.cause.next_experiment.as_deref().map(|n| format!(" {n}")).unwrap_or_default();
         return format!("Rivals: this data cannot tell it from {}.{next}", others.join(", "));
     }
