@@ -109,7 +109,7 @@ fn decode_input(problem: &Problem<'_>, others: &[Applied], lost: &mut Lost, inpu
 
 /// What a command becomes at rest on its way: the curve and the maps of the path.
 fn static_value(path: &InputPath, value: f64) -> f64 {
-    let mut signal = Piecewise::held(&[0.0], [value].into_iter());
+    let mut signal = Piecewise::held(&[0.0], [value]);
     if let Some(curve) = path.curve {
         signal = signal.map(|p| (curve.gain * p.value + curve.quadratic * p.value * p.value.abs(), 0.0));
     }
