@@ -211,11 +211,6 @@ impl Explanation {
         best
     }
 
-    /// Takes other values for its free parameters.
-    pub(super) fn take(&mut self, values: &[f64]) {
-        self.effects = placed(&self.effects, &self.free, values);
-    }
-
     /// The gain under the problem's present noise, parameters as they are.
     pub(super) fn rescore(&mut self, problem: &Problem<'_>, nominal_cost: f64) {
         let price = self.lost.as_ref().map_or(0.0, |l| l.price);

@@ -2,8 +2,9 @@
 //!
 //! How it can be wrong: with a perfect nominal model a plain fit has the smallest variance, and nothing is gained; with a nominal model that is a per cent
 //! off, a plain fit takes up the error and its interval is many times too narrow. So the relative errors of all nominal parameters join the fit, with a
-//! common normal prior whose size the data choose (type-II maximum likelihood; `MacKay` 1992, doi:10.1162/neco.1992.4.3.415), and the covariance is
-//! the larger of the posterior's and that of the scores of separate blocks of time (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13).
+//! common normal prior whose size the data choose (type-II maximum likelihood; `MacKay` 1992, doi:10.1162/neco.1992.4.3.415). The value stays that of the
+//! plain fit, which is what the model with its effects is made of; its variance is the larger of the posterior's and that of the scores of separate
+//! blocks of time (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13), and the squared distance to the joint estimate.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -15,16 +16,12 @@ use crate::effect::{Applied, EFFECTS, Scales};
 const SIZES: [f64; 7] = [0.0, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.1];
 /// Blocks of time per record for the scores.
 const BLOCKS: usize = 12;
-/// How much the cost of the plain fit may rise when nominal errors are allowed for.
-const WORSE: f64 = 1.05;
 /// A relative change of a nominal parameter for its derivative.
 const STEP: f64 = 1e-4;
 
-/// An estimate: one value and standard deviation per free parameter of an explanation.
+/// Standard deviations of an explanation's free parameters.
 pub(super) struct Estimate {
-    /// In the order of the explanation's `free`.
-    pub(super) values: Vec<f64>,
-    /// `None` where the data hold no information.
+    /// In the order of the explanation's `free`; `None` at a bound, or where the data hold no information.
     pub(super) std: Vec<Option<f64>>,
 }
 
@@ -42,7 +39,7 @@ fn nominal_columns(problem: &Problem<'_>, explanation: &Explanation, residual: &
     if problem.system.is_sampled() { Vec::new() } else { effect.channels(problem.system).into_iter().filter_map(column).collect() }
 }
 
-/// One Gauss-Newton step of the effect's parameters beside the nominal ones, from the plain fit, and the standard deviations there.
+/// The standard deviations of a plain fit whose nominal parameters may be off: from one Gauss-Newton step of all together.
 pub(super) fn estimate(problem: &Problem<'_>, explanation: &Explanation, scales: &Scales) -> Option<Estimate> {
     let slopes = explanation.slopes(problem, scales)?;
     let own = slopes.columns.len();
@@ -85,33 +82,16 @@ pub(super) fn estimate(problem: &Problem<'_>, explanation: &Explanation, scales:
     let tried = SIZES.iter().filter_map(|&size| solve(size));
     let (_, covariance) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let step = -(&covariance * &gradient);
-    let mut values = Vec::with_capacity(own);
-    let mut std = Vec::with_capacity(own);
     let blocks = block_scores(problem, &columns, &slopes.residual, &length, &step);
     let spread = &covariance * &blocks * &covariance;
-    for (at, &(e, i)) in explanation.free.iter().enumerate() {
-        let (p, value) = (&explanation.effects[e].parameters[i], explanation.effects[e].values[i]);
-        let variance = covariance[(at, at)].max(spread[(at, at)]);
-        let moved = value + step[at] / length[at];
-        // A step that leaves its bounds, or changes a finite effect's sign, is beyond what one step may say.
-        let inside = moved > p.lower && moved < p.upper && (moved - p.nominal) * (value - p.nominal) > 0.0;
-        values.push(if inside || (p.nominal.is_infinite() && moved.is_finite()) { moved.clamp(p.lower, p.upper) } else { value });
-        let std_here = (variance.sqrt() / length[at]).is_finite().then(|| variance.sqrt() / length[at]);
-        std.push(std_here.filter(|_| !explanation.at_bound((e, i), scales)));
-    }
-    Some(Estimate { values, std })
-}
-
-/// Gives the explanation the estimate's values, unless it explains the logs less well with them: one step may lead too far.
-pub(super) fn take(problem: &Problem<'_>, explanation: &mut Explanation, estimate: &Estimate) {
-    let mut moved = explanation.clone();
-    moved.take(&estimate.values);
-    let cost = |e: &Explanation| problem.whitened(e).map(|w| problem.inner(&w, &w));
-    if let (Some(before), Some(after)) = (cost(explanation), cost(&moved))
-        && after < WORSE * before
-    {
-        *explanation = moved;
-    }
+    let std = explanation.free.iter().enumerate().map(|(at, &parameter)| {
+        // How far the parameter would move if the nominal ones were free counts as uncertainty of the plain fit.
+        let variance = covariance[(at, at)].max(spread[(at, at)]) + step[at] * step[at];
+        let std = variance.sqrt() / length[at];
+        Some(std).filter(|s| s.is_finite() && !explanation.at_bound(parameter, scales))
+    });
+    let std = std.collect();
+    Some(Estimate { std })
 }
 
 /// Σ over blocks of time of the scores' outer products, at the residual after the step.

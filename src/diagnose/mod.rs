@@ -138,16 +138,12 @@ pub fn diagnose(
 
     progress(Stage::Judging);
     let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(records))?;
-    let mut judged = verdict::judge(&problem, &found, &catalogue, &scales).ok_or_else(|| nominal_fails(records))?;
+    let judged = verdict::judge(&problem, &found, &catalogue, &scales).ok_or_else(|| nominal_fails(records))?;
     let hangs = match judged.verdict {
         verdict::Verdict::Unknown => Vec::new(),
         _ => trust::hangs(&mut problem, &found, judged.found.as_ref(), &catalogue, &scales),
     };
     let estimate = judged.found.as_ref().and_then(|e| intervals::estimate(&problem, e, &scales));
-    // What is held out is judged with what was found to act.
-    if let (Some(explanation), Some(estimate)) = (&mut judged.found, &estimate) {
-        intervals::take(&problem, explanation, estimate);
-    }
     let with_found =
         shrink::residuals(&problem, judged.found.as_ref().map_or(NOTHING, Acting::from)).ok_or_else(|| nominal_fails(records))?;
 
