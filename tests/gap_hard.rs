@@ -303,3 +303,44 @@ fn a_delay_longer_than_was_looked_for_at_first_is_still_found() {
     assert_eq!(d.cause.verdict, "input_delay");
     assert!((d.cause.effects[0].parameters[0].value.unwrap() - 1.7).abs() < 0.005);
 }
+
+#[test]
+fn intervals_hold_the_truth_where_nominal_parameters_are_a_little_off() {
+    // Stiffness and damping of the machine are 1.5 % off the file's, well below what the noise lets see beside the effect.
+    let model = document(&servo(", initial_std = 0.02", ""));
+    let machine = document(&servo("", "").replace("value = 9.0", "value = 9.135").replace("value = 2.4", "value = 2.364"));
+    let truths: [(&str, &str, f64); 5] = [
+        ("input_delay", "u", 0.09),
+        ("actuator_lag", "u", 0.12),
+        ("input_curve", "u", 0.4),
+        ("coulomb_friction", "v", 1.0),
+        ("deadband", "u", 0.2),
+    ];
+    let (mut inside, mut said) = (0, Vec::new());
+    for (at, (effect, channel, value)) in truths.iter().enumerate() {
+        let values = [*value];
+        let effects: &[(&str, &str, &[f64])] = &[(effect, channel, &values)];
+        let seed = 800 + 10 * at as u64;
+        let logs = [log(&machine, effects, 1500, seed, &[0.0, 0.0]), log(&machine, effects, 1500, seed + 1, &[0.0, 0.0])];
+        let d = diagnosed(&model, &logs, &[log(&machine, effects, 1200, seed + 2, &[0.0, 0.0])]);
+        let found = d.cause.effects.iter().find(|e| e.effect == *effect);
+        let Some(p) = found.map(|f| &f.parameters[0]) else { continue };
+        let [lower, upper] = p.ci95.unwrap();
+        inside += usize::from(lower <= *value && *value <= upper);
+        // Wide enough to hold the truth, not so wide as to say nothing.
+        assert!(upper - lower < 0.5 * value, "{effect}: {lower} to {upper}");
+        said.push((*effect, p.value, lower, upper));
+    }
+    assert!(said.len() >= 4 && inside + 1 >= said.len(), "{said:?}");
+}
+
+#[test]
+fn the_next_experiment_is_the_one_that_physics_asks_for() {
+    // Delayed commands and delayed sensors are the same to any command: only motion that the commands do not cause tells them apart.
+    let model = document(&servo(", initial_std = 0.02", ""));
+    let effects: &[(&str, &str, &[f64])] = &[("input_delay", "u", &[0.1])];
+    let d = diagnosed(&model, &[log(&model, effects, 1500, 900, &[0.0, 0.0])], &[log(&model, effects, 1200, 901, &[0.0, 0.0])]);
+    assert!(d.cause.indistinguishable[0].contains(&"output_delay:*".to_owned()), "{:?}", d.cause.indistinguishable);
+    let next = d.cause.next_experiment.unwrap();
+    assert!(next.contains("release") && next.contains("Bayes"), "{next}");
+}

@@ -1,0 +1,69 @@
+//! A whole diagnosis: three logs of 60 s at 100 Hz, the full catalogue, two threads.
+
+use criterion::{Criterion, criterion_main};
+use deadtime::diagnose::{GapOptions, diagnose};
+use deadtime::effect::{Applied, Chance, find};
+use deadtime::log::{Channel, Log};
+use deadtime::model::ModelDocument;
+use deadtime::simulate::{Commands, System};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::StandardNormal;
+
+#[allow(dead_code)]
+mod support;
+
+const SAMPLES: usize = 6000;
+/// Three states, one input, two outputs.
+const LINEAR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/uav_lateral_stabilised.toml");
+/// Four states, one input, two outputs.
+const EQUATIONS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/support/two_masses.toml");
+
+/// A log of the model behind a lag of its actuator, with noise.
+fn log(document: &ModelDocument, seed: u64) -> Result<Log, deadtime::Error> {
+    let system = System::new(document, |_| Ok(0.0))?;
+    let input = document.inputs()[0].clone();
+    let lag = Applied { values: vec![0.08], ..Applied::nominal(&system, find("actuator_lag")?, &input.name)? };
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    #[allow(clippy::cast_precision_loss)]
+    let time_s: Vec<f64> = (0..SAMPLES).map(|k| k as f64 * 0.01).collect();
+    let mut level = 0.0;
+    let held = (0..SAMPLES).map(|k| {
+        if k % 20 == 0 {
+            level = 0.5 * rng.sample::<f64, _>(StandardNormal);
+        }
+        level
+    });
+    let inputs = [held.collect::<Vec<f64>>()];
+    let plan = Applied::plan(&system, &[lag], Chance::Mean)?;
+    let y = system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &system.initial, None)?.y;
+    let mut channels = vec![Channel::new(&input.name, input.unit.as_deref(), inputs[0].clone())];
+    for (port, column) in document.outputs().iter().zip(y.column_iter()) {
+        let spread = column.variance().sqrt();
+        let values = column.iter().map(|v| v + 0.03 * spread * rng.sample::<f64, _>(StandardNormal)).collect();
+        channels.push(Channel::new(&port.name, port.unit.as_deref(), values));
+    }
+    Ok(Log::new(format!("log{seed}"), time_s, channels)?)
+}
+
+fn diagnoses(criterion: &mut Criterion) -> Result<(), deadtime::Error> {
+    for (name, path) in [("linear, 3 states", LINEAR), ("equations, 4 states", EQUATIONS)] {
+        let document = ModelDocument::read(path.as_ref())?;
+        let logs = (1..=3).map(|seed| log(&document, seed)).collect::<Result<Vec<_>, _>>()?;
+        let mut group = criterion.benchmark_group("gap");
+        group.sample_size(10);
+        if let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(2).build() {
+            group.bench_function(name, |b| b.iter(|| pool.install(|| diagnose(&document, &logs, &[], &GapOptions::default(), &|_| ()))));
+        }
+    }
+    Ok(())
+}
+
+/// Runs every bench of this file.
+#[allow(clippy::expect_used)]
+fn benches() {
+    diagnoses(&mut support::criterion()).expect("the models are valid");
+}
+
+criterion_main!(benches);
