@@ -89,7 +89,7 @@ mod tests {
             ("g", "m/s²", 0.101_971_621),
             ("mm", "m", 1000.0),
             ("%", "1", 100.0),
-            ("rad", "deg", 0.017_453_293),
+            ("rad", "deg", 0.017_453_292_520),
         ] {
             assert!((of(logged, modelled) / factor - 1.0).abs() < 1e-8, "{logged} for {modelled}");
         }
