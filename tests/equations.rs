@@ -162,6 +162,18 @@ impl Tree {
         if self.strength() < least { format!("( {text})") } else { text }
     }
 
+    /// A sine of a number so large that its rounding turns it by more than the comparison allows.
+    fn is_ill_conditioned(&self, at: &[f64; 6]) -> bool {
+        match self {
+            Self::Number(_) | Self::Name(_) => false,
+            Self::Negate(a) => a.is_ill_conditioned(at),
+            Self::Binary(_, a, b) => a.is_ill_conditioned(at) || b.is_ill_conditioned(at),
+            Self::Call(f, arguments) => {
+                arguments.iter().any(|a| a.is_ill_conditioned(at)) || matches!(*f, "sin" | "cos") && arguments[0].value(at).abs() > 1e5
+            }
+        }
+    }
+
     fn value(&self, at: &[f64; 6]) -> f64 {
         match self {
             Self::Number(v) => *v,
@@ -261,7 +273,7 @@ proptest! {
                 let value = tree.value(&moved.try_into().unwrap());
                 alike(value, got) || !value.is_finite()
             });
-            alike(tree.value(&at), got) || wobbled || !tree.value(&at).is_finite() && !got.is_finite()
+            alike(tree.value(&at), got) || wobbled || tree.is_ill_conditioned(&at) || !tree.value(&at).is_finite() && !got.is_finite()
         };
         prop_assert!(nearby(&first, dx[0]), "{}: {} instead of {}", texts.0, dx[0], expect.0);
         prop_assert!(nearby(&second, dx[1]), "{}: {} instead of {}", texts.1, dx[1], expect.1);
