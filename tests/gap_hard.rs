@@ -344,3 +344,19 @@ fn the_next_experiment_is_the_one_that_physics_asks_for() {
     let next = d.cause.next_experiment.unwrap();
     assert!(next.contains("release") && next.contains("Bayes"), "{next}");
 }
+
+#[test]
+fn a_shaking_between_the_lines_of_a_coarse_spectrum_is_found() {
+    // Some 150 periods in the log: a first guess a few per cent off has no gradient to follow.
+    let model = document(&servo(", initial_std = 0.02", ""));
+    for (at, frequency) in [1.9, 2.63, 4.07].into_iter().enumerate() {
+        let values = [frequency, 6.0, 0.7];
+        let effects: &[(&str, &str, &[f64])] = &[("periodic_disturbance", "v", &values)];
+        let seed = 950 + 10 * at as u64;
+        let logs = [log(&model, effects, 3500, seed, &[0.0, 0.0]), log(&model, effects, 3000, seed + 1, &[0.0, 0.0])];
+        let d = diagnosed(&model, &logs, &[log(&model, effects, 2000, seed + 2, &[0.0, 0.0])]);
+        assert_eq!(keys(&d), ["periodic_disturbance:v"], "{frequency} Hz");
+        let found = d.cause.effects[0].parameters[0].value.unwrap();
+        assert!((found / frequency - 1.0).abs() < 1e-3, "{found} instead of {frequency} Hz");
+    }
+}

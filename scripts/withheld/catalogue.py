@@ -53,7 +53,7 @@ def channels(model: dict, effect: str) -> list[str]:
             return [f"{a}->{b}" for a in s + i for b in s if a != b and a not in _words(model["derivatives"][b])]
         return [f"{col}->{row}" for m, cols in (("A", s), ("B", i)) for r, row in enumerate(s) for c, col in enumerate(cols) if not model[m][r][c] and row != col]
     if effect == "cubic_stiffness":
-        return [f"{a}->{b}" for a in s for b in s]
+        return [f"{a}->{b}" for a in s for b in s if a != b]
     if effect in ("coulomb_friction", "quadratic_drag", "constant_disturbance", "periodic_disturbance"):
         return s
     return i

@@ -78,6 +78,8 @@ struct Noise {
 struct Cell {
     sum: f64,
     count: f64,
+    /// The strongest frequency of a cell of a spectrum, Hz, and its power.
+    peak: (f64, f64),
 }
 
 impl Cell {
@@ -218,7 +220,11 @@ fn spectrum(records: &[Record], residuals: &[DMatrix<f64>], i: usize) -> Option<
         for (bin, value) in values.iter().enumerate().take(n / 2).skip(1) {
             let hz = bin as f64 / (n as f64 * record.sample_time_s);
             let cell = edges.partition_point(|e| *e <= hz).clamp(1, CELLS) - 1;
-            cells[cell].add(value.norm_sqr() / n as f64);
+            let power = value.norm_sqr() / n as f64;
+            cells[cell].add(power);
+            if power > cells[cell].peak.1 {
+                cells[cell].peak = (hz, power);
+            }
         }
     }
     Some((edges, cells))
@@ -231,20 +237,21 @@ fn band(records: &[Record], residuals: &[DMatrix<f64>], i: usize, noise: Noise, 
     Some(Band { output: name.to_owned(), from_hz: edges[from], to_hz: edges[to + 1], share })
 }
 
-/// Frequencies at which the residual of any output is strong, strongest first: the peaks of its spectrum, then a coarse grid.
+/// Frequencies at which the residual of any output is strong, in rising order: the strongest lines of its spectrum's strongest cells, to the line. A sine that
+/// is a tenth of its frequency off over a long log has nothing in common with the right one.
 pub(super) fn peaks_hz(records: &[Record], residuals: &[DMatrix<f64>], outputs: usize) -> Vec<f64> {
     let mut peaks = Vec::new();
     for i in 0..outputs {
-        let Some((edges, cells)) = spectrum(records, residuals, i) else { continue };
-        let cells: Vec<f64> = cells.iter().map(|c| c.sum).collect();
+        let Some((_, cells)) = spectrum(records, residuals, i) else { continue };
+        let powers: Vec<f64> = cells.iter().map(|c| c.peak.1).collect();
         let mut order: Vec<usize> = (0..cells.len())
-            .filter(|&c| (c == 0 || cells[c - 1] <= cells[c]) && cells.get(c + 1).is_none_or(|next| *next <= cells[c]))
+            .filter(|&c| powers[c] > 0.0 && (c == 0 || powers[c - 1] <= powers[c]) && powers.get(c + 1).is_none_or(|next| *next <= powers[c]))
             .collect();
-        order.sort_by(|&a, &b| cells[b].total_cmp(&cells[a]));
-        peaks.extend(order.into_iter().take(4).map(|c| (edges[c] * edges[c + 1]).sqrt()));
+        order.sort_by(|&a, &b| powers[b].total_cmp(&powers[a]));
+        peaks.extend(order.into_iter().take(4).map(|c| cells[c].peak.0));
     }
     peaks.sort_by(f64::total_cmp);
-    peaks.dedup_by(|a, b| (*a / *b - 1.0).abs() < 0.1);
+    peaks.dedup_by(|a, b| (*a / *b - 1.0).abs() < 0.005);
     peaks
 }
 
