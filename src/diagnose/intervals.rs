@@ -26,15 +26,17 @@ pub(super) struct Estimate {
 }
 
 /// The nominal parameters whose error could be mistaken for a part of an effect: one column each for a relative error of 1.
-fn nominal_columns(problem: &Problem<'_>, explanation: &Explanation, residual: &Whitened) -> Vec<Whitened> {
+fn nominal_columns(problem: &Problem<'_>, explanation: &Explanation, residual: &Whitened) -> Vec<(Applied, Whitened)> {
     let Some(effect) = EFFECTS.iter().find(|e| e.name() == "parameter_error") else { return Vec::new() };
     let found: Vec<String> = explanation.effects.iter().map(Applied::key).collect();
     let column = |channel: String| {
         let mut applied = Applied::nominal(problem.system, *effect, &channel).ok().filter(|a| !found.contains(&a.key()))?;
         let h = STEP * applied.values[0].abs();
         applied.values[0] += h;
-        let moved: Vec<Applied> = explanation.effects.iter().cloned().chain([applied]).collect();
-        Some(difference(&problem.whitened(Acting::from(explanation).with(&moved))?, residual, 1.0 / STEP))
+        let moved: Vec<Applied> = explanation.effects.iter().cloned().chain([applied.clone()]).collect();
+        let column = difference(&problem.whitened(Acting::from(explanation).with(&moved))?, residual, 1.0 / STEP);
+        applied.values[0] -= h;
+        Some((applied, column))
     };
     if problem.system.is_sampled() { Vec::new() } else { effect.channels(problem.system).into_iter().filter_map(column).collect() }
 }
@@ -44,7 +46,8 @@ pub(super) fn estimate(problem: &Problem<'_>, explanation: &Explanation, scales:
     let slopes = explanation.slopes(problem, scales)?;
     let own = slopes.columns.len();
     let mut columns = slopes.columns;
-    columns.extend(nominal_columns(problem, explanation, &slopes.residual));
+    let (nominal, more): (Vec<Applied>, Vec<Whitened>) = nominal_columns(problem, explanation, &slopes.residual).into_iter().unzip();
+    columns.extend(more);
     // Scaled to unit length, for conditioning.
     let length: Vec<f64> = columns.iter().map(|c| problem.inner(c, c).sqrt()).collect();
     if length[..own].iter().any(|l| l.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) || !l.is_finite()) {
@@ -81,7 +84,10 @@ pub(super) fn estimate(problem: &Problem<'_>, explanation: &Explanation, scales:
     };
     let tried = SIZES.iter().filter_map(|&size| solve(size));
     let (_, covariance) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let step = -(&covariance * &gradient);
+    let mut step = -(&covariance * &gradient);
+    if !holds(problem, explanation, &nominal, &step, &length, &slopes.residual) {
+        step.fill(0.0);
+    }
     let blocks = block_scores(problem, &columns, &slopes.residual, &length, &step);
     let spread = &covariance * &blocks * &covariance;
     let std = explanation.free.iter().enumerate().map(|(at, &parameter)| {
@@ -92,6 +98,30 @@ pub(super) fn estimate(problem: &Problem<'_>, explanation: &Explanation, scales:
     });
     let std = std.collect();
     Some(Estimate { std })
+}
+
+/// The step lowers the cost in fact: where the problem bends too much for one step, it says nothing.
+fn holds(
+    problem: &Problem<'_>,
+    explanation: &Explanation,
+    nominal: &[Applied],
+    step: &DVector<f64>,
+    length: &[f64],
+    residual: &Whitened,
+) -> bool {
+    let own = explanation.free.len();
+    let by = |at: usize| if length[at] > 0.0 { step[at] / length[at] } else { 0.0 };
+    let mut effects = explanation.effects.clone();
+    for (at, &(e, i)) in explanation.free.iter().enumerate() {
+        effects[e].values[i] += by(at);
+    }
+    effects.extend(nominal.iter().enumerate().map(|(n, applied)| {
+        let mut moved = applied.clone();
+        moved.values[0] += by(own + n) * moved.values[0].abs();
+        moved
+    }));
+    let there = problem.whitened(Acting::from(explanation).with(&effects));
+    there.is_some_and(|there| problem.inner(&there, &there) <= problem.inner(residual, residual))
 }
 
 /// Σ over blocks of time of the scores' outer products, at the residual after the step.

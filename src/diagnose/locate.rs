@@ -245,7 +245,9 @@ pub(super) fn peaks_hz(records: &[Record], residuals: &[DMatrix<f64>], outputs: 
         let Some((_, cells)) = spectrum(records, residuals, i) else { continue };
         let powers: Vec<f64> = cells.iter().map(|c| c.peak.1).collect();
         let mut order: Vec<usize> = (0..cells.len())
-            .filter(|&c| powers[c] > 0.0 && (c == 0 || powers[c - 1] <= powers[c]) && powers.get(c + 1).is_none_or(|next| *next <= powers[c]))
+            .filter(|&c| {
+                powers[c] > 0.0 && (c == 0 || powers[c - 1] <= powers[c]) && powers.get(c + 1).is_none_or(|next| *next <= powers[c])
+            })
             .collect();
         order.sort_by(|&a, &b| powers[b].total_cmp(&powers[a]));
         peaks.extend(order.into_iter().take(4).map(|c| cells[c].peak.0));
