@@ -9,6 +9,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::StandardNormal;
+use rayon::prelude::*;
 
 use super::data::Record;
 use super::noise::{Noise, autoregression_of, memory_of};
@@ -24,7 +25,7 @@ const MEMORIES: f64 = 4.0;
 /// Noise of a sensor forgets within so many samples; what remembers longer is a gap.
 const SLOWEST: f64 = 60.0;
 /// Samples of noise that are simulated to see how calm calm windows are by chance.
-const SIMULATED: usize = 400_000;
+const SIMULATED: usize = 200_000;
 
 /// What of each output's residual is noise: its standard deviation.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,7 +55,7 @@ pub(super) fn estimate(
         let lowest = reached.iter().map(|(e, other)| e.rms()[i].min(calmest(records, other, i).sqrt())).fold(f64::INFINITY, f64::min);
         (square * (1.0 - related[i]).min(calm).min(slow).clamp(0.0, 1.0)).sqrt().min(lowest)
     };
-    Floor { floor: (0..related.len()).map(one).collect() }
+    Floor { floor: (0..related.len()).into_par_iter().map(one).collect() }
 }
 
 #[allow(clippy::cast_precision_loss)]
@@ -85,7 +86,7 @@ fn calmest(records: &[Record], residuals: &[DMatrix<f64>], output: usize) -> f64
             inside.map(|k| record.measured[output].get(k).map(|_| residual[(k, output)])).collect()
         })
         .collect();
-    WINDOWS.iter().map(|&count| calmest_of(&series, count)).fold(f64::INFINITY, f64::min)
+    WINDOWS.par_iter().map(|&count| calmest_of(&series, count)).reduce(|| f64::INFINITY, f64::min)
 }
 
 /// As [`calmest`], with so many windows per record.

@@ -8,7 +8,9 @@
 //! response varies, so the exact simulation has the last word; a misfit of another kind is followed by lost commands in part only, and stays above the floor.
 
 use nalgebra::DMatrix;
+use rayon::prelude::*;
 
+use super::data::Record;
 use super::explanation::Explanation;
 use super::problem::{Acting, Problem};
 use crate::effect::{Applied, Chance, Scales};
@@ -77,7 +79,7 @@ pub(super) fn decoded(
 /// Estimates one input's sequences over all records; the probability of a loss.
 fn decode_input(problem: &Problem<'_>, others: &[Applied], lost: &mut Lost, input: usize, probability: f64) -> Option<f64> {
     let (mut decided, mut held) = (0.0_f64, 0.0_f64);
-    for (at, record) in problem.records.iter().enumerate() {
+    let decode = |(at, record): (usize, &Record)| {
         let span = record.train.or(record.held)?;
         let acting = Acting { effects: others, lost: Some(lost) };
         let residual = problem.residual(at, &problem.predict_from_posterior(at, acting, span)?);
@@ -85,15 +87,16 @@ fn decode_input(problem: &Problem<'_>, others: &[Applied], lost: &mut Lost, inpu
         let through = |v: f64| static_value(&plan.inputs[input], v);
         let response = response(problem, at, others, input)?;
         let (e, g) = (problem.whiten_whole(at, &residual), problem.filter(at, &response));
-        let path = search(&record.inputs[input], &through, &e, &g, probability);
-        let energy = g.norm_squared();
-        for decision in &path.decisions {
-            if record.train.is_some() {
-                lost.price -= 2.0 * if decision.lost { probability.ln() } else { (1.0 - probability).ln() };
-                if decision.difference.powi(2) * energy > DECIDED * DECIDED {
-                    decided += 1.0;
-                    held += if decision.lost { 1.0 } else { 0.0 };
-                }
+        Some((search(&record.inputs[input], &through, &e, &g, probability), g.norm_squared()))
+    };
+    let paths: Vec<(Path, f64)> = problem.records.par_iter().enumerate().map(decode).collect::<Option<_>>()?;
+    for (at, (path, energy)) in paths.into_iter().enumerate() {
+        let counts = if problem.records[at].train.is_some() { path.decisions.as_slice() } else { &[] };
+        for decision in counts {
+            lost.price -= 2.0 * if decision.lost { probability.ln() } else { (1.0 - probability).ln() };
+            if decision.difference.powi(2) * energy > DECIDED * DECIDED {
+                decided += 1.0;
+                held += if decision.lost { 1.0 } else { 0.0 };
             }
         }
         lost.sequences[at][input] = Some(path.lost);

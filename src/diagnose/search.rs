@@ -22,6 +22,8 @@ const ROUNDS: usize = 2;
 const STARTS: usize = 2;
 /// Candidates whose fit goes on after the first few steps.
 const ON: usize = 10;
+/// The part of the best gain from which lost commands are looked for again under another noise.
+const AGAIN: f64 = 0.8;
 /// Steps of a full fit, and of a fit that starts where another ended.
 pub(super) const STEPS: usize = 15;
 /// Steps after which all but the best pairs are given up, and how many are left then.
@@ -65,10 +67,12 @@ pub(super) fn search(
             explanations.par_iter_mut().for_each(|e| e.rescore(problem, cost));
             explanations.sort_by(|a, b| b.gain.total_cmp(&a.gain));
             let steps = if round + 1 < ROUNDS { STEPS } else { STEPS / 2 };
+            let best = explanations.first().map_or(0.0, |e| e.gain);
             explanations.par_iter_mut().take(LEADERS).for_each(|e| {
-                if let Some(better) =
-                    decoded(problem, e.clone(), scales, cost, steps).and_then(|e| Explanation::refit(problem, e, scales, cost, steps))
-                {
+                // A sequence that explains much less than the best explanation is not worth another search.
+                let again = e.lost.is_none() || e.gain > AGAIN * best;
+                let sequences = if again { decoded(problem, e.clone(), scales, cost, steps) } else { Some(e.clone()) };
+                if let Some(better) = sequences.and_then(|e| Explanation::refit(problem, e, scales, cost, steps)) {
                     *e = better.with_missing_limits(problem, scales, cost, steps);
                     if round == 0 {
                         *e = e.clone().polished(problem, scales, cost, steps);
