@@ -99,7 +99,7 @@ pub fn diagnose_files(model: &Path, logs: &[impl AsRef<Path>], holdout: &[impl A
     diagnose(&document, &logs, &holdout, options, &|_| ())
 }
 
-/// Diagnoses the gap between a model and logs: every effect of the catalogue on every channel, one at a time.
+/// Diagnoses the gap between a model and logs: every effect of the catalogue on every channel, alone and in pairs.
 ///
 /// `progress` is told what is being done.
 ///

@@ -78,6 +78,7 @@ fn cause(d: &Diagnosis) -> String {
     };
     let sure = percent(probability(&d.cause.verdict));
     match d.cause.verdict.as_str() {
+        "none" if d.gap.before.is_none() => "Cause: none could be looked for, because no output moves.".to_owned(),
         "none" => format!("Cause: none; no effect of the catalogue helps and what is left is noise (probability {sure})."),
         "unknown" => format!("Cause: unknown; a gap above the noise stays that no effect of the catalogue explains (probability {sure})."),
         _ => format!("Cause: {} (probability {sure}).", d.cause.effects.iter().map(effect).collect::<Vec<_>>().join(" and ")),
