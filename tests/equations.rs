@@ -283,6 +283,13 @@ proptest! {
         prop_assert!(model.explain(t, &at[..2], &at[2..3], &at[3..5]).is_none() || !finite || texts.0.contains('^') || texts.1.contains('^'));
     }
 
+    /// Blanks of every alphabet too: nothing but them is an empty expression.
+    #[test]
+    fn blanks_of_any_kind_are_an_empty_expression(text in "\\s{0,5}") {
+        let message = compile(&text, "x").unwrap_err().to_string();
+        prop_assert!(message.contains("empty"), "{message}");
+    }
+
     #[test]
     fn no_text_stops_the_parser(text in any::<String>()) {
         let _ = compile(&text, "x").map_err(|e| e.to_string());

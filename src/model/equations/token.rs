@@ -118,7 +118,8 @@ enum Pending {
 
 fn check(text: &str, tokens: &[Token]) -> Result<(), Wrong> {
     if tokens.is_empty() {
-        return Err((Span { from: 0, to: text.len().min(1) }, Fault::Empty));
+        let first = text.chars().next().map_or(0, char::len_utf8);
+        return Err((Span { from: 0, to: first }, Fault::Empty));
     }
     let said = |t: &Token| text[t.span.from..t.span.to].to_owned();
     let mut pending: Vec<Pending> = Vec::new();
