@@ -5,14 +5,16 @@
 #[path = "support/plants.rs"]
 mod plants;
 
-use deadtime::delay::{DelayError, Experiment, Law, METHODS, Method, Outcome, PairEstimate, PlantModel, Recording, Scope, Search};
+use deadtime::delay::{
+    Condition, DelayError, Experiment, Law, METHODS, Method, Outcome, PairEstimate, PlantModel, Recording, Scope, Search, Suits,
+};
 use deadtime::model::{Sampled, StateSpace};
 use nalgebra::DMatrix;
 use plants::{ROUNDING_S, TS, delayed, rbs, respond, second_order, std_dev, sum, times, ts, white};
 use serde_json::{Value, json};
 
 const SAMPLES: usize = 600;
-const LAWS: [Law; 4] = [Law::Shift, Law::Gain, Law::Sign, Law::Exact];
+const LAWS: [Law; 6] = [Law::Shift, Law::Gain, Law::Sign, Law::Exact, Law::Silence, Law::Window];
 
 /// A short record of what a method answered, complete to the bit.
 fn bits(answers: &[PairEstimate]) -> String {
@@ -65,16 +67,37 @@ fn states(delay: [usize; 2]) -> Experiment {
     }
 }
 
-/// The experiment that suits a method.
+/// A plant without dynamics: the output is the input five samples later (four of dead time and one of the hold), with 1 % noise.
+fn copy(u: Vec<f64>) -> Experiment {
+    let y = times(&delayed(&u, 5), 0.7);
+    let noise = white(u.len(), 0.01 * std_dev(&y), 13);
+    Experiment::siso(ts(TS), u, sum(&y, &noise))
+}
+
+/// Steps from rest and back, long enough for the plant to settle.
+fn steps() -> Experiment {
+    let u: Vec<f64> = (0..SAMPLES).map(|t| if (60..330).contains(&t) { 1.0 } else { 0.0 }).collect();
+    let y = second_order(&u, 0.4, [-1.3, 0.42], 4);
+    let noise = white(SAMPLES, 0.01 * std_dev(&y), 14);
+    Experiment::siso(ts(TS), u, sum(&y, &noise))
+}
+
+/// The experiment that suits a method; its dead time is four samples (but for the two of the states).
 fn suitable(method: &Method) -> Experiment {
-    match method.scope {
-        Scope::Pair => pair(),
-        Scope::States => states(two_inputs().1),
+    match method.suits {
+        Suits::Plant => pair(),
+        Suits::Copy => copy(rbs(SAMPLES, 1.0, 15)),
+        Suits::Steps => steps(),
+        // Squares of normal numbers: as skewed as an exponential distribution and more.
+        Suits::Skewed => copy(white(SAMPLES, 1.0, 16).iter().map(|v| v * v - 1.0).collect()),
+        Suits::States => states(two_inputs().1),
+        Suits::Events => panic!("no method looks at events yet"),
     }
 }
 
-fn promises(method: &Method, law: Law) -> bool {
-    !method.exempt.iter().any(|(exempt, _)| *exempt == law)
+/// What a method is held to, s.
+fn tolerance_s(method: &Method) -> f64 {
+    method.tolerance * TS
 }
 
 fn change(mut experiment: Experiment, input: impl Fn(&[f64]) -> Vec<f64>, output: impl Fn(&[f64]) -> Vec<f64>) -> Experiment {
@@ -119,28 +142,31 @@ fn every_exemption_gives_its_reason_once() {
 fn every_method_finds_the_dead_time_of_its_suitable_experiment() {
     for method in METHODS {
         let expected: Vec<f64> = match method.scope {
-            Scope::Pair => vec![4.0 * TS],
+            Scope::Pair | Scope::Events => vec![4.0 * TS],
             Scope::States => two_inputs().1.iter().map(|&d| d as f64 * TS).collect(),
         };
-        // Sample counters hit the sample; a sub-sample answer is as good as its own uncertainty.
         let answers = run(method, &suitable(method));
         let found = delays_s(&answers, method.entry.name);
         for ((a, got), want) in answers.iter().zip(&found).zip(&expected) {
             let [from, to] = a.estimate.ci95_s.unwrap();
-            assert!((got - want).abs() < 0.05 * TS && from - 1e-9 <= *want && *want <= to + 1e-9, "{}: {a:?}", method.entry.name);
+            assert!(
+                (got - want).abs() <= tolerance_s(method) && from - 1e-9 <= *want && *want <= to + 1e-9,
+                "{}: {a:?}",
+                method.entry.name
+            );
         }
     }
 }
 
 #[test]
 fn delaying_the_output_moves_the_answer_by_as_much() {
-    for method in METHODS.iter().filter(|m| promises(m, Law::Shift)) {
+    for method in METHODS.iter().filter(|m| m.promises(Law::Shift)) {
         let before = delays_s(&run(method, &suitable(method)), method.entry.name);
         for k in [1, 3, 12, 25, 30] {
             let later = change(suitable(method), same, |y| delayed(y, k));
             let after = delays_s(&run(method, &later), method.entry.name);
             let expected: Vec<f64> = before.iter().map(|d| d + k as f64 * TS).collect();
-            assert_close(&after, &expected, ROUNDING_S, &format!("{}, y {k} samples later", method.entry.name));
+            assert_close(&after, &expected, tolerance_s(method), &format!("{}, y {k} samples later", method.entry.name));
         }
     }
 }
@@ -153,7 +179,7 @@ fn delaying_the_plants_input_moves_a_state_methods_answer_for_that_input_alone()
             let answers = run(method, &states([a, b]));
             assert_eq!(answers.iter().map(|e| (e.input, e.output)).collect::<Vec<_>>(), [(0, None), (1, None)]);
             let found = delays_s(&answers, method.entry.name);
-            assert_close(&found, &[a as f64 * TS, b as f64 * TS], 0.05 * TS, &format!("{} with {a} and {b}", method.entry.name));
+            assert_close(&found, &[a as f64 * TS, b as f64 * TS], tolerance_s(method), &format!("{} with {a} and {b}", method.entry.name));
         }
     }
 }
@@ -176,12 +202,12 @@ fn a_state_method_is_exact_on_noise_free_states() {
 
 #[test]
 fn a_gain_on_input_or_output_changes_nothing() {
-    for method in METHODS.iter().filter(|m| promises(m, Law::Gain)) {
+    for method in METHODS.iter().filter(|m| m.promises(Law::Gain)) {
         let plain = run(method, &suitable(method));
         for (on_u, on_y) in [(3.7, 1.0), (1.0, 0.011), (1e-6, 1e6), (1e7, 1e-9)] {
             let scaled = run(method, &change(suitable(method), |u| times(u, on_u), |y| times(y, on_y)));
             let what = format!("{} with u × {on_u}, y × {on_y}", method.entry.name);
-            assert_close(&delays_s(&scaled, &what), &delays_s(&plain, &what), ROUNDING_S, &what);
+            assert_close(&delays_s(&scaled, &what), &delays_s(&plain, &what), ROUNDING_S.max(1e-3 * tolerance_s(method)), &what);
             for (a, b) in scaled.iter().zip(&plain) {
                 let relative = a.estimate.std_s.unwrap() / b.estimate.std_s.unwrap() - 1.0;
                 assert!(relative.abs() < 1e-6, "{what}: the uncertainty too: {a:?} {b:?}");
@@ -192,7 +218,7 @@ fn a_gain_on_input_or_output_changes_nothing() {
 
 #[test]
 fn a_power_of_two_as_gain_changes_no_bit() {
-    for method in METHODS.iter().filter(|m| promises(m, Law::Gain)) {
+    for method in METHODS.iter().filter(|m| m.promises(Law::Gain)) {
         let plain = run(method, &suitable(method));
         let scaled = run(method, &change(suitable(method), |u| times(u, 2.0_f64.powi(-20)), |y| times(y, 2.0_f64.powi(13))));
         let delays = |answers: &[PairEstimate]| answers.iter().map(|a| a.estimate.delay_s.unwrap().to_bits()).collect::<Vec<_>>();
@@ -202,12 +228,12 @@ fn a_power_of_two_as_gain_changes_no_bit() {
 
 #[test]
 fn the_sign_of_input_or_output_changes_nothing() {
-    for method in METHODS.iter().filter(|m| promises(m, Law::Sign)) {
+    for method in METHODS.iter().filter(|m| m.promises(Law::Sign)) {
         let plain = run(method, &suitable(method));
         for (on_u, on_y) in [(-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {
             let turned = run(method, &change(suitable(method), |u| times(u, on_u), |y| times(y, on_y)));
             let what = format!("{} with u × {on_u}, y × {on_y}", method.entry.name);
-            assert_close(&delays_s(&turned, &what), &delays_s(&plain, &what), ROUNDING_S, &what);
+            assert_close(&delays_s(&turned, &what), &delays_s(&plain, &what), ROUNDING_S.max(1e-3 * tolerance_s(method)), &what);
         }
     }
 }
@@ -376,7 +402,13 @@ fn what_stands_at_a_missing_output_sample_is_not_looked_at() {
         };
         assert_eq!(bits(&with(0.0)), bits(&with(1e12)), "{}", method.entry.name);
         assert_eq!(bits(&with(0.0)), bits(&with(f64::NAN)), "{}", method.entry.name);
-        assert_close(&delays_s(&with(0.0), method.entry.name), &[4.0 * TS], ROUNDING_S, method.entry.name);
+        if method.withstands(Condition::MissingOutputs) {
+            assert_close(&delays_s(&with(0.0), method.entry.name), &[4.0 * TS], tolerance_s(method), method.entry.name);
+        } else {
+            let estimate = &with(0.0)[0].estimate;
+            assert_eq!(estimate.outcome, Outcome::NotApplicable, "{}: {estimate:?}", method.entry.name);
+            assert!(estimate.note.as_ref().is_some_and(|n| n.contains("missing")), "{}: {estimate:?}", method.entry.name);
+        }
     }
 }
 
@@ -389,7 +421,8 @@ fn an_answer_has_a_delay_when_its_outcome_says_so_and_its_interval_holds_it() {
     let far = change(pair(), same, |y| delayed(y, 31));
     for method in METHODS {
         let experiments = match method.scope {
-            Scope::Pair => vec![pair(), nothing.clone(), poor.clone(), far.clone()],
+            Scope::Pair => vec![suitable(method), nothing.clone(), poor.clone(), far.clone()],
+            Scope::Events => vec![suitable(method)],
             Scope::States => vec![suitable(method), states([35, 0]), change(suitable(method), |u| times(u, 0.0001), same)],
         };
         for experiment in experiments {
@@ -411,7 +444,7 @@ fn an_answer_has_a_delay_when_its_outcome_says_so_and_its_interval_holds_it() {
 
 #[test]
 fn noise_alone_is_not_taken_for_a_response() {
-    for method in METHODS.iter().filter(|m| m.scope == Scope::Pair) {
+    for method in METHODS.iter().filter(|m| m.scope == Scope::Pair && (m.promises(Law::Silence) || m.entry.name == "threshold_step")) {
         let fooled = (0..100).filter(|seed| {
             let nothing = Experiment::siso(ts(TS), rbs(400, 1.0, 2 * seed), white(400, 1.0, 2 * seed + 1));
             run(method, &nothing)[0].estimate.outcome == Outcome::Found
@@ -425,7 +458,7 @@ fn noise_alone_is_not_taken_for_a_response() {
 #[test]
 fn slow_noise_alone_is_seldom_taken_for_a_response() {
     for band in [[0.0, 1.0], [0.0, 0.1]] {
-        for method in METHODS.iter().filter(|m| m.scope == Scope::Pair) {
+        for method in METHODS.iter().filter(|m| m.scope == Scope::Pair && m.promises(Law::Silence)) {
             let name = method.entry.name;
             let fooled = (0..60).filter(|seed| {
                 let u = deadtime::signal::excitation::Rbs { band, ..Default::default() };
@@ -438,24 +471,83 @@ fn slow_noise_alone_is_seldom_taken_for_a_response() {
             });
             let fooled = fooled.count();
             println!("{name}, input band {band:?}: a delay in slow noise alone in {fooled} of 60 records");
-            // The step response assumes white noise: its running sum gathers slow noise (19 and 11 of 60 when this was written).
-            assert!(fooled <= 1 || name == "threshold_step", "{name}, input band {band:?}: {fooled} of 60 records");
+            assert!(fooled <= 1, "{name}, input band {band:?}: {fooled} of 60 records");
         }
     }
 }
 
 #[test]
 fn beyond_the_window_the_answer_is_at_the_edge_and_the_window_doubles_once() {
-    for method in METHODS.iter().filter(|m| m.scope == Scope::Pair && promises(m, Law::Shift)) {
+    for method in METHODS.iter().filter(|m| m.scope == Scope::Pair && m.promises(Law::Shift) && m.promises(Law::Window)) {
         let search = Search { max_delay: 12, ..Search::default() };
         let at = |k: usize| {
-            let later = change(pair(), same, |y| delayed(y, k));
+            let later = change(suitable(method), same, |y| delayed(y, k));
             method.entry.with(json!({})).unwrap().estimate(&later, &search).unwrap()[0].estimate.clone()
         };
         // 4 + 7 samples and one of the hold: the longest delay of the window, found in the doubled one.
         let found = at(7);
-        assert_eq!((found.outcome, found.delay_s.map(|d| (d / TS).round())), (Outcome::Found, Some(11.0)), "{}", method.entry.name);
+        assert_eq!(found.outcome, Outcome::Found, "{}", method.entry.name);
+        assert_close(&[found.delay_s.unwrap()], &[11.0 * TS], tolerance_s(method), method.entry.name);
         assert!(at(60).outcome != Outcome::Found, "{}: {:?}", method.entry.name, at(60));
+    }
+}
+
+/// Four samples of dead time under one complication; the seed draws input and noise.
+fn complicated(condition: Condition, method: &Method, seed: u64) -> Option<Experiment> {
+    let n = 800;
+    let noise = white(n, 1.0, 7000 + seed);
+    let u = rbs(n, 1.0, 8000 + seed);
+    let loops = |a: [f64; 2], b: f64, k: [f64; 2], level: f64| {
+        // y(t) = b·u(t − 5) − a₁y(t − 1) − a₂y(t − 2) + e, u = dither − k₀y(t) − k₁y(t − 1).
+        let (mut y, mut v) = (vec![0.0; n], vec![0.0; n]);
+        for t in 0..n {
+            let past = |x: &[f64], lag: usize| if t >= lag { x[t - lag] } else { 0.0 };
+            y[t] = b * past(&v, 5) - a[0] * past(&y, 1) - a[1] * past(&y, 2) + level * noise[t];
+            v[t] = u[t] - k[0] * y[t] - k[1] * past(&y, 1);
+        }
+        Experiment::siso(ts(TS), v, y)
+    };
+    Some(match condition {
+        // z = 1.02 and 0.5, held by feedback: the poles of the loop are at most 0.93.
+        Condition::UnstablePlant => loops([-1.52, 0.51], 0.05, [0.9, -0.3], 0.05),
+        // A stable plant of time constant 7 samples whose noise the controller feeds back.
+        Condition::Feedback => loops([-0.85, 0.0], 0.1, [1.2, -0.6], 0.1),
+        Condition::ColouredNoise => {
+            let plain = suitable(method);
+            let y = plain.recordings[0].outputs[0].values.clone();
+            let mut slow = white(y.len(), 0.03 * std_dev(&y), 9000 + seed);
+            for t in 1..slow.len() {
+                slow[t] += 0.9 * slow[t - 1];
+            }
+            change(plain, same, |y| sum(y, &slow))
+        }
+        Condition::Dynamics => {
+            let y = second_order(&u, 0.1, [-1.7, 0.72], 4);
+            let y = sum(&y, &times(&noise, 0.01 * std_dev(&y)));
+            Experiment::siso(ts(TS), u, y)
+        }
+        // Has a test of its own.
+        Condition::MissingOutputs => return None,
+    })
+}
+
+#[test]
+fn what_a_method_claims_to_withstand_leaves_the_truth_inside_its_interval() {
+    for method in METHODS.iter().filter(|m| m.scope == Scope::Pair) {
+        for &condition in method.withstands {
+            let held: Vec<bool> = (0..20)
+                .filter_map(|seed| {
+                    let experiment = complicated(condition, method, seed)?;
+                    let estimate = run(method, &experiment).remove(0).estimate;
+                    let [from, to] = estimate.ci95_s.unwrap_or([f64::NAN; 2]);
+                    Some(estimate.outcome == Outcome::Found && from <= 4.0 * TS + ROUNDING_S && 4.0 * TS <= to + ROUNDING_S)
+                })
+                .collect();
+            let count = held.iter().filter(|h| **h).count();
+            println!("{} under {condition:?}: {count} of {} intervals hold the truth", method.entry.name, held.len());
+            // With 95 % each, 16 or fewer of 20 happen once in 400 draws.
+            assert!(held.is_empty() || count >= 17, "{} under {condition:?}: {count} of {}", method.entry.name, held.len());
+        }
     }
 }
 

@@ -61,7 +61,7 @@ pub struct DelayEstimate {
     /// What the method's original definition returns, s.
     pub raw_delay_s: Option<f64>,
     /// Samples that were taken off the raw value: the relative degree of the sampled plant.
-    pub degree_bias_samples: usize,
+    pub degree_bias_samples: f64,
     /// What a reader must know besides.
     pub note: Option<String>,
 }
@@ -70,13 +70,17 @@ impl DelayEstimate {
     /// An answer without a delay.
     #[must_use]
     pub fn without(outcome: Outcome, note: impl Into<String>) -> Self {
-        Self { outcome, delay_s: None, std_s: None, ci95_s: None, raw_delay_s: None, degree_bias_samples: 0, note: Some(note.into()) }
+        Self { outcome, delay_s: None, std_s: None, ci95_s: None, raw_delay_s: None, degree_bias_samples: 0.0, note: Some(note.into()) }
     }
 
     /// An answer of a method that counts samples: raw value, standard deviation and interval in samples, before the bias is taken off.
     pub(super) fn counted(raw: f64, std: f64, interval: [f64; 2], at_edge: bool, bias: usize, sample_time: SampleTime) -> Self {
         #[allow(clippy::cast_precision_loss)]
-        let off = bias as f64;
+        Self::measured(raw, std, interval, at_edge, bias as f64, sample_time)
+    }
+
+    /// The same of a method that resolves fractions of a sample, and whose bias may be one (half a sample for a phase behind a zero-order hold).
+    pub(super) fn measured(raw: f64, std: f64, interval: [f64; 2], at_edge: bool, off: f64, sample_time: SampleTime) -> Self {
         let seconds = |samples: f64| sample_time.to_seconds((samples - off).max(0.0));
         let mut notes = Vec::new();
         if raw < off {
@@ -91,7 +95,7 @@ impl DelayEstimate {
             std_s: Some(sample_time.to_seconds(std)),
             ci95_s: Some(interval.map(seconds)),
             raw_delay_s: Some(sample_time.to_seconds(raw)),
-            degree_bias_samples: bias,
+            degree_bias_samples: off,
             note: if notes.is_empty() { None } else { Some(notes.join("; ")) },
         }
     }

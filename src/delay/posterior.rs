@@ -1,5 +1,8 @@
 //! From the losses of a scan over delays to a probability of each: p(nk) ∝ V(nk)^(−N/2).
 
+use super::Arxstruc;
+use crate::identify::{ArxScan, Record, arx_scan};
+
 /// What the losses say.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Posterior {
@@ -132,6 +135,29 @@ pub(super) fn visible_gain(parameters: usize, delays: usize) -> f64 {
     #[allow(clippy::cast_precision_loss)]
     let (freedom, tried) = (parameters.max(1) as f64, delays.max(1) as f64);
     ChiSquared::new(freedom).map_or(f64::INFINITY, |d| d.inverse_cdf(1.0 - 0.01 / tried))
+}
+
+/// Why the output does not visibly follow the input, judged by how much better ARX models with the input predict than past outputs alone; `None`: it does.
+pub(super) fn unseen_by(scan: &ArxScan, nb: usize) -> Option<String> {
+    #[allow(clippy::cast_precision_loss)]
+    let rows = scan.rows as f64;
+    let smallest = scan.loss.iter().copied().filter(|v| v.is_finite()).min_by(f64::total_cmp)?;
+    let gain = rows * (scan.loss_without_input / smallest.max(f64::MIN_POSITIVE)).ln();
+    (gain < visible_gain(nb, scan.loss.len()))
+        .then(|| format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input"))
+}
+
+/// The same for methods that have no test of their own: the orders are those of [`super::Arxstruc`], fewer where the record is too short for them.
+#[allow(dead_code)]
+pub(super) fn unseen(records: &[Record], max_delay: usize) -> Option<String> {
+    let longest = records.iter().map(Record::len).max().unwrap_or(0);
+    let Arxstruc { na, nb } = Arxstruc::default();
+    let na = na.min(longest.saturating_sub(max_delay + nb) / 4);
+    let scan = arx_scan(records, na, nb, max_delay);
+    if scan.rows <= 2 * (na + nb) || scan.input_rank.iter().all(|&r| r == 0) {
+        return Some("past outputs explain every lag of the input: it hardly moves where the output can answer".to_owned());
+    }
+    unseen_by(&scan, nb)
 }
 
 #[cfg(test)]

@@ -34,6 +34,23 @@ impl Record {
         self.len() == 0
     }
 
+    /// The longest stretches without a missing output, each of at least `least` samples, in order; for methods that cannot leave samples out.
+    #[must_use]
+    pub fn stretches(&self, least: usize) -> Vec<Self> {
+        let Some(present) = &self.present else { return if self.len() >= least { vec![self.clone()] } else { Vec::new() } };
+        let mut stretches = Vec::new();
+        let mut from = 0;
+        for t in 0..=self.len() {
+            if t == self.len() || !present[t] {
+                if t - from >= least.max(1) {
+                    stretches.push(Self::new(self.u[from..t].to_vec(), self.y[from..t].to_vec()));
+                }
+                from = t + 1;
+            }
+        }
+        stretches
+    }
+
     fn has(&self, t: usize) -> bool {
         self.present.as_ref().is_none_or(|p| p[t])
     }
@@ -273,6 +290,17 @@ mod tests {
             assert!((triangle.r.transpose() * &triangle.r - &gram).amax() < 1e-11 * gram.amax());
             assert_eq!(triangle.rows, rows);
         }
+    }
+
+    #[test]
+    fn stretches_hold_every_sample_between_the_missing_ones() {
+        let mut with = record(20, 5);
+        with.present = Some((0..20).map(|t| ![0, 5, 6, 19].contains(&t)).collect());
+        let found = with.stretches(1);
+        assert_eq!(found.iter().map(Record::len).collect::<Vec<_>>(), [4, 12]);
+        assert_eq!((found[0].y[0], found[1].u[11]), (with.y[1], with.u[18]));
+        assert_eq!(with.stretches(5).len(), 1);
+        assert_eq!(record(20, 5).stretches(20), [record(20, 5)]);
     }
 
     #[test]

@@ -23,7 +23,8 @@ pub struct Estimate {
     /// What the method's original definition returns, s.
     pub raw_delay_s: Option<f64>,
     /// Samples taken off the raw value.
-    pub degree_bias_samples: usize,
+    #[serde(serialize_with = "whole_if_it_is")]
+    pub degree_bias_samples: f64,
     /// What a reader must know besides.
     pub note: Option<String>,
     /// Run time, s.
@@ -130,6 +131,12 @@ impl Report {
         }
         table
     }
+}
+
+/// A whole number without a point, as the format has it.
+#[allow(clippy::trivially_copy_pass_by_ref, clippy::cast_possible_truncation)]
+fn whole_if_it_is<S: serde::Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    if value.fract() == 0.0 && value.abs() < 1e15 { serializer.serialize_i64(*value as i64) } else { serializer.serialize_f64(*value) }
 }
 
 fn run_time(time_s: f64) -> String {

@@ -4,10 +4,14 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{DelayError, DelayEstimate, DelayEstimator, Experiment, Outcome, PairEstimate, PlantModel, Search};
+use crate::delay::{
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, PlantModel,
+    Recording, Scope, Search, Start, Suits, posterior,
+};
 use crate::identify::lag_matrix;
 use crate::model::c2d::{Hold, transition};
 use crate::model::exp;
+use crate::registry::entry;
 
 /// How the delay is read from the coefficients γ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -41,6 +45,30 @@ const NAME: &str = "state_least_squares";
 
 /// Below this share of what all lags together explain, one delay per input does not describe the data.
 const DESCRIBES: f64 = 0.5;
+
+/// Its line in the list of methods.
+pub(in crate::delay) const METHOD: Method = Method {
+    entry: entry!(
+        "state_least_squares",
+        "delay of every input from measured states and known A and B",
+        StateLeastSquares,
+        dyn DelayEstimator
+    ),
+    class: Class::States,
+    scope: Scope::States,
+    start: Start::Any,
+    suits: Suits::States,
+    information: Information::KnownModel,
+    tolerance: 0.05,
+    withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::Dynamics],
+    needs: "the model, and a measured channel for each of its states",
+    blind_to: "delays of inputs that move together; a model that does not describe the data",
+    exempt: &[
+        (Law::Shift, "it compares states with a model: an output that is delayed alone is not what the model says"),
+        (Law::Gain, "the model's B fixes the gain"),
+        (Law::Sign, "the model's B fixes the sign"),
+    ],
+};
 
 impl DelayEstimator for StateLeastSquares {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
@@ -219,7 +247,7 @@ impl StateLeastSquares {
                 let peak = largest(j);
                 let coefficient = gamma[j * lags + peak];
                 let strength = coefficient / (noise * inverse[(j * lags + peak, j * lags + peak)]).max(f64::MIN_POSITIVE).sqrt();
-                if gain < super::posterior::visible_gain(parameters, 1) || (strength < 3.0 && coefficient < 0.5) {
+                if gain < posterior::visible_gain(parameters, 1) || (strength < 3.0 && coefficient < 0.5) {
                     let note = format!("no lag of this input stands out (largest coefficient {coefficient:.3}, {strength:.1} standard deviations)");
                     return DelayEstimate::without(Outcome::NotVisible, note);
                 }
@@ -252,7 +280,7 @@ impl StateLeastSquares {
                     std_s: finite.then(|| ts.to_seconds(std)),
                     ci95_s: finite.then(|| [delay - 1.96 * std, delay + 1.96 * std].map(|d| ts.to_seconds(d.max(0.0)))),
                     raw_delay_s: Some(ts.to_seconds(sum)),
-                    degree_bias_samples: 0,
+                    degree_bias_samples: 0.0,
                     note: Some(note),
                 }
             })
@@ -265,7 +293,7 @@ fn real(i: usize) -> f64 {
     i as f64
 }
 
-fn rows<'a>(recording: &'a super::Recording, a: &DMatrix<f64>) -> Rows<'a> {
+fn rows<'a>(recording: &'a Recording, a: &DMatrix<f64>) -> Rows<'a> {
     let samples = recording.inputs[0].len();
     let x = DMatrix::from_fn(recording.states.len(), samples, |i, k| recording.states[i][k]);
     let z = x.columns(1, samples - 1) - a * x.columns(0, samples - 1);

@@ -3,8 +3,13 @@
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + e(t); leading coefficients of B that the data do not ask for are taken
 //! off the answer, the published minimum stays beside it as the raw value.
 
-use super::{DelayError, DelayEstimate, DelayEstimator, Experiment, Outcome, PairEstimate, Search, every_pair, posterior};
+use crate::delay::method::WHOLE;
+use crate::delay::{
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
+    Start, Suits, every_pair, posterior,
+};
 use crate::identify::{Record, arx_scan};
+use crate::registry::entry;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
@@ -48,6 +53,26 @@ impl Default for Arxstruc {
 
 const NAME: &str = "arxstruc";
 
+/// Its line in the list of methods.
+pub(in crate::delay) const METHOD: Method = Method {
+    entry: entry!(
+        "arxstruc",
+        "best ARX model over all delays (na 10, nb 5): fast, also for unstable plants and under feedback",
+        Arxstruc,
+        dyn DelayEstimator
+    ),
+    class: Class::Parametric,
+    scope: Scope::Pair,
+    start: Start::Any,
+    suits: Suits::Plant,
+    information: Information::Poles(2),
+    tolerance: WHOLE,
+    withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
+    needs: "noise that an AR filter of its order whitens",
+    blind_to: "fractions of a sample; a first coefficient that is small against the noise",
+    exempt: &[],
+};
+
 impl DelayEstimator for Arxstruc {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
         if self.nb == 0 {
@@ -82,10 +107,8 @@ impl Arxstruc {
             return Ok(DelayEstimate::without(Outcome::Singular, "no delay has a finite loss: the numbers overflow; scale the channels"));
         };
         let best = posterior.best;
-        let gain = rows * (scan.loss_without_input / scan.loss[minimum].max(f64::MIN_POSITIVE)).ln();
         let delays = max_delay + 1;
-        if gain < posterior::visible_gain(self.nb, delays) {
-            let note = format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input");
+        if let Some(note) = posterior::unseen_by(&scan, self.nb) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         if posterior.set > delays / 2 {

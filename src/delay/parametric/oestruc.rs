@@ -2,8 +2,13 @@
 //!
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, y(t) = B(q)/F(q) u(t − nk) + e(t).
 
-use super::{DelayError, DelayEstimate, DelayEstimator, Experiment, Outcome, PairEstimate, Search, every_pair, posterior};
+use crate::delay::method::WHOLE;
+use crate::delay::{
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
+    Start, Suits, every_pair, posterior,
+};
 use crate::identify::{Initial, OutputError, Record};
+use crate::registry::entry;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
@@ -49,6 +54,26 @@ impl Default for Oestruc {
 }
 
 const NAME: &str = "oestruc";
+
+/// Its line in the list of methods.
+pub(in crate::delay) const METHOD: Method = Method {
+    entry: entry!(
+        "oestruc",
+        "best output-error model B/F over all delays (nb 1, nf 2): the most accurate on open-loop data",
+        Oestruc,
+        dyn DelayEstimator
+    ),
+    class: Class::Parametric,
+    scope: Scope::Pair,
+    start: Start::Rest,
+    suits: Suits::Plant,
+    information: Information::Poles(2),
+    tolerance: WHOLE,
+    withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
+    needs: "open loop, a stable plant of low order that rests at the start",
+    blind_to: "fractions of a sample; what an unstable plant or feedback does",
+    exempt: &[],
+};
 
 impl DelayEstimator for Oestruc {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {

@@ -2,11 +2,16 @@
 //!
 //! Equation: τ̂ = Ts·min{ i : |ĥᵢ| > h_std·σ̂ᵢ }, ĥ the finite impulse response by least squares and σ̂ its standard deviations.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use super::{DelayError, DelayEstimate, DelayEstimator, Experiment, Outcome, PairEstimate, Search, every_pair};
+use crate::delay::method::WHOLE;
+use crate::delay::{
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
+    Start, Suits, every_pair, posterior,
+};
 use crate::identify::{Fir, Record, fir_or_rank};
+use crate::registry::entry;
 
 /// How several records are put together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -64,28 +69,24 @@ impl Default for Threshold {
     }
 }
 
-/// Threshold on the step response, the running sum of the impulse response; options as [`Threshold`].
-///
-/// It sees slow responses that no single coefficient shows, at the price of the noise that the sum gathers.
-/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1.
-#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-#[serde(transparent)]
-pub struct Step(pub Threshold);
+/// Its line in the list of methods.
+pub(in crate::delay) const METHOD: Method = Method {
+    entry: entry!("threshold", "first coefficient of the estimated impulse response above its threshold", Threshold, dyn DelayEstimator),
+    class: Class::Threshold,
+    scope: Scope::Pair,
+    start: Start::Any,
+    suits: Suits::Plant,
+    information: Information::Response,
+    tolerance: WHOLE,
+    withstands: &[Condition::Dynamics, Condition::MissingOutputs],
+    needs: "an input that excites every tap, a response that dies out within them",
+    blind_to: "a response that begins slowly: it answers late; feedback",
+    exempt: &[],
+};
 
 impl DelayEstimator for Threshold {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
         self.run("threshold", experiment, search, |fir| (fir.coefficients.clone(), fir.covariance.diagonal()))
-    }
-}
-
-impl DelayEstimator for Step {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        self.0.run("threshold_step", experiment, search, |fir| {
-            let taps = fir.coefficients.len();
-            let sum = DMatrix::from_fn(taps, taps, |i, j| f64::from(u8::from(j <= i)));
-            let covariance = &sum * &fir.covariance * sum.transpose();
-            (sum * &fir.coefficients, covariance.diagonal())
-        })
     }
 }
 
@@ -97,7 +98,7 @@ struct Response {
 }
 
 impl Threshold {
-    fn run(
+    pub(super) fn run(
         &self,
         name: &'static str,
         experiment: &Experiment,
@@ -165,14 +166,14 @@ impl Threshold {
         let began = onset(response, first);
         #[allow(clippy::cast_precision_loss)]
         let (raw, began) = (first as f64, began as f64);
-        let interval = super::posterior::first_coefficient(began, raw, bias);
+        let interval = posterior::first_coefficient(began, raw, bias);
         let at_edge = first == max_delay;
         let tail = taps - taps.div_ceil(10);
         let alive = (tail..taps).filter(|&i| response.values[i].abs() > (3.0 * response.std[i]).max(floor)).count();
         let note = (settles && 2 * alive > taps - tail)
             .then(|| format!("the impulse response has not died out after {taps} taps: set more of them"));
         // The true start is anywhere between: a uniform distribution's standard deviation.
-        let std = (interval[1] - interval[0]) * super::posterior::RESOLUTION.sqrt();
+        let std = (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt();
         DelayEstimate::counted(raw, std, interval, at_edge, bias, experiment.sample_time).noting(note)
     }
 }
