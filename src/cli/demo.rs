@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::estimate::{Job, chosen};
+use super::estimate::{Feedback, Job, chosen};
 use super::write_json;
 use crate::delay::{DelayEstimator, Detrend, METHODS};
 use crate::diagnose::{GapOptions, diagnose};
@@ -59,6 +59,7 @@ impl Demo {
             max_delay_s: None,
             degree_bias: None,
             detrend: Detrend::Mean,
+            feedback: Feedback::Auto,
         };
         let (report, preamble) = job.run()?;
         say!("{preamble}");

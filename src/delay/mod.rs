@@ -1,5 +1,6 @@
 //! Dead-time estimation: what an estimator is, and the list of all there are.
 
+mod conditions;
 mod error;
 mod estimate;
 mod experiment;
@@ -10,6 +11,7 @@ mod states;
 mod threshold;
 mod verdict;
 
+pub use conditions::{Finding, conditions};
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
@@ -17,7 +19,7 @@ pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits
 pub use parametric::{Arxstruc, Oestruc};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
-pub use verdict::{Verdict, verdict};
+pub use verdict::{Verdict, distrust, verdict};
 
 pub use crate::identify::{Initial, Record};
 

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use serde::Serialize;
 
 use super::{Table, seconds};
-use crate::delay::{DelayEstimate, Outcome, Verdict};
+use crate::delay::{Class, Condition, DelayEstimate, Finding, Method, Outcome, Verdict, distrust};
 
 /// One method's answer, as the file has it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -29,14 +29,20 @@ pub struct Estimate {
     pub note: Option<String>,
     /// Run time, s.
     pub time_s: f64,
+    /// The heading it stands under.
+    #[serde(skip)]
+    pub class: Class,
+    /// What the record shows that the method does not withstand.
+    #[serde(skip)]
+    pub distrust: Vec<Condition>,
 }
 
 impl Estimate {
-    /// An answer with the name and run time that go with it.
+    /// An answer with its method, its run time, and what the record shows.
     #[must_use]
-    pub fn new(method: &str, estimate: &DelayEstimate, time_s: f64) -> Self {
+    pub fn new(method: &Method, estimate: &DelayEstimate, time_s: f64, findings: &[Finding]) -> Self {
         Self {
-            method: method.to_owned(),
+            method: method.entry.name.to_owned(),
             outcome: estimate.outcome,
             delay_s: estimate.delay_s,
             std_s: estimate.std_s,
@@ -45,6 +51,8 @@ impl Estimate {
             degree_bias_samples: estimate.degree_bias_samples,
             note: estimate.note.clone(),
             time_s,
+            class: method.class,
+            distrust: distrust(method, findings),
         }
     }
 }
@@ -56,7 +64,10 @@ pub struct Pair {
     pub input: String,
     /// The output; `*` where an answer holds whatever the output.
     pub output: String,
-    /// One answer per method.
+    /// What the record shows.
+    #[serde(skip)]
+    pub findings: Vec<Finding>,
+    /// One answer per method, class by class.
     pub estimates: Vec<Estimate>,
     /// What to believe.
     pub verdict: Verdict,
@@ -88,8 +99,12 @@ impl Report {
         for pair in &self.pairs {
             let arrow = if pair.output == "*" { "the states".to_owned() } else { pair.output.clone() };
             let _ = writeln!(text, "\n{} → {arrow}", pair.input);
+            if !pair.findings.is_empty() {
+                let shown: Vec<String> = pair.findings.iter().map(|f| format!("{} ({})", f.condition.words(), f.evidence)).collect();
+                let _ = writeln!(text, "The record shows {}.", shown.join("; "));
+            }
             text.push_str(&self.table(pair).to_string());
-            for estimate in &pair.estimates {
+            for estimate in pair.estimates.iter().filter(|e| self.shows_note(e)) {
                 if let Some(note) = &estimate.note {
                     let _ = writeln!(text, "  {}: {note}", estimate.method);
                 }
@@ -110,14 +125,31 @@ impl Report {
         text
     }
 
+    /// With a handful of methods every note is shown; with all of them those of the answers that count (the file has every one).
+    fn shows_note(&self, estimate: &Estimate) -> bool {
+        let most = self.pairs.iter().map(|p| p.estimates.len()).max().unwrap_or(0);
+        most <= A_HANDFUL || (estimate.outcome == Outcome::Found && estimate.distrust.is_empty())
+    }
+
     fn table(&self, pair: &Pair) -> Table {
-        let headings = ["method", "outcome", "dead time (s)", "std (s)", "95 % interval (s)", "raw (s)", "bias (samples)", "run time"];
-        let mut table = Table::new(&headings, &[0, 1]);
+        let headings =
+            ["method", "outcome", "dead time (s)", "std (s)", "95 % interval (s)", "raw (s)", "bias (samples)", "counts", "run time"];
+        let mut table = Table::new(&headings, &[0, 1, 7]);
         let step = self.sample_time_s;
         let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| seconds(v, step));
+        let mut class = None;
         for e in &pair.estimates {
+            if pair.estimates.len() > A_HANDFUL && class != Some(e.class) {
+                class = Some(e.class);
+                table.row(vec![format!("{}:", e.class.title())]);
+            }
             let interval = e.ci95_s.map_or_else(|| "–".to_owned(), |[a, b]| format!("{} … {}", seconds(a, step), seconds(b, step)));
             let bias = if e.delay_s.is_some() { e.degree_bias_samples.to_string() } else { "–".to_owned() };
+            let counts = match (e.outcome, e.distrust.as_slice()) {
+                (Outcome::Found, []) => "yes".to_owned(),
+                (Outcome::Found, reasons) => format!("no: {}", reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(", ")),
+                _ => "–".to_owned(),
+            };
             table.row(vec![
                 e.method.clone(),
                 e.outcome.name().replace('_', " "),
@@ -126,12 +158,16 @@ impl Report {
                 interval,
                 number(e.raw_delay_s),
                 bias,
+                counts,
                 run_time(e.time_s),
             ]);
         }
         table
     }
 }
+
+/// As many methods as a person reads without headings.
+const A_HANDFUL: usize = 8;
 
 /// A whole number without a point, as the format has it.
 #[allow(clippy::trivially_copy_pass_by_ref, clippy::cast_possible_truncation)]
