@@ -175,7 +175,7 @@ fn whole_if_it_is<S: serde::Serializer>(value: &f64, serializer: S) -> Result<S:
     if value.fract() == 0.0 && value.abs() < 1e15 { serializer.serialize_i64(*value as i64) } else { serializer.serialize_f64(*value) }
 }
 
-fn run_time(time_s: f64) -> String {
+pub(super) fn run_time(time_s: f64) -> String {
     if time_s < 1e-3 {
         format!("{:.0} µs", time_s * 1e6)
     } else if time_s < 1.0 {
