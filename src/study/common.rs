@@ -103,7 +103,7 @@ impl Common {
     }
 
     fn records(&self, kind: Suits) -> crate::Result<Vec<Known>> {
-        (0..self.trials).into_par_iter().map(|t| self.record(kind, t)).collect()
+        (0..self.trials).into_par_iter().map(|t| self.experiment(kind, t).map(|(experiment, delay)| (experiment, delay, 0))).collect()
     }
 
     /// The random numbers of record `trial`, its true delay drawn first: the same for every kind.
@@ -114,7 +114,11 @@ impl Common {
         (rng, delay)
     }
 
-    fn record(&self, kind: Suits, trial: usize) -> crate::Result<Known> {
+    /// Record `trial` of a kind and its true delay, samples.
+    ///
+    /// # Errors
+    /// Whatever keeps the record from being made.
+    pub fn experiment(&self, kind: Suits, trial: usize) -> crate::Result<(Experiment, f64)> {
         let (mut rng, delay) = self.draw(trial);
         let sample_time = SampleTime::new(1.0)?;
         let n = self.samples;
@@ -139,7 +143,11 @@ impl Common {
                     when += 4.0 * gap;
                     pulses.push([when, size]);
                 }
-                let at = |t: f64| pulses.iter().map(|[when, size]| size * (-((t - when) / 1.5).powi(2)).exp()).sum::<f64>();
+                let at = |t: f64| {
+                    // Beyond 12 samples a pulse is below rounding.
+                    let near = pulses.partition_point(|p| p[0] < t - 12.0)..pulses.partition_point(|p| p[0] < t + 12.0);
+                    pulses[near].iter().map(|[when, size]| size * (-((t - when) / 1.5).powi(2)).exp()).sum::<f64>()
+                };
                 copy(n, delay, at, siso, &mut rng)?
             }
             Suits::Steps => {
@@ -163,7 +171,7 @@ impl Common {
             }
             Suits::Events => siso(Vec::new(), Vec::new()),
         };
-        Ok((experiment, delay, 0))
+        Ok((experiment, delay))
     }
 
     /// The plant of [`Suits::Plant`] under proportional feedback of a noisy output, with a random binary reference.
