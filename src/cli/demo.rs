@@ -63,7 +63,7 @@ impl Demo {
         };
         let (report, preamble) = job.run()?;
         say!("{preamble}");
-        say!("{}", report.text().trim_end());
+        say!("{}", report.text(false).trim_end());
         write_json(Some(&file("estimate.json")), &report)?;
         job.draw(&report, &file("estimate.svg"))?;
         write_json(json, &report)?;

@@ -56,6 +56,9 @@ pub(super) struct Estimate {
     /// An option of a method, such as `oestruc.nf=3`; may be repeated
     #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
     set: Vec<String>,
+    /// Show every method in the tables, also those whose answers do not count
+    #[arg(long)]
+    full: bool,
     /// Also draw the answers and the impulse responses, as SVG
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
@@ -83,7 +86,7 @@ impl Estimate {
         if let Some(path) = &self.plot {
             job.draw(&report, path)?;
         }
-        say!("{preamble}\n{}", report.text().trim_end());
+        say!("{preamble}\n{}", report.text(self.full).trim_end());
         Ok(())
     }
 }

@@ -92,9 +92,9 @@ pub struct Report {
 pub const FORMAT: &str = "deadtime/estimate@1";
 
 impl Report {
-    /// The tables and sentences for a terminal.
+    /// The tables and sentences for a terminal: of many methods those whose answers count, unless the `full` table is asked for.
     #[must_use]
-    pub fn text(&self) -> String {
+    pub fn text(&self, full: bool) -> String {
         let mut text = String::new();
         for pair in &self.pairs {
             let arrow = if pair.output == "*" { "the states".to_owned() } else { pair.output.clone() };
@@ -103,8 +103,9 @@ impl Report {
                 let shown: Vec<String> = pair.findings.iter().map(|f| format!("{} ({})", f.condition.words(), f.evidence)).collect();
                 let _ = writeln!(text, "The record shows {}.", shown.join("; "));
             }
-            text.push_str(&self.table(pair).to_string());
-            for estimate in pair.estimates.iter().filter(|e| self.shows_note(e)) {
+            let shown = Shown::of(pair, full);
+            text.push_str(&self.table(&shown).to_string());
+            for estimate in shown.rows.iter().filter(|e| !shown.headed || e.counts()) {
                 if let Some(note) = &estimate.note {
                     let _ = writeln!(text, "  {}: {note}", estimate.method);
                 }
@@ -125,21 +126,15 @@ impl Report {
         text
     }
 
-    /// With a handful of methods every note is shown; with all of them those of the answers that count (the file has every one).
-    fn shows_note(&self, estimate: &Estimate) -> bool {
-        let most = self.pairs.iter().map(|p| p.estimates.len()).max().unwrap_or(0);
-        most <= A_HANDFUL || (estimate.outcome == Outcome::Found && estimate.distrust.is_empty())
-    }
-
-    fn table(&self, pair: &Pair) -> Table {
+    fn table(&self, shown: &Shown<'_>) -> Table {
         let headings =
             ["method", "outcome", "dead time (s)", "std (s)", "95 % interval (s)", "raw (s)", "bias (samples)", "counts", "run time"];
         let mut table = Table::new(&headings, &[0, 1, 7]);
         let step = self.sample_time_s;
         let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| seconds(v, step));
         let mut class = None;
-        for e in &pair.estimates {
-            if pair.estimates.len() > A_HANDFUL && class != Some(e.class) {
+        for e in &shown.rows {
+            if shown.headed && class != Some(e.class) {
                 class = Some(e.class);
                 table.row(vec![format!("{}:", e.class.title())]);
             }
@@ -166,8 +161,35 @@ impl Report {
     }
 }
 
-/// As many methods as a person reads without headings.
+/// As many methods as a person reads at a glance.
 const A_HANDFUL: usize = 8;
+
+/// What a table shows of a pair: of many methods those whose answers count, the sentence below it names the others.
+struct Shown<'a> {
+    rows: Vec<&'a Estimate>,
+    /// Under the headings of the classes.
+    headed: bool,
+}
+
+impl<'a> Shown<'a> {
+    fn of(pair: &'a Pair, full: bool) -> Self {
+        let headed = pair.estimates.len() > A_HANDFUL;
+        let folded = headed && !full && pair.estimates.iter().any(Estimate::counts);
+        let mut rows: Vec<&Estimate> = pair.estimates.iter().filter(|e| !folded || e.counts()).collect();
+        if headed {
+            // Stable: within a class the order of the list.
+            rows.sort_by_key(|e| e.class);
+        }
+        Self { rows, headed }
+    }
+}
+
+impl Estimate {
+    /// A delay was found, and the record shows nothing that the method does not withstand.
+    fn counts(&self) -> bool {
+        self.outcome == Outcome::Found && self.distrust.is_empty()
+    }
+}
 
 /// A whole number without a point, as the format has it.
 #[allow(clippy::trivially_copy_pass_by_ref, clippy::cast_possible_truncation)]
