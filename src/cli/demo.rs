@@ -88,7 +88,7 @@ impl Demo {
             seed: self.seed,
         };
         let estimators: Vec<(&str, Box<dyn DelayEstimator>)> =
-            METHODS.iter().map(|m| Ok((m.entry.name, m.entry.with(serde_json::json!({}))?))).collect::<anyhow::Result<_>>()?;
+            most_trusted().map(|m| Ok((m.entry.name, m.entry.with(serde_json::json!({}))?))).collect::<anyhow::Result<_>>()?;
         let borrowed: Vec<(&str, &dyn DelayEstimator)> = estimators.iter().map(|(n, e)| (*n, e.as_ref())).collect();
         let cells = study.run(&borrowed)?;
         let accuracy = table(&cells);
