@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::estimate::{Feedback, Job, chosen};
 use super::write_json;
-use crate::delay::{DelayEstimator, Detrend, METHODS};
+use crate::delay::{Class, DelayEstimator, Detrend, METHODS, Method, Scope};
 use crate::diagnose::{GapOptions, diagnose};
 use crate::file::write_atomic;
 use crate::log;
@@ -75,7 +75,7 @@ impl Demo {
         say!(
             "\n2. Which method may be trusted to say so? The same vehicle again, {TRIALS} records for each of four delays that are injected and"
         );
-        say!("   so are known; output p, 600 samples, the same noise.\n");
+        say!("   so are known; output p, 600 samples, the same noise; of each class of methods the one that is trusted most.\n");
         let study = Injected {
             plant: model.continuous()?,
             output: 0,
@@ -122,4 +122,9 @@ impl Demo {
         say!("     and simulator:  deadtime gap --model MODEL.toml --log LOG.csv --out DIR");
         Ok(())
     }
+}
+
+/// The most trusted method of every class that looks at commands and responses.
+fn most_trusted() -> impl Iterator<Item = &'static Method> {
+    Class::ALL.iter().filter_map(|class| METHODS.iter().find(|m| m.class == *class && m.scope != Scope::Events))
 }
