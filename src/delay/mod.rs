@@ -1,5 +1,6 @@
 //! Dead-time estimation: what an estimator is, and the list of all there are.
 
+mod correlation;
 mod error;
 mod estimate;
 mod experiment;
@@ -10,6 +11,7 @@ mod states;
 mod threshold;
 mod verdict;
 
+pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot};
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
@@ -84,5 +86,11 @@ pub const METHODS: &[Method] = &[
     parametric::arxstruc::METHOD,
     threshold::impulse::METHOD,
     threshold::step::METHOD,
+    correlation::hannan_thomson::METHOD,
+    correlation::scot::METHOD,
+    correlation::crosscorr::METHOD,
+    correlation::eckart::METHOD,
+    correlation::phat::METHOD,
+    correlation::roth::METHOD,
     states::state_least_squares::METHOD,
 ];
