@@ -1,6 +1,7 @@
 //! Dead-time estimation: what an estimator is, and the list of all there are.
 
 mod conditions;
+mod correlation;
 mod error;
 mod estimate;
 mod experiment;
@@ -12,6 +13,7 @@ mod threshold;
 mod verdict;
 
 pub use conditions::{Finding, conditions};
+pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot};
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
@@ -105,5 +107,11 @@ pub const METHODS: &[Method] = &[
     parametric::arxstruc::METHOD,
     threshold::impulse::METHOD,
     threshold::step::METHOD,
+    correlation::hannan_thomson::METHOD,
+    correlation::scot::METHOD,
+    correlation::crosscorr::METHOD,
+    correlation::eckart::METHOD,
+    correlation::phat::METHOD,
+    correlation::roth::METHOD,
     states::state_least_squares::METHOD,
 ];

@@ -1,12 +1,20 @@
 //! Signals: what excites a system, and the noise that a measurement adds.
 
 mod butterworth;
+mod correlation;
 pub mod excitation;
 mod fourier;
+mod fractional_delay;
 mod noise;
+mod spectra;
 
+pub use correlation::correlation;
 pub use excitation::{EXCITATIONS, Excitation};
+pub use fractional_delay::fractional_delay;
 pub use noise::{Noise, NoiseColour, NoiseScaling, add_noise, unit_noise};
+pub use spectra::{CrossSpectra, HANN_LINES};
+
+pub(crate) use fourier::RealFourier;
 
 /// The most samples one call makes: 8 GB of numbers. More is taken for a slip of the keyboard.
 pub const MOST_SAMPLES: usize = 1_000_000_000;

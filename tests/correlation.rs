@@ -1,0 +1,200 @@
+//! Correlation and phase methods against delays that are known, the two-sensor bound and obviously right sums.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+#[path = "support/plants.rs"]
+mod plants;
+
+use deadtime::delay::{DelayEstimate, Experiment, Method, Outcome, Recording, Search, method};
+use deadtime::signal::fractional_delay;
+use plants::{TS, answer, std_dev, sum, times, ts, white};
+use rayon::prelude::*;
+
+/// The methods that compare two sensors.
+const TWO_SENSORS: [&str; 6] = ["crosscorr", "gcc_roth", "gcc_scot", "gcc_phat", "gcc_eckart", "gcc_hannan_thomson"];
+
+fn the(name: &str) -> &'static Method {
+    method(name).unwrap_or_else(|| panic!("no method {name}"))
+}
+
+fn search() -> Search {
+    Search { default_bias: 0, ..Search::default() }
+}
+
+/// What a source sounds like.
+#[derive(Debug, Clone, Copy)]
+enum Source {
+    White,
+    /// Below 0.4 of Nyquist mostly: (1 + q⁻¹)² twice.
+    Low,
+}
+
+/// Two noisy sensors of one source, `delay` samples apart: signal to noise `snr` at both.
+fn sensors(source: Source, samples: usize, delay: f64, snr: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
+    let margin = 200;
+    let mut s = white(samples + 2 * margin, 1.0, 3 * seed);
+    if let Source::Low = source {
+        for _ in 0..3 {
+            s = (0..s.len()).map(|t| if t == 0 { 0.0 } else { s[t] + s[t - 1] }).collect();
+        }
+        s = times(&s, 1.0 / std_dev(&s));
+    }
+    let later = fractional_delay(&s, delay);
+    let noise = |k: u64| white(samples, 1.0 / snr.sqrt(), 3 * seed + k + 1);
+    (sum(&s[margin..margin + samples], &noise(0)), times(&sum(&later[margin..margin + samples], &noise(1)), -0.3))
+}
+
+fn run(method: &Method, u: Vec<f64>, y: Vec<f64>) -> DelayEstimate {
+    answer(method, &Experiment::siso(ts(TS), u, y), &search())
+}
+
+/// Standard deviation of the best unbiased estimate, samples (white source and noise, both of ratio `snr`).
+fn bound(samples: usize, snr: f64) -> f64 {
+    (3.0 * (1.0 + 2.0 * snr) / (std::f64::consts::PI.powi(2) * samples as f64 * snr * snr)).sqrt()
+}
+
+struct Study {
+    found: usize,
+    bias: f64,
+    rms: f64,
+    std: f64,
+    coverage: f64,
+}
+
+fn study(name: &str, source: Source, samples: usize, snr: f64, trials: u64) -> Study {
+    let answers: Vec<Option<(f64, f64, bool)>> = (0..trials)
+        .into_par_iter()
+        .map(|seed| {
+            let delay = 2.0 + (seed as f64 * 0.737) % 20.0;
+            let (u, y) = sensors(source, samples, delay, snr, 1000 + seed);
+            let e = run(the(name), u, y);
+            let [from, to] = e.ci95_s?;
+            let truth = delay * TS;
+            (e.outcome == Outcome::Found).then_some((e.delay_s? / TS - delay, e.std_s? / TS, from <= truth && truth <= to))
+        })
+        .collect();
+    let found: Vec<_> = answers.into_iter().flatten().collect();
+    let n = found.len().max(1) as f64;
+    let mean = |f: &dyn Fn(&(f64, f64, bool)) -> f64| found.iter().map(f).sum::<f64>() / n;
+    let s = Study {
+        found: found.len(),
+        bias: mean(&|a| a.0),
+        rms: mean(&|a| a.0 * a.0).sqrt(),
+        std: mean(&|a| a.1 * a.1).sqrt(),
+        coverage: mean(&|a| f64::from(u8::from(a.2))),
+    };
+    println!(
+        "{name:20} {source:?} N {samples} SNR {snr}: {} of {trials} found, bias {:.4}, rms {:.4}, std {:.4}, bound {:.4}, coverage {:.3}",
+        s.found,
+        s.bias,
+        s.rms,
+        s.std,
+        bound(samples, snr),
+        s.coverage
+    );
+    s
+}
+
+#[test]
+fn white_sources_are_found_near_the_two_sensor_bound_with_honest_intervals() {
+    for name in TWO_SENSORS {
+        for (snr, samples) in [(100.0, 500), (1.0, 500), (1.0, 4000)] {
+            let s = study(name, Source::White, samples, snr, 300);
+            assert!(s.found >= 285, "{name}: {} found", s.found);
+            assert!(s.coverage >= 0.90, "{name}: {}", s.coverage);
+            assert!(s.bias.abs() <= 4.0 * s.rms / 300_f64.sqrt() + 1e-3, "{name}: bias {}", s.bias);
+            assert!(s.rms <= 1.6 * bound(samples, snr), "{name}: rms {}", s.rms);
+        }
+    }
+}
+
+#[test]
+fn a_coloured_source_leaves_the_intervals_honest() {
+    for name in TWO_SENSORS {
+        for snr in [100.0, 3.0] {
+            let s = study(name, Source::Low, 1000, snr, 300);
+            assert!(s.coverage >= 0.90, "{name}: {}", s.coverage);
+        }
+    }
+}
+
+#[test]
+fn maximum_likelihood_weights_beat_plain_correlation_on_a_coloured_source() {
+    let (plain, best) = (study("crosscorr", Source::Low, 1000, 100.0, 300), study("gcc_hannan_thomson", Source::Low, 1000, 100.0, 300));
+    assert!(best.rms < 0.8 * plain.rms, "{} and {}", best.rms, plain.rms);
+}
+
+#[test]
+fn a_narrow_band_leaves_the_cycle_open_or_inside_the_interval() {
+    for name in TWO_SENSORS {
+        let mut wrong = 0;
+        for seed in 0..60 {
+            // A resonance of radius 0.985 and period 8 samples, heard by two sensors under noise: peaks one period apart.
+            let mut s = white(1200, 1.0, 50 + seed);
+            for t in 2..1200 {
+                s[t] += 2.0 * 0.985 * (std::f64::consts::PI / 4.0).cos() * s[t - 1] - 0.985_f64.powi(2) * s[t - 2];
+            }
+            let s = times(&s, 1.0 / std_dev(&s));
+            let u = sum(&s[100..900], &white(800, 0.5, 900 + seed));
+            let y = sum(&s[88..888], &white(800, 0.5, 1900 + seed));
+            let e = run(the(name), u, y);
+            if let (Outcome::Found, Some([from, to])) = (e.outcome, e.ci95_s) {
+                wrong += usize::from(!(from <= 1.2 && 1.2 <= to));
+            }
+        }
+        println!("{name}: {wrong} of 60 intervals miss the delay of a narrow-band source");
+        assert!(wrong <= 6, "{name}: {wrong}");
+    }
+}
+
+#[test]
+fn several_recordings_are_all_used() {
+    for name in TWO_SENSORS {
+        let parts: Vec<(Vec<f64>, Vec<f64>)> = (0..16).map(|seed| sensors(Source::White, 300, 6.4, 1.0, 70 + seed)).collect();
+        let one = run(the(name), parts[0].0.clone(), parts[0].1.clone());
+        let mut all = Experiment::siso(ts(TS), Vec::new(), Vec::new());
+        all.recordings =
+            parts.into_iter().map(|(u, y)| Recording { inputs: vec![u], outputs: vec![y.into()], states: Vec::new() }).collect();
+        let all = answer(the(name), &all, &search());
+        let (narrow, wide) = (all.std_s.unwrap(), one.std_s.unwrap());
+        println!("{name}: std {:.4} from one record, {:.4} from sixteen", wide / TS, narrow / TS);
+        assert!(narrow < 0.4 * wide, "{name}: {narrow} and {wide}");
+        assert!((all.delay_s.unwrap() / TS - 6.4).abs() < 4.0 * narrow / TS, "{name}: {all:?}");
+    }
+}
+
+#[test]
+fn an_output_that_leads_is_no_delay() {
+    for name in TWO_SENSORS {
+        let (u, y) = sensors(Source::White, 600, 5.0, 100.0, 5);
+        let e = run(the(name), y, u);
+        assert!(!e.outcome.has_delay() && e.note.is_some(), "{name}: {e:?}");
+    }
+}
+
+#[test]
+fn offsets_and_slow_drifts_of_the_channels_do_not_matter() {
+    for name in TWO_SENSORS {
+        let (u, y) = sensors(Source::White, 600, 5.3, 100.0, 6);
+        let plain = run(the(name), u.clone(), y.clone());
+        let moved = run(the(name), u.iter().map(|v| v + 300.0).collect(), y.iter().map(|v| v - 70.0).collect());
+        assert!((plain.delay_s.unwrap() - moved.delay_s.unwrap()).abs() < 1e-6 * TS, "{name}: {plain:?} {moved:?}");
+    }
+}
+
+#[test]
+#[ignore = "prints run times"]
+fn run_times() {
+    for samples in [500, 5000, 1_000_000] {
+        let (u, y) = sensors(Source::White, samples, 7.25, 10.0, 3);
+        let experiment = Experiment::siso(ts(TS), u, y);
+        for name in TWO_SENSORS.into_iter().chain(["bispectrum"]) {
+            let Some(m) = method(name) else { continue };
+            let runs = if samples > 100_000 { 1 } else { 50 };
+            let clock = std::time::Instant::now();
+            for _ in 0..runs {
+                answer(m, &experiment, &search());
+            }
+            println!("{name:20} N {samples}: {:.3} ms", clock.elapsed().as_secs_f64() * 1e3 / f64::from(runs));
+        }
+    }
+}
