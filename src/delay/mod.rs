@@ -18,7 +18,7 @@ pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
-pub use parametric::{Arxstruc, Oestruc};
+pub use parametric::{Armaxstruc, Arxstruc, Oestruc};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
 pub use verdict::{Verdict, distrust, verdict};
@@ -104,6 +104,7 @@ fn later(record: Record, samples: usize) -> Record {
 /// Every estimator, within a class the most trusted first.
 pub const METHODS: &[Method] = &[
     parametric::oestruc::METHOD,
+    parametric::armaxstruc::METHOD,
     parametric::arxstruc::METHOD,
     threshold::impulse::METHOD,
     threshold::step::METHOD,

@@ -1,12 +1,15 @@
-//! Models from data: finite impulse responses, ARX and output-error models.
+//! Models from data: finite impulse responses, ARX, ARMAX and output-error models.
 
+mod armax;
 mod arx;
 mod fir;
 mod lag_products;
 mod least_squares;
 mod oe;
+mod polynomial;
 mod regression;
 
+pub use armax::{Armax, ArmaxFit, ArmaxScan};
 pub use arx::{ArxScan, scan as arx_scan};
 pub use fir::{Fir, fit as fir};
 pub use oe::{Initial, MAX_ORDER as MAX_OE_ORDER, OeFit, OutputError};

@@ -49,7 +49,7 @@ pub struct OeFit {
 }
 
 /// F(q) has all roots well inside the unit circle (Schur-Cohn recursion).
-fn is_stable(f: &[f64]) -> bool {
+pub(super) fn is_stable(f: &[f64]) -> bool {
     let mut a = [0.0; MAX_ORDER];
     let mut n = f.len();
     a[..n].copy_from_slice(f);
@@ -72,7 +72,7 @@ fn is_stable(f: &[f64]) -> bool {
 pub const MAX_ORDER: usize = 16;
 
 /// out = x/F with zero initial state.
-fn filter(x: &[f64], f: &[f64], out: &mut [f64]) {
+pub(super) fn filter(x: &[f64], f: &[f64], out: &mut [f64]) {
     if let &[f1, f2] = f {
         let (mut y1, mut y2) = (0.0, 0.0);
         for (o, &v) in out.iter_mut().zip(x) {

@@ -100,14 +100,8 @@ impl Oestruc {
         if got < needed {
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter --max-delay" });
         }
-        let shortened = got > self.max_samples;
-        let cut: Vec<Record>;
-        let records = if shortened {
-            cut = records.iter().map(|r| head(r, self.max_samples)).collect();
-            &cut
-        } else {
-            records
-        };
+        let cut = super::heads(records, self.max_samples);
+        let records = cut.as_deref().unwrap_or(records);
         let orders = OutputError { nb: self.nb, nf: self.nf, initial: self.initial };
         let fits = orders.scan(records, max_delay);
         let losses: Vec<f64> = fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect();
@@ -154,7 +148,7 @@ impl Oestruc {
         }
         #[allow(clippy::cast_precision_loss)]
         let raw = best as f64;
-        let note = shortened.then(|| format!("used the first {} of {got} samples", self.max_samples));
+        let note = cut.is_some().then(|| format!("used the first {} of {got} samples", self.max_samples));
         let [from, to] = posterior.ends;
         let estimate = DelayEstimate::counted(
             raw,
@@ -166,9 +160,4 @@ impl Oestruc {
         );
         Ok(estimate.noting(note))
     }
-}
-
-fn head(record: &Record, samples: usize) -> Record {
-    let n = record.len().min(samples);
-    Record { u: record.u[..n].to_vec(), y: record.y[..n].to_vec(), present: record.present.as_ref().map(|p| p[..n].to_vec()) }
 }
