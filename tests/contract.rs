@@ -10,7 +10,7 @@ use deadtime::delay::{
 };
 use deadtime::model::{Sampled, StateSpace};
 use nalgebra::DMatrix;
-use plants::{ROUNDING_S, TS, delayed, rbs, respond, second_order, std_dev, sum, times, ts, white};
+use plants::{ROUNDING_S, TS, delayed, process, rbs, respond, second_order, std_dev, sum, times, ts, white};
 use serde_json::{Value, json};
 
 const SAMPLES: usize = 600;
@@ -74,6 +74,14 @@ fn copy(u: Vec<f64>) -> Experiment {
     Experiment::siso(ts(TS), u, sum(&y, &noise))
 }
 
+/// A continuous plant of so many poles behind a hold, its time constants those of [`pair`]'s poles and a third, `slower` by a factor; four samples of dead time.
+fn continuous(u: Vec<f64>, (poles, zero): (usize, bool), slower: f64, noise_seed: u64) -> Experiment {
+    let lags: Vec<f64> = [2.8, 1.96, 1.2][..poles].iter().map(|samples| samples * slower * TS).collect();
+    let y = process(&u, &lags, zero.then_some(0.7 * lags[0]), 4.0 * TS, TS);
+    let noise = white(u.len(), 0.01 * std_dev(&y), noise_seed);
+    Experiment::siso(ts(TS), u, sum(&y, &noise))
+}
+
 /// Steps from rest and back, long enough for the plant to settle.
 fn steps() -> Experiment {
     let u: Vec<f64> = (0..SAMPLES).map(|t| if (60..330).contains(&t) { 1.0 } else { 0.0 }).collect();
@@ -86,6 +94,7 @@ fn steps() -> Experiment {
 fn suitable(method: &Method) -> Experiment {
     match method.suits {
         Suits::Plant => pair(),
+        Suits::Process { poles, zero } => continuous(rbs(SAMPLES, 1.0, 17), (poles, zero), 1.0, 18),
         Suits::Copy => copy(rbs(SAMPLES, 1.0, 15)),
         Suits::Steps => steps(),
         // Squares of normal numbers: as skewed as an exponential distribution and more.
@@ -521,6 +530,8 @@ fn complicated(condition: Condition, method: &Method, seed: u64) -> Option<Exper
             }
             change(plain, same, |y| sum(y, &slow))
         }
+        // A fraction of a sample is seen: the sampled plant below is no continuous one with a whole delay.
+        Condition::Dynamics if let Suits::Process { poles, zero } = method.suits => continuous(u, (poles, zero), 2.5, 7000 + seed),
         Condition::Dynamics => {
             let y = second_order(&u, 0.1, [-1.7, 0.72], 4);
             let y = sum(&y, &times(&noise, 0.01 * std_dev(&y)));

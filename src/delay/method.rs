@@ -80,6 +80,13 @@ pub enum Scope {
 pub enum Suits {
     /// A plant with dynamics of its own, moved by a rich input.
     Plant,
+    /// A continuous plant of so many real poles, with a zero or not, behind a hold.
+    Process {
+        /// Its poles, one to three.
+        poles: usize,
+        /// It has a zero.
+        zero: bool,
+    },
     /// An output that is a delayed copy of the input, with noise.
     Copy,
     /// A plant at rest that answers to steps.

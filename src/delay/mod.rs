@@ -8,6 +8,7 @@ mod experiment;
 mod method;
 mod parametric;
 mod posterior;
+mod process;
 mod states;
 mod threshold;
 mod verdict;
@@ -19,6 +20,8 @@ pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{Armaxstruc, Arxstruc, Oestruc};
+pub use parametric::{Arxstruc, Oestruc};
+pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
 pub use verdict::{Verdict, distrust, verdict};
@@ -106,6 +109,12 @@ pub const METHODS: &[Method] = &[
     parametric::oestruc::METHOD,
     parametric::armaxstruc::METHOD,
     parametric::arxstruc::METHOD,
+    process::P2D,
+    process::P1D,
+    process::P3D,
+    process::P2DZ,
+    process::P1DZ,
+    process::P3DZ,
     threshold::impulse::METHOD,
     threshold::step::METHOD,
     correlation::hannan_thomson::METHOD,

@@ -200,7 +200,7 @@ pub(crate) fn lag_matrix(a: &[f64], b: Option<&[f64]>, first: usize, lags: (usiz
 }
 
 /// Σ a(t)·b(t − lag), lag = 0 … lags − 1, signals being zero before t = 0.
-pub(super) fn lag_vector(a: &[f64], b: &[f64], lags: usize) -> Vec<f64> {
+pub(crate) fn lag_vector(a: &[f64], b: &[f64], lags: usize) -> Vec<f64> {
     let padded = |x: &[f64]| [&vec![0.0; lags], x].concat();
     let (a, b) = (padded(a), padded(b));
     sums(&[Lags { a: &a, b: &b, from: 0, count: lags }], lags, a.len())

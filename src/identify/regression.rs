@@ -34,6 +34,13 @@ impl Record {
         self.len() == 0
     }
 
+    /// Its first samples, as many as there are up to this number.
+    #[must_use]
+    pub(crate) fn head(&self, samples: usize) -> Self {
+        let n = self.len().min(samples);
+        Self { u: self.u[..n].to_vec(), y: self.y[..n].to_vec(), present: self.present.as_ref().map(|p| p[..n].to_vec()) }
+    }
+
     /// The longest stretches without a missing output, each of at least `least` samples, in order; for methods that cannot leave samples out.
     #[must_use]
     pub fn stretches(&self, least: usize) -> Vec<Self> {

@@ -77,6 +77,24 @@ pub(crate) fn second_order(u: &[f64], b: f64, f: [f64; 2], delay: usize) -> Vec<
     y
 }
 
+/// A continuous plant of real poles (time constants in s, from the slowest) and perhaps a zero, unit gain, and its response to a held input after a dead time, s.
+///
+/// Integrated exactly over each stretch of constant input by the crate's `lsim`, which is tested against other tools on its own.
+pub(crate) fn process(u: &[f64], lags_s: &[f64], zero_s: Option<f64>, delay_s: f64, ts_s: f64) -> Vec<f64> {
+    use deadtime::model::{Continuous, TransferFunction};
+    use deadtime::simulate::lsim;
+    let times = |a: &[f64], lag: f64| -> Vec<f64> {
+        let (up, same) = (a.iter().map(|v| v * lag).chain([0.0]), [0.0].into_iter().chain(a.iter().copied()));
+        up.zip(same).map(|(a, b)| a + b).collect()
+    };
+    let denominator = lags_s.iter().fold(vec![1.0], |d, &lag| times(&d, lag));
+    let numerator = zero_s.map_or(vec![1.0], |z| vec![z, 1.0]);
+    let plant = TransferFunction::from_polynomials(&numerator, &denominator, delay_s, Continuous).unwrap().to_state_space().unwrap();
+    let input = DMatrix::from_column_slice(u.len(), 1, u);
+    let options = Options { prehistory: Prehistory::Rest, ..Options::default() };
+    lsim(&plant, &input, ts(ts_s), &options).unwrap().y.column(0).iter().copied().collect()
+}
+
 /// The one answer of a method that looks at a pair.
 pub(crate) fn answer(method: &Method, experiment: &Experiment, search: &Search) -> DelayEstimate {
     let mut all = method.entry.with(serde_json::json!({})).unwrap().estimate(experiment, search).unwrap();

@@ -1,0 +1,361 @@
+//! Continuous models of low order whose dead time is a real number: P1D to P3DZ.
+//!
+//! Equation: (τ̂, θ̂) = argmin Σ (y(t) − ŷ(t))², ŷ = K·(1 + T_z·s)/D(s)·e^(−τs)·u sampled, u held between its samples, D of one to three poles (see `chain`).
+
+mod chain;
+mod fit;
+
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
+use self::chain::Shape;
+use self::fit::{Found, Place, Problem};
+use super::{
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
+    Search, Start, Suits, every_pair, posterior,
+};
+use crate::identify::{Initial, Record};
+use crate::registry::entry;
+
+/// Which poles a process model may have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Poles {
+    /// Real ones: no overshoot but by the zero.
+    #[default]
+    Real,
+    /// Of two or three, two may be a complex pair.
+    Any,
+}
+
+/// The options of a process model: one to three poles, with a zero or not, and a dead time that need not be whole samples.
+///
+/// Inputs: u, held between its samples, and y on one even grid; several records share one model. Output: seconds, positive = y lags u. The hold's own sample is in
+/// the model: nothing is taken off the answer, whatever degree bias was assumed.
+///
+/// Assumes: a stable plant of this order in open loop, noise that is not correlated with the input, a record that starts at rest (or `initial: estimated`).
+/// Resolution and cost: a fraction of a sample, down to the Cramér-Rao bound; some hundred filter passes over the records whatever the search window: whole samples
+/// are ranked out of one pass for each row of a table of poles, and a dozen descents go on from the best.
+/// Interval: the delays whose best model (gain, zero, poles and start fitted anew) is as likely as the best of all but for chance, a likelihood ratio at 95 %; residuals
+/// that are not white count as fewer samples; other minima that are nearly as good widen it.
+/// Fails when: the plant has more poles than the model (what they delay is then called dead time: the answer is late by about the time constants left out, and no
+/// interval says so; a note does where what is left over still follows the input); it has fewer (gain, poles and delay become confounded: wide intervals, and with a
+/// zero nearly free ones); it integrates or is unstable (`not_converged`); under feedback (biased); the input does not change from sample to sample as a hold does
+/// (an interpolated input looks half a sample early).
+/// Source: MATLAB `procest`, idproc models P1D to P3DZ, for the models; Björklund (2003), LiU-TEK-LIC-2003:60, section 6.2 (idproc6 and 7) and p. 47 (one minimum per
+/// sampling interval); Chen, Garnier and Gilson (2015), J. Process Control 25, 19-27, doi:10.1016/j.jprocont.2014.10.001, for fractional delays fitted with the poles.
+/// What the sources leave unclear: how `procest` starts and bounds its search; here no start is needed, and a time constant may reach the length of the records.
+///
+/// # Example
+/// ```
+/// use deadtime::delay::{DelayEstimator, Experiment, P1d, Search};
+/// use deadtime::signal::{Excitation, excitation::Rbs};
+/// use deadtime::time::SampleTime;
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// let u = Rbs::default().generate(300, &mut ChaCha8Rng::seed_from_u64(1))?;
+/// // dy/dt = u(t − 0.43) − y, every 0.1 s: u(t − 5) acts for 0.03 s, then u(t − 4).
+/// let (old, new) = ((-0.07_f64).exp() - (-0.1_f64).exp(), 1.0 - (-0.07_f64).exp());
+/// let mut y = vec![0.0; 300];
+/// for t in 6..300 {
+///     y[t] = (-0.1_f64).exp() * y[t - 1] + new * u[t - 5] + old * u[t - 6];
+/// }
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let answer = P1d::default().estimate(&experiment, &Search::default())?;
+/// assert!((answer[0].estimate.delay_s.unwrap() - 0.43).abs() < 1e-6);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Process {
+    /// Which poles it may have; default real ones. One pole is real in any case.
+    pub poles: Poles,
+    /// The start of a record; default at rest. `estimated` leaves out the samples that the longest delay needs before the first.
+    pub initial: Initial,
+    /// A delay to look at besides, s; default none. The search covers the whole window, so it changes nothing but the time taken.
+    pub initial_delay_s: Option<f64>,
+    /// Longest part of a record that is used, samples; default 50 000.
+    pub max_samples: usize,
+}
+
+impl Default for Process {
+    fn default() -> Self {
+        Self { poles: Poles::Real, initial: Initial::Zero, initial_delay_s: None, max_samples: 50_000 }
+    }
+}
+
+/// One method: its type, its line in the list, and the model that it fits.
+macro_rules! process {
+    ($type:ident, $line:ident, $name:literal, $summary:literal, $poles:literal, $zero:literal, $tolerance:literal, $withstands:expr, $model:literal) => {
+        #[doc = $model]
+        #[doc = "\n\nOptions, assumptions and failures as [`Process`] has them."]
+        #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+        #[serde(transparent)]
+        pub struct $type(pub Process);
+
+        #[doc = $model]
+        pub(super) const $line: Method = Method {
+            entry: entry!($name, $summary, $type, dyn DelayEstimator),
+            class: Class::Process,
+            scope: Scope::Pair,
+            start: Start::Rest,
+            suits: Suits::Process { poles: $poles, zero: $zero },
+            information: Information::Poles($poles),
+            tolerance: $tolerance,
+            withstands: $withstands,
+            needs: "open loop, a held input, a stable plant of its order that rests at the start",
+            blind_to: "poles beyond its own: it takes their lag for dead time; what an unstable plant or feedback does",
+            exempt: &[(Law::Exact, "exact for continuous plants of its order behind a hold, not for any sampled plant")],
+        };
+
+        impl DelayEstimator for $type {
+            fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+                self.0.run($name, Shape { poles: $poles, zero: $zero }, experiment, search)
+            }
+        }
+    };
+}
+
+const LAG: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs];
+const LAGS: &[Condition] = &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs];
+
+process!(P1d, P1D, "p1d", "continuous model of one pole, fractional dead time", 1, false, 0.1, LAG, "K/(1 + T₁s)·e^(−τs).");
+process!(
+    P2d,
+    P2D,
+    "p2d",
+    "continuous model of two poles, fractional dead time: the finest answer on open-loop data",
+    2,
+    false,
+    0.1,
+    LAGS,
+    "K/((1 + T₁s)(1 + T₂s))·e^(−τs)."
+);
+process!(
+    P3d,
+    P3D,
+    "p3d",
+    "continuous model of three poles, fractional dead time",
+    3,
+    false,
+    0.1,
+    LAGS,
+    "K/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs)."
+);
+process!(
+    P1dz,
+    P1DZ,
+    "p1dz",
+    "continuous model of one pole and a zero (a direct path), fractional dead time",
+    1,
+    true,
+    0.1,
+    LAG,
+    "K(1 + T_z·s)/(1 + T₁s)·e^(−τs)."
+);
+process!(
+    P2dz,
+    P2DZ,
+    "p2dz",
+    "continuous model of two poles and a zero, fractional dead time",
+    2,
+    true,
+    0.1,
+    LAGS,
+    "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s))·e^(−τs)."
+);
+process!(
+    P3dz,
+    P3DZ,
+    "p3dz",
+    "continuous model of three poles and a zero, fractional dead time",
+    3,
+    true,
+    0.1,
+    LAGS,
+    "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs)."
+);
+
+impl Process {
+    fn run(&self, method: &'static str, shape: Shape, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+        let option = |option, value, allowed| DelayError::Option { method, option, value, allowed };
+        if self.max_samples == 0 {
+            return Err(option("max_samples", 0.0, "1 or more"));
+        }
+        if let Some(value) = self.initial_delay_s.filter(|v| !(v.is_finite() && *v >= 0.0)) {
+            return Err(option("initial_delay_s", value, "0 or more"));
+        }
+        every_pair(experiment, search, |records, max_delay, _| self.pair(method, shape, records, max_delay, experiment))
+    }
+
+    fn pair(
+        &self,
+        method: &'static str,
+        shape: Shape,
+        records: &[Record],
+        max_delay: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
+        let start = if self.initial == Initial::Estimated { shape.poles } else { 0 };
+        let needed = max_delay + 3 * (shape.denominator() + shape.numerator() + 1 + start);
+        let got = experiment.longest();
+        if got < needed {
+            return Err(DelayError::TooShort { method: method, needed, got, remedy: "search a shorter --max-delay" });
+        }
+        let cut: Vec<Record>;
+        let shortened = got > self.max_samples;
+        let records = if shortened {
+            cut = records.iter().map(|r| r.head(self.max_samples)).collect();
+            &cut
+        } else {
+            records
+        };
+        let problem = Problem::new(shape, self.poles == Poles::Real, self.initial, records, max_delay);
+        let initial = self.initial_delay_s.map(|s| s / experiment.sample_time.seconds());
+        let minima = problem.minima(initial);
+        let Some(best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite()) else {
+            return Ok(DelayEstimate::without(Outcome::NotRichEnough, "the input is zero wherever a model could use it, or the numbers overflow"));
+        };
+        let Some(knowledge) = Knowledge::of(&problem, &best) else {
+            return Ok(DelayEstimate::without(Outcome::Singular, "the model cannot be evaluated at its own minimum; scale the channels"));
+        };
+        let delays = max_delay + 1;
+        let gain = knowledge.counting * (problem.power / knowledge.floored(best.cost)).ln();
+        // A pair of poles may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let resonances = if self.poles == Poles::Any && shape.poles > 1 { (knowledge.counting / 2.0) as usize } else { 0 };
+        if gain.is_nan() || gain < posterior::visible_gain(problem.parameters() - 1, delays + resonances) {
+            let note = format!("no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input");
+            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+        }
+        if problem.integrates(&best.theta) {
+            let note = "the best model's time constant is as long as the record: an integrating or unstable plant, or feedback";
+            return Ok(DelayEstimate::without(Outcome::NotConverged, note));
+        }
+        let [from, to] = knowledge.interval(&problem, &best, &minima);
+        let delay = best.place.delay();
+        #[allow(clippy::cast_precision_loss)]
+        let longest = max_delay as f64;
+        if to - from > 0.5 * longest {
+            let note = format!("delays from {from:.1} to {to:.1} samples fit equally well");
+            return Ok(DelayEstimate::without(Outcome::Flat, note));
+        }
+        let std = ((delay - from).max(to - delay) / knowledge.quantile).max(RESOLVED);
+        let at_edge = delay >= longest - EDGE;
+        let note = shortened.then(|| format!("used the first {} of {got} samples", self.max_samples));
+        Ok(DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time).noting(note))
+    }
+}
+
+/// Standard deviations below this, samples, are rounding's and the optimiser's.
+const RESOLVED: f64 = 1e-6;
+/// An answer this near to the longest delay, samples, is at the edge.
+const EDGE: f64 = 1e-3;
+
+/// How much the data know at the minimum.
+struct Knowledge {
+    /// Independent samples behind the model as a whole.
+    counting: f64,
+    /// Independent samples behind the delay.
+    independent: f64,
+    /// Standard deviation of the delay by the curvature there, samples.
+    std: f64,
+    /// Student's 97.5 % point.
+    quantile: f64,
+    /// Smallest Σ e² that is not rounding.
+    floor: f64,
+    /// Σ e² of the best.
+    cost: f64,
+}
+
+impl Knowledge {
+    fn of(problem: &Problem<'_>, best: &Found) -> Option<Self> {
+        let signals = problem.signals(&best.theta, best.place)?;
+        let alone = signals.alone()?;
+        let floor = posterior::ROUNDING * problem.power;
+        let exact = best.cost <= floor;
+        let under = |signal: &[f64]| {
+            let n = problem.samples;
+            if exact { n } else { n * posterior::samples_under(signal, &signals.residual) / signal.len().max(1) as f64 }
+        };
+        let (counting, independent) = (under(&signals.model), under(&alone));
+        let freedom = (independent - problem.parameters() as f64).max(1.0);
+        let energy: f64 = alone.iter().map(|v| v * v).sum();
+        let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
+        let std = (best.cost.max(floor) / freedom / energy.max(f64::MIN_POSITIVE)).sqrt();
+        Some(Self { counting, independent: freedom, std, quantile, floor, cost: best.cost })
+    }
+
+    fn floored(&self, cost: f64) -> f64 {
+        cost.max(self.floor).max(f64::MIN_POSITIVE)
+    }
+
+    /// Twice the log-likelihood that a cost lacks, in units of what chance makes of it in one case of twenty.
+    fn unlikely(&self, cost: f64) -> f64 {
+        self.independent * (self.floored(cost) / self.floored(self.cost)).ln() / (self.quantile * self.quantile)
+    }
+
+    /// The delays that are as likely as the best, from first to last, samples.
+    fn interval(&self, problem: &Problem<'_>, best: &Found, minima: &[Found]) -> [f64; 2] {
+        let mut ends = [best.place.delay(); 2];
+        let as_good = minima.iter().filter(|m| (m.place.delay() - best.place.delay()).abs() > 0.25 && self.unlikely(m.cost) < 1.0);
+        for minimum in [best].into_iter().chain(as_good) {
+            let at = minimum.place.delay();
+            ends[0] = ends[0].min(at - self.reach(problem, minimum, -1.0));
+            ends[1] = ends[1].max(at + self.reach(problem, minimum, 1.0));
+        }
+        if problem.whole() {
+            // The jump came at any time since the sample before.
+            ends[0] = (ends[0] - 1.0).max(0.0);
+        }
+        ends
+    }
+
+    /// How far from a minimum the delay may move in one direction until it is unlikely: false position on the root of the likelihood ratio, which is a straight
+    /// line where the cost is a parabola.
+    fn reach(&self, problem: &Problem<'_>, from: &Found, direction: f64) -> f64 {
+        let at = from.place.delay();
+        let limit = if direction > 0.0 { problem.longest() - at } else { at };
+        let root = |cost: f64| self.unlikely(cost).max(0.0).sqrt();
+        let (mut inner, mut outer) = ((0.0, root(from.cost)), None::<(f64, f64)>);
+        let mut theta = from.theta.clone();
+        if problem.whole() {
+            let mut step = 0.0;
+            while step < limit {
+                match problem.at(&theta, Place::of(at + direction * (step + 1.0))) {
+                    Some(found) if root(found.cost) < 1.0 => theta = found.theta,
+                    _ => break,
+                }
+                step += 1.0;
+            }
+            return step;
+        }
+        let mut step = (self.quantile * self.std).clamp(RESOLVED, 0.5).min(limit);
+        for _ in 0..REACHES {
+            let Some(found) = problem.at(&theta, Place::of(at + direction * step)) else { break };
+            let here = (step, root(found.cost));
+            if here.1 < 1.0 {
+                if step >= limit {
+                    return limit;
+                }
+                inner = here;
+                theta = found.theta;
+            } else {
+                outer = Some(here);
+            }
+            step = match outer {
+                None => (step * (1.1 / here.1.max(0.1)).clamp(1.2, 2.5)).min(limit),
+                Some(outer) => {
+                    let cross = inner.0 + (outer.0 - inner.0) * (1.0 - inner.1) / (outer.1 - inner.1).max(f64::MIN_POSITIVE);
+                    if outer.0 - inner.0 <= 0.1 * outer.0 {
+                        return cross;
+                    }
+                    // Not into the ends again: where the cost is no parabola they creep.
+                    cross.clamp(inner.0 + 0.05 * (outer.0 - inner.0), outer.0 - 0.05 * (outer.0 - inner.0))
+                }
+            };
+        }
+        outer.map_or(inner.0, |o| o.0)
+    }
+}
+
+/// Steps towards an end of the interval.
+const REACHES: usize = 30;

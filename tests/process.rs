@@ -1,0 +1,100 @@
+//! Continuous process models: fractional dead times, their intervals, and a published case that stops searches which start elsewhere.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+#[path = "support/plants.rs"]
+mod plants;
+
+use deadtime::delay::{Experiment, Method, Outcome, Search, method};
+use deadtime::signal::Excitation;
+use deadtime::signal::excitation::Prbs;
+use plants::{TS, answer, process, rbs, rng, std_dev, sum, ts, white};
+use rand::RngExt;
+use rayon::prelude::*;
+use serde_json::json;
+
+const NAMES: [&str; 6] = ["p1d", "p2d", "p3d", "p1dz", "p2dz", "p3dz"];
+
+/// A random plant of a method's own shape, its delay in samples, and its noisy response.
+fn drawn(name: &str, seed: u64, samples: usize, noise: f64) -> (f64, Experiment) {
+    let mut rng = rng(seed);
+    let poles = name[1..2].parse::<usize>().unwrap();
+    let zero = name.ends_with('z');
+    // From half a sample to thirty.
+    let mut lags: Vec<f64> = (0..poles).map(|_| TS * 10.0_f64.powf(rng.random_range(-0.3..1.5))).collect();
+    lags.sort_by(|a, b| b.total_cmp(a));
+    let zero = zero.then(|| lags[0] * rng.random_range(-0.8..0.8));
+    let delay = rng.random_range(0.0..25.0);
+    let u = rbs(samples, 1.0, seed + 10_000);
+    let y = process(&u, &lags, zero, delay * TS, TS);
+    let e = white(samples, noise * std_dev(&y), seed + 20_000);
+    (delay, Experiment::siso(ts(TS), u, sum(&y, &e)))
+}
+
+#[test]
+fn the_interval_holds_a_fractional_delay_as_often_as_it_says() {
+    for noise in [0.001, 0.03, 0.3] {
+        for name in NAMES {
+            let records = 200_u64;
+            let clock = std::time::Instant::now();
+            let results: Vec<Option<(f64, f64, bool)>> = (0..records)
+                .into_par_iter()
+                .map(|seed| {
+                    let (delay, experiment) = drawn(name, seed, 500, noise);
+                    let e = answer(method(name).unwrap(), &experiment, &Search::default());
+                    if e.outcome != Outcome::Found {
+                        return None;
+                    }
+                    let [from, to] = e.ci95_s.unwrap();
+                    Some((e.delay_s.unwrap() / TS - delay, e.std_s.unwrap() / TS, from - 1e-9 <= delay * TS && delay * TS <= to + 1e-9))
+                })
+                .collect();
+            let found: Vec<&(f64, f64, bool)> = results.iter().flatten().collect();
+            let mut off: Vec<f64> = found.iter().map(|f| f.0.abs()).collect();
+            off.sort_by(f64::total_cmp);
+            let mut z: Vec<f64> = found.iter().map(|f| f.0.abs() / f.1).collect();
+            z.sort_by(f64::total_cmp);
+            let held = found.iter().filter(|f| f.2).count();
+            println!(
+                "{name} noise {noise}: {} found, {held} hold ({:.1} %), |error| median {:.4} 95 % {:.4} worst {:.4} samples, |z| median {:.2} 95 % {:.2}, {:.1} ms each",
+                found.len(),
+                100.0 * held as f64 / found.len() as f64,
+                off[off.len() / 2],
+                off[off.len() * 95 / 100],
+                off[off.len() - 1],
+                z[z.len() / 2],
+                z[z.len() * 95 / 100],
+                clock.elapsed().as_secs_f64() * 1e3 / records as f64
+            );
+        }
+    }
+}
+
+/// 12·e^(−8s)/(s² + 4s + 4) every 0.1 s, PRBS of order 8 held for 20 samples, noise of a signal-to-noise ratio of 15 dB: CONTSID's demonstration of a search that is stuck.
+fn demonstration(seed: u64) -> Experiment {
+    let u = Prbs { order: 8, clock: 20, ..Prbs::default() }.generate(255 * 20, &mut rng(1)).unwrap();
+    let y: Vec<f64> = process(&u, &[0.5, 0.5], None, 8.0, 0.1).iter().map(|v| 3.0 * v).collect();
+    let noise = white(y.len(), std_dev(&y) * 10.0_f64.powf(-15.0 / 20.0), seed);
+    Experiment::siso(ts(0.1), u, sum(&y, &noise))
+}
+
+fn with(name: &str, options: serde_json::Value, experiment: &Experiment, search: &Search) -> deadtime::delay::DelayEstimate {
+    let found: &'static Method = method(name).unwrap();
+    found.entry.with(options).unwrap().estimate(experiment, search).unwrap().remove(0).estimate
+}
+
+#[test]
+fn eight_seconds_are_found_from_every_start_between_0_and_20() {
+    let search = Search { max_delay: 200, ..Search::default() };
+    let experiment = demonstration(1);
+    let clock = std::time::Instant::now();
+    let plain = with("p2d", json!({}), &experiment, &search);
+    println!("{plain:?} in {:?}", clock.elapsed());
+    assert_eq!(plain.outcome, Outcome::Found);
+    let [from, to] = plain.ci95_s.unwrap();
+    assert!((plain.delay_s.unwrap() - 8.0).abs() < 0.05 && from <= 8.0 && 8.0 <= to, "{plain:?}");
+    let starts: Vec<f64> = (0..=20).map(f64::from).collect();
+    starts.par_iter().for_each(|&start| {
+        let e = with("p2d", json!({ "initial_delay_s": start }), &experiment, &search);
+        assert!((e.delay_s.unwrap() - plain.delay_s.unwrap()).abs() < 1e-6, "from {start} s: {e:?}");
+    });
+}
