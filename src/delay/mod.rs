@@ -3,6 +3,7 @@
 mod error;
 mod estimate;
 mod experiment;
+mod frequency;
 mod method;
 mod parametric;
 mod posterior;
@@ -13,6 +14,7 @@ mod verdict;
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
+pub use frequency::{Arxdap, Firdap, Oedap};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{Arxstruc, Oestruc};
 pub use states::{Coefficients, Selection, StateLeastSquares};
@@ -84,5 +86,8 @@ pub const METHODS: &[Method] = &[
     parametric::arxstruc::METHOD,
     threshold::impulse::METHOD,
     threshold::step::METHOD,
+    frequency::oedap::METHOD,
+    frequency::arxdap::METHOD,
+    frequency::firdap::METHOD,
     states::state_least_squares::METHOD,
 ];

@@ -4,6 +4,7 @@ mod arx;
 mod fir;
 mod lag_products;
 mod least_squares;
+mod many_zeros;
 mod oe;
 mod regression;
 
@@ -14,4 +15,5 @@ pub use regression::{Record, Regression};
 
 pub(crate) use fir::estimate as fir_or_rank;
 pub(crate) use lag_products::lag_matrix;
+pub(crate) use many_zeros::ManyZeros;
 pub(crate) use oe::{largest_pole, power};

@@ -49,7 +49,7 @@ pub struct OeFit {
 }
 
 /// F(q) has all roots well inside the unit circle (Schur-Cohn recursion).
-fn is_stable(f: &[f64]) -> bool {
+pub(super) fn is_stable(f: &[f64]) -> bool {
     let mut a = [0.0; MAX_ORDER];
     let mut n = f.len();
     a[..n].copy_from_slice(f);
@@ -72,7 +72,7 @@ fn is_stable(f: &[f64]) -> bool {
 pub const MAX_ORDER: usize = 16;
 
 /// out = x/F with zero initial state.
-fn filter(x: &[f64], f: &[f64], out: &mut [f64]) {
+pub(super) fn filter(x: &[f64], f: &[f64], out: &mut [f64]) {
     if let &[f1, f2] = f {
         let (mut y1, mut y2) = (0.0, 0.0);
         for (o, &v) in out.iter_mut().zip(x) {
@@ -436,7 +436,7 @@ fn is_same_minimum(f: &[f64], normal: &Normal, known: &Fit) -> bool {
 const NEAR: f64 = 1e-5;
 
 /// The polynomial, its roots pulled in by a common factor until they are inside the unit circle.
-fn stabilised(mut f: Vec<f64>) -> Option<Vec<f64>> {
+pub(super) fn stabilised(mut f: Vec<f64>) -> Option<Vec<f64>> {
     for _ in 0..60 {
         if is_stable(&f) {
             return Some(f);

@@ -4,9 +4,12 @@ mod butterworth;
 pub mod excitation;
 mod fourier;
 mod noise;
+mod polynomial;
 
 pub use excitation::{EXCITATIONS, Excitation};
 pub use noise::{Noise, NoiseColour, NoiseScaling, add_noise, unit_noise};
+
+pub(crate) use polynomial::{evaluate as polynomial, roots};
 
 /// The most samples one call makes: 8 GB of numbers. More is taken for a slip of the keyboard.
 pub const MOST_SAMPLES: usize = 1_000_000_000;

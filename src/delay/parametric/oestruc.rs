@@ -103,7 +103,7 @@ impl Oestruc {
         let shortened = got > self.max_samples;
         let cut: Vec<Record>;
         let records = if shortened {
-            cut = records.iter().map(|r| head(r, self.max_samples)).collect();
+            cut = records.iter().map(|r| r.head(self.max_samples)).collect();
             &cut
         } else {
             records
@@ -159,9 +159,4 @@ impl Oestruc {
         let estimate = DelayEstimate::counted(raw, posterior.std, [from - 0.5, to + 0.5], best == max_delay, bias, experiment.sample_time);
         Ok(estimate.noting(note))
     }
-}
-
-fn head(record: &Record, samples: usize) -> Record {
-    let n = record.len().min(samples);
-    Record { u: record.u[..n].to_vec(), y: record.y[..n].to_vec(), present: record.present.as_ref().map(|p| p[..n].to_vec()) }
 }
