@@ -15,6 +15,8 @@ pub(crate) struct ManyZeros {
     pub(crate) b: DVector<f64>,
     /// Their covariance.
     pub(crate) covariance: DMatrix<f64>,
+    /// What it would be were F known: what a zero of B and a pole that nearly cancel share is left out.
+    pub(crate) given_poles: DMatrix<f64>,
 }
 
 /// Iterations of Steiglitz and McBride, which only have to find the valley.
@@ -88,8 +90,10 @@ impl ManyZeros {
         #[allow(clippy::cast_precision_loss)]
         let variance = at.cost / rows.saturating_sub(nf + nb).max(1) as f64;
         let covariance = inverse.view((nf, nf), (nb, nb)) * variance;
-        let sound = b.iter().chain(&covariance).all(|v| v.is_finite());
-        sound.then_some(Self { b, covariance })
+        // Past outputs come first: without them the regression is that of B alone, over some rows more.
+        let given_poles = self::inverse(Regression { na: 0, lags: nb }, &at.gradients)? * variance;
+        let sound = b.iter().chain(&covariance).chain(&given_poles).all(|v| v.is_finite());
+        sound.then_some(Self { b, covariance, given_poles })
     }
 }
 

@@ -100,9 +100,9 @@ impl Firdap {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         #[allow(clippy::cast_precision_loss)]
-        let Some(found) = all_pass(fir.coefficients.as_slice(), max_delay.max(1) as f64) else {
+        let Some(found) = all_pass(fir.coefficients.as_slice(), [&fir.covariance; 2], max_delay.max(1) as f64) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the impulse response has no zeros that can be told apart"));
         };
-        Ok(found.answer(&fir.covariance, (1.0, 0.0, 0.0), bias, max_delay, experiment))
+        Ok(found.answer(bias, max_delay, experiment))
     }
 }

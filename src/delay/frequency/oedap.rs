@@ -110,10 +110,10 @@ impl Oedap {
             return Ok(DelayEstimate::without(Outcome::Singular, "the regression on filtered signals has no solution"));
         };
         #[allow(clippy::cast_precision_loss)]
-        let Some(found) = all_pass(fit.b.as_slice(), max_delay.max(1) as f64) else {
+        let Some(found) = all_pass(fit.b.as_slice(), [&fit.covariance, &fit.given_poles], max_delay.max(1) as f64) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the numerator has no zeros that can be told apart"));
         };
         let note = (experiment.longest() > self.max_samples).then(|| format!("used the first {} samples", self.max_samples));
-        Ok(found.answer(&fit.covariance, (1.0, 0.0, 0.0), bias, max_delay, experiment).noting(note))
+        Ok(found.answer(bias, max_delay, experiment).noting(note))
     }
 }
