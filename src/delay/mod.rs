@@ -5,6 +5,7 @@ mod correlation;
 mod error;
 mod estimate;
 mod experiment;
+mod frequency;
 mod method;
 mod parametric;
 mod posterior;
@@ -18,9 +19,9 @@ pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, 
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
+pub use frequency::{Arxdap, Firdap, Oedap};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{Armaxstruc, Arxstruc, Oestruc};
-pub use parametric::{Arxstruc, Oestruc};
 pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
@@ -123,5 +124,8 @@ pub const METHODS: &[Method] = &[
     correlation::eckart::METHOD,
     correlation::phat::METHOD,
     correlation::roth::METHOD,
+    frequency::oedap::METHOD,
+    frequency::arxdap::METHOD,
+    frequency::firdap::METHOD,
     states::state_least_squares::METHOD,
 ];

@@ -283,8 +283,12 @@ impl<'a> Problem<'a> {
                     return 0.0;
                 }
                 let past: f64 = (1..=na).map(|i| coefficients[i - 1] * s.y[own + t - i]).sum();
-                let inputs: f64 =
-                    coefficients.iter().skip(na).enumerate().map(|(j, b)| if nk + j > most { 0.0 } else { b * s.u[most + t - nk - j] }).sum();
+                let inputs: f64 = coefficients
+                    .iter()
+                    .skip(na)
+                    .enumerate()
+                    .map(|(j, b)| if nk + j > most { 0.0 } else { b * s.u[most + t - nk - j] })
+                    .sum();
                 s.y[own + t] - past - inputs
             };
             (0..s.rows).map(error).collect()

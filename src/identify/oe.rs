@@ -436,7 +436,7 @@ fn is_same_minimum(f: &[f64], normal: &Normal, known: &Fit) -> bool {
 const NEAR: f64 = 1e-5;
 
 /// The polynomial, its roots pulled in by a common factor until they are inside the unit circle.
-fn stabilised(mut f: Vec<f64>) -> Option<Vec<f64>> {
+pub(super) fn stabilised(mut f: Vec<f64>) -> Option<Vec<f64>> {
     for _ in 0..60 {
         if is_stable(&f) {
             return Some(f);

@@ -1,6 +1,6 @@
 //! Regressions of an output on its own past and on the input's: one triangular factor that every ARX and FIR fit is read from.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::lag_products::lag_matrices;
 
@@ -34,9 +34,9 @@ impl Record {
         self.len() == 0
     }
 
-    /// Its first samples, as many as there are up to this number.
+    /// Its first samples.
     #[must_use]
-    pub(crate) fn head(&self, samples: usize) -> Self {
+    pub fn head(&self, samples: usize) -> Self {
         let n = self.len().min(samples);
         Self { u: self.u[..n].to_vec(), y: self.y[..n].to_vec(), present: self.present.as_ref().map(|p| p[..n].to_vec()) }
     }
@@ -88,6 +88,51 @@ pub(crate) struct Triangle {
     pub(crate) rows: usize,
     /// Norms of the columns that were factored, which say what is small.
     pub(crate) norms: Vec<f64>,
+}
+
+/// The coefficients of a regression and what their covariance is made of: `variance` times `inverse`.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Solution {
+    /// One for each column, 0 for a column that is a combination of the ones before it.
+    pub(crate) coefficients: DVector<f64>,
+    /// The inverse Gram matrix; 0 for a column left out.
+    pub(crate) inverse: DMatrix<f64>,
+    /// Residual variance, Σ e²/(rows − rank).
+    pub(crate) variance: f64,
+    pub(crate) rows: usize,
+    /// Columns that count.
+    pub(crate) rank: usize,
+}
+
+impl Triangle {
+    /// The least-squares solution; `None` where there are no more rows than independent columns, or no such column.
+    pub(crate) fn solve(&self) -> Option<Solution> {
+        let columns = self.r.ncols() - 1;
+        let keep: Vec<usize> = (0..columns).filter(|&i| self.r[(i, i)].abs() > DEPENDENT * self.norms[i].max(f64::MIN_POSITIVE)).collect();
+        let rank = keep.len();
+        if self.rows <= rank || rank == 0 {
+            return None;
+        }
+        let mut chosen = keep.clone();
+        chosen.push(columns);
+        // What remains of a triangle without some of its columns is made a triangle again.
+        let r = if rank == columns { self.r.clone() } else { self.r.select_columns(&chosen).qr().r() };
+        let triangle = r.view((0, 0), (rank, rank));
+        let solved = triangle.solve_upper_triangular(&r.view((0, rank), (rank, 1)).column(0).into_owned())?;
+        let root = triangle.solve_upper_triangular(&DMatrix::identity(rank, rank))?;
+        #[allow(clippy::cast_precision_loss)]
+        let variance = r[(rank, rank)].powi(2) / (self.rows - rank) as f64;
+        let each = &root * root.transpose();
+        let (mut coefficients, mut inverse) = (DVector::zeros(columns), DMatrix::zeros(columns, columns));
+        for (i, &row) in keep.iter().enumerate() {
+            coefficients[row] = solved[i];
+            for (j, &column) in keep.iter().enumerate() {
+                inverse[(row, column)] = each[(i, j)];
+            }
+        }
+        let sound = coefficients.iter().chain(&inverse).all(|v: &f64| v.is_finite());
+        sound.then_some(Solution { coefficients, inverse, variance, rows: self.rows, rank })
+    }
 }
 
 impl Regression {

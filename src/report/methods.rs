@@ -37,6 +37,7 @@ pub fn errors(rows: &[MethodRow]) -> Table {
 fn made_for(suits: Suits) -> &'static str {
     match suits {
         Suits::Plant => "plant",
+        Suits::Process { .. } => "process",
         Suits::Copy => "copy",
         Suits::Steps => "steps",
         Suits::Skewed => "skewed copy",

@@ -6,6 +6,7 @@ pub mod excitation;
 mod fourier;
 mod fractional_delay;
 mod noise;
+mod polynomial;
 mod spectra;
 
 pub use correlation::correlation;
@@ -15,6 +16,8 @@ pub use noise::{Noise, NoiseColour, NoiseScaling, add_noise, unit_noise};
 pub use spectra::{CrossSpectra, HANN_LINES};
 
 pub(crate) use fourier::RealFourier;
+
+pub(crate) use polynomial::{evaluate as polynomial, roots};
 
 /// The most samples one call makes: 8 GB of numbers. More is taken for a slip of the keyboard.
 pub const MOST_SAMPLES: usize = 1_000_000_000;

@@ -79,8 +79,12 @@ impl Common {
     /// # Errors
     /// Whatever keeps a record from being made or a method from being set up.
     pub fn run(&self, progress: &mut dyn FnMut(&str)) -> crate::Result<Vec<MethodRow>> {
-        let kinds = [Suits::Plant, Suits::Copy, Suits::Steps, Suits::Skewed, Suits::States, Suits::Events];
-        let records = kinds.iter().map(|kind| Ok((*kind, self.records(*kind)?))).collect::<crate::Result<Vec<_>>>()?;
+        let mut records = vec![(Suits::Plant, self.records(Suits::Plant)?)];
+        for method in METHODS {
+            if records.iter().all(|(kind, _)| *kind != method.suits) {
+                records.push((method.suits, self.records(method.suits)?));
+            }
+        }
         let of = |kind: Suits| records.iter().find(|(k, _)| *k == kind).map_or(&[][..], |(_, r)| r);
         let loops: Vec<Known> = (0..self.trials).map(|t| self.closed(t)).collect::<crate::Result<_>>()?;
         METHODS
@@ -150,11 +154,15 @@ impl Common {
                 };
                 copy(n, delay, at, siso, &mut rng)?
             }
+            Suits::Process { poles, zero } => {
+                let u = Rbs::default().generate(n, &mut rng)?;
+                let y = held(&lags(&[8.0, 4.0, 2.0][..poles], zero.then_some(5.0))?, &u, delay, sample_time)?;
+                siso(u, noisy(&y, &mut rng)?)
+            }
             Suits::Steps => {
                 let u: Vec<f64> = (0..n).map(|t| if t >= n / 10 && t < n * 11 / 20 { 1.0 } else { 0.0 }).collect();
-                let y = plant(10.0, 1.0)?.with_input_delay(vec![delay])?;
-                let y = lsim(&y, &DMatrix::from_column_slice(n, 1, &u), sample_time, &Options::default())?;
-                siso(u, noisy(&y.y.column(0).iter().copied().collect::<Vec<_>>(), &mut rng)?)
+                let y = held(&lags(&[10.0, 1.0], None)?, &u, delay, sample_time)?;
+                siso(u, noisy(&y, &mut rng)?)
             }
             Suits::States => {
                 let u = Rbs::default().generate(n, &mut rng)?;
@@ -230,11 +238,27 @@ impl First {
     }
 }
 
-/// 1/((t₁s + 1)(t₂s + 1)).
-fn plant(t1: f64, t2: f64) -> crate::Result<StateSpace<Continuous>> {
-    let m = DMatrix::from_row_slice;
-    let a = m(2, 2, &[-1.0 / t1, 0.0, 1.0 / t2, -1.0 / t2]);
-    Ok(StateSpace::continuous(a, m(2, 1, &[1.0 / t1, 0.0]), m(1, 2, &[0.0, 1.0]), m(1, 1, &[0.0]))?)
+/// (zs + 1)/((t₁s + 1)(t₂s + 1)…), a chain of first-order lags.
+fn lags(times: &[f64], zero: Option<f64>) -> crate::Result<StateSpace<Continuous>> {
+    let order = times.len();
+    // Each lag follows the one before, the first the input; the zero adds the rate of the last.
+    let a = DMatrix::from_fn(order, order, |i, j| match i.checked_sub(j) {
+        Some(0) => -1.0 / times[i],
+        Some(1) => 1.0 / times[i],
+        _ => 0.0,
+    });
+    let b = DMatrix::from_fn(order, 1, |i, _| if i == 0 { 1.0 / times[0] } else { 0.0 });
+    let last = DMatrix::from_fn(1, order, |_, j| if j + 1 == order { 1.0 } else { 0.0 });
+    let z = zero.unwrap_or(0.0);
+    let (c, d) = (&last + z * (&last * &a), z * (&last * &b));
+    Ok(StateSpace::continuous(a, b, c, d)?)
+}
+
+/// The response of a plant to a held input, later by `delay` samples.
+fn held(plant: &StateSpace<Continuous>, u: &[f64], delay: f64, sample_time: SampleTime) -> crate::Result<Vec<f64>> {
+    let delayed = plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
+    let response = lsim(&delayed, &DMatrix::from_column_slice(u.len(), 1, u), sample_time, &Options::default())?;
+    Ok(response.y.column(0).iter().copied().collect())
 }
 
 /// A signal and the same signal later, one sample of it being the hold's that every method takes off.

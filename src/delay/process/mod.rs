@@ -212,7 +212,10 @@ impl Process {
         let initial = self.initial_delay_s.map(|s| s / experiment.sample_time.seconds());
         let minima = problem.minima(initial);
         let Some(best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite()) else {
-            return Ok(DelayEstimate::without(Outcome::NotRichEnough, "the input is zero wherever a model could use it, or the numbers overflow"));
+            return Ok(DelayEstimate::without(
+                Outcome::NotRichEnough,
+                "the input is zero wherever a model could use it, or the numbers overflow",
+            ));
         };
         let Some(knowledge) = Knowledge::of(&problem, &best) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the model cannot be evaluated at its own minimum; scale the channels"));

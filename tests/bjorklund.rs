@@ -1,0 +1,139 @@
+//! Björklund's standard benchmark for the all-pass, Laguerre, area and moment methods, beside the numbers that he published.
+//!
+//! Source: Björklund (2003), LiU-TEK-LIC-2003:60, pp. 69-77 (the experiments) and Fig. 9.2, p. 109 (the numbers, 95 % kept).
+// Helpers of tests may stop the test; the lints' own exception covers test functions only.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+#[path = "support/plants.rs"]
+mod plants;
+
+use deadtime::delay::{DelayEstimate, Experiment, Search, method};
+use deadtime::model::c2d::{Conversion, ZeroOrderHold};
+use deadtime::model::{Continuous, Sampled, StateSpace, TransferFunction};
+use deadtime::signal::Excitation;
+use deadtime::signal::excitation::Rbs;
+use plants::{respond, std_dev, sum, ts, white};
+use rayon::prelude::*;
+
+const SAMPLES: usize = 500;
+/// The delay of the published plants, samples; their answers have one more, that of the hold.
+const DELAY: usize = 9;
+/// The published score of an answer that is none: the truth is 10.
+const FAILED: f64 = 20.0;
+
+/// Coefficients of Π (s + pᵢ), highest power first.
+fn product(roots: &[[f64; 2]]) -> Vec<f64> {
+    // Pairs [p, 0] are real factors s + p; [a, b] stands for (s + a)² + b².
+    roots.iter().fold(vec![1.0], |c, &[a, b]| {
+        let factor = if b == 0.0 { vec![1.0, a] } else { vec![1.0, 2.0 * a, a * a + b * b] };
+        let mut out = vec![0.0; c.len() + factor.len() - 1];
+        for (i, x) in c.iter().enumerate() {
+            for (j, y) in factor.iter().enumerate() {
+                out[i + j] += x * y;
+            }
+        }
+        out
+    })
+}
+
+/// slow2, fast2, real4 and cplx4, without their dead time, behind a zero-order hold.
+fn systems() -> Vec<(&'static str, StateSpace<Sampled>)> {
+    let zeros = product(&[[0.9, 0.0], [0.4, 0.0]]);
+    let scaled = |c: &[f64], k: f64| c.iter().map(|v| v * k).collect::<Vec<_>>();
+    let r = std::f64::consts::FRAC_1_SQRT_2;
+    [
+        ("slow2", vec![0.1], product(&[[0.1, 0.0], [1.0, 0.0]])),
+        ("fast2", vec![10.0], product(&[[1.0, 0.0], [10.0, 0.0]])),
+        ("real4", scaled(&zeros, 0.05), product(&[[1.0, 0.0], [0.6, 0.0], [0.3, 0.0], [0.1, 0.0]])),
+        ("cplx4", scaled(&zeros, 1.0 / 36.0), product(&[[0.1 * r, 0.1 * r], [r, r]])),
+    ]
+    .into_iter()
+    .map(|(name, num, den)| {
+        let plant = TransferFunction::from_polynomials(&num, &den, 0.0, Continuous).unwrap().to_state_space().unwrap();
+        (name, ZeroOrderHold {}.c2d(&plant, ts(1.0)).unwrap())
+    })
+    .collect()
+}
+
+fn input(kind: usize, seed: u64) -> Vec<f64> {
+    let band = |from, to| Rbs { band: [from, to], ..Rbs::default() }.generate(SAMPLES, &mut plants::rng(seed)).unwrap();
+    match kind {
+        0 => band(0.1, 0.3),
+        1 => band(0.0, 1.0),
+        _ => (0..SAMPLES).map(|t| [0.0, 1.0, -1.0, 0.0][[50, 200, 350].iter().filter(|&&e| t >= e).count()]).collect(),
+    }
+}
+
+/// Every answer of one cell: `trials` noise draws on each system. The command line takes the means off, and so does this.
+fn cell(name: &str, kind: usize, snr: f64, trials: u64) -> Vec<(&'static str, DelayEstimate)> {
+    let u = input(kind, 77);
+    let estimator = method(name).unwrap().entry.with(serde_json::json!({})).unwrap();
+    let rest = method(name).unwrap().start == deadtime::delay::Start::Rest;
+    let centred = |x: &[f64]| {
+        let mean = if rest { 0.0 } else { x.iter().sum::<f64>() / x.len() as f64 };
+        x.iter().map(|v| v - mean).collect::<Vec<_>>()
+    };
+    systems()
+        .into_iter()
+        .flat_map(|(system, plant)| {
+            let clean = respond(&plant, std::slice::from_ref(&u), &[DELAY]).0.remove(0);
+            let answers: Vec<_> = (0..trials)
+                .into_par_iter()
+                .map(|seed| {
+                    let y = sum(&clean, &white(SAMPLES, std_dev(&clean) / snr.sqrt(), 1000 + seed));
+                    let experiment = Experiment::siso(ts(1.0), centred(&u), centred(&y));
+                    let search = Search { max_delay: 20, ..Search::default() };
+                    (system, estimator.estimate(&experiment, &search).unwrap().remove(0).estimate)
+                })
+                .collect();
+            answers
+        })
+        .collect()
+}
+
+/// The published score of an answer: what is none, or outside 0 … 20, counts as 20.
+fn error(estimate: &DelayEstimate) -> f64 {
+    let raw = estimate.delay_s.map_or(FAILED, |d| d + 1.0);
+    (if raw > 0.0 && raw < FAILED { raw } else { FAILED }) - 10.0
+}
+
+const CELLS: [(usize, f64); 6] = [(0, 100.0), (0, 1.0), (1, 100.0), (1, 1.0), (2, 100.0), (2, 1.0)];
+
+/// Published RMS with 95 % of all answers kept, by cell.
+const PUBLISHED: &[(&str, [f64; 6])] =
+    &[("oedap", [1.0, 2.1, 1.1, 2.0, 2.3, 3.8]), ("arxdap", [1.6, 2.9, 1.7, 1.7, 2.2, 4.2]), ("firdap", [2.1, 3.0, 3.0, 3.1, 4.3, 4.3])];
+
+fn rms(errors: &[f64]) -> f64 {
+    (errors.iter().map(|e| e * e).sum::<f64>() / errors.len().max(1) as f64).sqrt()
+}
+
+#[test]
+#[ignore = "a table to look at; run with --ignored --nocapture"]
+fn the_standard_benchmark_beside_the_published_numbers() {
+    let only = std::env::var("ONLY").unwrap_or_default();
+    for (name, published) in PUBLISHED.iter().filter(|(n, _)| only.is_empty() || only.split(',').any(|o| o == *n)) {
+        println!("{name}: RMS of all answers (published, 95 % kept), share answered, share of the intervals that hold the truth");
+        for (&(kind, snr), published) in CELLS.iter().zip(published) {
+            let answers = cell(name, kind, snr, 25);
+            let errors: Vec<f64> = answers.iter().map(|(_, e)| error(e)).collect();
+            let found: Vec<&DelayEstimate> = answers.iter().map(|(_, e)| e).filter(|e| e.delay_s.is_some()).collect();
+            let holds = |e: &DelayEstimate| e.ci95_s.is_some_and(|[a, b]| a <= 9.0 + 1e-9 && 9.0 <= b + 1e-9);
+            let held = found.iter().filter(|e| holds(e)).count() as f64 / found.len().max(1) as f64;
+            let by = |system: &str| {
+                let these: Vec<&(&str, DelayEstimate)> = answers.iter().filter(|(s, _)| *s == system).collect();
+                let some: Vec<f64> = these.iter().filter_map(|(_, e)| e.delay_s).map(|d| d - 9.0).collect();
+                let mean = some.iter().sum::<f64>() / some.len().max(1) as f64;
+                let width = these.iter().filter_map(|(_, e)| e.ci95_s).map(|[a, b]| b - a).sum::<f64>() / some.len().max(1) as f64;
+                let held = these.iter().map(|(_, e)| e).filter(|e| e.delay_s.is_some()).filter(|e| holds(e)).count();
+                format!("{system} {}/{} mean {mean:+.2} rms {:.2} width {width:.1} held {held}", some.len(), these.len(), rms(&some))
+            };
+            let input = ["rbs 10-30", "rbs 0-100", "steps"][kind];
+            println!(
+                "  {input:9} SNR {snr:3}: {:5.2} ({published:4}), {:4.2}, {held:4.2}   {}",
+                rms(&errors),
+                found.len() as f64 / errors.len() as f64,
+                ["slow2", "fast2", "real4", "cplx4"].map(by).join(" | ")
+            );
+        }
+    }
+}
