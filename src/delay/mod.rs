@@ -1,5 +1,6 @@
 //! Dead-time estimation: what an estimator is, and the list of all there are.
 
+pub mod bound;
 mod error;
 mod estimate;
 mod experiment;
@@ -16,7 +17,7 @@ pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{Arxstruc, Oestruc};
-pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process};
+pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel, Slopes};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
 pub use verdict::{Verdict, verdict};

@@ -6,6 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::chain::{Chain, LEAST_LAG, LEAST_RATIO, MOST_RATIO, REAL_RATIO, Row, Shape};
+use crate::delay::bound;
 use crate::fit::{Fit, LevenbergMarquardt, Normal, polish};
 use crate::identify::{Initial, Record, dot, lag_vector};
 
@@ -424,7 +425,7 @@ fn count(n: usize) -> f64 {
 }
 
 /// to(t) = mask(t)·Σ row·(states, u)(t − lag), zero before the record.
-fn combine(row: &Row, states: &[Vec<f64>], u: &[f64], lag: usize, mask: Option<&[f64]>, to: &mut [f64]) {
+pub(super) fn combine(row: &Row, states: &[Vec<f64>], u: &[f64], lag: usize, mask: Option<&[f64]>, to: &mut [f64]) {
     to.fill(0.0);
     let n = to.len();
     if lag >= n {
@@ -491,11 +492,7 @@ impl Signals {
     pub(super) fn alone(&self) -> Option<Vec<f64>> {
         let (last, poles) = self.slopes.split_last()?;
         let others: Vec<Vec<f64>> = self.linear.iter().chain(poles).cloned().collect();
-        let (_, c) = project(&others, last)?;
-        let mut alone = last.clone();
-        for (c, column) in c.iter().zip(&others) {
-            add(&mut alone, -c, column);
-        }
+        let alone = bound::alone(last, &others);
         Some(alone)
     }
 }

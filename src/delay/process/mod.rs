@@ -4,11 +4,15 @@
 
 mod chain;
 mod fit;
+mod model;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
+pub use self::model::{ProcessModel, Slopes};
+
 use self::chain::Shape;
 use self::fit::{Found, Place, Problem};
+use super::method::WHOLE;
 use super::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
     Search, Start, Suits, every_pair, posterior,
@@ -39,7 +43,7 @@ pub enum Poles {
 /// that are not white count as fewer samples; other minima that are nearly as good widen it.
 /// Fails when: the plant has more poles than the model (what they delay is then called dead time: the answer is late by about the time constants left out, and no
 /// interval says so; a note does where what is left over still follows the input); it has fewer (gain, poles and delay become confounded: wide intervals, and with a
-/// zero nearly free ones); it integrates or is unstable (`not_converged`); under feedback (biased); the input does not change from sample to sample as a hold does
+/// zero nearly free ones: under slow noise a slow pole all but cancelled by the zero may follow the noise); it integrates or is unstable (`not_converged`); under feedback (biased); the input does not change from sample to sample as a hold does
 /// (an interpolated input looks half a sample early).
 /// Source: MATLAB `procest`, idproc models P1D to P3DZ, for the models; Björklund (2003), LiU-TEK-LIC-2003:60, section 6.2 (idproc6 and 7) and p. 47 (one minimum per
 /// sampling interval); Chen, Garnier and Gilson (2015), J. Process Control 25, 19-27, doi:10.1016/j.jprocont.2014.10.001, for fractional delays fitted with the poles.
@@ -84,7 +88,7 @@ impl Default for Process {
 
 /// One method: its type, its line in the list, and the model that it fits.
 macro_rules! process {
-    ($type:ident, $line:ident, $name:literal, $summary:literal, $poles:literal, $zero:literal, $tolerance:literal, $withstands:expr, $model:literal) => {
+    ($type:ident, $line:ident, $name:literal, $summary:literal, $poles:literal, $zero:literal, $tolerance:expr, $withstands:expr, $exempt:expr, $model:literal) => {
         #[doc = $model]
         #[doc = "\n\nOptions, assumptions and failures as [`Process`] has them."]
         #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -103,7 +107,7 @@ macro_rules! process {
             withstands: $withstands,
             needs: "open loop, a held input, a stable plant of its order that rests at the start",
             blind_to: "poles beyond its own: it takes their lag for dead time; what an unstable plant or feedback does",
-            exempt: &[(Law::Exact, "exact for continuous plants of its order behind a hold, not for any sampled plant")],
+            exempt: $exempt,
         };
 
         impl DelayEstimator for $type {
@@ -116,8 +120,28 @@ macro_rules! process {
 
 const LAG: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs];
 const LAGS: &[Condition] = &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs];
+const CONTINUOUS: &[(Law, &str)] = &[INEXACT];
+const INEXACT: (Law, &str) = (Law::Exact, "exact for continuous plants of its order behind a hold, not for any sampled plant");
+const OVERSIZED: &[(Law, &str)] = &[
+    INEXACT,
+    (Law::Gain, "on a plant of fewer poles one of its poles and the zero all but cancel anywhere, and rounding moves the interval's ends"),
+    (Law::Shift, "on plants of one pole 17 of 100 answers moved by another number of samples, as pole and zero cancelled elsewhere"),
+];
+/// A slow pole beside a zero that all but cancels it can follow slow noise.
+const WITH_ZERO: &[Condition] = &[Condition::Dynamics, Condition::MissingOutputs];
 
-process!(P1d, P1D, "p1d", "continuous model of one pole, fractional dead time", 1, false, 0.1, LAG, "K/(1 + T₁s)·e^(−τs).");
+process!(
+    P1d,
+    P1D,
+    "p1d",
+    "continuous model of one pole, fractional dead time",
+    1,
+    false,
+    0.1,
+    LAG,
+    CONTINUOUS,
+    "K/(1 + T₁s)·e^(−τs)."
+);
 process!(
     P2d,
     P2D,
@@ -127,6 +151,7 @@ process!(
     false,
     0.1,
     LAGS,
+    CONTINUOUS,
     "K/((1 + T₁s)(1 + T₂s))·e^(−τs)."
 );
 process!(
@@ -138,6 +163,7 @@ process!(
     false,
     0.1,
     LAGS,
+    CONTINUOUS,
     "K/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs)."
 );
 process!(
@@ -147,8 +173,9 @@ process!(
     "continuous model of one pole and a zero (a direct path), fractional dead time",
     1,
     true,
-    0.1,
+    WHOLE,
     LAG,
+    CONTINUOUS,
     "K(1 + T_z·s)/(1 + T₁s)·e^(−τs)."
 );
 process!(
@@ -158,8 +185,9 @@ process!(
     "continuous model of two poles and a zero, fractional dead time",
     2,
     true,
-    0.1,
-    LAGS,
+    1.0,
+    WITH_ZERO,
+    CONTINUOUS,
     "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s))·e^(−τs)."
 );
 process!(
@@ -169,8 +197,9 @@ process!(
     "continuous model of three poles and a zero, fractional dead time",
     3,
     true,
-    0.1,
-    LAGS,
+    1.0,
+    WITH_ZERO,
+    OVERSIZED,
     "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs)."
 );
 
