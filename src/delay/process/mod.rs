@@ -122,6 +122,8 @@ const LAG: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs]
 const LAGS: &[Condition] = &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs];
 const CONTINUOUS: &[(Law, &str)] = &[INEXACT];
 const INEXACT: (Law, &str) = (Law::Exact, "exact for continuous plants of its order behind a hold, not for any sampled plant");
+const NEARLY_FLAT: &[(Law, &str)] =
+    &[INEXACT, (Law::Gain, "on plants without its zero or second pole delays within one sample fit alike, and rounding chooses among them")];
 const OVERSIZED: &[(Law, &str)] = &[
     INEXACT,
     (Law::Gain, "on a plant of fewer poles one of its poles and the zero all but cancel anywhere, and rounding moves the interval's ends"),
@@ -187,7 +189,7 @@ process!(
     true,
     1.0,
     WITH_ZERO,
-    CONTINUOUS,
+    NEARLY_FLAT,
     "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s))·e^(−τs)."
 );
 process!(
@@ -373,12 +375,13 @@ impl Knowledge {
             step = match outer {
                 None => (step * (1.1 / here.1.max(0.1)).clamp(1.2, 2.5)).min(limit),
                 Some(outer) => {
-                    let cross = inner.0 + (outer.0 - inner.0) * (1.0 - inner.1) / (outer.1 - inner.1).max(f64::MIN_POSITIVE);
-                    if outer.0 - inner.0 <= 0.1 * outer.0 {
-                        return cross;
+                    let (width, share) = (outer.0 - inner.0, (1.0 - inner.1) / (outer.1 - inner.1).max(f64::MIN_POSITIVE));
+                    if width <= ENDS * outer.0 {
+                        return inner.0 + share * width;
                     }
-                    // Not into the ends again: where the cost is no parabola they creep.
-                    cross.clamp(inner.0 + 0.05 * (outer.0 - inner.0), outer.0 - 0.05 * (outer.0 - inner.0))
+                    // To either side of the crossing in turn, so that the bracket closes from both.
+                    let beside = if here.1 < 1.0 { 1e-3 } else { -1e-3 };
+                    inner.0 + (share + beside).clamp(0.02, 0.98) * width
                 }
             };
         }
@@ -387,4 +390,6 @@ impl Knowledge {
 }
 
 /// Steps towards an end of the interval.
-const REACHES: usize = 30;
+const REACHES: usize = 40;
+/// To what share of itself the distance to an end is found.
+const ENDS: f64 = 1e-4;
