@@ -10,8 +10,8 @@ use serde_json::Value;
 use super::source::Source;
 use super::write_json;
 use crate::delay::{
-    DelayEstimate, DelayEstimator, Detrend, Experiment, METHODS, Method, Outcome, PlantModel, Recording, Scope, Search, Start, Threshold,
-    verdict,
+    DelayEstimate, DelayEstimator, Detrend, Experiment, Information, METHODS, Method, Outcome, PlantModel, Recording, Richness, Scope, Search, Start, Threshold,
+    richness, verdict,
 };
 use crate::file::write_atomic;
 use crate::identify::fir;
@@ -204,8 +204,11 @@ impl Job {
                 let rested = if self.detrend == Detrend::Mean { one.from_rest() } else { None };
                 let own = search.bias.get(o).and_then(|row| row.get(i)).map(|&b| vec![vec![b]]).unwrap_or_default();
                 let search = Search { bias: own, ..search.clone() };
+                let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
+                // What has no prediction has none; why it cannot be used at all each method says itself.
+                let predicted = richness(rested.as_ref().unwrap_or(&one), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
                 let mut answers = Vec::new();
-                for ready in &methods {
+                for (ready, predicted) in methods.iter().zip(predicted) {
                     let clock = Instant::now();
                     // What a method cannot do with this log is its answer; the others go on.
                     let estimate = match ready
@@ -216,9 +219,9 @@ impl Job {
                         Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for this pair"),
                         Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                     };
-                    answers.push((ready.method.entry.name, estimate, clock.elapsed().as_secs_f64()));
+                    answers.push((ready.method, estimate, predicted, clock.elapsed().as_secs_f64()));
                 }
-                pairs.push(pair(input, output, &answers));
+                pairs.push(pair(input, output, &answers, experiment.sample_time));
             }
         }
         Ok(pairs)
@@ -239,7 +242,7 @@ impl Job {
                         .map_or_else(|| DelayEstimate::without(Outcome::NotApplicable, "no answer for this input"), |e| e.estimate.clone()),
                     Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                 };
-                pairs.push(pair(input, "*", &[(ready.method.entry.name, estimate, time_s)]));
+                pairs.push(pair(input, "*", &[(ready.method, estimate, None, time_s)], experiment.sample_time));
             }
         }
         Ok(pairs)
@@ -291,12 +294,28 @@ fn sampled(model: &ModelFile, ts: SampleTime) -> anyhow::Result<StateSpace<Sampl
     Ok(ZeroOrderHold {}.c2d(&model.continuous()?, ts)?)
 }
 
-fn pair(input: &str, output: &str, answers: &[(&str, DelayEstimate, f64)]) -> Pair {
-    let by_trust: Vec<(&str, &DelayEstimate)> = answers.iter().map(|(m, e, _)| (*m, e)).collect();
+/// A method's answer, what was to be expected of it, and its run time, s.
+type Answer = (&'static Method, DelayEstimate, Option<Richness>, f64);
+
+fn pair(input: &str, output: &str, answers: &[Answer], sample_time: SampleTime) -> Pair {
+    let by_trust: Vec<(&str, &DelayEstimate)> = answers.iter().map(|(m, e, ..)| (m.entry.name, e)).collect();
     Pair {
         input: input.to_owned(),
         output: output.to_owned(),
-        estimates: answers.iter().map(|(m, e, t)| Row::new(m, e, *t)).collect(),
+        estimates: answers.iter().map(|(m, e, p, t)| Row::new(m.entry.name, e, p.map(|p| p.std_s), *t)).collect(),
+        warning: poor(answers, sample_time),
         verdict: verdict(&by_trust),
     }
 }
+
+/// That the data hardly tell neighbouring delays apart, by the best that is to be expected of a method that knows neither gain nor poles.
+fn poor(answers: &[Answer], sample_time: SampleTime) -> Option<String> {
+    let expected = answers.iter().filter(|(m, ..)| matches!(m.information, Information::Poles(_))).filter_map(|(_, _, p, _)| *p);
+    let best = expected.max_by(|a, b| a.separation.total_cmp(&b.separation)).filter(|p| p.separation < TOLD_APART)?;
+    let step = sample_time.seconds();
+    let std = crate::report::seconds(best.data_std_s, step);
+    Some(format!("poor data: a standard deviation of {std} s was to be expected before any method ran, so delays {step} s apart are hardly told apart"))
+}
+
+/// Half the distance between two responses, in standard deviations of the noise, from which they are seldom taken for each other.
+const TOLD_APART: f64 = 3.0;

@@ -27,14 +27,16 @@ pub struct Estimate {
     pub degree_bias_samples: f64,
     /// What a reader must know besides.
     pub note: Option<String>,
+    /// The standard deviation that was to be expected of the method before it ran, s ([`crate::delay::richness`]).
+    pub predicted_std_s: Option<f64>,
     /// Run time, s.
     pub time_s: f64,
 }
 
 impl Estimate {
-    /// An answer with the name and run time that go with it.
+    /// An answer with the name, expectation and run time that go with it.
     #[must_use]
-    pub fn new(method: &str, estimate: &DelayEstimate, time_s: f64) -> Self {
+    pub fn new(method: &str, estimate: &DelayEstimate, predicted_std_s: Option<f64>, time_s: f64) -> Self {
         Self {
             method: method.to_owned(),
             outcome: estimate.outcome,
@@ -44,6 +46,7 @@ impl Estimate {
             raw_delay_s: estimate.raw_delay_s,
             degree_bias_samples: estimate.degree_bias_samples,
             note: estimate.note.clone(),
+            predicted_std_s,
             time_s,
         }
     }
@@ -58,6 +61,9 @@ pub struct Pair {
     pub output: String,
     /// One answer per method.
     pub estimates: Vec<Estimate>,
+    /// That neighbouring delays are hardly told apart, if so.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub warning: Option<String>,
     /// What to believe.
     pub verdict: Verdict,
 }
@@ -94,6 +100,9 @@ impl Report {
                     let _ = writeln!(text, "  {}: {note}", estimate.method);
                 }
             }
+            if let Some(warning) = &pair.warning {
+                let _ = writeln!(text, "  {warning}");
+            }
             let step = self.sample_time_s;
             let _ = match (&pair.verdict.delay_s, &pair.verdict.ci95_s) {
                 (Some(delay), Some([from, to])) => writeln!(
@@ -111,7 +120,7 @@ impl Report {
     }
 
     fn table(&self, pair: &Pair) -> Table {
-        let headings = ["method", "outcome", "dead time (s)", "std (s)", "95 % interval (s)", "raw (s)", "bias (samples)", "run time"];
+        let headings = ["method", "outcome", "dead time (s)", "std (s)", "predicted (s)", "95 % interval (s)", "raw (s)", "bias (samples)", "run time"];
         let mut table = Table::new(&headings, &[0, 1]);
         let step = self.sample_time_s;
         let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| seconds(v, step));
@@ -123,6 +132,7 @@ impl Report {
                 e.outcome.name().replace('_', " "),
                 number(e.delay_s),
                 number(e.std_s),
+                number(e.predicted_std_s),
                 interval,
                 number(e.raw_delay_s),
                 bias,

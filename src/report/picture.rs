@@ -151,7 +151,8 @@ mod tests {
         let pair = Pair {
             input: "u<1>".into(),
             output: "y".into(),
-            estimates: vec![Estimate::new("first", &found, 0.0), Estimate::new("second", &none, 0.0)],
+            estimates: vec![Estimate::new("first", &found, None, 0.0), Estimate::new("second", &none, None, 0.0)],
+            warning: None,
             verdict: Verdict { delay_s: Some(0.2), ci95_s: Some([0.1, 0.3]), why: String::new() },
         };
         let response = Response { values: vec![0.0, 0.0, 1.0], std: vec![0.01; 3] };

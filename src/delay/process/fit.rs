@@ -75,6 +75,8 @@ pub(super) struct Signals {
     slopes: Vec<Vec<f64>>,
     /// (linearᵀ·linear)⁻¹.
     inverse: DMatrix<f64>,
+    /// The weights of `linear`.
+    coefficients: DVector<f64>,
 }
 
 impl<'a> Problem<'a> {
@@ -182,7 +184,21 @@ impl<'a> Problem<'a> {
                 add(slope, *c, column);
             }
         }
-        Some(Signals { residual, model, linear, slopes, inverse })
+        Some(Signals { residual, model, linear, slopes, inverse, coefficients })
+    }
+
+    /// The model's answer to a unit pulse of one sample.
+    pub(super) fn impulse(&self, theta: &[f64], place: Place, signals: &Signals, samples: usize) -> Vec<f64> {
+        let chain = Chain::new(self.shape, theta);
+        let pulse: Vec<f64> = (0..samples).map(|t| f64::from(u8::from(t == 0))).collect();
+        let states = chain.states(&pulse, &[]);
+        let mut response = vec![0.0; samples];
+        for (row, c) in chain.after(place.g, &chain.basis).iter().zip(signals.coefficients.iter()) {
+            let mut part = vec![0.0; samples];
+            combine(row, &states, &pulse, place.lag, None, &mut part);
+            add(&mut response, *c, &part);
+        }
+        response
     }
 
     /// Cost, gradient and information by the poles, and by g where `fraction` says so.
@@ -488,7 +504,12 @@ impl Signals {
         Normal { cost: dot(&self.residual, &self.residual), gradient, information }
     }
 
-    /// ∂ŷ/∂g with everything else projected out: what of the delay is told from gain, poles and start. None where nothing is left.
+    /// ∂ŷ/∂g, all else known.
+    pub(super) fn by_delay(&self) -> &[f64] {
+        self.slopes.last().map_or(&[], Vec::as_slice)
+    }
+
+    /// ∂ŷ/∂g with everything else projected out: what of the delay is told from gain, poles and start.
     pub(super) fn alone(&self) -> Option<Vec<f64>> {
         let (last, poles) = self.slopes.split_last()?;
         let others: Vec<Vec<f64>> = self.linear.iter().chain(poles).cloned().collect();

@@ -276,6 +276,52 @@ impl Process {
     }
 }
 
+/// A model of some poles, fitted quickly: what a record can know of a delay is read from it before any method runs.
+pub(super) struct Rough {
+    /// The delay of the model, samples.
+    pub(super) delay: f64,
+    /// ŷ.
+    pub(super) model: Vec<f64>,
+    /// y − ŷ.
+    pub(super) residual: Vec<f64>,
+    /// ∂ŷ/∂L per sample but for its sign, all else known.
+    pub(super) slope: Vec<f64>,
+    /// What of it is no combination of the derivatives by gain and poles.
+    pub(super) alone: Vec<f64>,
+    /// The model's answer to a pulse of one sample.
+    pub(super) impulse: Vec<f64>,
+    /// Σ y².
+    pub(super) power: f64,
+    /// Samples that count.
+    pub(super) samples: f64,
+    /// Parameters fitted.
+    pub(super) parameters: usize,
+}
+
+/// The start of the records that a quick fit looks at, samples; what the whole records know is then summed over all of them.
+const ROUGH_SAMPLES: usize = 4000;
+
+/// The quick fit; `None` where there is nothing to fit.
+pub(super) fn rough(records: &[Record], poles: usize, max_delay: usize, taps: usize) -> Option<Rough> {
+    let shape = Shape { poles: poles.clamp(1, 3), zero: false };
+    let heads: Vec<Record> = records.iter().map(|r| r.head(ROUGH_SAMPLES)).collect();
+    let start = Problem::new(shape, false, Initial::Zero, &heads, max_delay).minima(None).into_iter().next()?;
+    let problem = Problem::new(shape, false, Initial::Zero, records, max_delay);
+    let signals = problem.signals(&start.theta, start.place)?;
+    let alone = signals.alone()?;
+    Some(Rough {
+        delay: start.place.delay(),
+        slope: signals.by_delay().to_vec(),
+        impulse: problem.impulse(&start.theta, start.place, &signals, taps),
+        power: problem.power,
+        samples: problem.samples,
+        parameters: problem.parameters(),
+        alone,
+        model: signals.model,
+        residual: signals.residual,
+    })
+}
+
 /// Standard deviations below this, samples, are rounding's and the optimiser's.
 const RESOLVED: f64 = 1e-6;
 /// An answer this near to the longest delay, samples, is at the edge.
