@@ -14,7 +14,17 @@ use rayon::prelude::*;
 /// Björklund's inputs: random binary in a band, and steps.
 fn inputs(seed: u64) -> [Vec<f64>; 3] {
     let band = |band| Rbs { band, ..Rbs::default() }.generate(500, &mut rng(seed)).unwrap();
-    let steps = (0..500).map(|t| if (50..200).contains(&t) { 1.0 } else if (200..350).contains(&t) { -1.0 } else { 0.0 }).collect();
+    let steps = (0..500)
+        .map(|t| {
+            if (50..200).contains(&t) {
+                1.0
+            } else if (200..350).contains(&t) {
+                -1.0
+            } else {
+                0.0
+            }
+        })
+        .collect();
     [band([0.1, 0.3]), band([0.0, 1.0]), steps]
 }
 
@@ -30,11 +40,21 @@ fn norm(x: &[f64]) -> f64 {
 fn slopes_are_the_differences_of_responses() {
     let u = &inputs(3)[0];
     let at = |model: &ProcessModel| model.slopes(u, ts(0.5)).unwrap();
-    for (lags, zero_s) in [(vec![2.0], None), (vec![2.0], Some(0.7)), (vec![3.0, 0.6], None), (vec![3.0, 0.6], Some(-1.0)), (vec![3.0, 3.0, 0.2], Some(1.0)), (vec![4.0, 2.0, 1.0], None)] {
+    for (lags, zero_s) in [
+        (vec![2.0], None),
+        (vec![2.0], Some(0.7)),
+        (vec![3.0, 0.6], None),
+        (vec![3.0, 0.6], Some(-1.0)),
+        (vec![3.0, 3.0, 0.2], Some(1.0)),
+        (vec![4.0, 2.0, 1.0], None),
+    ] {
         let plain = ProcessModel { gain: 1.7, lags_s: lags.clone(), zero_s, delay_s: 4.2 };
         let slopes = at(&plain);
         let reference: Vec<f64> = process(u, &lags, zero_s, 4.2, 0.5).iter().map(|v| 1.7 * v).collect();
-        assert!(slopes.response.iter().zip(&reference).all(|(a, b)| (a - b).abs() < 1e-9), "the response is that of the simulator: {plain:?}");
+        assert!(
+            slopes.response.iter().zip(&reference).all(|(a, b)| (a - b).abs() < 1e-9),
+            "the response is that of the simulator: {plain:?}"
+        );
         let h = 1e-5;
         let difference = |plus: &ProcessModel, minus: &ProcessModel| -> Vec<f64> {
             at(plus).response.iter().zip(&at(minus).response).map(|(a, b)| (a - b) / (2.0 * h)).collect()
@@ -106,7 +126,11 @@ fn the_standard_benchmark_has_the_bounds_that_were_computed_for_it_before() {
             assert!(all >= bound::known_model(&slopes.by_delay, noise));
         }
         let slopes = model(&[1.0, 0.1], 9.0).slopes(u, ts(1.0)).unwrap();
-        near(bound::known_model(&slopes.by_delay, std_dev(&slopes.response)), [0.093, 0.059, 0.72][i], &format!("fast2, input {i}, SNR 1, known"));
+        near(
+            bound::known_model(&slopes.by_delay, std_dev(&slopes.response)),
+            [0.093, 0.059, 0.72][i],
+            &format!("fast2, input {i}, SNR 1, known"),
+        );
     }
 }
 

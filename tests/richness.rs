@@ -32,10 +32,22 @@ fn case(seed: u64) -> Case {
         1 => Rbs { band: [0.0, 0.2], ..Rbs::default() }.generate(500, &mut rng).unwrap(),
         _ => {
             let mut level = 0.0;
-            (0..500).map(|t| { if t % 60 == 30 { level = if level > 0.0 { -1.0 } else { 1.0 }; } level }).collect()
+            (0..500)
+                .map(|t| {
+                    if t % 60 == 30 {
+                        level = if level > 0.0 { -1.0 } else { 1.0 };
+                    }
+                    level
+                })
+                .collect()
         }
     };
-    Case { lags_s: [slow, slow * rng.random_range(0.05..0.9)], u, noise: 10.0_f64.powf(rng.random_range(-2.0..0.0)), delay: rng.random_range(3.0..20.0_f64).floor() }
+    Case {
+        lags_s: [slow, slow * rng.random_range(0.05..0.9)],
+        u,
+        noise: 10.0_f64.powf(rng.random_range(-2.0..0.0)),
+        delay: rng.random_range(3.0..20.0_f64).floor(),
+    }
 }
 
 #[test]
@@ -72,9 +84,31 @@ fn what_is_predicted_is_what_happens() {
         let at = |share: f64| ratios[((ratios.len() - 1) as f64 * share) as usize].0;
         println!(
             "{name}: predicted over actual RMS error in {} plants: 5 % {:.2}, 25 % {:.2}, median {:.2}, 75 % {:.2}, 95 % {:.2}",
-            ratios.len(), at(0.05), at(0.25), at(0.5), at(0.75), at(0.95)
+            ratios.len(),
+            at(0.05),
+            at(0.25),
+            at(0.5),
+            at(0.75),
+            at(0.95)
         );
         println!("   lowest {:?} highest {:?}", &ratios[..4], &ratios[ratios.len() - 4..]);
         assert!(at(0.5) > 1.0 / most && at(0.5) < most);
     }
+}
+
+#[test]
+fn a_poor_input_shows_before_any_method_runs() {
+    let number = |u: &[f64]| {
+        let y = process(u, &[0.5, 0.2], None, 0.7, TS);
+        let y = sum(&y, &white(u.len(), 0.05, 3));
+        let experiment = Experiment::siso(ts(TS), u.to_vec(), y);
+        ["p2d", "threshold", "p1d"].map(|m| predicted(&experiment, m).unwrap())
+    };
+    let rich = number(&plants::rbs(500, 1.0, 2));
+    let ramp: Vec<f64> = (0..500).map(|t| f64::from(t) / 500.0 - 0.5).collect();
+    let sine: Vec<f64> = (0..500).map(|t| (2.0 * std::f64::consts::PI * 0.01 * f64::from(t)).sin()).collect();
+    let (ramp, sine) = (number(&ramp), number(&sine));
+    println!("samples, p2d, threshold and p1d: binary {rich:.3?}, ramp {ramp:.3?}, sine {sine:.3?}");
+    assert!(rich[0] < 0.3 && ramp[0] > 20.0 * rich[0] && sine[0] > 20.0 * rich[0]);
+    assert!(ramp[0] > 1.0 && sine[0] > 1.0 && ramp[1] > 5.0 && sine[1] > 5.0, "neighbouring delays are not told apart");
 }

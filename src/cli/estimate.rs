@@ -10,8 +10,8 @@ use serde_json::Value;
 use super::source::Source;
 use super::write_json;
 use crate::delay::{
-    DelayEstimate, DelayEstimator, Detrend, Experiment, Information, METHODS, Method, Outcome, PlantModel, Recording, Richness, Scope, Search, Start, Threshold,
-    richness, verdict,
+    DelayEstimate, DelayEstimator, Detrend, Experiment, Information, METHODS, Method, Outcome, PlantModel, Recording, Richness, Scope,
+    Search, Start, Threshold, richness, verdict,
 };
 use crate::file::write_atomic;
 use crate::identify::fir;
@@ -206,7 +206,8 @@ impl Job {
                 let search = Search { bias: own, ..search.clone() };
                 let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
                 // What has no prediction has none; why it cannot be used at all each method says itself.
-                let predicted = richness(rested.as_ref().unwrap_or(&one), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
+                let predicted =
+                    richness(rested.as_ref().unwrap_or(&one), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
                 let mut answers = Vec::new();
                 for (ready, predicted) in methods.iter().zip(predicted) {
                     let clock = Instant::now();
@@ -314,7 +315,9 @@ fn poor(answers: &[Answer], sample_time: SampleTime) -> Option<String> {
     let best = expected.max_by(|a, b| a.separation.total_cmp(&b.separation)).filter(|p| p.separation < TOLD_APART)?;
     let step = sample_time.seconds();
     let std = crate::report::seconds(best.data_std_s, step);
-    Some(format!("poor data: a standard deviation of {std} s was to be expected before any method ran, so delays {step} s apart are hardly told apart"))
+    Some(format!(
+        "poor data: a standard deviation of {std} s was to be expected before any method ran, so delays {step} s apart are hardly told apart"
+    ))
 }
 
 /// Half the distance between two responses, in standard deviations of the noise, from which they are seldom taken for each other.

@@ -36,7 +36,8 @@ pub fn richness(
     experiment.check()?;
     let records = experiment.pair(input, output)?;
     let step = experiment.sample_time.seconds();
-    let mut data = Data { records: &records, max_delay: search.max_delay, bias: search.bias(input, output), rough: Default::default(), seen: None };
+    let mut data =
+        Data { records: &records, max_delay: search.max_delay, bias: search.bias(input, output), rough: Default::default(), seen: None };
     Ok(methods
         .iter()
         .map(|m| {

@@ -10,8 +10,8 @@ mod regression;
 pub use arx::{ArxScan, scan as arx_scan};
 pub use fir::{Fir, fit as fir};
 pub use oe::{Initial, MAX_ORDER as MAX_OE_ORDER, OeFit, OutputError};
-pub use regression::{Record, Regression};
 pub(crate) use regression::dot;
+pub use regression::{Record, Regression};
 
 pub(crate) use fir::estimate as fir_or_rank;
 pub(crate) use lag_products::{lag_matrix, lag_vector};

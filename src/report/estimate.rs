@@ -120,7 +120,17 @@ impl Report {
     }
 
     fn table(&self, pair: &Pair) -> Table {
-        let headings = ["method", "outcome", "dead time (s)", "std (s)", "predicted (s)", "95 % interval (s)", "raw (s)", "bias (samples)", "run time"];
+        let headings = [
+            "method",
+            "outcome",
+            "dead time (s)",
+            "std (s)",
+            "predicted (s)",
+            "95 % interval (s)",
+            "raw (s)",
+            "bias (samples)",
+            "run time",
+        ];
         let mut table = Table::new(&headings, &[0, 1]);
         let step = self.sample_time_s;
         let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| seconds(v, step));

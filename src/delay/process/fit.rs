@@ -230,7 +230,12 @@ impl<'a> Problem<'a> {
     /// The best poles at a fixed delay.
     pub(super) fn at(&self, theta: &[f64], place: Place) -> Option<Found> {
         let fit = self.search(false, FINE).minimise(theta, |p| self.evaluate(p, place, false));
-        fit.normal.cost.is_finite().then(|| Found { place, theta: fit.parameters, cost: fit.normal.cost, converged: fit.stopped.converged() })
+        fit.normal.cost.is_finite().then(|| Found {
+            place,
+            theta: fit.parameters,
+            cost: fit.normal.cost,
+            converged: fit.stopped.converged(),
+        })
     }
 
     /// Descends over poles and delay together, from one interval into the next where the cost falls on.
@@ -291,11 +296,14 @@ impl<'a> Problem<'a> {
 
     /// The lowest minima, best first: descents from where a table of poles fits best, over all delays.
     pub(super) fn minima(&self, initial_delay: Option<f64>) -> Vec<Found> {
-        let table: Vec<(Vec<f64>, Vec<(Place, f64)>)> = self.table().into_iter().map(|theta| (theta.clone(), self.profile(&theta))).collect();
+        let table: Vec<(Vec<f64>, Vec<(Place, f64)>)> =
+            self.table().into_iter().map(|theta| (theta.clone(), self.profile(&theta))).collect();
         let places = table.first().map_or(0, |(_, profile)| profile.len());
         // The lower envelope over the table, and which poles gave it.
         let envelope: Vec<(usize, f64)> = (0..places)
-            .filter_map(|at| table.iter().enumerate().map(|(i, (_, p))| (i, p[at].1)).filter(|(_, c)| c.is_finite()).min_by(|a, b| a.1.total_cmp(&b.1)))
+            .filter_map(|at| {
+                table.iter().enumerate().map(|(i, (_, p))| (i, p[at].1)).filter(|(_, c)| c.is_finite()).min_by(|a, b| a.1.total_cmp(&b.1))
+            })
             .collect();
         if envelope.len() < places || places == 0 {
             return Vec::new();
@@ -430,7 +438,7 @@ const COARSE: f64 = 1e-5;
 const FINE: f64 = 1e-8;
 /// A fraction this near to a whole sample is at it.
 const EDGE: f64 = 1e-6;
-/// Descents; more found nothing lower in 400 random plants (see the tests).
+/// Descents; starts at every half sample besides found nothing lower in 95 of 96 random plants (tests/process.rs).
 const STARTS: usize = 12;
 /// Time constants of the table, samples: half a decade apart, as costs vary slowly with the logarithm.
 const LAGS: [f64; 8] = [0.1, 0.6, 2.0, 5.0, 12.0, 30.0, 100.0, 1000.0];

@@ -122,8 +122,14 @@ const LAG: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs]
 const LAGS: &[Condition] = &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs];
 const CONTINUOUS: &[(Law, &str)] = &[INEXACT];
 const INEXACT: (Law, &str) = (Law::Exact, "exact for continuous plants of its order behind a hold, not for any sampled plant");
-const NEARLY_FLAT: &[(Law, &str)] =
-    &[INEXACT, (Law::Gain, "on plants without its zero or second pole delays within one sample fit alike, and rounding chooses among them")];
+const NEARLY_FLAT: &[(Law, &str)] = &[
+    INEXACT,
+    (Law::Gain, "on plants without its zero or second pole delays within one sample fit alike, and rounding chooses among them"),
+];
+const THIRD_POLE: &[(Law, &str)] = &[
+    INEXACT,
+    (Law::Gain, "on plants of fewer poles the likelihood is flat along its third, and rounding moves the interval's ends by some per cent"),
+];
 const OVERSIZED: &[(Law, &str)] = &[
     INEXACT,
     (Law::Gain, "on a plant of fewer poles one of its poles and the zero all but cancel anywhere, and rounding moves the interval's ends"),
@@ -132,18 +138,7 @@ const OVERSIZED: &[(Law, &str)] = &[
 /// A slow pole beside a zero that all but cancels it can follow slow noise.
 const WITH_ZERO: &[Condition] = &[Condition::Dynamics, Condition::MissingOutputs];
 
-process!(
-    P1d,
-    P1D,
-    "p1d",
-    "continuous model of one pole, fractional dead time",
-    1,
-    false,
-    0.1,
-    LAG,
-    CONTINUOUS,
-    "K/(1 + T₁s)·e^(−τs)."
-);
+process!(P1d, P1D, "p1d", "continuous model of one pole, fractional dead time", 1, false, 0.1, LAG, CONTINUOUS, "K/(1 + T₁s)·e^(−τs).");
 process!(
     P2d,
     P2D,
@@ -165,7 +160,7 @@ process!(
     false,
     0.1,
     LAGS,
-    CONTINUOUS,
+    THIRD_POLE,
     "K/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs)."
 );
 process!(
@@ -243,7 +238,10 @@ impl Process {
         let initial = self.initial_delay_s.map(|s| s / experiment.sample_time.seconds());
         let minima = problem.minima(initial);
         let Some(best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite()) else {
-            return Ok(DelayEstimate::without(Outcome::NotRichEnough, "the input is zero wherever a model could use it, or the numbers overflow"));
+            return Ok(DelayEstimate::without(
+                Outcome::NotRichEnough,
+                "the input is zero wherever a model could use it, or the numbers overflow",
+            ));
         };
         let Some(knowledge) = Knowledge::of(&problem, &best) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the model cannot be evaluated at its own minimum; scale the channels"));
@@ -271,7 +269,17 @@ impl Process {
         }
         let std = ((delay - from).max(to - delay) / knowledge.quantile).max(RESOLVED);
         let at_edge = delay >= longest - EDGE;
-        let note = shortened.then(|| format!("used the first {} of {got} samples", self.max_samples));
+        let mut notes = Vec::new();
+        if shortened {
+            notes.push(format!("used the first {} of {got} samples", self.max_samples));
+        }
+        if knowledge.leaves(records, max_delay) {
+            notes.push(
+                "what the model leaves over still follows the input: a plant of another shape, whose lag may be in the dead time"
+                    .to_owned(),
+            );
+        }
+        let note = (!notes.is_empty()).then(|| notes.join("; "));
         Ok(DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time).noting(note))
     }
 }
@@ -341,6 +349,8 @@ struct Knowledge {
     floor: f64,
     /// Σ e² of the best.
     cost: f64,
+    /// y − ŷ, all records in a row.
+    residual: Vec<f64>,
 }
 
 impl Knowledge {
@@ -353,12 +363,28 @@ impl Knowledge {
             let n = problem.samples;
             if exact { n } else { n * posterior::samples_under(signal, &signals.residual) / signal.len().max(1) as f64 }
         };
-        let (counting, independent) = (under(&signals.model), under(&alone));
+        let counting = under(&signals.model);
+        // Where whole samples are all that shows there is no derivative by the delay.
+        let independent = if problem.whole() { counting } else { under(&alone) };
         let freedom = (independent - problem.parameters() as f64).max(1.0);
         let energy: f64 = alone.iter().map(|v| v * v).sum();
         let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
         let std = (best.cost.max(floor) / freedom / energy.max(f64::MIN_POSITIVE)).sqrt();
-        Some(Self { counting, independent: freedom, std, quantile, floor, cost: best.cost })
+        Some(Self { counting, independent: freedom, std, quantile, floor, cost: best.cost, residual: signals.residual })
+    }
+
+    /// The residuals visibly follow the input, beyond rounding.
+    fn leaves(&self, records: &[Record], max_delay: usize) -> bool {
+        let mut from = 0;
+        let left: Vec<Record> = records
+            .iter()
+            .map(|r| {
+                let y = self.residual.iter().skip(from).take(r.len()).copied().collect();
+                from += r.len();
+                Record { u: r.u.clone(), y, present: r.present.clone() }
+            })
+            .collect();
+        self.cost > self.floor && posterior::unseen(&left, max_delay).is_none()
     }
 
     fn floored(&self, cost: f64) -> f64 {

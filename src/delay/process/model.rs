@@ -51,15 +51,18 @@ impl ProcessModel {
         let place = Place::of(self.delay_s / step);
         let states = chain.states(u, &[]);
         let read = |rows: &[[f64; 7]]| -> Vec<Vec<f64>> {
-            chain.after(place.g, rows).iter().map(|row| {
-                let mut to = vec![0.0; u.len()];
-                combine(row, &states, u, place.lag, None, &mut to);
-                to
-            }).collect()
+            chain
+                .after(place.g, rows)
+                .iter()
+                .map(|row| {
+                    let mut to = vec![0.0; u.len()];
+                    combine(row, &states, u, place.lag, None, &mut to);
+                    to
+                })
+                .collect()
         };
-        let sum = |columns: &[Vec<f64>]| -> Vec<f64> {
-            (0..u.len()).map(|t| columns.iter().zip(weights).map(|(c, w)| w * c[t]).sum()).collect()
-        };
+        let sum =
+            |columns: &[Vec<f64>]| -> Vec<f64> { (0..u.len()).map(|t| columns.iter().zip(weights).map(|(c, w)| w * c[t]).sum()).collect() };
         let basis = read(&chain.basis);
         let rates: Vec<_> = chain.basis.iter().map(|r| chain.rate(r)).collect();
         let by_delay = sum(&read(&rates)).iter().map(|v| -v / step).collect();
