@@ -11,8 +11,8 @@ use serde_json::Value;
 use super::source::Source;
 use super::write_json;
 use crate::delay::{
-    Condition, DelayEstimate, DelayEstimator, Detrend, Experiment, Finding, METHODS, Method, Outcome, PlantModel, Recording, Scope, Search,
-    Start, Threshold, conditions, verdict,
+    Condition, DelayEstimate, DelayEstimator, Detrend, Experiment, Finding, Information, METHODS, Method, Outcome, PlantModel, Recording,
+    Richness, Scope, Search, Start, Threshold, conditions, richness, verdict,
 };
 use crate::file::write_atomic;
 use crate::identify::fir;
@@ -226,7 +226,11 @@ impl Job {
                     // A controller that answers within the sample would pass for a plant that does.
                     search.min_delay = search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
                 }
-                let answer = |ready: &&Ready| {
+                let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
+                // What has no prediction has none; why it cannot be used at all each method says itself.
+                let predicted =
+                    richness(rested.as_ref().unwrap_or(&one), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
+                let answer = |(ready, predicted): (&&Ready, Option<Richness>)| {
                     let clock = Instant::now();
                     // What a method cannot do with this log is its answer; the others go on.
                     let estimate = match ready
@@ -237,9 +241,9 @@ impl Job {
                         Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for this pair"),
                         Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                     };
-                    (ready.method, estimate, clock.elapsed().as_secs_f64())
+                    Answer { method: ready.method, estimate, predicted, time_s: clock.elapsed().as_secs_f64() }
                 };
-                let answers: Vec<_> = methods.par_iter().map(answer).collect();
+                let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect();
                 pairs.push(pair(input, output, &answers, findings, experiment.sample_time));
             }
         }
@@ -273,7 +277,8 @@ impl Job {
                         .map_or_else(|| DelayEstimate::without(Outcome::NotApplicable, "no answer for this input"), |e| e.estimate.clone()),
                     Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                 };
-                pairs.push(pair(input, "*", &[(ready.method, estimate, time_s)], Vec::new(), experiment.sample_time));
+                let answer = Answer { method: ready.method, estimate, predicted: None, time_s };
+                pairs.push(pair(input, "*", &[answer], Vec::new(), experiment.sample_time));
             }
         }
         Ok(pairs)
@@ -325,13 +330,36 @@ fn sampled(model: &ModelFile, ts: SampleTime) -> anyhow::Result<StateSpace<Sampl
     Ok(ZeroOrderHold {}.c2d(&model.continuous()?, ts)?)
 }
 
-fn pair(input: &str, output: &str, answers: &[(&Method, DelayEstimate, f64)], findings: Vec<Finding>, sample_time: SampleTime) -> Pair {
-    let by_trust: Vec<(&Method, &DelayEstimate)> = answers.iter().map(|(m, e, _)| (*m, e)).collect();
+/// A method's answer, what was to be expected of it, and its run time, s.
+struct Answer {
+    method: &'static Method,
+    estimate: DelayEstimate,
+    predicted: Option<Richness>,
+    time_s: f64,
+}
+
+fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, sample_time: SampleTime) -> Pair {
+    let by_trust: Vec<(&Method, &DelayEstimate)> = answers.iter().map(|a| (a.method, &a.estimate)).collect();
     Pair {
         input: input.to_owned(),
         output: output.to_owned(),
-        estimates: answers.iter().map(|(m, e, t)| Row::new(m, e, *t, &findings)).collect(),
+        estimates: answers.iter().map(|a| Row::new(a.method, &a.estimate, a.predicted.map(|p| p.std_s), a.time_s, &findings)).collect(),
+        warning: poor(answers, sample_time),
         verdict: verdict(&by_trust, &findings, sample_time),
         findings,
     }
 }
+
+/// That the data hardly tell neighbouring delays apart, by the best that is to be expected of a method that knows neither gain nor poles.
+fn poor(answers: &[Answer], sample_time: SampleTime) -> Option<String> {
+    let expected = answers.iter().filter(|a| matches!(a.method.information, Information::Poles(_))).filter_map(|a| a.predicted);
+    let best = expected.max_by(|a, b| a.separation.total_cmp(&b.separation)).filter(|p| p.separation < TOLD_APART)?;
+    let step = sample_time.seconds();
+    let std = crate::report::seconds(best.data_std_s, step);
+    Some(format!(
+        "poor data: a standard deviation of {std} s was to be expected before any method ran, so delays {step} s apart are hardly told apart"
+    ))
+}
+
+/// Half the distance between two responses, in standard deviations of the noise, from which they are seldom taken for each other.
+const TOLD_APART: f64 = 3.0;

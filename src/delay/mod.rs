@@ -1,5 +1,6 @@
 //! Dead-time estimation: what an estimator is, and the list of all there are.
 
+pub mod bound;
 mod conditions;
 mod correlation;
 mod error;
@@ -10,6 +11,7 @@ mod method;
 mod parametric;
 mod posterior;
 mod process;
+mod richness;
 mod states;
 mod threshold;
 mod verdict;
@@ -22,7 +24,8 @@ pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use frequency::{Arxdap, Firdap, Oedap};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{Armaxstruc, Arxstruc, Oestruc};
-pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process};
+pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel, Slopes};
+pub use richness::{Richness, richness};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
 pub use verdict::{Verdict, distrust, verdict};

@@ -27,6 +27,8 @@ pub struct Estimate {
     pub degree_bias_samples: f64,
     /// What a reader must know besides.
     pub note: Option<String>,
+    /// The standard deviation that was to be expected of the method before it ran, s ([`crate::delay::richness`]).
+    pub predicted_std_s: Option<f64>,
     /// Run time, s.
     pub time_s: f64,
     /// The heading it stands under.
@@ -38,9 +40,9 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// An answer with its method, its run time, and what the record shows.
+    /// An answer with its method, what was to be expected of it, its run time, and what the record shows.
     #[must_use]
-    pub fn new(method: &Method, estimate: &DelayEstimate, time_s: f64, findings: &[Finding]) -> Self {
+    pub fn new(method: &Method, estimate: &DelayEstimate, predicted_std_s: Option<f64>, time_s: f64, findings: &[Finding]) -> Self {
         Self {
             method: method.entry.name.to_owned(),
             outcome: estimate.outcome,
@@ -50,6 +52,7 @@ impl Estimate {
             raw_delay_s: estimate.raw_delay_s,
             degree_bias_samples: estimate.degree_bias_samples,
             note: estimate.note.clone(),
+            predicted_std_s,
             time_s,
             class: method.class,
             distrust: distrust(method, findings),
@@ -69,6 +72,9 @@ pub struct Pair {
     pub findings: Vec<Finding>,
     /// One answer per method, class by class.
     pub estimates: Vec<Estimate>,
+    /// That neighbouring delays are hardly told apart, if so.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub warning: Option<String>,
     /// What to believe.
     pub verdict: Verdict,
 }
@@ -110,6 +116,9 @@ impl Report {
                     let _ = writeln!(text, "  {}: {note}", estimate.method);
                 }
             }
+            if let Some(warning) = &pair.warning {
+                let _ = writeln!(text, "  {warning}");
+            }
             let step = self.sample_time_s;
             let _ = match (&pair.verdict.delay_s, &pair.verdict.ci95_s) {
                 (Some(delay), Some([from, to])) => writeln!(
@@ -127,9 +136,19 @@ impl Report {
     }
 
     fn table(&self, shown: &Shown<'_>) -> Table {
-        let headings =
-            ["method", "outcome", "dead time (s)", "std (s)", "95 % interval (s)", "raw (s)", "bias (samples)", "counts", "run time"];
-        let mut table = Table::new(&headings, &[0, 1, 7]);
+        let headings = [
+            "method",
+            "outcome",
+            "dead time (s)",
+            "std (s)",
+            "predicted (s)",
+            "95 % interval (s)",
+            "raw (s)",
+            "bias (samples)",
+            "counts",
+            "run time",
+        ];
+        let mut table = Table::new(&headings, &[0, 1, 8]);
         let step = self.sample_time_s;
         let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| seconds(v, step));
         let mut class = None;
@@ -150,6 +169,7 @@ impl Report {
                 e.outcome.name().replace('_', " "),
                 number(e.delay_s),
                 number(e.std_s),
+                number(e.predicted_std_s),
                 interval,
                 number(e.raw_delay_s),
                 bias,

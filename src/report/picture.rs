@@ -155,8 +155,9 @@ mod tests {
             estimates: ["oestruc", "arxstruc"]
                 .iter()
                 .zip([&found, &none])
-                .map(|(name, e)| Estimate::new(crate::delay::method(name).unwrap(), e, 0.0, &[]))
+                .map(|(name, e)| Estimate::new(crate::delay::method(name).unwrap(), e, None, 0.0, &[]))
                 .collect(),
+            warning: None,
             verdict: Verdict { delay_s: Some(0.2), ci95_s: Some([0.1, 0.3]), why: String::new() },
         };
         let response = Response { values: vec![0.0, 0.0, 1.0], std: vec![0.01; 3] };

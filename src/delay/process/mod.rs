@@ -4,11 +4,15 @@
 
 mod chain;
 mod fit;
+mod model;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
+pub use self::model::{ProcessModel, Slopes};
+
 use self::chain::Shape;
 use self::fit::{Found, Place, Problem};
+use super::method::WHOLE;
 use super::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
     Search, Start, Suits, every_pair, posterior,
@@ -39,7 +43,7 @@ pub enum Poles {
 /// that are not white count as fewer samples; other minima that are nearly as good widen it.
 /// Fails when: the plant has more poles than the model (what they delay is then called dead time: the answer is late by about the time constants left out, and no
 /// interval says so; a note does where what is left over still follows the input); it has fewer (gain, poles and delay become confounded: wide intervals, and with a
-/// zero nearly free ones); it integrates or is unstable (`not_converged`); under feedback (biased); the input does not change from sample to sample as a hold does
+/// zero nearly free ones: under slow noise a slow pole all but cancelled by the zero may follow the noise); it integrates or is unstable (`not_converged`); under feedback (biased); the input does not change from sample to sample as a hold does
 /// (an interpolated input looks half a sample early).
 /// Source: MATLAB `procest`, idproc models P1D to P3DZ, for the models; Björklund (2003), LiU-TEK-LIC-2003:60, section 6.2 (idproc6 and 7) and p. 47 (one minimum per
 /// sampling interval); Chen, Garnier and Gilson (2015), J. Process Control 25, 19-27, doi:10.1016/j.jprocont.2014.10.001, for fractional delays fitted with the poles.
@@ -84,7 +88,7 @@ impl Default for Process {
 
 /// One method: its type, its line in the list, and the model that it fits.
 macro_rules! process {
-    ($type:ident, $line:ident, $name:literal, $summary:literal, $poles:literal, $zero:literal, $tolerance:literal, $withstands:expr, $model:literal) => {
+    ($type:ident, $line:ident, $name:literal, $summary:literal, $poles:literal, $zero:literal, $tolerance:expr, $withstands:expr, $exempt:expr, $model:literal) => {
         #[doc = $model]
         #[doc = "\n\nOptions, assumptions and failures as [`Process`] has them."]
         #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -103,7 +107,7 @@ macro_rules! process {
             withstands: $withstands,
             needs: "open loop, a held input, a stable plant of its order that rests at the start",
             blind_to: "poles beyond its own: it takes their lag for dead time; what an unstable plant or feedback does",
-            exempt: &[(Law::Exact, "exact for continuous plants of its order behind a hold, not for any sampled plant")],
+            exempt: $exempt,
         };
 
         impl DelayEstimator for $type {
@@ -116,8 +120,25 @@ macro_rules! process {
 
 const LAG: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs];
 const LAGS: &[Condition] = &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs];
+const CONTINUOUS: &[(Law, &str)] = &[INEXACT];
+const INEXACT: (Law, &str) = (Law::Exact, "exact for continuous plants of its order behind a hold, not for any sampled plant");
+const NEARLY_FLAT: &[(Law, &str)] = &[
+    INEXACT,
+    (Law::Gain, "on plants without its zero or second pole delays within one sample fit alike, and rounding chooses among them"),
+];
+const THIRD_POLE: &[(Law, &str)] = &[
+    INEXACT,
+    (Law::Gain, "on plants of fewer poles the likelihood is flat along its third, and rounding moves the interval's ends by some per cent"),
+];
+const OVERSIZED: &[(Law, &str)] = &[
+    INEXACT,
+    (Law::Gain, "on a plant of fewer poles one of its poles and the zero all but cancel anywhere, and rounding moves the interval's ends"),
+    (Law::Shift, "on plants of one pole 17 of 100 answers moved by another number of samples, as pole and zero cancelled elsewhere"),
+];
+/// A slow pole beside a zero that all but cancels it can follow slow noise.
+const WITH_ZERO: &[Condition] = &[Condition::Dynamics, Condition::MissingOutputs];
 
-process!(P1d, P1D, "p1d", "continuous model of one pole, fractional dead time", 1, false, 0.1, LAG, "K/(1 + T₁s)·e^(−τs).");
+process!(P1d, P1D, "p1d", "continuous model of one pole, fractional dead time", 1, false, 0.1, LAG, CONTINUOUS, "K/(1 + T₁s)·e^(−τs).");
 process!(
     P2d,
     P2D,
@@ -127,6 +148,7 @@ process!(
     false,
     0.1,
     LAGS,
+    CONTINUOUS,
     "K/((1 + T₁s)(1 + T₂s))·e^(−τs)."
 );
 process!(
@@ -138,6 +160,7 @@ process!(
     false,
     0.1,
     LAGS,
+    THIRD_POLE,
     "K/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs)."
 );
 process!(
@@ -147,8 +170,9 @@ process!(
     "continuous model of one pole and a zero (a direct path), fractional dead time",
     1,
     true,
-    0.1,
+    WHOLE,
     LAG,
+    CONTINUOUS,
     "K(1 + T_z·s)/(1 + T₁s)·e^(−τs)."
 );
 process!(
@@ -158,8 +182,9 @@ process!(
     "continuous model of two poles and a zero, fractional dead time",
     2,
     true,
-    0.1,
-    LAGS,
+    1.0,
+    WITH_ZERO,
+    NEARLY_FLAT,
     "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s))·e^(−τs)."
 );
 process!(
@@ -169,8 +194,9 @@ process!(
     "continuous model of three poles and a zero, fractional dead time",
     3,
     true,
-    0.1,
-    LAGS,
+    1.0,
+    WITH_ZERO,
+    OVERSIZED,
     "K(1 + T_z·s)/((1 + T₁s)(1 + T₂s)(1 + T₃s))·e^(−τs)."
 );
 
@@ -243,9 +269,65 @@ impl Process {
         }
         let std = ((delay - from).max(to - delay) / knowledge.quantile).max(RESOLVED);
         let at_edge = delay >= longest - EDGE;
-        let note = shortened.then(|| format!("used the first {} of {got} samples", self.max_samples));
+        let mut notes = Vec::new();
+        if shortened {
+            notes.push(format!("used the first {} of {got} samples", self.max_samples));
+        }
+        if knowledge.leaves(records, max_delay) {
+            notes.push(
+                "what the model leaves over still follows the input: a plant of another shape, whose lag may be in the dead time"
+                    .to_owned(),
+            );
+        }
+        let note = (!notes.is_empty()).then(|| notes.join("; "));
         Ok(DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time).noting(note))
     }
+}
+
+/// A model of some poles, fitted quickly: what a record can know of a delay is read from it before any method runs.
+pub(super) struct Rough {
+    /// The delay of the model, samples.
+    pub(super) delay: f64,
+    /// ŷ.
+    pub(super) model: Vec<f64>,
+    /// y − ŷ.
+    pub(super) residual: Vec<f64>,
+    /// ∂ŷ/∂L per sample but for its sign, all else known.
+    pub(super) slope: Vec<f64>,
+    /// What of it is no combination of the derivatives by gain and poles.
+    pub(super) alone: Vec<f64>,
+    /// The model's answer to a pulse of one sample.
+    pub(super) impulse: Vec<f64>,
+    /// Σ y².
+    pub(super) power: f64,
+    /// Samples that count.
+    pub(super) samples: f64,
+    /// Parameters fitted.
+    pub(super) parameters: usize,
+}
+
+/// The start of the records that a quick fit looks at, samples; what the whole records know is then summed over all of them.
+const ROUGH_SAMPLES: usize = 4000;
+
+/// The quick fit; `None` where there is nothing to fit.
+pub(super) fn rough(records: &[Record], poles: usize, max_delay: usize, taps: usize) -> Option<Rough> {
+    let shape = Shape { poles: poles.clamp(1, 3), zero: false };
+    let heads: Vec<Record> = records.iter().map(|r| r.head(ROUGH_SAMPLES)).collect();
+    let start = Problem::new(shape, false, Initial::Zero, &heads, max_delay).minima(None).into_iter().next()?;
+    let problem = Problem::new(shape, false, Initial::Zero, records, max_delay);
+    let signals = problem.signals(&start.theta, start.place)?;
+    let alone = signals.alone()?;
+    Some(Rough {
+        delay: start.place.delay(),
+        slope: signals.by_delay().to_vec(),
+        impulse: problem.impulse(&start.theta, start.place, &signals, taps),
+        power: problem.power,
+        samples: problem.samples,
+        parameters: problem.parameters(),
+        alone,
+        model: signals.model,
+        residual: signals.residual,
+    })
 }
 
 /// Standard deviations below this, samples, are rounding's and the optimiser's.
@@ -267,6 +349,8 @@ struct Knowledge {
     floor: f64,
     /// Σ e² of the best.
     cost: f64,
+    /// y − ŷ, all records in a row.
+    residual: Vec<f64>,
 }
 
 impl Knowledge {
@@ -279,12 +363,28 @@ impl Knowledge {
             let n = problem.samples;
             if exact { n } else { n * posterior::samples_under(signal, &signals.residual) / signal.len().max(1) as f64 }
         };
-        let (counting, independent) = (under(&signals.model), under(&alone));
+        let counting = under(&signals.model);
+        // Where whole samples are all that shows there is no derivative by the delay.
+        let independent = if problem.whole() { counting } else { under(&alone) };
         let freedom = (independent - problem.parameters() as f64).max(1.0);
         let energy: f64 = alone.iter().map(|v| v * v).sum();
         let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
         let std = (best.cost.max(floor) / freedom / energy.max(f64::MIN_POSITIVE)).sqrt();
-        Some(Self { counting, independent: freedom, std, quantile, floor, cost: best.cost })
+        Some(Self { counting, independent: freedom, std, quantile, floor, cost: best.cost, residual: signals.residual })
+    }
+
+    /// The residuals visibly follow the input, beyond rounding.
+    fn leaves(&self, records: &[Record], max_delay: usize) -> bool {
+        let mut from = 0;
+        let left: Vec<Record> = records
+            .iter()
+            .map(|r| {
+                let y = self.residual.iter().skip(from).take(r.len()).copied().collect();
+                from += r.len();
+                Record { u: r.u.clone(), y, present: r.present.clone() }
+            })
+            .collect();
+        self.cost > self.floor && posterior::unseen(&left, max_delay).is_none()
     }
 
     fn floored(&self, cost: f64) -> f64 {
@@ -347,12 +447,13 @@ impl Knowledge {
             step = match outer {
                 None => (step * (1.1 / here.1.max(0.1)).clamp(1.2, 2.5)).min(limit),
                 Some(outer) => {
-                    let cross = inner.0 + (outer.0 - inner.0) * (1.0 - inner.1) / (outer.1 - inner.1).max(f64::MIN_POSITIVE);
-                    if outer.0 - inner.0 <= 0.1 * outer.0 {
-                        return cross;
+                    let (width, share) = (outer.0 - inner.0, (1.0 - inner.1) / (outer.1 - inner.1).max(f64::MIN_POSITIVE));
+                    if width <= ENDS * outer.0 {
+                        return inner.0 + share * width;
                     }
-                    // Not into the ends again: where the cost is no parabola they creep.
-                    cross.clamp(inner.0 + 0.05 * (outer.0 - inner.0), outer.0 - 0.05 * (outer.0 - inner.0))
+                    // To either side of the crossing in turn, so that the bracket closes from both.
+                    let beside = if here.1 < 1.0 { 1e-3 } else { -1e-3 };
+                    inner.0 + (share + beside).clamp(0.02, 0.98) * width
                 }
             };
         }
@@ -361,4 +462,6 @@ impl Knowledge {
 }
 
 /// Steps towards an end of the interval.
-const REACHES: usize = 30;
+const REACHES: usize = 40;
+/// To what share of itself the distance to an end is found.
+const ENDS: f64 = 1e-4;
