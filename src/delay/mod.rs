@@ -4,6 +4,8 @@ mod correlation;
 mod error;
 mod estimate;
 mod experiment;
+mod frequency;
+mod higher_order;
 mod method;
 mod parametric;
 mod posterior;
@@ -15,6 +17,8 @@ pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, 
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
+pub use frequency::PhaseSlope;
+pub use higher_order::Bispectrum;
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{Arxstruc, Oestruc};
 pub use states::{Coefficients, Selection, StateLeastSquares};
@@ -92,5 +96,7 @@ pub const METHODS: &[Method] = &[
     correlation::eckart::METHOD,
     correlation::phat::METHOD,
     correlation::roth::METHOD,
+    frequency::phase_slope::METHOD,
+    higher_order::bispectrum::METHOD,
     states::state_least_squares::METHOD,
 ];

@@ -14,7 +14,7 @@ pub use fractional_delay::fractional_delay;
 pub use noise::{Noise, NoiseColour, NoiseScaling, add_noise, unit_noise};
 pub use spectra::{CrossSpectra, HANN_LINES};
 
-pub(crate) use fourier::RealFourier;
+pub(crate) use fourier::{RealFourier, fast_length};
 
 /// The most samples one call makes: 8 GB of numbers. More is taken for a slip of the keyboard.
 pub const MOST_SAMPLES: usize = 1_000_000_000;
