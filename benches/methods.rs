@@ -45,7 +45,20 @@ fn experiment(scope: Scope, samples: usize) -> Result<Experiment, deadtime::Erro
                 outputs: vec!["az".into()],
                 recordings: vec![Recording { inputs: vec![u], outputs, states }],
                 model: Some(PlantModel::Continuous(plant)),
+                events: Vec::new(),
             }
+        }
+        Scope::Events => {
+            let mut time = 0.0;
+            let first: Vec<f64> = u
+                .iter()
+                .map(|u| {
+                    time += 0.01 + 0.003 * u + 0.02 * noise().abs();
+                    time
+                })
+                .collect();
+            let second = first.iter().map(|t| t + DELAY_S + 0.001 * noise()).collect();
+            Experiment::of_events(sample_time, first, second)
         }
     })
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::estimate::{Job, chosen};
 use super::write_json;
-use crate::delay::{DelayEstimator, Detrend, METHODS};
+use crate::delay::{DelayEstimator, Detrend, METHODS, Scope};
 use crate::diagnose::{GapOptions, diagnose};
 use crate::file::write_atomic;
 use crate::log;
@@ -86,8 +86,11 @@ impl Demo {
             trials: TRIALS,
             seed: self.seed,
         };
-        let estimators: Vec<(&str, Box<dyn DelayEstimator>)> =
-            METHODS.iter().map(|m| Ok((m.entry.name, m.entry.with(serde_json::json!({}))?))).collect::<anyhow::Result<_>>()?;
+        let estimators: Vec<(&str, Box<dyn DelayEstimator>)> = METHODS
+            .iter()
+            .filter(|m| m.scope != Scope::Events)
+            .map(|m| Ok((m.entry.name, m.entry.with(serde_json::json!({}))?)))
+            .collect::<anyhow::Result<_>>()?;
         let borrowed: Vec<(&str, &dyn DelayEstimator)> = estimators.iter().map(|(n, e)| (*n, e.as_ref())).collect();
         let cells = study.run(&borrowed)?;
         let accuracy = table(&cells);

@@ -3,6 +3,7 @@
 mod correlation;
 mod error;
 mod estimate;
+mod events;
 mod experiment;
 mod frequency;
 mod higher_order;
@@ -16,6 +17,9 @@ mod verdict;
 pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot};
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
+pub use events::{
+    EventAverageDifference, EventCorrelation, EventDelayVariance, EventQuadraticDifference, EventVarianceDifference, Events, Units,
+};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use frequency::PhaseSlope;
 pub use higher_order::Bispectrum;
@@ -99,4 +103,9 @@ pub const METHODS: &[Method] = &[
     frequency::phase_slope::METHOD,
     higher_order::bispectrum::METHOD,
     states::state_least_squares::METHOD,
+    events::average_delay_difference::METHOD,
+    events::interval_correlation::METHOD,
+    events::quadratic_delay_difference::METHOD,
+    events::variance_delay_difference::METHOD,
+    events::delay_variance::METHOD,
 ];
