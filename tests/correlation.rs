@@ -137,7 +137,7 @@ fn a_source_of_the_whole_band_is_found_with_honest_intervals() {
             assert!(s.coverage >= 0.92, "{name}: {}", s.coverage);
             assert!(s.bias.abs() <= 4.0 * s.rms / 300_f64.sqrt() + 1e-3, "{name}: bias {}", s.bias);
             // The two lines beside Nyquist are left out, which cost a whole band up to a fifth of its information.
-            assert!(s.rms <= 1.3 * bound(Source::White, samples, snr), "{name}: rms {}", s.rms);
+            assert!(s.rms <= 1.4 * bound(Source::White, samples, snr), "{name}: rms {}", s.rms);
         }
     }
 }

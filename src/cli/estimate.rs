@@ -29,11 +29,14 @@ pub(super) struct Estimate {
     #[command(flatten)]
     source: Source,
     /// Input channel (the command); may be repeated
-    #[arg(long, value_name = "U", required = true)]
+    #[arg(long, value_name = "U", required_unless_present = "events")]
     input: Vec<String>,
     /// Output channel (the response); may be repeated
-    #[arg(long, value_name = "Y", required = true)]
+    #[arg(long, value_name = "Y", required_unless_present = "events")]
     output: Vec<String>,
+    /// Two columns of event times instead of channels: when the same events were seen at two places; no `time` column is needed
+    #[arg(long, value_name = "A,B", conflicts_with_all = ["input", "output", "model", "degree_bias", "plot"])]
+    events: Option<String>,
     /// Method, or `all`; may be repeated; `deadtime list methods` shows them
     #[arg(long, value_name = "NAME", default_value = "all")]
     method: Vec<String>,
@@ -60,13 +63,21 @@ pub(super) struct Estimate {
 impl Estimate {
     /// Prints the estimates; as JSON they are deadtime/estimate@1.
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        if let Some(columns) = &self.events {
+            let methods = chosen(&self.method, &self.set, &[Scope::Events])?;
+            let (report, preamble) = super::events::run(&self.source, columns, &methods, self.max_delay)?;
+            write_json(json, &report)?;
+            say!("{preamble}\n{}", report.text().trim_end());
+            return Ok(());
+        }
+        let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
         let logs = self.source.read(&self.input)?;
         let job = Job {
             name: self.source.log.display().to_string(),
             logs,
             inputs: self.input.clone(),
             outputs: self.output.clone(),
-            methods: chosen(&self.method, &self.set, self.model.is_some())?,
+            methods: chosen(&self.method, &self.set, scopes)?,
             model: self.model.as_deref().map(ModelFile::read).transpose()?,
             max_delay_s: self.max_delay,
             degree_bias: self.degree_bias,
@@ -85,12 +96,12 @@ impl Estimate {
 
 /// A method, ready to run.
 pub(super) struct Ready {
-    method: &'static Method,
-    estimator: Box<dyn DelayEstimator>,
+    pub(super) method: &'static Method,
+    pub(super) estimator: Box<dyn DelayEstimator>,
 }
 
-/// The methods asked for, with their options.
-pub(super) fn chosen(names: &[String], set: &[String], with_model: bool) -> anyhow::Result<Vec<Ready>> {
+/// The methods asked for, with their options; `all` are those that look at one of `scopes`.
+pub(super) fn chosen(names: &[String], set: &[String], scopes: &[Scope]) -> anyhow::Result<Vec<Ready>> {
     let known = || METHODS.iter().map(|m| m.entry.name).collect::<Vec<_>>();
     let unknown = |name: &str| RegistryError::Unknown { kind: "method", name: name.to_owned(), known: known() };
     let all = names.iter().any(|n| n == "all");
@@ -108,7 +119,12 @@ pub(super) fn chosen(names: &[String], set: &[String], with_model: bool) -> anyh
     let mut ready = Vec::new();
     for (method, texts) in METHODS.iter().zip(per_method) {
         let named = names.iter().any(|n| n == method.entry.name);
-        if named || (all && (method.scope == Scope::Pair || with_model)) {
+        if named && (method.scope == Scope::Events) != scopes.contains(&Scope::Events) {
+            let instead =
+                if method.scope == Scope::Events { "event times: give --events A,B" } else { "samples: give --input and --output" };
+            bail!("{} looks at {instead}", method.entry.name);
+        }
+        if named || (all && scopes.contains(&method.scope)) {
             let given: Value = options(texts)?;
             ready.push(Ready { method, estimator: method.entry.with(given)? });
         }
@@ -291,7 +307,7 @@ fn sampled(model: &ModelFile, ts: SampleTime) -> anyhow::Result<StateSpace<Sampl
     Ok(ZeroOrderHold {}.c2d(&model.continuous()?, ts)?)
 }
 
-fn pair(input: &str, output: &str, answers: &[(&str, DelayEstimate, f64)]) -> Pair {
+pub(super) fn pair(input: &str, output: &str, answers: &[(&str, DelayEstimate, f64)]) -> Pair {
     let by_trust: Vec<(&str, &DelayEstimate)> = answers.iter().map(|(m, e, _)| (*m, e)).collect();
     Pair {
         input: input.to_owned(),

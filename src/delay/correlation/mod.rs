@@ -62,6 +62,8 @@ pub(in crate::delay) struct Line {
     pub(in crate::delay) yy: f64,
     /// Magnitude of the cross-spectrum.
     pub(in crate::delay) cross: f64,
+    /// Magnitude that it would have by chance alone.
+    pub(in crate::delay) chance: f64,
     /// Squared coherence, what chance adds taken off; below 1.
     pub(in crate::delay) coherence: f64,
     /// Variance of the cross-spectrum's real and of its imaginary part in one look.
@@ -148,13 +150,14 @@ pub(in crate::delay) fn lines(spectra: &CrossSpectra) -> Vec<Line> {
         let (coherence, rest) =
             if looks > 1.0 { (seen - (1.0 - seen) / (looks - 1.0), ((1.0 - seen) * looks / (looks - 1.0)).min(1.0)) } else { (0.0, 1.0) };
         let noise = 0.5 * uu * yy * rest.max(1.0 - CERTAIN);
+        let chance = (uu * yy / looks.max(1.0)).sqrt();
         let times = match k {
             0 => 1.0,
             // Hann's window sees both sides of the Nyquist frequency there, where a fraction of a sample turns the phases against each other.
             _ if 2 * (k + 1) >= spectra.segment => 0.0,
             _ => 2.0,
         };
-        Line { omega: spectra.omega(k), uu, yy, cross, coherence: coherence.clamp(0.0, CERTAIN), noise, times }
+        Line { omega: spectra.omega(k), uu, yy, cross, chance, coherence: coherence.clamp(0.0, CERTAIN), noise, times }
     };
     spectra.coherence().into_iter().enumerate().map(of).collect()
 }
