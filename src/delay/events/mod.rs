@@ -65,6 +65,8 @@ const LEAST: usize = 10;
 const GATE: f64 = 0.25;
 /// Standard deviations of Fisher's z within which another offset pairs as well.
 const ALIKE: f64 = 3.0;
+/// Times the typical difference of intervals at the best offset up to which another's is as small.
+const AS_CLOSE: f64 = 3.0;
 /// Standard deviations (from the median of absolute deviations) beyond which a paired time is somebody else's.
 const STRAY: f64 = 6.0;
 /// Median of the absolute deviations of a normal number, over its standard deviation.
@@ -118,12 +120,12 @@ impl<'a> Paired<'a> {
         self.correlation().min(1.0 - 1e-12).atanh() * (n - 3.0).max(0.0).sqrt()
     }
 
-    /// The typical delay of the half of the events whose intervals agree most.
-    fn typical(&self) -> f64 {
+    /// Of the half of the events whose intervals agree most: the typical delay, and the typical difference of the intervals.
+    fn typical(&self) -> [f64; 2] {
         let mut both: Vec<(f64, f64)> = self.differences().map(f64::abs).zip(self.delays().skip(1)).collect();
         both.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let half = both.len().div_ceil(2);
-        median(both.iter().take(half).map(|b| b.1).collect())
+        both.truncate(both.len().div_ceil(2));
+        [median(both.iter().map(|b| b.1).collect()), median(both.iter().map(|b| b.0).collect())]
     }
 }
 
@@ -201,8 +203,19 @@ pub(in crate::delay) fn by_offset(
     Ok(vec![PairEstimate { input: 0, output: Some(0), estimate }])
 }
 
-/// What one pair of sequences says: mean delay and its variance, the mean at the offset itself, and a note; or why nothing.
-type Answer = Result<(f64, f64, f64, Option<String>), (Outcome, String)>;
+/// What one pair of sequences says.
+struct Shown {
+    /// Mean delay of the events paired by time.
+    delay: f64,
+    /// Its variance.
+    variance: f64,
+    /// Mean delay at the best offset, whatever was missed: the criterion's own answer.
+    raw: f64,
+    note: Option<String>,
+}
+
+/// That, or why it says nothing.
+type Answer = Result<Shown, (Outcome, String)>;
 
 fn one(events: &Events, units: Units, criterion: fn(&Paired<'_>) -> f64, window: f64) -> Answer {
     let other_units = units == Units::Standardise && matches!(&events.units, [Some(a), Some(b)] if a != b);
@@ -237,12 +250,12 @@ fn one(events: &Events, units: Units, criterion: fn(&Paired<'_>) -> f64, window:
         );
         return Err((Outcome::NotVisible, note));
     }
-    let typical = pairs.typical();
+    let [typical, apart] = pairs.typical();
     let gate = GATE * typical_interval;
-    let rival = offsets
-        .iter()
-        .filter(|&&k| k != best && paired(k).strength() > strength - ALIKE * std::f64::consts::SQRT_2)
-        .find(|&&k| (paired(k).typical() - typical).abs() > gate);
+    let rival = offsets.iter().filter(|&&k| k != best && paired(k).strength() > strength - ALIKE * std::f64::consts::SQRT_2).find(|&&k| {
+        let [delay, difference] = paired(k).typical();
+        (delay - typical).abs() > gate && difference <= AS_CLOSE * apart
+    });
     if let Some(k) = rival {
         return Err((Outcome::Flat, format!("offsets {best} and {k} pair the events equally well")));
     }
@@ -256,7 +269,7 @@ fn one(events: &Events, units: Units, criterion: fn(&Paired<'_>) -> f64, window:
     let note = (by_time.len() < first.len().max(second.len()))
         .then(|| format!("{} events paired, of {} and {}", by_time.len(), first.len(), second.len()));
     let (delay, variance) = if other_units { along_a_line(&by_time) } else { across(&by_time) };
-    Ok((delay, variance, raw, note))
+    Ok(Shown { delay, variance, raw, note })
 }
 
 /// The offsets that pair enough intervals, with a mean delay in the window (half an interval beside it) where there is one.
@@ -338,17 +351,17 @@ fn along_a_line(pairs: &[(f64, f64)]) -> (f64, f64) {
 
 /// All recordings together, each weighted by its certainty.
 fn combined(answers: &[Answer], window: f64) -> DelayEstimate {
-    let found: Vec<&(f64, f64, f64, Option<String>)> = answers.iter().filter_map(|a| a.as_ref().ok()).collect();
-    let Some(most_certain) = found.iter().min_by(|a, b| a.1.total_cmp(&b.1)) else {
+    let found: Vec<&Shown> = answers.iter().filter_map(|a| a.as_ref().ok()).collect();
+    let Some(most_certain) = found.iter().min_by(|a, b| a.variance.total_cmp(&b.variance)) else {
         let (outcome, note) = answers.iter().find_map(|a| a.as_ref().err()).cloned().unwrap_or((Outcome::NotVisible, "no events".into()));
         return DelayEstimate::without(outcome, note);
     };
     // Times that agree to rounding are no more certain than that.
-    let least = (ROUNDING * most_certain.0.abs().max(window)).powi(2);
-    let weight = |a: &(f64, f64, f64, Option<String>)| 1.0 / a.1.max(least);
+    let least = (ROUNDING * most_certain.delay.abs().max(window)).powi(2);
+    let weight = |a: &Shown| 1.0 / a.variance.max(least);
     let total: f64 = found.iter().map(|a| weight(a)).sum();
-    let weighted = |f: &dyn Fn(&(f64, f64, f64, Option<String>)) -> f64| found.iter().map(|a| weight(a) * f(a)).sum::<f64>() / total;
-    let (delay, raw, std) = (weighted(&|a| a.0), weighted(&|a| a.2), (1.0 / total).sqrt());
+    let weighted = |f: &dyn Fn(&Shown) -> f64| found.iter().map(|a| weight(a) * f(a)).sum::<f64>() / total;
+    let (delay, raw, std) = (weighted(&|a| a.delay), weighted(&|a| a.raw), (1.0 / total).sqrt());
     let quantile = StudentsT::new(0.0, 1.0, real(LEAST)).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
     let ends = [delay - quantile * std, delay + quantile * std];
     if ends[1] < 0.0 {
@@ -368,7 +381,7 @@ fn combined(answers: &[Answer], window: f64) -> DelayEstimate {
     };
     let refused = answers.len() - found.len();
     let estimate = estimate.noting((refused > 0).then(|| format!("{refused} of {} recordings show no delay", answers.len())));
-    let notes: Vec<String> = found.iter().filter_map(|a| a.3.clone()).collect();
+    let notes: Vec<String> = found.iter().filter_map(|a| a.note.clone()).collect();
     estimate.noting((!notes.is_empty()).then(|| notes.join("; ")))
 }
 
