@@ -192,6 +192,28 @@ fn a_narrow_band_leaves_the_cycle_open_or_inside_the_interval() {
 }
 
 #[test]
+fn a_plant_with_a_lag_is_told_from_a_delayed_copy() {
+    for name in TWO_SENSORS {
+        let noted = |pole: f64, noise: f64| {
+            (0..100_u64)
+                .into_par_iter()
+                .map(|seed| {
+                    let u = white(600, 1.0, seed);
+                    let clean = plants::second_order(&u, 1.0, [-pole, 0.0], 4);
+                    let e = run(the(name), u, sum(&clean, &white(600, noise * std_dev(&clean), 400 + seed)));
+                    let inside = e.ci95_s.is_some_and(|[from, to]| from <= 5.0 * TS && 5.0 * TS <= to);
+                    (e.note.is_some_and(|n| n.contains("no delayed copy")), inside)
+                })
+                .collect::<Vec<_>>()
+        };
+        let count = |answers: &[(bool, bool)]| (answers.iter().filter(|a| a.0).count(), answers.iter().filter(|a| a.1).count());
+        let (copy, lag) = (count(&noted(0.0, 0.1)), count(&noted(0.7, 0.1)));
+        println!("{name}: (called no copy, first response inside the interval) of 100: a copy {copy:?}, a lag of three samples {lag:?}");
+        assert!(copy.0 <= 3 && copy.1 >= 90 && lag.0 >= 97, "{name}: {copy:?} {lag:?}");
+    }
+}
+
+#[test]
 fn several_recordings_are_all_used() {
     for name in TWO_SENSORS {
         let parts: Vec<(Vec<f64>, Vec<f64>)> = (0..16).map(|seed| sensors(Source::White, 300, 6.4, 4.0, 70 + seed)).collect();

@@ -6,7 +6,7 @@
 //!    delay that is long against a segment would hide the coherence), and is applied as a filter of the lags.
 //! 2. Below one sample: the maximum of the exact band-limited R(τ) by Newton's method, from the averaged cross-spectrum of the aligned records.
 //! 3. Uncertainty: R′(τ̂) varies by the noise that the coherence leaves (the two-sensor bound where ψ is the best), or by what the cross-spectrum's phases show,
-//!    whichever is more; other peaks that noise may have hidden below the highest widen the interval, or leave the delay open.
+//!    whichever is more. Where the delays of single frequencies differ beyond chance, the plant has a lag of its own and their spread is added; other peaks that noise may have hidden below the highest widen the interval, or leave the delay open.
 
 pub(super) mod crosscorr;
 pub(super) mod eckart;
@@ -23,7 +23,7 @@ pub use roth::GccRoth;
 pub use scot::GccScot;
 
 use nalgebra::Complex;
-use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
 
 use super::method::Condition;
 use super::{DelayError, DelayEstimate, Experiment, Outcome, PairEstimate, Record, Search, every_pair, posterior};
@@ -48,6 +48,10 @@ const SHORTEST_SEGMENT: usize = 8;
 const FLOOR: f64 = 1e-10;
 /// No finite record shows more coherence than this.
 const CERTAIN: f64 = 1.0 - 1e-6;
+/// Squared coherence from which the phase of a line is a number with a variance.
+const PHASED: f64 = 0.5;
+/// Share of delayed copies whose phases are called bent.
+const FALSE_ALARM: f64 = 1e-4;
 /// Alignments after which the best lag is taken as it is; weights that disagree longer than this have two peaks alike.
 const ALIGNMENTS: usize = 4;
 
@@ -242,6 +246,8 @@ pub(in crate::delay) struct Alike {
     pub(in crate::delay) rivals: Vec<(usize, f64)>,
     /// R is larger where the output leads.
     pub(in crate::delay) leads: bool,
+    /// Standard deviation of the delays that single frequencies show, where they differ beyond chance: no delayed copy.
+    pub(in crate::delay) bent: Option<f64>,
 }
 
 /// What the last alignment saw.
@@ -304,7 +310,30 @@ pub(in crate::delay) fn alike(signals: &Centred, segment: usize, weight: fn(&Lin
     let rivals = rivals(&filtered, lag, &lines, &weights, &spectra);
     let fraction = (bend > 0.0 && std.is_finite()).then_some(at);
     let leads = lag == 0 && filtered[0].abs() > here.abs();
-    (Alike { lag, fraction, std, freedom: independent_lines(&spectra), rivals, leads }, Some(Seen { spectra, lines, sign }))
+    let bent = bent(&spectra, &lines, &weights, at, sign);
+    (Alike { lag, fraction, std, freedom: independent_lines(&spectra), rivals, leads, bent }, Some(Seen { spectra, lines, sign }))
+}
+
+/// Whether the phases that are left after a delay of `at` samples are more than chance, and then how far the delays of single frequencies lie apart.
+///
+/// A phase varies by noise/|Ĝuy|² of the looks that a line of Hann's windows has; the sum of their squares over those variances is chi-squared.
+fn bent(spectra: &CrossSpectra, lines: &[Line], weights: &[f64], at: f64, sign: f64) -> Option<f64> {
+    let looks = spectra.looks * HANN_LINES;
+    let (mut misfit, mut count, mut square, mut total) = (0.0, 0.0, 0.0, 0.0);
+    for ((s, line), weight) in spectra.uy.iter().zip(lines).zip(weights) {
+        if line.times < 2.0 || line.coherence < PHASED {
+            continue;
+        }
+        let phase = (s * Complex::from_polar(sign, line.omega * at)).arg();
+        misfit += phase * phase * looks * line.cross * line.cross / line.noise;
+        count += 1.0;
+        let share = weight * line.cross * line.omega * line.omega;
+        square += share * (phase / line.omega).powi(2);
+        total += share;
+    }
+    let freedom = count / HANN_LINES;
+    let limit = ChiSquared::new(freedom.max(1.0)).map_or(f64::INFINITY, |c| c.inverse_cdf(1.0 - FALSE_ALARM));
+    (count > 1.0 && total > 0.0 && misfit / HANN_LINES > limit).then(|| (square / total).sqrt())
 }
 
 /// Lines that a window of Hann leaves independent of each other: the degrees of freedom of what is read from the scatter of phases.
@@ -351,10 +380,11 @@ impl Alike {
             );
         };
         let raw = real(self.lag) + fraction;
+        let std = self.std.hypot(self.bent.unwrap_or(0.0));
         let total: f64 = 1.0 + self.rivals.iter().map(|(_, p)| p).sum::<f64>();
         let spread: f64 = self.rivals.iter().map(|(l, p)| p / total * (real(*l) - raw).powi(2)).sum();
         let quantile = StudentsT::new(0.0, 1.0, self.freedom.max(1.0)).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
-        let mut ends = [raw - quantile * self.std, raw + quantile * self.std];
+        let mut ends = [raw - quantile * std, raw + quantile * std];
         let (mut mass, mut by_height) = (1.0 / total, self.rivals.clone());
         by_height.sort_by(|a, b| b.1.total_cmp(&a.1));
         let mut also = Vec::new();
@@ -372,10 +402,13 @@ impl Alike {
             return DelayEstimate::without(Outcome::Flat, note);
         }
         // An exact copy is known no better than rounding tells.
-        let std = (self.std.powi(2) + spread).sqrt().max(ROUNDING);
+        let std = (std.powi(2) + spread).sqrt().max(ROUNDING);
         let ends = [ends[0].min(raw - ROUNDING), ends[1].max(raw + ROUNDING)];
         #[allow(clippy::cast_precision_loss)]
         let estimate = DelayEstimate::measured(raw, std, ends, self.lag == max_delay, bias as f64, experiment.sample_time);
+        let estimate = estimate.noting(self.bent.map(|spread| {
+            format!("frequencies differ in their delay by {spread:.2} samples: the output is no delayed copy, and the plant's own lag counts as delay")
+        }));
         estimate.noting((!also.is_empty()).then(|| format!("the interval holds {} other peaks that noise may have lowered", also.len())))
     }
 }

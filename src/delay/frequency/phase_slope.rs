@@ -21,7 +21,7 @@ use crate::signal::HANN_LINES;
 ///
 /// Assumes: y is a delayed, scaled copy of u plus noise that knows nothing of u (its phase is a straight line through 0 or π).
 /// Resolution and cost: sub-sample; O(N·log N).
-/// Fails when: the plant has dynamics (their phase counts as delay; a line that misses 0 and π at frequency 0 is said in the note), the signal is narrow-band (several
+/// Fails when: the plant has dynamics (their phase counts as delay; where it is no straight line through 0 or π, the note says so and the interval is as wide as the delays of single frequencies differ), the signal is narrow-band (several
 /// lags put the phases on lines: the interval holds them all, or `flat`), or few segments leave the coherence to chance.
 /// Source: Piersol (1981), IEEE Trans. Acoust. Speech Signal Process. 29(3), 471-477, doi:10.1109/TASSP.1981.1163555; the weights are the inverse variances of the
 /// phases, Carter (1987), Proc. IEEE 75(2), 236-255, doi:10.1109/PROC.1987.13723. Neither says how to unwrap a noisy phase: the search over whole lags is this
@@ -51,8 +51,6 @@ pub struct PhaseSlope {
 const NAME: &str = "phase_slope";
 /// Straight lines fitted one after the other, each unwrapping about the one before; they settle at the second.
 const FITS: usize = 4;
-/// Standard deviations from 0 at which the line's value at frequency 0 is no chance.
-const BENT: f64 = 4.0;
 
 /// Its line in the list of methods.
 pub(in crate::delay) const METHOD: Method = Method {
@@ -113,20 +111,6 @@ impl PhaseSlope {
         let by_scatter = HANN_LINES * sum(&|o, w, phase| (w * o * phase).powi(2), delay);
         let std = by_coherence.max(by_scatter).sqrt() / stiffness;
         let found = Alike { fraction: Some(delay), std, freedom: independent_lines(&seen.spectra), ..coarse };
-        let bent = intercept(&lines, delay, &left, seen.spectra.looks).filter(|z| *z > BENT);
-        Ok(found.answer(max_delay, bias, experiment).noting(bent.map(|z| {
-            format!("the phase misses 0 and π at frequency 0 by {z:.0} standard deviations: the plant has dynamics, which count as delay")
-        })))
+        Ok(found.answer(max_delay, bias, experiment))
     }
-}
-
-/// How many standard deviations the phase at frequency 0 is off 0, of a straight line with that value free.
-fn intercept(lines: &[(f64, f64, Complex<f64>)], delay: f64, left: &dyn Fn(f64, &Complex<f64>, f64) -> f64, looks: f64) -> Option<f64> {
-    let moment = |f: &dyn Fn(f64, f64) -> f64| -> f64 { lines.iter().map(|(o, w, s)| w * f(*o, left(*o, s, delay))).sum() };
-    let (one, omega, square) = (moment(&|_, _| 1.0), moment(&|o, _| o), moment(&|o, _| o * o));
-    let (phase, product) = (moment(&|_, p| p), moment(&|o, p| o * p));
-    let determinant = one * square - omega * omega;
-    let at_zero = (square * phase - omega * product) / determinant;
-    let variance = square / determinant / (2.0 * looks) * HANN_LINES;
-    (determinant > 0.0 && variance > 0.0).then(|| at_zero.abs() / variance.sqrt())
 }

@@ -291,6 +291,6 @@ impl Third {
             .collect();
         let fraction = (bend > 0.0 && std.is_finite()).then_some(at - real(lag));
         let leads = lag == 0 && t(-1).abs() > size(0);
-        Ok(Alike { lag, fraction, std, freedom: count - 1.0, rivals, leads })
+        Ok(Alike { lag, fraction, std, freedom: count - 1.0, rivals, leads, bent: None })
     }
 }
