@@ -50,6 +50,8 @@ const FLOOR: f64 = 1e-10;
 const CERTAIN: f64 = 1.0 - 1e-6;
 /// Squared coherence from which the phase of a line is a number with a variance.
 const PHASED: f64 = 0.5;
+/// Share of the lines that must be that coherent: single ones are so by chance.
+const JUDGED: f64 = 0.125;
 /// Share of delayed copies whose phases are called bent.
 const FALSE_ALARM: f64 = 1e-4;
 /// Alignments after which the best lag is taken as it is; weights that disagree longer than this have two peaks alike.
@@ -333,7 +335,7 @@ fn bent(spectra: &CrossSpectra, lines: &[Line], weights: &[f64], at: f64, sign: 
     }
     let freedom = count / HANN_LINES;
     let limit = ChiSquared::new(freedom.max(1.0)).map_or(f64::INFINITY, |c| c.inverse_cdf(1.0 - FALSE_ALARM));
-    (count > 1.0 && total > 0.0 && misfit / HANN_LINES > limit).then(|| (square / total).sqrt())
+    (count >= JUDGED * real(lines.len()) && total > 0.0 && misfit / HANN_LINES > limit).then(|| (square / total).sqrt())
 }
 
 /// Lines that a window of Hann leaves independent of each other: the degrees of freedom of what is read from the scatter of phases.
