@@ -64,6 +64,7 @@ fn states(delay: [usize; 2]) -> Experiment {
             states: x.iter().zip(30..).map(noisy).collect(),
         }],
         model: Some(PlantModel::Sampled(plant)),
+        events: Vec::new(),
     }
 }
 
@@ -100,7 +101,28 @@ fn suitable(method: &Method) -> Experiment {
         // Squares of normal numbers: as skewed as an exponential distribution and more.
         Suits::Skewed => copy(white(SAMPLES, 1.0, 16).iter().map(|v| v * v - 1.0).collect()),
         Suits::States => states(two_inputs().1),
-        Suits::Events => panic!("no method looks at events yet"),
+        Suits::Events => events(),
+    }
+}
+
+/// Events at random intervals of half a second to a second and a half, seen four sample times later at the second place, to 1 % of a sample time.
+fn events() -> Experiment {
+    let mut time = 5.0;
+    let first: Vec<f64> = (rbs(SAMPLES, 0.1, 17).iter().zip(white(SAMPLES, 0.1, 18)))
+        .map(|(a, b)| {
+            time += 1.0 + (2.0 * a + b).clamp(-0.5, 0.5);
+            time
+        })
+        .collect();
+    let second = (first.iter().zip(white(SAMPLES, 0.01 * TS, 19))).map(|(t, jitter)| t + 4.0 * TS + jitter).collect();
+    Experiment { outputs: vec!["y".into()], ..Experiment::of_events(ts(TS), first, second) }
+}
+
+/// The same experiment with its output `k` samples later.
+fn later(method: &Method, k: usize) -> Experiment {
+    match method.scope {
+        Scope::Events => change(suitable(method), same, |times| times.iter().map(|t| t + k as f64 * TS).collect()),
+        Scope::Pair | Scope::States => change(suitable(method), same, |y| delayed(y, k)),
     }
 }
 
@@ -113,6 +135,9 @@ fn change(mut experiment: Experiment, input: impl Fn(&[f64]) -> Vec<f64>, output
     for recording in &mut experiment.recordings {
         recording.inputs.iter_mut().for_each(|u| *u = input(u));
         recording.outputs.iter_mut().for_each(|y| y.values = output(&y.values));
+    }
+    for events in &mut experiment.events {
+        (events.first, events.second) = (input(&events.first), output(&events.second));
     }
     experiment
 }
@@ -174,8 +199,7 @@ fn delaying_the_output_moves_the_answer_by_as_much() {
     for method in METHODS.iter().filter(|m| m.promises(Law::Shift)) {
         let before = delays_s(&run(method, &suitable(method)), method.entry.name);
         for k in [1, 3, 12, 25, 30] {
-            let later = change(suitable(method), same, |y| delayed(y, k));
-            let after = delays_s(&run(method, &later), method.entry.name);
+            let after = delays_s(&run(method, &later(method, k)), method.entry.name);
             let expected: Vec<f64> = before.iter().map(|d| d + k as f64 * TS).collect();
             assert_close(&after, &expected, tolerance_s(method), &format!("{}, y {k} samples later", method.entry.name));
         }
@@ -268,6 +292,10 @@ fn the_same_samples_at_another_sample_time_scale_the_answer() {
         for seconds in [1e-6, 0.004, 1.0, 86_400.0] {
             let mut experiment = suitable(method);
             experiment.sample_time = ts(seconds);
+            // Events are in seconds: on another clock they are at other times.
+            for events in &mut experiment.events {
+                events.first.iter_mut().chain(&mut events.second).for_each(|t| *t *= seconds / TS);
+            }
             let scaled = run(method, &experiment);
             for (a, b) in scaled.iter().zip(&plain) {
                 let what = format!("{} every {seconds} s", method.entry.name);
@@ -316,6 +344,7 @@ fn a_record_that_is_too_short_is_refused_with_the_length_it_needs() {
                 recording.inputs.iter_mut().chain(&mut recording.states).for_each(|c| c.truncate(samples));
                 recording.outputs.iter_mut().for_each(|c| c.values.truncate(samples));
             }
+            experiment.events.iter_mut().for_each(|e| [&mut e.first, &mut e.second].into_iter().for_each(|t| t.truncate(samples)));
             experiment
         };
         let DelayError::TooShort { method: name, needed, got, remedy } = refused(method, &cut(8)) else {
@@ -338,6 +367,7 @@ fn an_empty_record_or_none_at_all_is_refused() {
     for method in METHODS {
         let mut experiment = suitable(method);
         experiment.recordings.clear();
+        experiment.events.clear();
         assert!(matches!(refused(method, &experiment), DelayError::Count { .. }), "{}", method.entry.name);
         let empty = change(suitable(method), |_| Vec::new(), |_| Vec::new());
         let mut empty_too = empty;
@@ -392,7 +422,8 @@ fn a_sample_that_is_no_number_is_refused_with_its_place() {
 
 #[test]
 fn channels_of_unequal_length_are_refused() {
-    for method in METHODS {
+    // One place may see fewer events than the other.
+    for method in METHODS.iter().filter(|m| m.scope != Scope::Events) {
         let longer = change(suitable(method), same, |y| [y, &[0.0]].concat());
         assert!(matches!(refused(method, &longer), DelayError::Count { .. }), "{}", method.entry.name);
     }

@@ -10,7 +10,7 @@ use plants::{TS, answer, std_dev, sum, times, ts, white};
 use rayon::prelude::*;
 
 /// The methods that compare two sensors.
-const TWO_SENSORS: [&str; 6] = ["crosscorr", "gcc_roth", "gcc_scot", "gcc_phat", "gcc_eckart", "gcc_hannan_thomson"];
+const TWO_SENSORS: [&str; 7] = ["crosscorr", "gcc_roth", "gcc_scot", "gcc_phat", "gcc_eckart", "gcc_hannan_thomson", "phase_slope"];
 
 fn the(name: &str) -> &'static Method {
     method(name).unwrap_or_else(|| panic!("no method {name}"))
@@ -47,9 +47,34 @@ fn run(method: &Method, u: Vec<f64>, y: Vec<f64>) -> DelayEstimate {
     answer(method, &Experiment::siso(ts(TS), u, y), &search())
 }
 
-/// Standard deviation of the best unbiased estimate, samples (white source and noise, both of ratio `snr`).
-fn bound(samples: usize, snr: f64) -> f64 {
-    (3.0 * (1.0 + 2.0 * snr) / (std::f64::consts::PI.powi(2) * samples as f64 * snr * snr)).sqrt()
+/// Standard deviation that theory gives weights ψ(S, N), samples: of the best unbiased estimate where they are maximum likelihood's.
+///
+/// var = ∫ω²ψ²·GG(1 − γ²)/(N/π·(∫ω²ψ·S)²) over 0 … π, by the trapezoidal rule; Knapp and Carter (1976), eq. 33.
+fn theory(source: Source, samples: usize, snr: f64, weight: impl Fn(f64, f64) -> f64) -> f64 {
+    let steps = 20_000;
+    let lines: Vec<(f64, f64)> = (0..=steps)
+        .map(|i| {
+            let omega = std::f64::consts::PI * f64::from(i) / f64::from(steps);
+            // |1 + exp(−iω)|⁶ has the mean 20 over the circle.
+            (
+                omega,
+                match source {
+                    Source::White => 1.0,
+                    Source::Low => (2.0 * (0.5 * omega).cos()).powi(6) / 20.0,
+                },
+            )
+        })
+        .collect();
+    let noise = 1.0 / snr;
+    let mean = |f: &dyn Fn(f64, f64) -> f64| lines.iter().map(|(o, s)| f(*o, *s)).sum::<f64>() / f64::from(steps + 1);
+    let spread = mean(&|o, s| (o * weight(s, noise)).powi(2) * ((s + noise).powi(2) - s * s));
+    let bend = mean(&|o, s| o * o * weight(s, noise) * s);
+    (spread / samples as f64).sqrt() / bend
+}
+
+/// The best that there is.
+fn bound(source: Source, samples: usize, snr: f64) -> f64 {
+    theory(source, samples, snr, |s, n| s / ((s + n).powi(2) - s * s))
 }
 
 struct Study {
@@ -88,21 +113,47 @@ fn study(name: &str, source: Source, samples: usize, snr: f64, trials: u64) -> S
         s.bias,
         s.rms,
         s.std,
-        bound(samples, snr),
+        bound(source, samples, snr),
         s.coverage
     );
     s
 }
 
 #[test]
-fn white_sources_are_found_near_the_two_sensor_bound_with_honest_intervals() {
+fn the_bound_is_the_published_one_for_a_white_source() {
+    // 3(1 + 2ρ)/(π²Nρ²)
+    for (samples, snr) in [(500, 100.0), (4000, 1.0)] {
+        let closed = (3.0 * (1.0 + 2.0 * snr) / (std::f64::consts::PI.powi(2) * samples as f64 * snr * snr)).sqrt();
+        assert!((bound(Source::White, samples, snr) / closed - 1.0).abs() < 1e-3);
+    }
+}
+
+#[test]
+fn a_source_of_the_whole_band_is_found_with_honest_intervals() {
     for name in TWO_SENSORS {
-        for (snr, samples) in [(100.0, 500), (1.0, 500), (1.0, 4000)] {
+        for (snr, samples) in [(100.0, 500), (1.0, 4000)] {
             let s = study(name, Source::White, samples, snr, 300);
             assert!(s.found >= 285, "{name}: {} found", s.found);
-            assert!(s.coverage >= 0.90, "{name}: {}", s.coverage);
+            assert!(s.coverage >= 0.92, "{name}: {}", s.coverage);
             assert!(s.bias.abs() <= 4.0 * s.rms / 300_f64.sqrt() + 1e-3, "{name}: bias {}", s.bias);
-            assert!(s.rms <= 1.6 * bound(samples, snr), "{name}: rms {}", s.rms);
+            // The two lines beside Nyquist are left out, which cost a whole band up to a fifth of its information.
+            assert!(s.rms <= 1.4 * bound(Source::White, samples, snr), "{name}: rms {}", s.rms);
+        }
+    }
+}
+
+#[test]
+fn a_coloured_source_is_found_as_well_as_theory_says_of_each_weight() {
+    for (name, low) in [("crosscorr", 1.15), ("gcc_scot", 1.15), ("gcc_eckart", 1.6), ("gcc_hannan_thomson", 1.25), ("phase_slope", 1.5)] {
+        for snr in [100.0, 3.0] {
+            let s = study(name, Source::Low, 1000, snr, 300);
+            let expected = match name {
+                "crosscorr" => theory(Source::Low, 1000, snr, |_, _| 1.0),
+                "gcc_scot" => theory(Source::Low, 1000, snr, |s, n| 1.0 / (s + n)),
+                _ => bound(Source::Low, 1000, snr),
+            };
+            println!("{name}: {:.2} of what theory says", s.rms / expected);
+            assert!(s.found >= 295 && s.rms < low * expected, "{name}: {} of 300, rms {} and {expected}", s.found, s.rms);
         }
     }
 }
@@ -112,15 +163,9 @@ fn a_coloured_source_leaves_the_intervals_honest() {
     for name in TWO_SENSORS {
         for snr in [100.0, 3.0] {
             let s = study(name, Source::Low, 1000, snr, 300);
-            assert!(s.coverage >= 0.90, "{name}: {}", s.coverage);
+            assert!(s.coverage >= 0.92, "{name}: {}", s.coverage);
         }
     }
-}
-
-#[test]
-fn maximum_likelihood_weights_beat_plain_correlation_on_a_coloured_source() {
-    let (plain, best) = (study("crosscorr", Source::Low, 1000, 100.0, 300), study("gcc_hannan_thomson", Source::Low, 1000, 100.0, 300));
-    assert!(best.rms < 0.8 * plain.rms, "{} and {}", best.rms, plain.rms);
 }
 
 #[test]
@@ -147,10 +192,33 @@ fn a_narrow_band_leaves_the_cycle_open_or_inside_the_interval() {
 }
 
 #[test]
+fn a_plant_with_a_lag_is_told_from_a_delayed_copy() {
+    for name in TWO_SENSORS {
+        let noted = |pole: f64, noise: f64| {
+            (0..100_u64)
+                .into_par_iter()
+                .map(|seed| {
+                    let u = white(600, 1.0, seed);
+                    let clean = plants::second_order(&u, 1.0, [-pole, 0.0], 4);
+                    let e = run(the(name), u, sum(&clean, &white(600, noise * std_dev(&clean), 400 + seed)));
+                    let inside = e.ci95_s.is_some_and(|[from, to]| from <= 5.0 * TS && 5.0 * TS <= to);
+                    (e.note.is_some_and(|n| n.contains("no delayed copy")), inside)
+                })
+                .collect::<Vec<_>>()
+        };
+        let count = |answers: &[(bool, bool)]| (answers.iter().filter(|a| a.0).count(), answers.iter().filter(|a| a.1).count());
+        let (copy, lag) = (count(&noted(0.0, 0.1)), count(&noted(0.7, 0.1)));
+        println!("{name}: (called no copy, first response inside the interval) of 100: a copy {copy:?}, a lag of three samples {lag:?}");
+        assert!(copy.0 <= 3 && copy.1 >= 90 && lag.0 >= 97, "{name}: {copy:?} {lag:?}");
+    }
+}
+
+#[test]
 fn several_recordings_are_all_used() {
     for name in TWO_SENSORS {
-        let parts: Vec<(Vec<f64>, Vec<f64>)> = (0..16).map(|seed| sensors(Source::White, 300, 6.4, 1.0, 70 + seed)).collect();
+        let parts: Vec<(Vec<f64>, Vec<f64>)> = (0..16).map(|seed| sensors(Source::White, 300, 6.4, 4.0, 70 + seed)).collect();
         let one = run(the(name), parts[0].0.clone(), parts[0].1.clone());
+        assert_eq!(one.outcome, Outcome::Found, "{name}: {one:?}");
         let mut all = Experiment::siso(ts(TS), Vec::new(), Vec::new());
         all.recordings =
             parts.into_iter().map(|(u, y)| Recording { inputs: vec![u], outputs: vec![y.into()], states: Vec::new() }).collect();

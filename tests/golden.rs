@@ -478,6 +478,7 @@ fn state_least_squares_coefficients_agree_with_numpy() {
         outputs: vec!["x0".into()],
         recordings: vec![Recording { inputs: columns(&u), outputs: vec![states[0].clone().into()], states }],
         model: Some(PlantModel::Sampled(StateSpace::sampled(a, b, DMatrix::identity(n, n), DMatrix::zeros(n, m), ts).unwrap())),
+        events: Vec::new(),
     };
     let lags = count(expected, "lags");
     let found = StateLeastSquares::default().coefficients(&experiment, lags - 1).unwrap();

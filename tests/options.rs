@@ -96,6 +96,7 @@ fn two_inputs(noise: f64) -> Experiment {
         outputs: vec!["y".into()],
         recordings: vec![Recording { inputs, outputs: vec![Series::from(states[0].clone())], states }],
         model: Some(PlantModel::Sampled(plant)),
+        events: Vec::new(),
     }
 }
 

@@ -54,7 +54,7 @@ impl Demo {
             logs: vec![log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?],
             inputs: vec!["r".to_owned()],
             outputs: vec!["p".to_owned(), "ay".to_owned()],
-            methods: chosen(&["all".to_owned()], &[], true)?,
+            methods: chosen(&["all".to_owned()], &[], &[Scope::Pair, Scope::States])?,
             model: Some(model.clone()),
             max_delay_s: None,
             degree_bias: None,

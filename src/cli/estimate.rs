@@ -30,11 +30,14 @@ pub(super) struct Estimate {
     #[command(flatten)]
     source: Source,
     /// Input channel (the command); may be repeated
-    #[arg(long, value_name = "U", required = true)]
+    #[arg(long, value_name = "U", required_unless_present = "events")]
     input: Vec<String>,
     /// Output channel (the response); may be repeated
-    #[arg(long, value_name = "Y", required = true)]
+    #[arg(long, value_name = "Y", required_unless_present = "events")]
     output: Vec<String>,
+    /// Two columns of event times instead of channels: when the same events were seen at two places; no `time` column is needed
+    #[arg(long, value_name = "A,B", conflicts_with_all = ["input", "output", "model", "degree_bias", "plot"])]
+    events: Option<String>,
     /// Method, or `all`; may be repeated; `deadtime list methods` shows them
     #[arg(long, value_name = "NAME", default_value = "all")]
     method: Vec<String>,
@@ -67,13 +70,21 @@ pub(super) struct Estimate {
 impl Estimate {
     /// Prints the estimates; as JSON they are deadtime/estimate@1.
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        if let Some(columns) = &self.events {
+            let methods = chosen(&self.method, &self.set, &[Scope::Events])?;
+            let (report, preamble) = super::events::run(&self.source, columns, &methods, self.max_delay)?;
+            write_json(json, &report)?;
+            say!("{preamble}\n{}", report.text(self.full).trim_end());
+            return Ok(());
+        }
+        let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
         let logs = self.source.read(&self.input)?;
         let job = Job {
             name: self.source.log.display().to_string(),
             logs,
             inputs: self.input.clone(),
             outputs: self.output.clone(),
-            methods: chosen(&self.method, &self.set, self.model.is_some())?,
+            methods: chosen(&self.method, &self.set, scopes)?,
             model: self.model.as_deref().map(ModelFile::read).transpose()?,
             max_delay_s: self.max_delay,
             degree_bias: self.degree_bias,
@@ -101,12 +112,12 @@ pub(super) enum Feedback {
 
 /// A method, ready to run.
 pub(super) struct Ready {
-    method: &'static Method,
-    estimator: Box<dyn DelayEstimator>,
+    pub(super) method: &'static Method,
+    pub(super) estimator: Box<dyn DelayEstimator>,
 }
 
-/// The methods asked for, with their options.
-pub(super) fn chosen(names: &[String], set: &[String], with_model: bool) -> anyhow::Result<Vec<Ready>> {
+/// The methods asked for, with their options; `all` are those that look at one of `scopes`.
+pub(super) fn chosen(names: &[String], set: &[String], scopes: &[Scope]) -> anyhow::Result<Vec<Ready>> {
     let known = || METHODS.iter().map(|m| m.entry.name).collect::<Vec<_>>();
     let unknown = |name: &str| RegistryError::Unknown { kind: "method", name: name.to_owned(), known: known() };
     let all = names.iter().any(|n| n == "all");
@@ -124,7 +135,12 @@ pub(super) fn chosen(names: &[String], set: &[String], with_model: bool) -> anyh
     let mut ready = Vec::new();
     for (method, texts) in METHODS.iter().zip(per_method) {
         let named = names.iter().any(|n| n == method.entry.name);
-        if named || (all && (method.scope == Scope::Pair || with_model)) {
+        if named && (method.scope == Scope::Events) != scopes.contains(&Scope::Events) {
+            let instead =
+                if method.scope == Scope::Events { "event times: give --events A,B" } else { "samples: give --input and --output" };
+            bail!("{} looks at {instead}", method.entry.name);
+        }
+        if named || (all && scopes.contains(&method.scope)) {
             let given: Value = options(texts)?;
             ready.push(Ready { method, estimator: method.entry.with(given)? });
         }
@@ -331,14 +347,14 @@ fn sampled(model: &ModelFile, ts: SampleTime) -> anyhow::Result<StateSpace<Sampl
 }
 
 /// A method's answer, what was to be expected of it, and its run time, s.
-struct Answer {
-    method: &'static Method,
-    estimate: DelayEstimate,
-    predicted: Option<Richness>,
-    time_s: f64,
+pub(super) struct Answer {
+    pub(super) method: &'static Method,
+    pub(super) estimate: DelayEstimate,
+    pub(super) predicted: Option<Richness>,
+    pub(super) time_s: f64,
 }
 
-fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, sample_time: SampleTime) -> Pair {
+pub(super) fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, sample_time: SampleTime) -> Pair {
     let by_trust: Vec<(&Method, &DelayEstimate)> = answers.iter().map(|a| (a.method, &a.estimate)).collect();
     Pair {
         input: input.to_owned(),

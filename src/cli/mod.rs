@@ -13,6 +13,7 @@ mod c2d;
 mod check;
 mod demo;
 mod estimate;
+mod events;
 mod excite;
 mod gap;
 mod list;

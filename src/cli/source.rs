@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 
-use crate::log::{Log, read, read_records};
+use crate::log::{EventTimes, Log, read, read_events, read_records};
 use crate::time::SampleTime;
 
 /// Where the data come from.
@@ -41,6 +41,17 @@ impl Source {
     /// The log's records; `held` are the channels that keep their value between samples.
     pub(super) fn read(&self, held: &[String]) -> anyhow::Result<Vec<Log>> {
         self.reading.read(&self.log, held)
+    }
+}
+
+impl Source {
+    /// Two columns of event times; what cuts, renames or resamples a log of samples means nothing there.
+    pub(super) fn events(&self, columns: [&str; 2]) -> anyhow::Result<[EventTimes; 2]> {
+        let r = &self.reading;
+        if r.records.is_some() || r.from.is_some() || r.to.is_some() || r.resample.is_some() || !r.map.is_empty() {
+            bail!("--events reads whole columns of event times: leave out --records, --from, --to, --resample and --map");
+        }
+        Ok(read_events(&self.log, columns)?)
     }
 }
 

@@ -74,4 +74,26 @@ pub enum DelayError {
         /// The method.
         method: &'static str,
     },
+    /// Event times that do not increase.
+    #[error("event {event} of `{channel}` is at {time}, not behind the one before it ({before}); event times must increase")]
+    EventOrder {
+        /// The channel.
+        channel: String,
+        /// Event, counted from 0.
+        event: usize,
+        /// Time of the event before it.
+        before: f64,
+        /// Its time.
+        time: f64,
+    },
+    /// Two sequences of event times in different units.
+    #[error(
+        "event times in {first} and in {second}: their differences mean nothing; convert one of them, or set units=standardise where both clocks begin at the same instant"
+    )]
+    Units {
+        /// Unit of the first sequence.
+        first: String,
+        /// Unit of the second.
+        second: String,
+    },
 }

@@ -1,6 +1,6 @@
 //! What was measured, on an even grid, as the estimators take it.
 
-use super::{DelayError, Record};
+use super::{DelayError, Events, Record};
 use crate::log::Log;
 use crate::model::{Continuous, Sampled, StateSpace};
 use crate::time::SampleTime;
@@ -53,6 +53,8 @@ pub struct Experiment {
     pub recordings: Vec<Recording>,
     /// The plant, for methods that need A and B.
     pub model: Option<PlantModel>,
+    /// Event times at two places, one entry per recording, for methods that look at events and at nothing else; the sample time only scales their window.
+    pub events: Vec<Events>,
 }
 
 impl Experiment {
@@ -65,6 +67,20 @@ impl Experiment {
             outputs: vec!["y".into()],
             recordings: vec![Recording { inputs: vec![u], outputs: vec![y.into()], states: Vec::new() }],
             model: None,
+            events: Vec::new(),
+        }
+    }
+
+    /// Times of the same events at two places, `a` and `b`, s; delays are searched up to `max_delay` sample times.
+    #[must_use]
+    pub fn of_events(sample_time: SampleTime, first: Vec<f64>, second: Vec<f64>) -> Self {
+        Self {
+            sample_time,
+            inputs: vec!["a".into()],
+            outputs: vec!["b".into()],
+            recordings: Vec::new(),
+            model: None,
+            events: vec![Events { first, second, units: [None, None] }],
         }
     }
 
@@ -155,6 +171,7 @@ impl Experiment {
                 .map(|r| Recording { inputs: vec![r.u], outputs: vec![Series { values: r.y, present: r.present }], states: Vec::new() })
                 .collect(),
             model: None,
+            events: Vec::new(),
         })
     }
 
@@ -255,7 +272,7 @@ impl Experiment {
             recordings.push(recording);
         }
         let sample_time = sample_time.ok_or(DelayError::Count { what: "logs", needed: 1, got: 0 })?;
-        Ok(Self { sample_time, inputs: inputs.to_vec(), outputs: outputs.to_vec(), recordings, model: None })
+        Ok(Self { sample_time, inputs: inputs.to_vec(), outputs: outputs.to_vec(), recordings, model: None, events: Vec::new() })
     }
 
     /// The same experiment measured from where it rested, if every recording begins at rest (all inputs still for at least ten samples): inputs from their first

@@ -5,8 +5,10 @@ mod conditions;
 mod correlation;
 mod error;
 mod estimate;
+mod events;
 mod experiment;
 mod frequency;
+mod higher_order;
 mod method;
 mod parametric;
 mod posterior;
@@ -20,8 +22,12 @@ pub use conditions::{Finding, conditions};
 pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot};
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
+pub use events::{
+    EventAverageDifference, EventCorrelation, EventDelayVariance, EventQuadraticDifference, EventVarianceDifference, Events, Units,
+};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
-pub use frequency::{Arxdap, Firdap, Oedap};
+pub use frequency::{Arxdap, Firdap, Oedap, PhaseSlope};
+pub use higher_order::Bispectrum;
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{Armaxstruc, Arxstruc, Oestruc};
 pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel, Slopes};
@@ -130,5 +136,12 @@ pub const METHODS: &[Method] = &[
     frequency::oedap::METHOD,
     frequency::arxdap::METHOD,
     frequency::firdap::METHOD,
+    frequency::phase_slope::METHOD,
+    higher_order::bispectrum::METHOD,
     states::state_least_squares::METHOD,
+    events::average_delay_difference::METHOD,
+    events::interval_correlation::METHOD,
+    events::quadratic_delay_difference::METHOD,
+    events::variance_delay_difference::METHOD,
+    events::delay_variance::METHOD,
 ];

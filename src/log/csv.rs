@@ -40,6 +40,81 @@ pub fn read_records(path: &Path, column: &str) -> Result<Vec<Log>, Error> {
     read_records_from(&path.display().to_string(), open(path)?, column)
 }
 
+/// A column of event times.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EventTimes {
+    /// Its name.
+    pub name: String,
+    /// Its unit, where the header gives one.
+    pub unit: Option<String>,
+    /// The times, increasing.
+    pub times: Vec<f64>,
+}
+
+/// Reads two columns of event times from a `.csv` or `.csv.gz` file: a header row, and in each column one time per event; there need be no `time` column. The columns may
+/// hold different numbers of events: empty cells are passed over.
+///
+/// # Errors
+/// As [`read`]; [`LogError::EventOrder`] where times do not increase, [`LogError::MissingThroughout`] for a column without events.
+pub fn read_events(path: &Path, columns: [&str; 2]) -> Result<[EventTimes; 2], Error> {
+    read_events_from(&path.display().to_string(), open(path)?, columns)
+}
+
+/// Reads two columns of event times from any source of bytes, as [`read_events`] does.
+///
+/// # Errors
+/// As [`read_events`].
+pub fn read_events_from(source: &str, bytes: impl Read, columns: [&str; 2]) -> Result<[EventTimes; 2], Error> {
+    let file = || source.to_owned();
+    let mut lines = Lines::new(source, bytes)?;
+    if !lines.next()? {
+        return Err(LogError::Empty { file: file() }.into());
+    }
+    let cells = lines.cells.len();
+    let text = |place| std::str::from_utf8(lines.cell(place)).map(|cell| name_and_unit(cell).0.to_owned());
+    let names: Vec<String> =
+        (0..cells).map(text).collect::<Result<_, _>>().map_err(|_| LogError::NotText { file: file(), row: lines.row })?;
+    let mut found = Vec::with_capacity(2);
+    for column in columns {
+        let mut places = (0..cells).filter(|&i| names.get(i).is_some_and(|name| name == column));
+        let Some(place) = places.next() else {
+            let closest = super::error::closest(column, names.iter().map(String::as_str)).map(Into::into);
+            return Err(LogError::UnknownChannel { file: file(), channel: column.into(), closest, existing: names }.into());
+        };
+        if places.next().is_some() {
+            return Err(LogError::DuplicateChannel { file: file(), channel: column.into() }.into());
+        }
+        let unit = std::str::from_utf8(lines.cell(place)).ok().and_then(|cell| name_and_unit(cell).1).map(ToOwned::to_owned);
+        found.push((place, EventTimes { name: column.into(), unit, times: Vec::new() }));
+    }
+    while lines.next()? {
+        if lines.cells.len() != cells {
+            return Err(LogError::RowLength { file: file(), row: lines.row, expected: cells, found: lines.cells.len() }.into());
+        }
+        for (place, events) in &mut found {
+            let (cell, row, channel) = (lines.cell(*place), lines.row, events.name.clone());
+            let time = match parse(cell) {
+                Cell::Missing => continue,
+                Cell::Number(time) => time,
+                Cell::NotFinite => return Err(LogError::NotFinite { file: file(), row, channel, text: shown(cell) }.into()),
+                Cell::Text => return Err(LogError::NotANumber { file: file(), row, channel, text: shown(cell) }.into()),
+            };
+            if let Some(&before) = events.times.last().filter(|before| **before >= time) {
+                return Err(LogError::EventOrder { file: file(), row, channel, before, time }.into());
+            }
+            events.times.push(time);
+        }
+    }
+    if let Some((_, empty)) = found.iter().find(|(_, events)| events.times.is_empty()) {
+        return Err(LogError::MissingThroughout { file: file(), channel: empty.name.clone() }.into());
+    }
+    let mut columns = found.into_iter().map(|(_, events)| events);
+    match (columns.next(), columns.next()) {
+        (Some(first), Some(second)) => Ok([first, second]),
+        _ => Err(LogError::NoSamples { file: file() }.into()),
+    }
+}
+
 /// Reads one log from any source of bytes, gzip or plain; `source` names it in errors and results.
 ///
 /// # Errors

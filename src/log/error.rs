@@ -68,6 +68,20 @@ pub enum LogError {
         /// The unit that the model gives.
         modelled: String,
     },
+    /// Event times that do not increase.
+    #[error("{file}, row {row}: the event of `{channel}` at {time} is not behind the one before it ({before}); event times must increase")]
+    EventOrder {
+        /// The log.
+        file: String,
+        /// The line of the event.
+        row: usize,
+        /// The column.
+        channel: String,
+        /// Time of the event before it.
+        before: f64,
+        /// Its time.
+        time: f64,
+    },
     /// A column without a name.
     #[error("{file}, row 1: column {column} has no name; name it or delete it")]
     UnnamedColumn {

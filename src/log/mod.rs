@@ -8,7 +8,7 @@ mod grid;
 #[cfg(test)]
 mod tests;
 
-pub use self::csv::{read, read_records};
+pub use self::csv::{EventTimes, read, read_events, read_records};
 pub use self::error::LogError;
 
 use std::collections::HashSet;

@@ -15,7 +15,7 @@ pub use fractional_delay::fractional_delay;
 pub use noise::{Noise, NoiseColour, NoiseScaling, add_noise, unit_noise};
 pub use spectra::{CrossSpectra, HANN_LINES};
 
-pub(crate) use fourier::RealFourier;
+pub(crate) use fourier::{RealFourier, fast_length};
 
 pub(crate) use polynomial::{evaluate as polynomial, roots};
 

@@ -177,7 +177,19 @@ impl Common {
                 experiment.model = Some(PlantModel::Continuous(plant));
                 experiment
             }
-            Suits::Events => siso(Vec::new(), Vec::new()),
+            Suits::Events => {
+                let mut time = 0.0;
+                let mut first = Vec::with_capacity(n);
+                let mut second = Vec::with_capacity(n);
+                for _ in 0..n {
+                    let gap: f64 = Exp1.sample(&mut rng);
+                    let jitter: f64 = StandardNormal.sample(&mut rng);
+                    time += 2.0 + 4.0 * gap;
+                    first.push(time);
+                    second.push(time + delay + 0.2 * jitter);
+                }
+                Experiment::of_events(sample_time, first, second)
+            }
         };
         Ok((experiment, delay))
     }

@@ -10,7 +10,7 @@ use crate::registry::entry;
 ///
 /// Assumes: y is a delayed, scaled copy of u plus noise that knows nothing of u; a band wide against the reciprocal of the window searched.
 /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
-/// Fails when: the plant has dynamics (late by about its lag, and the interval knows only of noise), the signal is narrow-band (peaks one cycle apart: the interval holds
+/// Fails when: the plant has dynamics (late by about its lag; the note says so where phases show it, and the interval is as wide as the delays of single frequencies differ), the signal is narrow-band (peaks one cycle apart: the interval holds
 /// them all, or `flat`), the input is coloured (a broad peak, wider interval than that of the weights that whiten), or y is fed back to u.
 /// Source: Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, section II and eq. 3. It speaks of continuous correlators and leaves the interpolation
 /// between samples open; the interval is this program's own (module head).

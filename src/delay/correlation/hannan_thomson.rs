@@ -65,6 +65,6 @@ impl DelayEstimator for GccHannanThomson {
 }
 
 /// ψ.
-fn weight(line: &Line) -> f64 {
+pub(in crate::delay) fn weight(line: &Line) -> f64 {
     line.coherence / (line.cross * (1.0 - line.coherence))
 }

@@ -6,7 +6,7 @@
 //!    delay that is long against a segment would hide the coherence), and is applied as a filter of the lags.
 //! 2. Below one sample: the maximum of the exact band-limited R(τ) by Newton's method, from the averaged cross-spectrum of the aligned records.
 //! 3. Uncertainty: R′(τ̂) varies by the noise that the coherence leaves (the two-sensor bound where ψ is the best), or by what the cross-spectrum's phases show,
-//!    whichever is more; other peaks that noise may have hidden below the highest widen the interval, or leave the delay open.
+//!    whichever is more. Where the delays of single frequencies differ beyond chance, the plant has a lag of its own and their spread is added; other peaks that noise may have hidden below the highest widen the interval, or leave the delay open.
 
 pub(super) mod crosscorr;
 pub(super) mod eckart;
@@ -23,7 +23,7 @@ pub use roth::GccRoth;
 pub use scot::GccScot;
 
 use nalgebra::Complex;
-use statrs::distribution::{ContinuousCDF, Normal};
+use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
 
 use super::method::Condition;
 use super::{DelayError, DelayEstimate, Experiment, Outcome, PairEstimate, Record, Search, every_pair, posterior};
@@ -48,6 +48,12 @@ const SHORTEST_SEGMENT: usize = 8;
 const FLOOR: f64 = 1e-10;
 /// No finite record shows more coherence than this.
 const CERTAIN: f64 = 1.0 - 1e-6;
+/// Squared coherence from which the phase of a line is a number with a variance.
+const PHASED: f64 = 0.5;
+/// Share of the lines that must be that coherent: single ones are so by chance.
+const JUDGED: f64 = 0.125;
+/// Share of delayed copies whose phases are called bent.
+const FALSE_ALARM: f64 = 1e-4;
 /// Alignments after which the best lag is taken as it is; weights that disagree longer than this have two peaks alike.
 const ALIGNMENTS: usize = 4;
 
@@ -62,11 +68,13 @@ pub(in crate::delay) struct Line {
     pub(in crate::delay) yy: f64,
     /// Magnitude of the cross-spectrum.
     pub(in crate::delay) cross: f64,
+    /// Magnitude that it would have by chance alone.
+    pub(in crate::delay) chance: f64,
     /// Squared coherence, what chance adds taken off; below 1.
     pub(in crate::delay) coherence: f64,
     /// Variance of the cross-spectrum's real and of its imaginary part in one look.
     pub(in crate::delay) noise: f64,
-    /// How often it stands on the whole circle: twice, but for 0 and the Nyquist frequency.
+    /// How often it counts on the whole circle: twice, once at 0, and not at all beside the Nyquist frequency.
     pub(in crate::delay) times: f64,
 }
 
@@ -148,52 +156,62 @@ pub(in crate::delay) fn lines(spectra: &CrossSpectra) -> Vec<Line> {
         let (coherence, rest) =
             if looks > 1.0 { (seen - (1.0 - seen) / (looks - 1.0), ((1.0 - seen) * looks / (looks - 1.0)).min(1.0)) } else { (0.0, 1.0) };
         let noise = 0.5 * uu * yy * rest.max(1.0 - CERTAIN);
-        let ends = k == 0 || 2 * k == spectra.segment;
-        let times = if ends { 1.0 } else { 2.0 };
-        Line { omega: spectra.omega(k), uu, yy, cross, coherence: coherence.clamp(0.0, CERTAIN), noise, times }
+        let chance = (uu * yy / looks.max(1.0)).sqrt();
+        let times = match k {
+            0 => 1.0,
+            // Hann's window sees both sides of the Nyquist frequency there, where a fraction of a sample turns the phases against each other.
+            _ if 2 * (k + 1) >= spectra.segment => 0.0,
+            _ => 2.0,
+        };
+        Line { omega: spectra.omega(k), uu, yy, cross, chance, coherence: coherence.clamp(0.0, CERTAIN), noise, times }
     };
     spectra.coherence().into_iter().enumerate().map(of).collect()
 }
 
-/// R at a fraction of a sample, and its first and second derivative: the exact band-limited interpolant.
-fn interpolant(spectra: &CrossSpectra, lines: &[Line], weights: &[f64], at: f64) -> [f64; 3] {
-    let mut sums = [0.0; 3];
-    for ((s, line), weight) in spectra.uy.iter().zip(lines).zip(weights) {
-        let turned = s * Complex::from_polar(line.times * weight, line.omega * at);
-        sums[0] += turned.re;
-        sums[1] -= line.omega * turned.im;
-        sums[2] -= line.omega * line.omega * turned.re;
-    }
-    sums
-}
+/// R(τ) = Σ Re(a·exp(iωτ)), a band-limited function of any lag: (ω, a) of every line.
+pub(in crate::delay) struct Interpolant(Vec<(f64, Complex<f64>)>);
 
-/// The largest value of sign·R within a sample on either side of 0, and where: Newton's steps, halving the bracket where one would leave it.
-fn refined(spectra: &CrossSpectra, lines: &[Line], weights: &[f64], sign: f64) -> f64 {
-    let slope = |at: f64| {
-        let [_, first, second] = interpolant(spectra, lines, weights, at);
-        (sign * first, sign * second)
-    };
-    let grid = |i: i32| f64::from(i) / 8.0;
-    let value = |i: i32| sign * interpolant(spectra, lines, weights, grid(i))[0];
-    let best = (-8..=8).max_by(|&a, &b| value(a).total_cmp(&value(b)).then(b.abs().cmp(&a.abs()))).unwrap_or(0);
-    let (mut low, mut high) = (grid((best - 1).max(-8)), grid((best + 1).min(8)));
-    let mut at = grid(best);
-    // Each step squares the error or halves the bracket: 60 reach rounding.
-    for _ in 0..60 {
-        let (first, second) = slope(at);
-        if first > 0.0 {
-            low = at
-        } else {
-            high = at
-        }
-        let newton = at - first / second;
-        let next = if second < 0.0 && newton > low && newton < high { newton } else { 0.5 * (low + high) };
-        if (next - at).abs() < 1e-14 {
-            return next;
-        }
-        at = next;
+impl Interpolant {
+    pub(in crate::delay) fn new(terms: Vec<(f64, Complex<f64>)>) -> Self {
+        Self(terms)
     }
-    at
+
+    /// The value, and the first and second derivative.
+    pub(in crate::delay) fn at(&self, lag: f64) -> [f64; 3] {
+        let mut sums = [0.0; 3];
+        for (omega, amplitude) in &self.0 {
+            let turned = amplitude * Complex::from_polar(1.0, omega * lag);
+            sums[0] += turned.re;
+            sums[1] -= omega * turned.im;
+            sums[2] -= omega * omega * turned.re;
+        }
+        sums
+    }
+
+    /// Where sign·R is largest within a sample of `near`: Newton's steps, halving the bracket where one would leave it.
+    pub(in crate::delay) fn peak(&self, near: f64, sign: f64) -> f64 {
+        let grid = |i: i32| near + f64::from(i) / 8.0;
+        let value = |i: i32| sign * self.at(grid(i))[0];
+        let best = (-8..=8).max_by(|&a, &b| value(a).total_cmp(&value(b)).then(b.abs().cmp(&a.abs()))).unwrap_or(0);
+        let (mut low, mut high) = (grid((best - 1).max(-8)), grid((best + 1).min(8)));
+        let mut at = grid(best);
+        // Each step squares the error or halves the bracket: 60 reach rounding.
+        for _ in 0..60 {
+            let [_, first, second] = self.at(at);
+            if sign * first > 0.0 {
+                low = at
+            } else {
+                high = at
+            }
+            let newton = at - first / second;
+            let next = if sign * second < 0.0 && newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            if (next - at).abs() < 1e-14 {
+                return next;
+            }
+            at = next;
+        }
+        at
+    }
 }
 
 /// All pairs, by the maximum of the correlation with these weights.
@@ -210,29 +228,42 @@ pub(in crate::delay) fn generalised(
         if let Some(note) = posterior::unseen(records, max_delay) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
-        let found = alike(&Centred::new(records), segment_length(segment, longest, max_delay), weight, max_delay);
+        let (found, _) = alike(&Centred::new(records), segment_length(segment, longest, max_delay), weight, max_delay);
         Ok(found.answer(max_delay, bias, experiment))
     })
 }
 
 /// The lag at which two signals are most alike.
+#[derive(Debug, Clone, Default)]
 pub(in crate::delay) struct Alike {
     /// Whole samples.
     pub(in crate::delay) lag: usize,
     /// Fraction beside it; `None` where R has no curvature.
-    fraction: Option<f64>,
+    pub(in crate::delay) fraction: Option<f64>,
     /// Standard deviation of the fraction.
-    std: f64,
+    pub(in crate::delay) std: f64,
+    /// Degrees of freedom of that standard deviation.
+    pub(in crate::delay) freedom: f64,
     /// Other lags that may be the true one, and how probable each is beside this one.
-    rivals: Vec<(usize, f64)>,
+    pub(in crate::delay) rivals: Vec<(usize, f64)>,
     /// R is larger where the output leads.
-    leads: bool,
+    pub(in crate::delay) leads: bool,
+    /// Standard deviation of the delays that single frequencies show, where they differ beyond chance: no delayed copy.
+    pub(in crate::delay) bent: Option<f64>,
+}
+
+/// What the last alignment saw.
+pub(in crate::delay) struct Seen {
+    /// Spectra, y moved back by the whole lag.
+    pub(in crate::delay) spectra: CrossSpectra,
+    /// Every frequency of them.
+    pub(in crate::delay) lines: Vec<Line>,
     /// Sign of the gain.
     pub(in crate::delay) sign: f64,
 }
 
-/// The whole lag of the largest |R| in the window, and the sign of R there.
-pub(in crate::delay) fn alike(signals: &Centred, segment: usize, weight: fn(&Line) -> f64, max_delay: usize) -> Alike {
+/// The lag of the largest |R| in the window.
+pub(in crate::delay) fn alike(signals: &Centred, segment: usize, weight: fn(&Line) -> f64, max_delay: usize) -> (Alike, Option<Seen>) {
     let reach = segment / 2;
     let margin = isize::try_from(reach).unwrap_or(0) + 1;
     let products = signals.products(-margin, isize::try_from(max_delay).unwrap_or(isize::MAX / 2).saturating_add(margin));
@@ -245,7 +276,7 @@ pub(in crate::delay) fn alike(signals: &Centred, segment: usize, weight: fn(&Lin
     for _ in 0..ALIGNMENTS {
         let spectra = signals.aligned(lag, segment);
         let lines = lines(&spectra);
-        let weights: Vec<f64> = lines.iter().map(weight).collect();
+        let weights: Vec<f64> = lines.iter().map(|line| if line.times > 0.0 { weight(line) } else { 0.0 }).collect();
         // The weights as a filter of the lags, from −segment/2 to segment/2; the ends share the lag that both stand for.
         let filter = RealFourier::new(segment).series(weights.iter().map(|w| Complex::new(*w, 0.0)).collect());
         let tap = |j: isize| {
@@ -263,12 +294,14 @@ pub(in crate::delay) fn alike(signals: &Centred, segment: usize, weight: fn(&Lin
         lag = next;
     }
     let Some((spectra, lines, weights, filtered)) = aligned else {
-        return Alike { lag, fraction: None, std: 0.0, rivals: Vec::new(), leads: false, sign: 1.0 };
+        return (Alike::default(), None);
     };
     let here = filtered[lag + 1];
     let sign = if here < 0.0 { -1.0 } else { 1.0 };
-    let at = refined(&spectra, &lines, &weights, sign);
-    let bend = -sign * interpolant(&spectra, &lines, &weights, at)[2];
+    let terms = spectra.uy.iter().zip(&lines).zip(&weights).map(|((s, line), weight)| (line.omega, s * (line.times * weight)));
+    let interpolant = Interpolant::new(terms.collect());
+    let at = interpolant.peak(0.0, sign);
+    let bend = -sign * interpolant.at(at)[2];
     let (mut by_noise, mut by_phase) = (0.0, 0.0);
     for ((s, line), weight) in spectra.uy.iter().zip(&lines).zip(&weights) {
         let share = (line.times * weight * line.omega).powi(2);
@@ -278,7 +311,36 @@ pub(in crate::delay) fn alike(signals: &Centred, segment: usize, weight: fn(&Lin
     let std = by_noise.max(by_phase).sqrt() / bend;
     let rivals = rivals(&filtered, lag, &lines, &weights, &spectra);
     let fraction = (bend > 0.0 && std.is_finite()).then_some(at);
-    Alike { lag, fraction, std, rivals, leads: lag == 0 && filtered[0].abs() > here.abs(), sign }
+    let leads = lag == 0 && filtered[0].abs() > here.abs();
+    let bent = bent(&spectra, &lines, &weights, at, sign);
+    (Alike { lag, fraction, std, freedom: independent_lines(&spectra), rivals, leads, bent }, Some(Seen { spectra, lines, sign }))
+}
+
+/// Whether the phases that are left after a delay of `at` samples are more than chance, and then how far the delays of single frequencies lie apart.
+///
+/// A phase varies by noise/|Ĝuy|² of the looks that a line of Hann's windows has; the sum of their squares over those variances is chi-squared.
+fn bent(spectra: &CrossSpectra, lines: &[Line], weights: &[f64], at: f64, sign: f64) -> Option<f64> {
+    let looks = spectra.looks * HANN_LINES;
+    let (mut misfit, mut count, mut square, mut total) = (0.0, 0.0, 0.0, 0.0);
+    for ((s, line), weight) in spectra.uy.iter().zip(lines).zip(weights) {
+        if line.times < 2.0 || line.coherence < PHASED {
+            continue;
+        }
+        let phase = (s * Complex::from_polar(sign, line.omega * at)).arg();
+        misfit += phase * phase * looks * line.cross * line.cross / line.noise;
+        count += 1.0;
+        let share = weight * line.cross * line.omega * line.omega;
+        square += share * (phase / line.omega).powi(2);
+        total += share;
+    }
+    let freedom = count / HANN_LINES;
+    let limit = ChiSquared::new(freedom.max(1.0)).map_or(f64::INFINITY, |c| c.inverse_cdf(1.0 - FALSE_ALARM));
+    (count >= JUDGED * real(lines.len()) && total > 0.0 && misfit / HANN_LINES > limit).then(|| (square / total).sqrt())
+}
+
+/// Lines that a window of Hann leaves independent of each other: the degrees of freedom of what is read from the scatter of phases.
+pub(in crate::delay) fn independent_lines(spectra: &CrossSpectra) -> f64 {
+    real(spectra.segment) / 2.0 / HANN_LINES
 }
 
 /// Other local maxima of |R|, each with the probability that noise alone has put it below the largest.
@@ -308,7 +370,7 @@ fn rivals(filtered: &[f64], lag: usize, lines: &[Line], weights: &[f64], spectra
 }
 
 impl Alike {
-    fn answer(&self, max_delay: usize, bias: usize, experiment: &Experiment) -> DelayEstimate {
+    pub(in crate::delay) fn answer(&self, max_delay: usize, bias: usize, experiment: &Experiment) -> DelayEstimate {
         if self.leads {
             let note = "the two are most alike where the output leads the input: exchange them, or look for feedback";
             return DelayEstimate::without(Outcome::NotApplicable, note);
@@ -320,9 +382,11 @@ impl Alike {
             );
         };
         let raw = real(self.lag) + fraction;
+        let std = self.std.hypot(self.bent.unwrap_or(0.0));
         let total: f64 = 1.0 + self.rivals.iter().map(|(_, p)| p).sum::<f64>();
         let spread: f64 = self.rivals.iter().map(|(l, p)| p / total * (real(*l) - raw).powi(2)).sum();
-        let mut ends = [raw - QUANTILE * self.std, raw + QUANTILE * self.std];
+        let quantile = StudentsT::new(0.0, 1.0, self.freedom.max(1.0)).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
+        let mut ends = [raw - quantile * std, raw + quantile * std];
         let (mut mass, mut by_height) = (1.0 / total, self.rivals.clone());
         by_height.sort_by(|a, b| b.1.total_cmp(&a.1));
         let mut also = Vec::new();
@@ -340,20 +404,21 @@ impl Alike {
             return DelayEstimate::without(Outcome::Flat, note);
         }
         // An exact copy is known no better than rounding tells.
-        let std = (self.std.powi(2) + spread).sqrt().max(ROUNDING);
+        let std = (std.powi(2) + spread).sqrt().max(ROUNDING);
         let ends = [ends[0].min(raw - ROUNDING), ends[1].max(raw + ROUNDING)];
         #[allow(clippy::cast_precision_loss)]
         let estimate = DelayEstimate::measured(raw, std, ends, self.lag == max_delay, bias as f64, experiment.sample_time);
+        let estimate = estimate.noting(self.bent.map(|spread| {
+            format!("frequencies differ in their delay by {spread:.2} samples: the output is no delayed copy, and the plant's own lag counts as delay")
+        }));
         estimate.noting((!also.is_empty()).then(|| format!("the interval holds {} other peaks that noise may have lowered", also.len())))
     }
 }
 
-/// Half a 95 % interval, standard deviations.
-const QUANTILE: f64 = 1.96;
 /// Samples below which a delay is rounding.
 const ROUNDING: f64 = 1e-9;
 
 #[allow(clippy::cast_precision_loss)]
-fn real(i: usize) -> f64 {
+pub(in crate::delay) fn real(i: usize) -> f64 {
     i as f64
 }

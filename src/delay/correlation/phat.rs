@@ -12,7 +12,7 @@ use crate::registry::entry;
 /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
 /// Fails when: part of the band holds no signal (its phases are chance and count in full: the interval widens, or `flat`), or the plant has dynamics (late).
 /// Source: Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, table I and section III. It says that the phases of bands without signal are
-/// erratic, and not what to do about them; here nothing is done, but the uncertainty counts them.
+/// erratic, and not what to do about them; here a cross-spectrum smaller than chance alone makes it counts as that large, and the uncertainty counts its phase.
 ///
 /// # Example
 /// ```
@@ -65,5 +65,5 @@ impl DelayEstimator for GccPhat {
 
 /// ψ.
 fn weight(line: &Line) -> f64 {
-    1.0 / line.cross
+    1.0 / line.cross.max(line.chance)
 }

@@ -1,4 +1,4 @@
-//! Phase: the delay as the slope of a phase, of the spectra or of the all-pass part of a model.
+//! Phase: of the spectra, or of the all-pass part of a model.
 
 pub(super) mod all_pass;
 pub(super) mod arxdap;
@@ -8,3 +8,7 @@ pub(super) mod oedap;
 pub use arxdap::Arxdap;
 pub use firdap::Firdap;
 pub use oedap::Oedap;
+
+pub(super) mod phase_slope;
+
+pub use phase_slope::PhaseSlope;

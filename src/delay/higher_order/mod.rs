@@ -1,0 +1,5 @@
+//! Third-order statistics.
+
+pub(super) mod bispectrum;
+
+pub use bispectrum::Bispectrum;
