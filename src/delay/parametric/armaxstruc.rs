@@ -107,7 +107,7 @@ impl Armaxstruc {
         let records = cut.as_deref().unwrap_or(records);
         let orders = Armax { na: self.na, nb: self.nb, nc: self.nc };
         let scan = orders.scan(records, max_delay);
-        if scan.rows + self.nc < orders.rows_needed() {
+        if scan.rows < orders.rows_needed() {
             return Err(DelayError::TooShort {
                 method: NAME,
                 needed: self.na.max(max_delay + self.nb - 1) + orders.rows_needed(),
