@@ -31,3 +31,41 @@ fn times_of_the_methods() {
         }
     }
 }
+
+#[test]
+#[ignore = "looks"]
+fn look() {
+    use plants::delayed;
+    let search = Search { max_delay: 45, bias: vec![vec![1]], ..Search::default() };
+    let (seed, noise) = (17_u64, 0.01);
+    {
+        use deadtime::model::{
+            StateSpace,
+            c2d::{Conversion, ZeroOrderHold},
+        };
+        let lag_s = |i: u64| 0.05 * 10.0_f64.powf(((seed * 7 + i * 13) % 31) as f64 / 20.0);
+        let (p, q) = (1.0 / lag_s(0), 1.0 / lag_s(1));
+        let m = nalgebra::DMatrix::from_row_slice;
+        let (a, b) = (m(2, 2, &[-(p + q), -p * q, 1.0, 0.0]), m(2, 1, &[1.0, 0.0]));
+        let sys = StateSpace::continuous(a, b, m(1, 2, &[0.0, p * q]), m(1, 1, &[0.0])).unwrap();
+        let sys = ZeroOrderHold {}.c2d(&sys, ts(TS)).unwrap();
+        let u = rbs(400, 1.0, seed);
+        let y = plants::respond(&sys, std::slice::from_ref(&u), &[17]).0.remove(0);
+        let y = sum(&y, &white(400, noise * std_dev(&y), seed + 500));
+        println!("{:?}", answer(method("armaxstruc"), &Experiment::siso(ts(TS), u, y), &search));
+    }
+    for seed in 0..100_u64 {
+        let more = 1 + seed as usize * 7 % 25;
+        let pole = 0.08 * (seed % 11) as f64;
+        let u = rbs(400, 1.0, seed);
+        let clean = second_order(&u, 0.05 + seed as f64 / 10.0, [-pole, 0.0], seed as usize % 10);
+        let noise = white(400 + more, 0.02 * std_dev(&clean), seed + 1000);
+        let found = |y: Vec<f64>| answer(method("armaxstruc"), &Experiment::siso(ts(TS), u.clone(), y), &search);
+        let (a, b) = (found(sum(&clean, &noise[more..])), found(sum(&delayed(&clean, more), &noise[..400])));
+        for (e, truth) in [(a, seed as usize % 10), (b, seed as usize % 10 + more)] {
+            if plants::whole(&e, TS) != Some(truth) {
+                println!("{seed} pole {pole}: {truth} {:?} {:?} {:?}", e.delay_s, e.ci95_s, e.note);
+            }
+        }
+    }
+}

@@ -14,7 +14,7 @@ pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
-pub use parametric::{Armaxstruc, Arxstruc, Oestruc};
+pub use parametric::{Armaxstruc, Arxstruc, Met1struc, Oestruc};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
 pub use verdict::{Verdict, verdict};
@@ -82,6 +82,7 @@ fn every_pair(
 pub const METHODS: &[Method] = &[
     parametric::oestruc::METHOD,
     parametric::armaxstruc::METHOD,
+    parametric::met1struc::METHOD,
     parametric::arxstruc::METHOD,
     threshold::impulse::METHOD,
     threshold::step::METHOD,

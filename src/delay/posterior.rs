@@ -148,7 +148,6 @@ pub(super) fn unseen_by(scan: &ArxScan, nb: usize) -> Option<String> {
 }
 
 /// The same for methods that have no test of their own: the orders are those of [`super::Arxstruc`], fewer where the record is too short for them.
-#[allow(dead_code)]
 pub(super) fn unseen(records: &[Record], max_delay: usize) -> Option<String> {
     let longest = records.iter().map(Record::len).max().unwrap_or(0);
     let Arxstruc { na, nb } = Arxstruc::default();

@@ -42,6 +42,9 @@ pub struct ArmaxFit {
     pub c: Vec<f64>,
     /// Why the search stopped.
     pub stopped: Stopped,
+    /// What the quadratic model of the loss at the end promises of going on, of rows·ln(loss): 0 at a minimum. Where C hardly matters, or its roots are on the
+    /// unit circle, a search may end without a minimum and yet leave nothing to gain.
+    pub to_gain: f64,
 }
 
 /// The fits of all delays, over the same rows.
@@ -559,7 +562,7 @@ impl Armax {
 
 fn at(problem: &mut Problem<'_>, c: &[f64]) -> Option<ArmaxFit> {
     let cost = problem.cost(c)?;
-    Some(problem.fit(cost, c.to_vec(), Stopped::Iterations))
+    Some(problem.fit(cost, c.to_vec(), Stopped::Iterations, f64::INFINITY))
 }
 
 fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
@@ -572,11 +575,15 @@ fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
     };
     let fit = method.minimise(start, |c| problem.evaluate(c));
     let cost = problem.cost(&fit.parameters)?;
-    Some(problem.fit(cost, fit.parameters, fit.stopped))
+    let Normal { gradient, information, .. } = fit.normal;
+    let step = ridged(information).cholesky().map(|c| c.solve(&gradient));
+    #[allow(clippy::cast_precision_loss)]
+    let to_gain = step.map_or(f64::INFINITY, |s| problem.rows as f64 * s.dot(&gradient) / cost.max(f64::MIN_POSITIVE));
+    Some(problem.fit(cost, fit.parameters, fit.stopped, to_gain))
 }
 
 impl Problem<'_> {
-    fn fit(&self, cost: f64, c: Vec<f64>, stopped: Stopped) -> ArmaxFit {
+    fn fit(&self, cost: f64, c: Vec<f64>, stopped: Stopped, to_gain: f64) -> ArmaxFit {
         let na = self.orders.na;
         #[allow(clippy::cast_precision_loss)]
         let rows = self.rows.max(1) as f64;
@@ -586,6 +593,7 @@ impl Problem<'_> {
             b: self.linear.iter().skip(na).copied().collect(),
             c,
             stopped,
+            to_gain,
         }
     }
 }

@@ -609,6 +609,16 @@ pub(crate) fn largest_pole(f: &[f64]) -> f64 {
     super::polynomial::roots(f).map_or(f64::NAN, |roots| roots.iter().map(|p| p.norm()).fold(0.0, f64::max))
 }
 
+/// A record without missing samples, both channels through 1/C from rest.
+pub(crate) fn prefiltered(record: &Record, c: &[f64]) -> Record {
+    let through = |x: &[f64]| {
+        let mut out = vec![0.0; x.len()];
+        filter(x, c, &mut out);
+        out
+    };
+    Record::new(through(&record.u), through(&record.y))
+}
+
 /// Mean square of the measured output samples.
 pub(crate) fn power(records: &[Record]) -> f64 {
     let measured =

@@ -64,6 +64,9 @@ impl Default for Armaxstruc {
 
 const NAME: &str = "armaxstruc";
 
+/// What a search that stopped early may have left to gain, of N·ln V, before its delay is not believed: a factor e of probability.
+const WORTH: f64 = 2.0;
+
 /// Its line in the list of methods.
 pub(in crate::delay) const METHOD: Method = Method {
     entry: entry!(
@@ -141,10 +144,11 @@ impl Armaxstruc {
         #[allow(clippy::cast_precision_loss)]
         let count = (0..self.nb).filter(|&m| losses[best][m].is_finite()).max_by(|&a, &b| evidence(a).total_cmp(&evidence(b)));
         let fit = count.and_then(|m| scan.fits[best][m].as_ref());
-        if let Some(fit) = fit.filter(|f| !f.stopped.converged()) {
+        if let Some(fit) = fit.filter(|f| !f.stopped.converged() && f.to_gain > WORTH) {
             let note = format!(
-                "the optimiser stopped without a minimum ({:?}) at nk = {best}, roots of C at |z| up to {:.4}",
+                "the optimiser stopped without a minimum ({:?}) at nk = {best}, with {:.1} to gain and roots of C at |z| up to {:.4}",
                 fit.stopped,
+                fit.to_gain,
                 crate::identify::largest_pole(&fit.c)
             );
             return Ok(DelayEstimate::without(Outcome::NotConverged, note));
