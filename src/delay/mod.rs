@@ -14,7 +14,7 @@ pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
-pub use parametric::{Armaxstruc, Arxstruc, Met1struc, Oestruc};
+pub use parametric::{Armaxstruc, Arxstruc, Ivstruc, Met1struc, Oestruc};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
 pub use verdict::{Verdict, verdict};
@@ -83,6 +83,7 @@ pub const METHODS: &[Method] = &[
     parametric::oestruc::METHOD,
     parametric::armaxstruc::METHOD,
     parametric::met1struc::METHOD,
+    parametric::ivstruc::METHOD,
     parametric::arxstruc::METHOD,
     threshold::impulse::METHOD,
     threshold::step::METHOD,

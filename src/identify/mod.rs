@@ -3,6 +3,7 @@
 mod armax;
 mod arx;
 mod fir;
+mod iv;
 mod lag_products;
 mod least_squares;
 mod oe;
@@ -13,6 +14,7 @@ mod subspace;
 pub use armax::{Armax, ArmaxFit, ArmaxScan};
 pub use arx::{ArxScan, scan as arx_scan};
 pub use fir::{Fir, fit as fir};
+pub use iv::{IvFit, RefinedIv};
 pub use oe::{Initial, MAX_ORDER as MAX_OE_ORDER, OeFit, OutputError};
 pub use regression::{Record, Regression};
 pub use subspace::{Innovations, Subspace};

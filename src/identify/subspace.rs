@@ -82,7 +82,6 @@ impl Subspace {
         let right = svd.v_t?;
         let singular: Vec<f64> = svd.singular_values.iter().copied().collect();
         let largest = *singular.first().filter(|s| **s > 0.0 && s.is_finite())?;
-        let used = singular.iter().take(order).take_while(|s| **s > DEPENDENT * largest).count();
         let most = singular.iter().take(order).take_while(|s| **s > DEPENDENT * largest).count();
         // States x = S^(−1/2)·Vᵀ·predictions: each with the norm √s.
         let states = DMatrix::from_fn(most, horizon, |i, j| right[(i, j)] / singular[i].sqrt()) * &predict;

@@ -132,7 +132,9 @@ impl Armaxstruc {
         let best = posterior.best;
         let delays = max_delay + 1;
         let gain = rows * (without.loss / full[minimum].max(f64::MIN_POSITIVE)).ln();
-        if gain < posterior::visible_gain(self.nb, delays) {
+        // A pair of roots of A and C may settle on any of N/2 frequencies: these are tries too.
+        let tried = delays + if self.na.min(self.nc) >= 2 { scan.rows / 2 } else { 0 };
+        if gain < posterior::visible_gain(self.nb, tried) {
             let note = format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input");
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
