@@ -32,6 +32,7 @@ pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits
 pub use parametric::{Armaxstruc, Arxstruc, Oestruc};
 pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel, Slopes};
 pub use richness::{Richness, richness};
+pub use parametric::{Armaxstruc, Arxstruc, Ivstruc, Met1struc, Oestruc};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
 pub use verdict::{Verdict, distrust, verdict};
@@ -118,6 +119,8 @@ fn later(record: Record, samples: usize) -> Record {
 pub const METHODS: &[Method] = &[
     parametric::oestruc::METHOD,
     parametric::armaxstruc::METHOD,
+    parametric::met1struc::METHOD,
+    parametric::ivstruc::METHOD,
     parametric::arxstruc::METHOD,
     process::P2D,
     process::P1D,

@@ -10,12 +10,15 @@ use crate::fit::{LevenbergMarquardt, Normal, Stopped};
 
 /// Orders of an ARMAX model.
 ///
-/// The predictor e = (A y − B u)/C is kept stable; A may have its roots anywhere. A, B and the predictor's start in every stretch without a missing output enter
-/// linearly and are eliminated (variable projection, Kaufman's Jacobian), so only C is searched.
+/// The predictor e = (A y − B u)/C is kept stable; A may have its roots anywhere. The likelihood is exact given the first outputs: the errors before a stretch
+/// without a missing output are as large as those in it, and are estimated with it. They, A and B enter linearly and are eliminated (variable projection,
+/// Kaufman's Jacobian), so only C is searched. The loss is Σ e²·det^(1/rows)/rows, det the determinant of the errors' covariance, without which roots of C
+/// would pile up on the unit circle where stretches are short.
 /// Starts: C = 1, the second stage of Hannan and Rissanen, a table of slow and fast roots, and the solutions of the neighbouring delays, upwards and downwards.
 ///
 /// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2, 7.2 and 10.2; Golub and Pereyra (2003), doi:10.1088/0266-5611/19/2/201;
-/// Hannan and Rissanen (1982), Biometrika 69(1), 81-94, doi:10.1093/biomet/69.1.81.
+/// Hannan and Rissanen (1982), Biometrika 69(1), 81-94, doi:10.1093/biomet/69.1.81; Box, Jenkins and Reinsel (2008), "Time Series Analysis",
+/// 4th ed., section 7.1 (the determinant).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Armax {
     /// Past outputs.
@@ -29,7 +32,7 @@ pub struct Armax {
 /// An ARMAX model of one delay and one number of input coefficients.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArmaxFit {
-    /// Σ e²/rows.
+    /// Σ e²/rows, e before the record included, times det^(1/rows).
     pub loss: f64,
     /// a₁ … a_na, of A = 1 + a₁q⁻¹ + …
     pub a: Vec<f64>,
@@ -39,6 +42,9 @@ pub struct ArmaxFit {
     pub c: Vec<f64>,
     /// Why the search stopped.
     pub stopped: Stopped,
+    /// What the quadratic model of the loss at the end promises of going on, of rows·ln(loss): 0 at a minimum. Where C hardly matters, or its roots are on the
+    /// unit circle, a search may end without a minimum and yet leave nothing to gain.
+    pub to_gain: f64,
 }
 
 /// The fits of all delays, over the same rows.
@@ -63,10 +69,31 @@ struct Stretch<'a> {
     yf: Vec<f64>,
     uf: Vec<f64>,
     /// nc zeros and the impulse response of 1/C.
-    start: Vec<f64>,
-    /// e, and nc zeros and e/C.
+    impulse: Vec<f64>,
+    /// What an error before the stretch, the last one first, adds to (A y − B u)/C.
+    before: Vec<Vec<f64>>,
+    /// nc errors before the stretch, then its own; e/C.
     e: Vec<f64>,
     ef: Vec<f64>,
+}
+
+impl Stretch<'_> {
+    /// The signal whose filtered samples begin `from` samples before `x(t − lag)` at the first row does, as if it had been zero before that row.
+    fn column(&self, filtered: &[f64], from: usize, c: &[f64]) -> Vec<f64> {
+        let mut column = filtered[from..from + self.rows].to_vec();
+        for k in 0..c.len() {
+            let carried: f64 = (k + 1..=c.len().min(from + k)).map(|j| c[j - 1] * filtered[from + k - j]).sum();
+            self.add_impulse(&mut column, k, carried);
+        }
+        column
+    }
+
+    fn add_impulse(&self, column: &mut [f64], shift: usize, weight: f64) {
+        let zeros = self.impulse.len() - self.rows;
+        for (v, h) in column.iter_mut().zip(&self.impulse[zeros - shift..]) {
+            *v += weight * h;
+        }
+    }
 }
 
 struct Problem<'a> {
@@ -80,6 +107,8 @@ struct Problem<'a> {
     /// Σ y².
     power: f64,
     rows: usize,
+    /// C of the last filtering.
+    c: Vec<f64>,
     /// −a, then b, of the last evaluation.
     linear: DVector<f64>,
 }
@@ -115,66 +144,85 @@ impl<'a> Problem<'a> {
                         u,
                         yf: vec![0.0; y.len()],
                         uf: vec![0.0; u.len()],
-                        start: vec![0.0; nc + rows],
-                        e: vec![0.0; rows],
+                        impulse: vec![0.0; nc + rows],
+                        before: vec![vec![0.0; rows]; nc],
+                        e: vec![0.0; nc + rows],
                         ef: vec![0.0; nc + rows],
                     });
                 }
                 from = t + 1;
             }
         }
-        Self { orders, most, stretches, nk: 0, m: nb, power, rows: total, linear: DVector::zeros(0) }
-    }
-
-    /// Rows that are left for A, B and C when every stretch has taken its start.
-    fn freedom(&self) -> usize {
-        self.rows - self.orders.nc * self.stretches.len()
+        Self { orders, most, stretches, nk: 0, m: nb, power, rows: total, c: Vec::new(), linear: DVector::zeros(0) }
     }
 
     fn filter(&mut self, c: &[f64]) {
+        self.c = c.to_vec();
         for s in &mut self.stretches {
             filter(s.y, c, &mut s.yf);
             filter(s.u, c, &mut s.uf);
-            s.e.fill(0.0);
-            if let Some(first) = s.e.first_mut() {
-                *first = 1.0;
+            let nc = c.len();
+            s.ef.fill(0.0);
+            s.ef[0] = 1.0;
+            filter(&s.ef[..s.rows], c, &mut s.impulse[nc..]);
+            for j in 1..=nc {
+                let mut column = std::mem::take(&mut s.before[j - 1]);
+                column.fill(0.0);
+                for k in 0..=nc - j {
+                    s.add_impulse(&mut column, k, c[k + j - 1]);
+                }
+                s.before[j - 1] = column;
             }
-            filter(&s.e, c, &mut s.start[c.len()..]);
         }
+    }
+
+    /// ln det of the covariance of (A y − B u) over all stretches, per row and in units of the errors' variance.
+    fn determinant(&self, c: &[f64]) -> Option<f64> {
+        let mut known: Vec<(usize, f64)> = Vec::new();
+        let mut sum = 0.0;
+        for s in &self.stretches {
+            let rows = s.rows.min(REMEMBERED);
+            let value = match known.iter().find(|(r, _)| *r == rows) {
+                Some((_, value)) => *value,
+                None => {
+                    let value = ln_determinant(c, rows)?;
+                    known.push((rows, value));
+                    value
+                }
+            };
+            sum += value;
+        }
+        #[allow(clippy::cast_precision_loss)]
+        let rows = self.rows as f64;
+        Some(sum / rows)
     }
 
     /// Past outputs, then inputs, of the model at hand.
-    fn columns<'s>(&'s self, s: &'s Stretch<'a>) -> Vec<&'s [f64]> {
+    fn columns(&self, s: &Stretch<'a>) -> Vec<Vec<f64>> {
         let (na, most) = (self.orders.na, self.most);
-        let outputs = (1..=na).map(|i| &s.yf[na - i..na - i + s.rows]);
-        let inputs = (self.nk..self.nk + self.m).map(|l| &s.uf[most - l..most - l + s.rows]);
+        let outputs = (1..=na).map(|i| s.column(&s.yf, na - i, &self.c));
+        let inputs = (self.nk..self.nk + self.m).map(|l| s.column(&s.uf, most - l, &self.c));
         outputs.chain(inputs).collect()
     }
 
-    fn starts<'s>(&'s self, s: &'s Stretch<'a>) -> Vec<&'s [f64]> {
-        let nc = self.orders.nc;
-        (0..nc).map(|i| &s.start[nc - i..nc - i + s.rows]).collect()
-    }
-
-    /// Solves for A, B and the starts with the signals filtered; leaves e in the stretches. The factor of the Gram matrix of A's and B's columns, the starts'
-    /// share taken out, and Σ e².
+    /// Solves for A, B and the errors before each stretch with the signals filtered; leaves e in the stretches. The factor of the Gram matrix of A's and B's
+    /// columns, the share of the errors before taken out, and Σ e².
     fn project(&mut self) -> Option<(Gram, f64)> {
-        let k = self.orders.na + self.m;
-        let na = self.orders.na;
+        let (na, nc) = (self.orders.na, self.orders.nc);
         let mut stretches = std::mem::take(&mut self.stretches);
         for s in &mut stretches {
-            s.e.copy_from_slice(&s.yf[na..]);
+            let target = s.column(&s.yf, na, &self.c);
+            s.e[..nc].fill(0.0);
+            s.e[nc..].copy_from_slice(&target);
         }
-        let gram = self.gram(&stretches);
-        let mut solved = None;
-        if let Some(gram) = gram {
-            self.linear = DVector::zeros(k);
+        let solved = self.gram(&stretches).map(|gram| {
+            self.linear = DVector::zeros(na + self.m);
             let mut cost = self.step(&mut stretches, &gram);
             if cost < REFINE * self.power {
                 cost = self.step(&mut stretches, &gram);
             }
-            solved = Some((gram, cost));
-        }
+            (gram, cost)
+        });
         self.stretches = stretches;
         solved.filter(|(_, cost)| cost.is_finite())
     }
@@ -184,50 +232,59 @@ impl<'a> Problem<'a> {
         let mut whole = DMatrix::zeros(k, k);
         let mut blocks = Vec::with_capacity(stretches.len());
         for s in stretches {
-            let (columns, starts) = (self.columns(s), self.starts(s));
-            whole += products(&columns, &columns);
-            let own = ridged(products(&starts, &starts)).cholesky()?;
-            let cross = products(&starts, &columns);
-            whole -= cross.tr_mul(&own.solve(&cross));
-            blocks.push(Block { own, cross });
+            let columns = self.columns(s);
+            let mut own = squares(&s.before);
+            for j in 0..own.nrows() {
+                own[(j, j)] += 1.0;
+            }
+            let own = own.cholesky()?;
+            let cross = products(&s.before, &columns);
+            whole += squares(&columns) - cross.tr_mul(&own.solve(&cross));
+            blocks.push(Block { columns, own, cross });
         }
         Some(Gram { factor: ridged(whole).cholesky()?, blocks })
     }
 
     /// Takes off e what the columns explain of it; adds to the linear coefficients.
     fn step(&mut self, stretches: &mut [Stretch<'a>], gram: &Gram) -> f64 {
-        let k = self.linear.len();
-        let mut right = DVector::zeros(k);
-        let mut of_starts = Vec::with_capacity(stretches.len());
+        let nc = self.orders.nc;
+        let mut right = DVector::zeros(self.linear.len());
+        let mut of_before = Vec::with_capacity(stretches.len());
         for (s, block) in stretches.iter().zip(&gram.blocks) {
-            let target = [s.e.as_slice()];
-            let start = products(&self.starts(s), &target);
-            right += products(&self.columns(s), &target).column(0) - block.cross.tr_mul(&block.own.solve(&start)).column(0);
-            of_starts.push(start);
+            let (past, target) = s.e.split_at(nc);
+            // What is already taken off as errors before weighs against more of it.
+            let before = DVector::from_fn(nc, |j, _| dot(&s.before[j], target) - past[nc - 1 - j]);
+            let of_columns = DVector::from_fn(right.len(), |i, _| dot(&block.columns[i], target));
+            right += of_columns - block.cross.tr_mul(&block.own.solve(&before));
+            of_before.push(before);
         }
         let change = gram.factor.solve(&right);
         let mut cost = 0.0;
-        for ((s, block), start) in stretches.iter_mut().zip(&gram.blocks).zip(of_starts) {
-            let own = block.own.solve(&(start - &block.cross * &change));
-            let mut e = std::mem::take(&mut s.e);
-            for (column, weight) in self.columns(s).into_iter().zip(change.iter()).chain(self.starts(s).into_iter().zip(own.iter())) {
+        for ((s, block), before) in stretches.iter_mut().zip(&gram.blocks).zip(of_before) {
+            let own = block.own.solve(&(before - &block.cross * &change));
+            let (past, e) = s.e.split_at_mut(nc);
+            for (column, weight) in block.columns.iter().zip(change.iter()).chain(s.before.iter().zip(own.iter())) {
                 for (e, x) in e.iter_mut().zip(column) {
                     *e -= weight * x;
                 }
             }
-            cost += dot(&e, &e);
-            s.e = e;
+            for (past, own) in past.iter_mut().rev().zip(own.iter()) {
+                *past += own;
+            }
+            cost += dot(&s.e, &s.e);
         }
         self.linear += change;
         cost
     }
 
+    /// The loss times rows.
     fn cost(&mut self, c: &[f64]) -> Option<f64> {
         if !is_stable(c) {
             return None;
         }
         self.filter(c);
-        self.project().map(|(_, cost)| cost)
+        let (_, cost) = self.project()?;
+        Some(cost * self.determinant(c)?.exp())
     }
 
     fn evaluate(&mut self, c: &[f64]) -> Option<Normal> {
@@ -239,21 +296,36 @@ impl<'a> Problem<'a> {
         let nc = c.len();
         let (mut gradient, mut information) = (DVector::zeros(nc), DMatrix::zeros(nc, nc));
         let mut cross = DMatrix::zeros(self.linear.len(), nc);
-        let mut stretches = std::mem::take(&mut self.stretches);
-        for (s, block) in stretches.iter_mut().zip(&gram.blocks) {
-            filter(&s.e, c, &mut s.ef[nc..]);
-            let s = &*s;
-            // de/dcᵢ = −(e/C)(t − i).
-            let moved: Vec<&[f64]> = (1..=nc).map(|i| &s.ef[nc - i..nc - i + s.rows]).collect();
-            let start = products(&self.starts(s), &moved);
-            let own = block.own.solve(&start);
-            gradient -= products(&moved, &[&s.e]).column(0);
-            information += products(&moved, &moved) - start.tr_mul(&own);
-            cross += products(&self.columns(s), &moved) - block.cross.tr_mul(&own);
+        let mut moved = vec![Vec::new(); nc];
+        for (s, block) in self.stretches.iter_mut().zip(&gram.blocks) {
+            // de/dcᵢ = −(1/C) e(t − i), nothing of it before the stretch.
+            for (i, moved) in moved.iter_mut().enumerate() {
+                moved.resize(s.rows, 0.0);
+                filter(&s.e[nc - 1 - i..][..s.rows], c, moved);
+            }
+            let before = products(&s.before, &moved);
+            let own = block.own.solve(&before);
+            gradient -= DVector::from_fn(nc, |i, _| dot(&moved[i], &s.e[nc..]));
+            information += squares(&moved) - before.tr_mul(&own);
+            cross += products(&block.columns, &moved) - block.cross.tr_mul(&own);
         }
-        self.stretches = stretches;
         information -= cross.tr_mul(&gram.factor.solve(&cross));
-        Some(Normal { cost, gradient, information })
+        // Residuals times √det^(1/rows): half the slope of ln det each.
+        let scale = self.determinant(c)?.exp();
+        let mut shifted = c.to_vec();
+        let mut slope = DVector::zeros(nc);
+        for i in 0..nc {
+            let mut at = |by: f64| {
+                shifted[i] = c[i] + by;
+                self.determinant(&shifted)
+            };
+            let (up, down) = (at(DIFFERENCE)?, at(-DIFFERENCE)?);
+            shifted[i] = c[i];
+            slope[i] = 0.5 * (up - down) / (2.0 * DIFFERENCE);
+        }
+        information += &gradient * slope.transpose() + &slope * gradient.transpose() + &slope * slope.transpose() * cost;
+        gradient += &slope * cost;
+        Some(Normal { cost: cost * scale, gradient: gradient * scale, information: information * scale })
     }
 
     /// The second stage of Hannan and Rissanen: `errors` of a long ARX model, one per row of each stretch, as if they were measured.
@@ -265,9 +337,9 @@ impl<'a> Problem<'a> {
         for (s, e) in self.stretches.iter().zip(errors) {
             let padded = [vec![0.0; nc], e.clone()].concat();
             let mut columns = self.columns(s);
-            columns.extend((1..=nc).map(|i| &padded[nc - i..nc - i + s.rows]));
-            gram += products(&columns, &columns);
-            right += products(&columns, &[&s.yf[self.orders.na..]]).column(0);
+            columns.extend((1..=nc).map(|i| padded[nc - i..nc - i + s.rows].to_vec()));
+            gram += squares(&columns);
+            right += DVector::from_fn(k, |i, _| dot(&columns[i], &s.y[self.orders.na..]));
         }
         let solution = ridged(gram).cholesky()?.solve(&right);
         let c: Vec<f64> = solution.iter().skip(k - nc).copied().collect();
@@ -297,8 +369,9 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// One stretch's start columns with themselves, and with the others.
+/// One stretch's columns; the Gram matrix of the errors before it, and its products with the columns.
 struct Block {
+    columns: Vec<Vec<f64>>,
     own: nalgebra::Cholesky<f64, nalgebra::Dyn>,
     cross: DMatrix<f64>,
 }
@@ -308,8 +381,50 @@ struct Gram {
     blocks: Vec<Block>,
 }
 
-fn products(a: &[&[f64]], b: &[&[f64]]) -> DMatrix<f64> {
-    DMatrix::from_fn(a.len(), b.len(), |i, j| dot(a[i], b[j]))
+fn products(a: &[Vec<f64>], b: &[Vec<f64>]) -> DMatrix<f64> {
+    DMatrix::from_fn(a.len(), b.len(), |i, j| dot(&a[i], &b[j]))
+}
+
+fn squares(a: &[Vec<f64>]) -> DMatrix<f64> {
+    let mut gram = DMatrix::zeros(a.len(), a.len());
+    for i in 0..a.len() {
+        for j in 0..=i {
+            gram[(i, j)] = dot(&a[i], &a[j]);
+            gram[(j, i)] = gram[(i, j)];
+        }
+    }
+    gram
+}
+
+/// Step of the differences of ln det.
+const DIFFERENCE: f64 = 1e-6;
+/// Rows after which the errors before a stretch count as forgotten.
+const REMEMBERED: usize = 1000;
+
+/// ln det(I + SᵀS), S what the errors before add to `rows` of 1/C.
+fn ln_determinant(c: &[f64], rows: usize) -> Option<f64> {
+    let nc = c.len();
+    let mut unit = vec![0.0; rows];
+    *unit.first_mut()? = 1.0;
+    let mut h = vec![0.0; rows];
+    filter(&unit, c, &mut h);
+    let before: Vec<Vec<f64>> = (1..=nc)
+        .map(|j| {
+            let mut column = vec![0.0; rows];
+            for k in 0..=nc - j {
+                for (v, h) in column.iter_mut().skip(k).zip(&h) {
+                    *v += c[k + j - 1] * h;
+                }
+            }
+            column
+        })
+        .collect();
+    let mut gram = squares(&before);
+    for j in 0..nc {
+        gram[(j, j)] += 1.0;
+    }
+    let factor = gram.cholesky()?;
+    Some(2.0 * factor.l_dirty().diagonal().map(f64::ln).sum())
 }
 
 fn ridged(mut gram: DMatrix<f64>) -> DMatrix<f64> {
@@ -347,7 +462,7 @@ impl Armax {
     /// Least rows of a scan: twice the parameters.
     #[must_use]
     pub fn rows_needed(&self) -> usize {
-        2 * (self.na + self.nb + 2 * self.nc)
+        2 * (self.na + self.nb + self.nc)
     }
 
     /// The best models for nk = 0 … `max_delay` with 1 … nb input coefficients.
@@ -359,8 +474,8 @@ impl Armax {
         let rows = problem.rows.max(1) as f64;
         let power = problem.power / rows;
         let mut fits: Vec<Vec<Option<ArmaxFit>>> = vec![vec![None; self.nb]; delays];
-        if problem.rows < self.rows_needed() || problem.freedom() <= self.na + self.nb + self.nc {
-            return ArmaxScan { fits, without_input: None, power, rows: problem.freedom() };
+        if problem.rows < self.rows_needed() {
+            return ArmaxScan { fits, without_input: None, power, rows: problem.rows };
         }
         let (long, errors) = self.long(&problem, records, max_delay);
         let without_input = self.without_input(&mut problem, &errors);
@@ -400,7 +515,7 @@ impl Armax {
                 }
             }
         }
-        ArmaxScan { fits, without_input, power, rows: problem.freedom() }
+        ArmaxScan { fits, without_input, power, rows: problem.rows }
     }
 
     /// The losses of a long ARX model for every delay, and the errors of the best of them.
@@ -441,13 +556,13 @@ impl Armax {
             return Vec::new();
         }
         let most = problem.most;
-        problem.stretches.into_iter().map(|s| (s.e, s.u[most..].to_vec())).collect()
+        problem.stretches.into_iter().map(|s| (s.e[self.nc..].to_vec(), s.u[most..].to_vec())).collect()
     }
 }
 
 fn at(problem: &mut Problem<'_>, c: &[f64]) -> Option<ArmaxFit> {
     let cost = problem.cost(c)?;
-    Some(problem.fit(cost, c.to_vec(), Stopped::Iterations))
+    Some(problem.fit(cost, c.to_vec(), Stopped::Iterations, f64::INFINITY))
 }
 
 fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
@@ -460,20 +575,127 @@ fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
     };
     let fit = method.minimise(start, |c| problem.evaluate(c));
     let cost = problem.cost(&fit.parameters)?;
-    Some(problem.fit(cost, fit.parameters, fit.stopped))
+    let Normal { gradient, information, .. } = fit.normal;
+    let step = ridged(information).cholesky().map(|c| c.solve(&gradient));
+    #[allow(clippy::cast_precision_loss)]
+    let to_gain = step.map_or(f64::INFINITY, |s| problem.rows as f64 * s.dot(&gradient) / cost.max(f64::MIN_POSITIVE));
+    Some(problem.fit(cost, fit.parameters, fit.stopped, to_gain))
 }
 
 impl Problem<'_> {
-    fn fit(&self, cost: f64, c: Vec<f64>, stopped: Stopped) -> ArmaxFit {
+    fn fit(&self, cost: f64, c: Vec<f64>, stopped: Stopped, to_gain: f64) -> ArmaxFit {
         let na = self.orders.na;
         #[allow(clippy::cast_precision_loss)]
-        let rows = self.freedom().max(1) as f64;
+        let rows = self.rows.max(1) as f64;
         ArmaxFit {
             loss: cost / rows,
             a: self.linear.iter().take(na).map(|v| -v).collect(),
             b: self.linear.iter().skip(na).copied().collect(),
             c,
             stopped,
+            to_gain,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(samples: usize, gaps: &[usize]) -> Record {
+        let mut state = 7_u64;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        };
+        let u: Vec<f64> = (0..samples).map(|_| next()).collect();
+        let e: Vec<f64> = (0..samples).map(|_| next()).collect();
+        let mut y = vec![0.0; samples];
+        for t in 0..samples {
+            let past = |x: &[f64], lag: usize| if t >= lag { x[t - lag] } else { 0.0 };
+            y[t] = 1.2 * past(&y, 1) - 0.4 * past(&y, 2) + 0.5 * past(&u, 3) + e[t] - 0.7 * past(&e, 1);
+        }
+        let present = (!gaps.is_empty()).then(|| (0..samples).map(|t| !gaps.contains(&t)).collect());
+        Record { u, y, present }
+    }
+
+    /// The oracle: generalised least squares with the covariance matrix written out.
+    fn direct(record: &Record, stretches: &[(usize, usize)], (na, nk, m): (usize, usize, usize), c: &[f64]) -> f64 {
+        let nc = c.len();
+        let rows: usize = stretches.iter().map(|(from, to)| to - from).sum();
+        let (mut x, mut y) = (DMatrix::zeros(rows, na + m), DVector::zeros(rows));
+        let mut covariance = DMatrix::zeros(rows, rows);
+        let mut at = 0;
+        for &(from, to) in stretches {
+            let n = to - from;
+            let mut moving = DMatrix::<f64>::zeros(n, n + nc);
+            for t in 0..n {
+                moving[(t, t + nc)] = 1.0;
+                for i in 1..=nc {
+                    moving[(t, t + nc - i)] = c[i - 1];
+                }
+                y[at + t] = record.y[from + t];
+                for i in 1..=na {
+                    x[(at + t, i - 1)] = record.y[from + t - i];
+                }
+                for j in 0..m {
+                    x[(at + t, na + j)] = record.u[from + t - nk - j];
+                }
+            }
+            covariance.view_mut((at, at), (n, n)).copy_from(&(&moving * moving.transpose()));
+            at += n;
+        }
+        let factor = covariance.cholesky().unwrap();
+        let ln_det = 2.0 * factor.l().diagonal().map(f64::ln).sum();
+        let solve = |b: &DMatrix<f64>| factor.l().solve_lower_triangular(b).unwrap();
+        let (xw, yw) = (solve(&x), solve(&DMatrix::from_column_slice(rows, 1, y.as_slice())));
+        let theta = (xw.transpose() * &xw).cholesky().unwrap().solve(&(xw.transpose() * &yw));
+        (yw - xw * theta).norm_squared() * (ln_det / rows as f64).exp()
+    }
+
+    #[test]
+    fn the_loss_is_that_of_generalised_least_squares() {
+        let record = record(160, &[40, 41, 90]);
+        let orders = Armax { na: 2, nb: 2, nc: 2 };
+        let records = [record.clone()];
+        let mut problem = Problem::new(orders, &records, 6);
+        for (nk, m, c) in [(0, 2, [-0.5, 0.3]), (6, 1, [-1.9, 0.9999]), (3, 2, [0.0, 0.0]), (2, 2, [1.2, 0.9])] {
+            (problem.nk, problem.m) = (nk, m);
+            let expected = direct(&record, &[(7, 40), (44, 90), (93, 160)], (2, nk, m), &c);
+            let got = problem.cost(&c).unwrap();
+            assert!((got / expected - 1.0).abs() < 1e-8, "{nk} {m} {c:?}: {got} {expected}");
+        }
+    }
+
+    #[test]
+    fn the_gradient_is_the_derivative_of_the_cost() {
+        let records = [record(90, &[]), record(60, &[30])];
+        let mut problem = Problem::new(Armax { na: 2, nb: 1, nc: 2 }, &records, 5);
+        problem.nk = 3;
+        for c in [[-0.5, 0.3], [-1.5, 0.7]] {
+            let normal = problem.evaluate(&c).unwrap();
+            for i in 0..2 {
+                let mut at = |by: f64| {
+                    let mut shifted = c;
+                    shifted[i] += by;
+                    problem.cost(&shifted).unwrap()
+                };
+                let numeric = (at(1e-6) - at(-1e-6)) / 4e-6;
+                assert!((normal.gradient[i] - numeric).abs() < 1e-5 * numeric.abs().max(1.0), "{} {numeric}", normal.gradient[i]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_scan_finds_the_polynomials_that_made_the_record() {
+        let records = [record(20_000, &[])];
+        let scan = Armax { na: 2, nb: 1, nc: 1 }.scan(&records, 8);
+        let best =
+            (0..9).min_by(|&a, &b| scan.fits[a][0].as_ref().unwrap().loss.total_cmp(&scan.fits[b][0].as_ref().unwrap().loss)).unwrap();
+        let fit = scan.fits[best][0].as_ref().unwrap();
+        assert_eq!(best, 3);
+        for (got, want) in fit.a.iter().chain(&fit.b).chain(&fit.c).zip([-1.2, 0.4, 0.5, -0.7]) {
+            assert!((got - want).abs() < 0.03, "{fit:?}");
         }
     }
 }

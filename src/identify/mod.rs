@@ -3,21 +3,27 @@
 mod armax;
 mod arx;
 mod fir;
+mod iv;
 mod lag_products;
 mod least_squares;
 mod many_zeros;
 mod oe;
 mod polynomial;
 mod regression;
+mod subspace;
 
 pub use armax::{Armax, ArmaxFit, ArmaxScan};
 pub use arx::{ArxScan, scan as arx_scan};
 pub use fir::{Fir, fit as fir};
+pub use iv::{IvFit, RefinedIv};
 pub use oe::{Initial, MAX_ORDER as MAX_OE_ORDER, OeFit, OutputError};
 pub(crate) use regression::dot;
 pub use regression::{Record, Regression};
+pub use subspace::{Innovations, Subspace};
 
 pub(crate) use fir::estimate as fir_or_rank;
 pub(crate) use lag_products::{lag_matrix, lag_vector};
 pub(crate) use many_zeros::ManyZeros;
 pub(crate) use oe::{largest_pole, power};
+pub(crate) use lag_products::lag_matrix;
+pub(crate) use oe::{largest_pole, power, prefiltered};

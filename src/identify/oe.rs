@@ -606,12 +606,17 @@ impl OutputError {
 
 /// The largest magnitude among the roots of F.
 pub(crate) fn largest_pole(f: &[f64]) -> f64 {
-    let n = f.len();
-    if n == 0 {
-        return 0.0;
-    }
-    let companion = DMatrix::from_fn(n, n, |i, j| if i == 0 { -f[j] } else { f64::from(u8::from(i == j + 1)) });
-    companion.complex_eigenvalues().iter().map(|p| p.norm()).fold(0.0, f64::max)
+    super::polynomial::roots(f).map_or(f64::NAN, |roots| roots.iter().map(|p| p.norm()).fold(0.0, f64::max))
+}
+
+/// A record without missing samples, both channels through 1/C from rest.
+pub(crate) fn prefiltered(record: &Record, c: &[f64]) -> Record {
+    let through = |x: &[f64]| {
+        let mut out = vec![0.0; x.len()];
+        filter(x, c, &mut out);
+        out
+    };
+    Record::new(through(&record.u), through(&record.y))
 }
 
 /// Mean square of the measured output samples.

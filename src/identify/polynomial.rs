@@ -2,7 +2,7 @@
 
 use nalgebra::{Complex, DMatrix};
 
-/// The roots of 1 + f₁q⁻¹ + … in z; `None` where a coefficient is not finite.
+/// The roots of 1 + f₁q⁻¹ + … in z; `None` where they cannot be found.
 pub(super) fn roots(f: &[f64]) -> Option<Vec<Complex<f64>>> {
     let n = f.len();
     if n == 0 {
@@ -12,7 +12,9 @@ pub(super) fn roots(f: &[f64]) -> Option<Vec<Complex<f64>>> {
         return None;
     }
     let companion = DMatrix::from_fn(n, n, |i, j| if i == 0 { -f[j] } else { f64::from(u8::from(i == j + 1)) });
-    let roots: Vec<Complex<f64>> = companion.complex_eigenvalues().iter().copied().collect();
+    // The iteration of `complex_eigenvalues` need not end where the coefficients differ by many powers of ten.
+    let schur = nalgebra::Schur::try_new(companion, f64::EPSILON, 100 * n)?;
+    let roots: Vec<Complex<f64>> = schur.complex_eigenvalues().iter().copied().collect();
     roots.iter().all(|r| r.re.is_finite() && r.im.is_finite()).then_some(roots)
 }
 

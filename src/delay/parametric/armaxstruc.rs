@@ -64,6 +64,9 @@ impl Default for Armaxstruc {
 
 const NAME: &str = "armaxstruc";
 
+/// What a search that stopped early may have left to gain, of N·ln V, before its delay is not believed: a factor e of probability.
+const WORTH: f64 = 2.0;
+
 /// Its line in the list of methods.
 pub(in crate::delay) const METHOD: Method = Method {
     entry: entry!(
@@ -107,7 +110,7 @@ impl Armaxstruc {
         let records = cut.as_deref().unwrap_or(records);
         let orders = Armax { na: self.na, nb: self.nb, nc: self.nc };
         let scan = orders.scan(records, max_delay);
-        if scan.rows + self.nc < orders.rows_needed() {
+        if scan.rows < orders.rows_needed() {
             return Err(DelayError::TooShort {
                 method: NAME,
                 needed: self.na.max(max_delay + self.nb - 1) + orders.rows_needed(),
@@ -129,7 +132,9 @@ impl Armaxstruc {
         let best = posterior.best;
         let delays = max_delay + 1;
         let gain = rows * (without.loss / full[minimum].max(f64::MIN_POSITIVE)).ln();
-        if gain < posterior::visible_gain(self.nb, delays) {
+        // A pair of roots of A and C may settle on any of N/2 frequencies: these are tries too.
+        let tried = delays + if self.na.min(self.nc) >= 2 { scan.rows / 2 } else { 0 };
+        if gain < posterior::visible_gain(self.nb, tried) {
             let note = format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input");
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
@@ -141,10 +146,11 @@ impl Armaxstruc {
         #[allow(clippy::cast_precision_loss)]
         let count = (0..self.nb).filter(|&m| losses[best][m].is_finite()).max_by(|&a, &b| evidence(a).total_cmp(&evidence(b)));
         let fit = count.and_then(|m| scan.fits[best][m].as_ref());
-        if let Some(fit) = fit.filter(|f| !f.stopped.converged()) {
+        if let Some(fit) = fit.filter(|f| !f.stopped.converged() && f.to_gain > WORTH) {
             let note = format!(
-                "the optimiser stopped without a minimum ({:?}) at nk = {best}, roots of C at |z| up to {:.4}",
+                "the optimiser stopped without a minimum ({:?}) at nk = {best}, with {:.1} to gain and roots of C at |z| up to {:.4}",
                 fit.stopped,
+                fit.to_gain,
                 crate::identify::largest_pole(&fit.c)
             );
             return Ok(DelayEstimate::without(Outcome::NotConverged, note));

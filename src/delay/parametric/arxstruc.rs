@@ -8,7 +8,7 @@ use crate::delay::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
     Start, Suits, every_pair, posterior,
 };
-use crate::identify::{Record, arx_scan};
+use crate::identify::{ArxScan, Record, arx_scan};
 use crate::registry::entry;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
@@ -102,40 +102,44 @@ impl Arxstruc {
                 remedy: "search a shorter --max-delay, or set smaller na and nb",
             });
         }
-        if scan.input_rank.iter().all(|&r| r == 0) {
-            return Ok(DelayEstimate::without(
-                Outcome::NotRichEnough,
-                "past outputs explain every lag of the input: it hardly moves in the rows used",
-            ));
-        }
-        #[allow(clippy::cast_precision_loss)]
-        let rows = scan.rows as f64;
-        let minimum = (0..scan.loss.len()).filter(|&nk| scan.loss[nk].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
-        let (Some(minimum), Some(posterior)) = (minimum, posterior::posterior_of_start(&scan.by_count, scan.power, rows)) else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "no delay has a finite loss: the numbers overflow; scale the channels"));
-        };
-        let best = posterior.best;
-        let delays = max_delay + 1;
-        if let Some(note) = posterior::unseen_by(&scan, self.nb) {
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
-        if posterior.set > delays / 2 {
-            return Ok(DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set)));
-        }
-        #[allow(clippy::cast_precision_loss)]
-        let (start, raw) = (best as f64, minimum as f64);
-        let estimate = DelayEstimate::counted(
-            start,
-            posterior.std,
-            posterior::first_coefficient(posterior.ends[0], posterior.ends[1], bias),
-            best == max_delay,
-            bias,
-            experiment.sample_time,
-        );
-        let leading = best.saturating_sub(minimum);
-        let note = (leading > 0).then(|| {
-            format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise")
-        });
-        Ok(DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(raw)), ..estimate }.noting(note))
+        Ok(answer(&scan, self.nb, max_delay, bias, experiment))
     }
+}
+
+/// What the losses of an ARX scan say of the delay.
+pub(super) fn answer(scan: &ArxScan, nb: usize, max_delay: usize, bias: usize, experiment: &Experiment) -> DelayEstimate {
+    if scan.input_rank.iter().all(|&r| r == 0) {
+        return DelayEstimate::without(
+            Outcome::NotRichEnough,
+            "past outputs explain every lag of the input: it hardly moves in the rows used",
+        );
+    }
+    #[allow(clippy::cast_precision_loss)]
+    let rows = scan.rows as f64;
+    let minimum = (0..scan.loss.len()).filter(|&nk| scan.loss[nk].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
+    let (Some(minimum), Some(posterior)) = (minimum, posterior::posterior_of_start(&scan.by_count, scan.power, rows)) else {
+        return DelayEstimate::without(Outcome::Singular, "no delay has a finite loss: the numbers overflow; scale the channels");
+    };
+    let best = posterior.best;
+    let delays = max_delay + 1;
+    if let Some(note) = posterior::unseen_by(scan, nb) {
+        return DelayEstimate::without(Outcome::NotVisible, note);
+    }
+    if posterior.set > delays / 2 {
+        return DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set));
+    }
+    #[allow(clippy::cast_precision_loss)]
+    let (start, raw) = (best as f64, minimum as f64);
+    let estimate = DelayEstimate::counted(
+        start,
+        posterior.std,
+        posterior::first_coefficient(posterior.ends[0], posterior.ends[1], bias),
+        best == max_delay,
+        bias,
+        experiment.sample_time,
+    );
+    let leading = best.saturating_sub(minimum);
+    let note = (leading > 0)
+        .then(|| format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise"));
+    DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(raw)), ..estimate }.noting(note)
 }

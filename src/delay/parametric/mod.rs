@@ -2,10 +2,14 @@
 
 pub(super) mod armaxstruc;
 pub(super) mod arxstruc;
+pub(super) mod ivstruc;
+pub(super) mod met1struc;
 pub(super) mod oestruc;
 
 pub use armaxstruc::Armaxstruc;
 pub use arxstruc::Arxstruc;
+pub use ivstruc::Ivstruc;
+pub use met1struc::Met1struc;
 pub use oestruc::Oestruc;
 
 use crate::identify::Record;
