@@ -80,6 +80,8 @@ pub enum Scope {
 pub enum Suits {
     /// A plant with dynamics of its own, moved by a rich input.
     Plant,
+    /// One lag behind a dead time, moved by a rich input.
+    OneLag,
     /// An output that is a delayed copy of the input, with noise.
     Copy,
     /// A plant at rest that answers to steps.

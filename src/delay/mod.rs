@@ -14,7 +14,7 @@ pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
-pub use parametric::{Arxstruc, Oestruc};
+pub use parametric::{Arxstruc, Center, Cost, Delayest, Elnaggar, OePosterior, Oestruc, SamplingZero, TwoStep};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
 pub use verdict::{Verdict, verdict};
@@ -81,7 +81,12 @@ fn every_pair(
 /// Every estimator, within a class the most trusted first.
 pub const METHODS: &[Method] = &[
     parametric::oestruc::METHOD,
+    parametric::oe_posterior::METHOD,
     parametric::arxstruc::METHOD,
+    parametric::two_step::METHOD,
+    parametric::sampling_zero::METHOD,
+    parametric::delayest::METHOD,
+    parametric::elnaggar::METHOD,
     threshold::impulse::METHOD,
     threshold::step::METHOD,
     states::state_least_squares::METHOD,

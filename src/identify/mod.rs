@@ -14,4 +14,4 @@ pub use regression::{Record, Regression};
 
 pub(crate) use fir::estimate as fir_or_rank;
 pub(crate) use lag_products::lag_matrix;
-pub(crate) use oe::{largest_pole, power};
+pub(crate) use oe::{filtered, largest_pole, power};
