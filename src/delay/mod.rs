@@ -16,7 +16,7 @@ pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{Arxstruc, Center, Cost, Delayest, Elnaggar, OePosterior, Oestruc, SamplingZero, TwoStep};
 pub use states::{Coefficients, Selection, StateLeastSquares};
-pub use threshold::{Records, Step, Threshold};
+pub use threshold::{Cusum, CusumStep, Impulseest, Prewindow, Records, Step, Threshold};
 pub use verdict::{Verdict, verdict};
 
 pub use crate::identify::{Initial, Record};
@@ -88,6 +88,9 @@ pub const METHODS: &[Method] = &[
     parametric::delayest::METHOD,
     parametric::elnaggar::METHOD,
     threshold::impulse::METHOD,
+    threshold::impulseest::METHOD,
+    threshold::cusum::METHOD,
     threshold::step::METHOD,
+    threshold::cusum_step::METHOD,
     states::state_least_squares::METHOD,
 ];

@@ -61,6 +61,12 @@ pub(super) fn posterior_of_start(losses: &[Vec<f64>], power: f64, samples: f64) 
     from_logs(&logs, 1)
 }
 
+/// The same from −2·ln of each delay's marginal likelihood.
+pub(super) fn posterior_of_misfits(misfits: &[f64]) -> Option<Posterior> {
+    let logs: Vec<f64> = misfits.iter().map(|m| if m.is_finite() { -0.5 * m } else { f64::NEG_INFINITY }).collect();
+    from_logs(&logs, 1)
+}
+
 fn log_weight(loss: f64, floor: f64, samples: f64) -> f64 {
     if loss.is_finite() { -0.5 * samples * loss.max(floor).max(f64::MIN_POSITIVE).ln() } else { f64::NEG_INFINITY }
 }
