@@ -200,10 +200,11 @@ fn read(orders: &OutputError, profile: &Profile) -> Option<Answer> {
     }
     let whole = candidates.iter().rev().find(|c| c.begins).or_else(|| candidates.last())?;
     let raw = as_f64(whole.nk);
+    let interval = [raw.min(from), raw.max(to) + 1.0];
     Some(Answer {
         raw,
-        std: posterior::RESOLUTION.sqrt(),
-        interval: [raw.min(from), raw.max(to) + 1.0],
+        std: (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt(),
+        interval,
         note: Some("the lag is too short for the zero to show a fraction of a sample: anywhere within the sample".to_owned()),
     })
 }
