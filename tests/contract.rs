@@ -40,6 +40,14 @@ fn pair() -> Experiment {
     Experiment::siso(ts(TS), u, sum(&y, &noise))
 }
 
+/// The same with one lag.
+fn one_lag() -> Experiment {
+    let u = rbs(SAMPLES, 1.0, 11);
+    let y = second_order(&u, 0.3, [-0.7, 0.0], 4);
+    let noise = white(SAMPLES, 0.01 * std_dev(&y), 12);
+    Experiment::siso(ts(TS), u, sum(&y, &noise))
+}
+
 /// Two inputs with dead times of 2 and 9 samples on three measured states.
 fn two_inputs() -> (StateSpace<Sampled>, [usize; 2]) {
     let m = DMatrix::from_row_slice;
@@ -621,16 +629,34 @@ fn options_survive_the_way_through_json() {
 
 #[test]
 fn option_structs_survive_the_way_through_json_with_other_values() {
-    use deadtime::delay::{Arxstruc, Initial, Oestruc, Records, Selection, StateLeastSquares, Step, Threshold};
+    use deadtime::delay::{
+        Arxstruc, Center, Cost, Cusum, CusumStep, Delayest, Elnaggar, Impulseest, Initial, OePosterior, Oestruc, Prewindow, Records,
+        SamplingZero, Selection, StateLeastSquares, Step, Threshold, TwoStep,
+    };
     fn there_and_back<T: serde::Serialize + serde::de::DeserializeOwned + PartialEq + std::fmt::Debug>(options: T) {
         let text = serde_json::to_string(&options).unwrap();
         assert_eq!(serde_json::from_str::<T>(&text).unwrap(), options, "{text}");
     }
     there_and_back(Arxstruc { na: 3, nb: 2 });
+    there_and_back(Delayest { na: 1, nb: 3 });
+    for cost in [Cost::Products, Cost::Regression] {
+        there_and_back(Elnaggar { cost });
+    }
+    for center in [Center::Mean, Center::Median] {
+        there_and_back(OePosterior { nb: 2, nf: 1, initial: Initial::Estimated, center, max_samples: 17 });
+    }
+    there_and_back(SamplingZero { initial: Initial::Estimated, max_samples: 17 });
+    there_and_back(TwoStep { max_turns: 3, max_samples: 17 });
     there_and_back(Oestruc { nb: 2, nf: 4, initial: Initial::Estimated, max_samples: 17 });
-    let threshold = Threshold { taps: 9, h_std: 3.5, family_wise: Some(0.05), records: Records::Averaged };
+    let threshold = Threshold { taps: 9, h_std: 3.5, family_wise: Some(0.05), records: Records::Averaged, prewindow: Prewindow::Rest };
     there_and_back(threshold);
     there_and_back(Step(threshold));
+    for prewindow in [Prewindow::None, Prewindow::Rest, Prewindow::Auto] {
+        let cusum = Cusum { taps: 9, drift: 0.5, level: Some(7.0), false_alarm: 0.1, records: Records::Averaged, prewindow };
+        there_and_back(cusum);
+        there_and_back(CusumStep(cusum));
+    }
+    there_and_back(Impulseest { taps: 9, false_alarm: 0.2 });
     for selection in [Selection::Largest, Selection::ProductSum, Selection::LargestProduct] {
         there_and_back(StateLeastSquares { selection });
     }

@@ -29,12 +29,13 @@ pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use frequency::{Arxdap, Firdap, Oedap, PhaseSlope};
 pub use higher_order::Bispectrum;
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
-pub use parametric::{Armaxstruc, Arxstruc, Oestruc};
+pub use parametric::{
+    Armaxstruc, Arxstruc, Center, Cost, Delayest, Elnaggar, Ivstruc, Met1struc, OePosterior, Oestruc, SamplingZero, TwoStep,
+};
 pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel, Slopes};
 pub use richness::{Richness, richness};
-pub use parametric::{Armaxstruc, Arxstruc, Ivstruc, Met1struc, Oestruc};
 pub use states::{Coefficients, Selection, StateLeastSquares};
-pub use threshold::{Records, Step, Threshold};
+pub use threshold::{Cusum, CusumStep, Impulseest, Prewindow, Records, Step, Threshold};
 pub use verdict::{Verdict, distrust, verdict};
 
 pub use crate::identify::{Initial, Record};
@@ -128,7 +129,14 @@ pub const METHODS: &[Method] = &[
     process::P2DZ,
     process::P1DZ,
     process::P3DZ,
+    parametric::oe_posterior::METHOD,
+    parametric::two_step::METHOD,
+    parametric::sampling_zero::METHOD,
+    parametric::delayest::METHOD,
+    parametric::elnaggar::METHOD,
     threshold::impulse::METHOD,
+    threshold::impulseest::METHOD,
+    threshold::cusum::METHOD,
     threshold::step::METHOD,
     correlation::hannan_thomson::METHOD,
     correlation::scot::METHOD,
@@ -141,6 +149,7 @@ pub const METHODS: &[Method] = &[
     frequency::firdap::METHOD,
     frequency::phase_slope::METHOD,
     higher_order::bispectrum::METHOD,
+    threshold::cusum_step::METHOD,
     states::state_least_squares::METHOD,
     events::average_delay_difference::METHOD,
     events::interval_correlation::METHOD,

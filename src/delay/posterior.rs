@@ -16,6 +16,8 @@ pub(super) struct Posterior {
     pub(super) ends: [f64; 2],
     /// Delays in that set.
     pub(super) set: usize,
+    /// The probability of every delay.
+    pub(super) weights: Vec<f64>,
 }
 
 /// The 95 % interval, samples, of a delay read from the first coefficient that is not zero, between the first and last sample at which it may stand.
@@ -59,6 +61,12 @@ pub(super) fn posterior_of_start(losses: &[Vec<f64>], power: f64, samples: f64) 
     from_logs(&logs, 1)
 }
 
+/// The same from −2·ln of each delay's marginal likelihood.
+pub(super) fn posterior_of_misfits(misfits: &[f64]) -> Option<Posterior> {
+    let logs: Vec<f64> = misfits.iter().map(|m| if m.is_finite() { -0.5 * m } else { f64::NEG_INFINITY }).collect();
+    from_logs(&logs, 1)
+}
+
 fn log_weight(loss: f64, floor: f64, samples: f64) -> f64 {
     if loss.is_finite() { -0.5 * samples * loss.max(floor).max(f64::MIN_POSITIVE).ln() } else { f64::NEG_INFINITY }
 }
@@ -67,22 +75,23 @@ fn from_logs(logs: &[f64], ties: usize) -> Option<Posterior> {
     let best = (0..logs.len()).filter(|&nk| logs[nk] > f64::NEG_INFINITY).max_by(|&a, &b| logs[a].total_cmp(&logs[b]))?;
     let weight = |nk: usize| (logs[nk] - logs[best]).exp();
     let total: f64 = (0..logs.len()).map(weight).sum();
+    let weights: Vec<f64> = (0..logs.len()).map(|nk| weight(nk) / total).collect();
     #[allow(clippy::cast_precision_loss)]
     let real = |nk: usize| nk as f64;
-    let variance: f64 = (0..logs.len()).map(|nk| weight(nk) / total * (real(nk) - real(best)).powi(2)).sum();
+    let variance: f64 = weights.iter().enumerate().map(|(nk, w)| w * (real(nk) - real(best)).powi(2)).sum();
     let mut order: Vec<usize> = (0..logs.len()).collect();
-    order.sort_by(|&a, &b| weight(b).total_cmp(&weight(a)));
+    order.sort_by(|&a, &b| weights[b].total_cmp(&weights[a]));
     let mut mass = 0.0;
     let mut set = Vec::new();
     for nk in order {
         set.push(nk);
-        mass += weight(nk) / total;
+        mass += weights[nk];
         if mass >= 0.95 {
             break;
         }
     }
     let (first, last) = (set.iter().min().copied().unwrap_or(best), set.iter().max().copied().unwrap_or(best));
-    Some(Posterior { best, ties, std: (variance + RESOLUTION).sqrt(), ends: [real(first), real(last)], set: set.len() })
+    Some(Posterior { best, ties, std: (variance + RESOLUTION).sqrt(), ends: [real(first), real(last)], set: set.len(), weights })
 }
 
 /// Variance of a delay that is only known to the nearest sample.

@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::arx::scan as arx_scan;
-use super::oe::{filter, is_stable};
 use super::polynomial::reflected;
+use super::polynomial::{filter, is_stable};
 use super::regression::{Record, dot};
 use crate::fit::{LevenbergMarquardt, Normal, Stopped};
 

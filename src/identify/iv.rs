@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::oe::{filter, is_stable};
 use super::polynomial::reflected;
+use super::polynomial::{filter, is_stable};
 use super::regression::{Record, dot};
 
 /// Orders of the model.

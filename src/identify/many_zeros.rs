@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::oe::{filter, is_stable, stabilised};
+use super::polynomial::{filter, is_stable, stabilised};
 use super::regression::{Record, Regression, dot};
 
 /// y(t) = B(q)/F(q) u(t) + e(t): Steiglitz and McBride's iteration (ARX on signals filtered by the last 1/F), then Gauss and Newton's on the simulation error.

@@ -75,15 +75,27 @@ pub(in crate::delay) const METHOD: Method = Method {
 
 impl DelayEstimator for Arxstruc {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        if self.nb == 0 {
-            return Err(DelayError::Option { method: NAME, option: "nb", value: 0.0, allowed: "1 or more" });
-        }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        self.run(NAME, experiment, search)
     }
 }
 
 impl Arxstruc {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    /// The scan under the name of a method that is one.
+    pub(super) fn run(&self, name: &'static str, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+        if self.nb == 0 {
+            return Err(DelayError::Option { method: name, option: "nb", value: 0.0, allowed: "1 or more" });
+        }
+        every_pair(experiment, search, |records, max_delay, bias| self.pair(name, records, max_delay, bias, experiment))
+    }
+
+    fn pair(
+        &self,
+        name: &'static str,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> Result<DelayEstimate, DelayError> {
         let scan = arx_scan(records, self.na, self.nb, max_delay);
         let rows_needed = 2 * (self.na + self.nb);
         if scan.rows < rows_needed {
@@ -96,7 +108,7 @@ impl Arxstruc {
                 return Ok(DelayEstimate::without(Outcome::NotApplicable, note));
             }
             return Err(DelayError::TooShort {
-                method: NAME,
+                method: name,
                 needed: self.na.max(max_delay + self.nb - 1) + rows_needed,
                 got: experiment.longest(),
                 remedy: "search a shorter --max-delay, or set smaller na and nb",

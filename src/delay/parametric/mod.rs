@@ -2,9 +2,15 @@
 
 pub(super) mod armaxstruc;
 pub(super) mod arxstruc;
+pub(super) mod delayest;
+pub(super) mod elnaggar;
 pub(super) mod ivstruc;
 pub(super) mod met1struc;
+pub(super) mod oe_posterior;
 pub(super) mod oestruc;
+mod profile;
+pub(super) mod sampling_zero;
+pub(super) mod two_step;
 
 pub use armaxstruc::Armaxstruc;
 pub use arxstruc::Arxstruc;
@@ -57,3 +63,8 @@ fn misfit(residuals: &[(Vec<f64>, Vec<f64>)], parameters: usize, after: usize) -
     }
     (!notes.is_empty()).then(|| format!("{}: the orders are too low for plant and noise, or they change", notes.join(" and ")))
 }
+pub use delayest::Delayest;
+pub use elnaggar::{Cost, Elnaggar};
+pub use oe_posterior::{Center, OePosterior};
+pub use sampling_zero::SamplingZero;
+pub use two_step::TwoStep;

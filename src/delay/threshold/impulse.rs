@@ -2,27 +2,15 @@
 //!
 //! Equation: τ̂ = Ts·min{ i : |ĥᵢ| > h_std·σ̂ᵢ }, ĥ the finite impulse response by least squares and σ̂ its standard deviations.
 
-use nalgebra::DVector;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
+use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
 use crate::delay::method::WHOLE;
 use crate::delay::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
     Start, Suits, every_pair, posterior,
 };
-use crate::identify::{Fir, Record, fir_or_rank};
 use crate::registry::entry;
-
-/// How several records are put together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Records {
-    /// One regression over the rows of all.
-    #[default]
-    Joint,
-    /// One response per record; responses and standard deviations averaged (algorithm 3.2 of the thesis).
-    Averaged,
-}
 
 /// Threshold on the impulse response.
 ///
@@ -30,7 +18,8 @@ pub enum Records {
 ///
 /// Assumes: the response has died out after `taps` samples, white noise, an input that excites every tap.
 /// Resolution and cost: one sample; O(N·taps).
-/// Fails when: the input does not excite all taps (`not_rich_enough`), nothing stands out (`not_visible`), or the response begins slowly: the answer is then late,
+/// Fails when: the input does not excite all taps in the rows used (`not_rich_enough`; an impulse at the first sample, or ramps that end before the taps do, excite them only
+/// with `prewindow: rest`), nothing stands out (`not_visible`), or the response begins slowly: the answer is then late,
 /// and the interval reaches back to where the response may have begun.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (5 standard deviations); the thesis behind this project, algorithms 3.1 to 3.3 (3 of them).
 ///
@@ -61,11 +50,13 @@ pub struct Threshold {
     pub family_wise: Option<f64>,
     /// How several records are put together; default jointly.
     pub records: Records,
+    /// What is known of the input before a record; default auto.
+    pub prewindow: Prewindow,
 }
 
 impl Default for Threshold {
     fn default() -> Self {
-        Self { taps: 71, h_std: 5.0, family_wise: None, records: Records::Joint }
+        Self { taps: 71, h_std: 5.0, family_wise: None, records: Records::Joint, prewindow: Prewindow::Auto }
     }
 }
 
@@ -86,24 +77,17 @@ pub(in crate::delay) const METHOD: Method = Method {
 
 impl DelayEstimator for Threshold {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        self.run("threshold", experiment, search, |fir| (fir.coefficients.clone(), fir.covariance.diagonal()))
+        self.run("threshold", &Kind::Impulse, experiment, search)
     }
-}
-
-/// A response and its standard deviations.
-struct Response {
-    values: DVector<f64>,
-    std: DVector<f64>,
-    freedom: usize,
 }
 
 impl Threshold {
     pub(super) fn run(
         &self,
         name: &'static str,
+        kind: &Kind,
         experiment: &Experiment,
         search: &Search,
-        response: impl Fn(&Fir) -> (DVector<f64>, DVector<f64>),
     ) -> Result<Vec<PairEstimate>, DelayError> {
         let option = |option, value, allowed| DelayError::Option { method: name, option, value, allowed };
         if self.taps == 0 {
@@ -117,29 +101,10 @@ impl Threshold {
         }
         every_pair(experiment, search, |records, max_delay, bias| {
             let taps = self.taps.max(max_delay + 1);
-            let needed = 2 * taps + 1;
-            let got = experiment.longest();
-            if got < needed {
-                let remedy = "search a shorter --max-delay, or set fewer taps";
-                return Err(DelayError::TooShort { method: name, needed, got, remedy });
-            }
-            let groups: Vec<&[Record]> = match self.records {
-                Records::Joint => vec![records],
-                Records::Averaged => records.chunks(1).collect(),
-            };
-            let mut responses = Vec::with_capacity(groups.len());
-            for group in &groups {
-                let fir = match fir_or_rank(group, taps) {
-                    Ok(fir) => fir,
-                    Err(rank) => {
-                        let note = format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
-                        return Ok(DelayEstimate::without(Outcome::NotRichEnough, note));
-                    }
-                };
-                let (values, variances) = response(&fir);
-                responses.push(Response { values, std: variances.map(|v| v.max(0.0).sqrt()), freedom: fir.rows - taps });
-            }
-            Ok(self.crossing(&averaged(responses), name == "threshold", max_delay, bias, experiment))
+            Ok(match response(name, kind, records, taps, self.records, self.prewindow)? {
+                Ok(response) => self.crossing(&response, matches!(kind, Kind::Impulse), max_delay, bias, experiment),
+                Err(answer) => answer,
+            })
         })
     }
 
@@ -163,7 +128,7 @@ impl Threshold {
                 format!("no sample of the response up to the longest delay exceeds {multiple:.2} standard deviations"),
             );
         };
-        let began = onset(response, first);
+        let began = onset(&misfits(&response.values, &response.std, first));
         #[allow(clippy::cast_precision_loss)]
         let (raw, began) = (first as f64, began as f64);
         let interval = posterior::first_coefficient(began, raw, bias);
@@ -174,42 +139,6 @@ impl Threshold {
             .then(|| format!("the impulse response has not died out after {taps} taps: set more of them"));
         // The true start is anywhere between: a uniform distribution's standard deviation.
         let std = (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt();
-        DelayEstimate::counted(raw, std, interval, at_edge, bias, experiment.sample_time).noting(note)
+        DelayEstimate::counted(raw, std, interval, at_edge, bias, experiment.sample_time).noting(note).noting(response.note.clone())
     }
-}
-
-/// Mean response and mean standard deviation over records.
-fn averaged(responses: Vec<Response>) -> Response {
-    #[allow(clippy::cast_precision_loss)]
-    let share = 1.0 / responses.len().max(1) as f64;
-    let mut all = responses.into_iter();
-    let Some(mut sum) = all.next() else { return Response { values: DVector::zeros(0), std: DVector::zeros(0), freedom: 0 } };
-    for next in all {
-        sum.values += next.values;
-        sum.std += next.std;
-        sum.freedom = sum.freedom.min(next.freedom);
-    }
-    sum.values *= share;
-    sum.std *= share;
-    sum
-}
-
-/// The earliest sample at which the response may have begun: a ramp from there to the crossing fits the samples before the crossing as well as the best ramp
-/// does, to a likelihood ratio of 3.84 (95 %). A crossing that noise alone made is so rare at the limits used that nothing later is considered.
-fn onset(response: &Response, crossing: usize) -> usize {
-    let misfit = |start: usize| {
-        let (mut up, mut down, mut total) = (0.0, 0.0, 0.0);
-        for k in 0..=crossing {
-            let weight = 1.0 / response.std[k].max(1e-9 * response.values[crossing].abs()).powi(2);
-            #[allow(clippy::cast_precision_loss)]
-            let ramp = if k < start { 0.0 } else { (k - start + 1) as f64 };
-            up += weight * ramp * response.values[k];
-            down += weight * ramp * ramp;
-            total += weight * response.values[k].powi(2);
-        }
-        total - up * up / down
-    };
-    let misfits: Vec<f64> = (0..=crossing).map(misfit).collect();
-    let best = misfits.iter().copied().fold(f64::INFINITY, f64::min);
-    misfits.iter().position(|&m| m - best <= 3.84).unwrap_or(crossing)
 }

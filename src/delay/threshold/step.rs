@@ -1,8 +1,7 @@
 //! Threshold on the step response.
 
-use nalgebra::DMatrix;
-
 use super::Threshold;
+use super::response::Kind;
 use crate::delay::method::WHOLE;
 use crate::delay::{
     Class, Condition, DelayError, DelayEstimator, Experiment, Information, Law, Method, PairEstimate, Scope, Search, Start, Suits,
@@ -40,11 +39,6 @@ pub(in crate::delay) const METHOD: Method = Method {
 
 impl DelayEstimator for Step {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        self.0.run("threshold_step", experiment, search, |fir| {
-            let taps = fir.coefficients.len();
-            let sum = DMatrix::from_fn(taps, taps, |i, j| f64::from(u8::from(j <= i)));
-            let covariance = &sum * &fir.covariance * sum.transpose();
-            (sum * &fir.coefficients, covariance.diagonal())
-        })
+        self.0.run("threshold_step", &Kind::Step, experiment, search)
     }
 }

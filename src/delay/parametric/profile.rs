@@ -1,0 +1,112 @@
+//! What the losses of an output-error scan say, for every method that reads its delay from one.
+
+use crate::delay::posterior::{self, Posterior};
+use crate::delay::{DelayError, DelayEstimate, Outcome};
+use crate::identify::{Initial, MAX_OE_ORDER, OeFit, OutputError, Record, largest_pole, power};
+
+/// An output-error scan against which nothing speaks.
+pub(super) struct Profile {
+    /// The model of every delay.
+    pub(super) fits: Vec<Option<OeFit>>,
+    /// What their losses say.
+    pub(super) posterior: Posterior,
+    /// Measured samples for each independent one among the residuals of the best model.
+    pub(super) per_independent: f64,
+    /// The records as far as they were used.
+    pub(super) records: Vec<Record>,
+    /// What a reader must know.
+    pub(super) note: Option<String>,
+}
+
+/// Options out of their range.
+pub(super) fn check(name: &'static str, orders: &OutputError, max_samples: usize) -> Result<(), DelayError> {
+    #[allow(clippy::cast_precision_loss)]
+    for (option, value, ok, allowed) in [
+        ("nb", orders.nb, orders.nb >= 1, "1 or more"),
+        ("nf", orders.nf, orders.nf <= MAX_OE_ORDER, "at most 16"),
+        ("max_samples", max_samples, max_samples >= 1, "1 or more"),
+    ] {
+        if !ok {
+            return Err(DelayError::Option { method: name, option, value: value as f64, allowed });
+        }
+    }
+    Ok(())
+}
+
+/// The records as far as `max_samples` reach, and the note that says so.
+pub(super) fn shortened(records: &[Record], max_samples: usize) -> (Vec<Record>, Option<String>) {
+    let got = records.iter().map(Record::len).max().unwrap_or(0);
+    let note = (got > max_samples).then(|| format!("used the first {max_samples} of {got} samples"));
+    (records.iter().map(|r| head(r, max_samples)).collect(), note)
+}
+
+fn head(record: &Record, samples: usize) -> Record {
+    let n = record.len().min(samples);
+    Record { u: record.u[..n].to_vec(), y: record.y[..n].to_vec(), present: record.present.as_ref().map(|p| p[..n].to_vec()) }
+}
+
+/// The measured outputs less the residuals.
+pub(super) fn model(records: &[Record], residuals: &[f64]) -> Vec<f64> {
+    let measured = records.iter().flat_map(|r| (0..r.len()).map(|t| if r.present.as_ref().is_none_or(|p| p[t]) { r.y[t] } else { 0.0 }));
+    measured.zip(residuals).map(|(y, e)| y - e).collect()
+}
+
+/// The scan of `orders`, or the answer that takes its place: nothing moves, nothing is seen, many delays fit alike, no minimum.
+pub(super) fn profile(
+    name: &'static str,
+    orders: OutputError,
+    max_samples: usize,
+    records: &[Record],
+    max_delay: usize,
+) -> Result<Result<Profile, DelayEstimate>, DelayError> {
+    let parameters = orders.nb + orders.nf;
+    let needed = max_delay + orders.nb + 3 * parameters;
+    let got = records.iter().map(Record::len).max().unwrap_or(0);
+    if got < needed {
+        return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter --max-delay" });
+    }
+    let (records, note) = shortened(records, max_samples);
+    let fits = orders.scan(&records, max_delay);
+    let losses: Vec<f64> = fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect();
+    let power = power(&records);
+    let without = |outcome, note: String| Ok(Err(DelayEstimate::without(outcome, note)));
+    let smallest = losses.iter().copied().filter(|v| v.is_finite()).min_by(f64::total_cmp);
+    let Some(at) = smallest.and_then(|v| losses.iter().position(|&l| l == v)) else {
+        return without(Outcome::NotRichEnough, "the input is zero wherever a model could use it".to_owned());
+    };
+    let residuals = fits[at].as_ref().and_then(|fit| orders.residuals(&records, at, &fit.f)).unwrap_or_default();
+    // Residuals of rounding size are correlated as rounding happens to be, which says nothing of how much the data know.
+    #[allow(clippy::cast_precision_loss)]
+    let samples = residuals.len() as f64;
+    let exact = losses[at] <= posterior::ROUNDING * power;
+    let independent = if exact { samples } else { posterior::effective_samples(&residuals) };
+    let Some(posterior) = posterior::posterior(&losses, power, independent) else {
+        return without(Outcome::Singular, "no delay has a finite loss: the numbers overflow; scale the channels".to_owned());
+    };
+    let best = posterior.best;
+    let delays = max_delay + 1;
+    let counting = if exact { independent } else { posterior::samples_under(&model(&records, &residuals), &residuals) };
+    let gain = counting * (power / losses[best].max(f64::MIN_POSITIVE)).ln();
+    let free = parameters + if orders.initial == Initial::Estimated { orders.nf } else { 0 };
+    // A pole pair may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let tried = delays + if orders.nf >= 2 { (counting / 2.0) as usize } else { 0 };
+    if gain < posterior::visible_gain(free, tried) {
+        let note = format!("no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input");
+        return without(Outcome::NotVisible, note);
+    }
+    // An output-error model that fits exactly does so for as many delays as it has numerator coefficients; more mean that the data do not tell them apart.
+    if posterior.set > delays / 2 || posterior.ties > orders.nb {
+        let same = posterior.set.max(posterior.ties);
+        return without(Outcome::Flat, format!("{same} of {delays} delays fit equally well"));
+    }
+    if let Some(fit) = fits[best].as_ref().filter(|f| !f.stopped.converged()) {
+        let note = format!(
+            "the optimiser stopped without a minimum ({:?}) at nk = {best}, poles at |z| up to {:.4}: an unstable or integrating plant, or feedback",
+            fit.stopped,
+            largest_pole(&fit.f)
+        );
+        return without(Outcome::NotConverged, note);
+    }
+    Ok(Ok(Profile { fits, posterior, per_independent: samples / independent, records, note }))
+}

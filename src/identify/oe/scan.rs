@@ -1,0 +1,161 @@
+//! The best model of every delay: starts, searches and neighbours.
+
+use super::polynomial::is_stable;
+use super::problem::Problem;
+use super::{OeFit, OutputError, count};
+use crate::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
+use crate::identify::regression::Record;
+use nalgebra::DVector;
+
+/// The search has come back to a known minimum: its loss is hardly above it, and the quadratic model says that nothing lies between.
+fn is_same_minimum(f: &[f64], normal: &Normal, known: &Fit) -> bool {
+    let excess = NEAR * known.normal.cost;
+    let away = DVector::from_iterator(f.len(), f.iter().zip(&known.parameters).map(|(a, b)| a - b));
+    normal.cost >= known.normal.cost
+        && normal.cost - known.normal.cost <= excess
+        && (&known.normal.information * &away).dot(&away) <= 2.0 * excess
+}
+
+/// A loss this close to a minimum, relative, with parameters that explain it, belongs to that minimum.
+const NEAR: f64 = 1e-5;
+
+/// Denominators that between them are near most sampled dynamics: real and complex pole pairs from fast to slow.
+fn table(nf: usize) -> Vec<Vec<f64>> {
+    let real = [0.0, 0.5, 0.8, 0.95, 0.99];
+    let mut seeds: Vec<Vec<f64>> = Vec::new();
+    if nf == 1 {
+        return [-0.5, 0.0, 0.4, 0.7, 0.9, 0.97, 0.995].iter().map(|p| vec![-p]).collect();
+    }
+    for (i, p) in real.iter().enumerate() {
+        for q in &real[i..] {
+            seeds.push(vec![-(p + q), p * q]);
+        }
+    }
+    for radius in [0.7, 0.9, 0.98] {
+        for angle in [0.1, 0.3, 0.8, 1.6, 2.4_f64] {
+            seeds.push(vec![-2.0 * radius * angle.cos(), radius * radius]);
+        }
+    }
+    for f in &mut seeds {
+        f.resize(nf, 0.0);
+    }
+    seeds
+}
+
+/// Slope and relative step at which a minimum is found.
+const TIGHT: f64 = 1e-9;
+
+impl OutputError {
+    /// The best model for nk = 0 … `max_delay`; `None` for a delay whose model cannot be evaluated (the input is zero, say).
+    ///
+    /// All samples count, also for nk = 0: before a record the input is taken to be zero.
+    #[must_use]
+    pub fn scan(&self, records: &[Record], max_delay: usize) -> Vec<Option<OeFit>> {
+        let mut problem = Problem::new(*self, records);
+        let search = LevenbergMarquardt {
+            max_iterations: 60,
+            gradient_tolerance: 1e-4,
+            step_tolerance: 1e-4,
+            cost_floor: 1e-28 * problem.power,
+            ..LevenbergMarquardt::default()
+        };
+        let seeds = self.seeds(&mut problem, max_delay);
+        let mut best: Vec<Option<crate::fit::Fit>> = vec![None; max_delay + 1];
+        for upwards in [true, false] {
+            for step in 0..=max_delay {
+                let nk = if upwards { step } else { max_delay - step };
+                problem.nk = nk;
+                let mut starts: Vec<&[f64]> = Vec::new();
+                if upwards {
+                    starts.extend(seeds[nk].iter().map(Vec::as_slice));
+                }
+                let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1).filter(|&n| n <= max_delay) };
+                let neighbour = neighbour.and_then(|n| best[n].as_ref()).map(|fit| fit.parameters.clone());
+                starts.extend(neighbour.as_deref());
+                for start in starts {
+                    // A second start is worth a search only where it does not lead to the same minimum at once.
+                    let known = best[nk]
+                        .as_ref()
+                        .is_some_and(|fit| fit.stopped.converged() && fit.parameters.iter().zip(start).all(|(a, b)| (a - b).abs() <= 1e-6));
+                    if known {
+                        continue;
+                    }
+                    let known = best[nk].as_ref().filter(|fit| fit.stopped.converged());
+                    let (mut returned, mut lowest) = (false, f64::INFINITY);
+                    let fit = search.minimise(start, |f| {
+                        let mut normal = problem.evaluate(f, lowest)?;
+                        lowest = lowest.min(normal.cost);
+                        if known.is_some_and(|known| is_same_minimum(f, &normal, known)) {
+                            returned = true;
+                            normal.gradient.fill(0.0);
+                        }
+                        Some(normal)
+                    });
+                    if returned {
+                        continue;
+                    }
+                    if fit.stopped != Stopped::Undefined
+                        && best[nk].as_ref().is_none_or(|b| fit.normal.cost < b.normal.cost * (1.0 - 1e-12))
+                    {
+                        best[nk] = Some(fit);
+                    }
+                }
+            }
+        }
+        let samples = count(records);
+        best.into_iter()
+            .enumerate()
+            .map(|(nk, fit)| {
+                let mut fit = fit?;
+                problem.nk = nk;
+                // The search only finds the valley; the minimum in it is Newton's, and where curvature does not let it, that of a search with tight tolerances.
+                if fit.stopped != Stopped::Cost {
+                    fit = polish(fit, |f| problem.evaluate(f, f64::INFINITY));
+                    if fit.normal.slope(&vec![true; fit.parameters.len()]) > TIGHT {
+                        let tight = LevenbergMarquardt { gradient_tolerance: TIGHT, step_tolerance: TIGHT, ..search.clone() };
+                        fit = polish(tight.minimise(&fit.parameters, |f| problem.evaluate(f, f64::INFINITY)), |f| {
+                            problem.evaluate(f, f64::INFINITY)
+                        });
+                    }
+                }
+                problem.cost(&fit.parameters)?;
+                let b = problem.linear.iter().take(self.nb).copied().collect();
+                Some(OeFit { loss: fit.normal.cost / samples, b, f: fit.parameters, stopped: fit.stopped })
+            })
+            .collect()
+    }
+
+    /// Starting denominators for every delay: the best of the table, and Steiglitz-McBride.
+    fn seeds(&self, problem: &mut Problem<'_>, max_delay: usize) -> Vec<Vec<Vec<f64>>> {
+        let mut ranked: Vec<Vec<(f64, Vec<f64>)>> = vec![Vec::new(); max_delay + 1];
+        for f in table(self.nf) {
+            if self.nf == 0 || !is_stable(&f) {
+                continue;
+            }
+            problem.filter(&f);
+            let quick = problem.quick_costs(max_delay);
+            for (nk, entries) in ranked.iter_mut().enumerate() {
+                problem.nk = nk;
+                let cost = match &quick {
+                    Some(costs) => Some(costs[nk]),
+                    None => problem.project().map(|(_, cost)| cost),
+                };
+                if let Some(cost) = cost.filter(|c| c.is_finite()) {
+                    entries.push((cost, f.clone()));
+                }
+            }
+        }
+        (ranked.into_iter().enumerate())
+            .map(|(nk, mut entries)| {
+                entries.sort_by(|a, b| a.0.total_cmp(&b.0));
+                let mut seeds: Vec<Vec<f64>> = entries.into_iter().take(2).map(|e| e.1).collect();
+                problem.nk = nk;
+                seeds.extend(problem.steiglitz_mcbride(3));
+                if self.nf == 0 {
+                    seeds.push(Vec::new());
+                }
+                seeds
+            })
+            .collect()
+    }
+}
