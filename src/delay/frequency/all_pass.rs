@@ -114,6 +114,13 @@ impl AllPass {
         Self { raw: scale * self.raw + more, std: (scale * self.std).hypot(spread), hidden: self.hidden.map(|h| scale * h), ..self }
     }
 
+    /// The same of a numerator whose first `samples` coefficients were left out.
+    pub(in crate::delay) fn behind(self, samples: usize) -> Self {
+        #[allow(clippy::cast_precision_loss)]
+        let samples = samples as f64;
+        Self { raw: self.raw + samples, ..self }
+    }
+
     /// The answer of a method.
     pub(in crate::delay) fn answer(&self, bias: usize, max_delay: usize, experiment: &Experiment) -> DelayEstimate {
         #[allow(clippy::cast_precision_loss)]
