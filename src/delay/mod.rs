@@ -4,6 +4,7 @@ mod error;
 mod estimate;
 mod experiment;
 mod frequency;
+mod laguerre;
 mod method;
 mod parametric;
 mod posterior;
@@ -15,6 +16,7 @@ pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use frequency::{Arxdap, Firdap, Oedap};
+pub use laguerre::Lagudap;
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{Arxstruc, Oestruc};
 pub use states::{Coefficients, Selection, StateLeastSquares};
@@ -89,5 +91,6 @@ pub const METHODS: &[Method] = &[
     frequency::oedap::METHOD,
     frequency::arxdap::METHOD,
     frequency::firdap::METHOD,
+    laguerre::lagudap::METHOD,
     states::state_least_squares::METHOD,
 ];

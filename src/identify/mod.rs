@@ -3,6 +3,7 @@
 mod arx;
 mod fir;
 mod lag_products;
+mod laguerre;
 mod least_squares;
 mod many_zeros;
 mod oe;
@@ -15,5 +16,6 @@ pub use regression::{Record, Regression};
 
 pub(crate) use fir::estimate as fir_or_rank;
 pub(crate) use lag_products::lag_matrix;
+pub(crate) use laguerre::{Laguerre, laguerre};
 pub(crate) use many_zeros::ManyZeros;
 pub(crate) use oe::{largest_pole, power};

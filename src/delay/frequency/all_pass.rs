@@ -43,11 +43,12 @@ pub(in crate::delay) fn all_pass(b: &[f64], [covariance, noise]: [&DMatrix<f64>;
     let largest = b.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     let counts = |v: &f64| v.abs() > ROUNDING * largest;
     let (first, last) = (b.iter().position(counts)?, b.iter().rposition(counts)?);
-    let trimmed = b.get(first..=last)?;
+    // Roots do not depend on the scale, but their last digits do, unless it is always the same.
+    let trimmed: Vec<f64> = b.get(first..=last)?.iter().map(|v| v / largest).collect();
     #[allow(clippy::cast_precision_loss)]
     let (mut raw, mut left_out) = (first as f64, 0);
     let mut gradient = vec![0.0; b.len()];
-    for x in roots(trimmed).into_iter().filter(|x| x.norm_sqr() < 1.0) {
+    for x in roots(&trimmed).into_iter().filter(|x| x.norm_sqr() < 1.0) {
         let adds = ((ONE + x) / (ONE - x)).re;
         if adds > longest {
             left_out += 1;
@@ -55,8 +56,8 @@ pub(in crate::delay) fn all_pass(b: &[f64], [covariance, noise]: [&DMatrix<f64>;
         }
         raw += adds;
         // dxᵢ/dbₖ = −xᵢᵏ/B′(xᵢ), and (1 + x)/(1 − x) has the derivative 2/(1 − x)².
-        let [_, slope] = polynomial(trimmed, x);
-        let mut share = -(ONE - x).powi(-2) * 2.0 / slope;
+        let [_, slope] = polynomial(&trimmed, x);
+        let mut share = -(ONE - x).powi(-2) * 2.0 / (slope * largest);
         for g in gradient.iter_mut().skip(first).take(trimmed.len()) {
             *g += share.re;
             share *= x;
