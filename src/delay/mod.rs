@@ -1,5 +1,6 @@
 //! Dead-time estimation: what an estimator is, and the list of all there are.
 
+mod area;
 mod error;
 mod estimate;
 mod experiment;
@@ -12,6 +13,7 @@ mod states;
 mod threshold;
 mod verdict;
 
+pub use area::{Area1, Area2, Area3, Moment};
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
@@ -92,5 +94,9 @@ pub const METHODS: &[Method] = &[
     frequency::arxdap::METHOD,
     frequency::firdap::METHOD,
     laguerre::lagudap::METHOD,
+    area::area1::METHOD,
+    area::area3::METHOD,
+    area::area2::METHOD,
+    area::moment::METHOD,
     states::state_least_squares::METHOD,
 ];
