@@ -18,7 +18,7 @@ pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use frequency::{Arxdap, Firdap, Oedap};
-pub use laguerre::Lagudap;
+pub use laguerre::{Fischer, Lagudap};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{Arxstruc, Oestruc};
 pub use states::{Coefficients, Selection, StateLeastSquares};
@@ -94,6 +94,7 @@ pub const METHODS: &[Method] = &[
     frequency::arxdap::METHOD,
     frequency::firdap::METHOD,
     laguerre::lagudap::METHOD,
+    laguerre::fischer::METHOD,
     area::area1::METHOD,
     area::area3::METHOD,
     area::area2::METHOD,

@@ -89,6 +89,26 @@ pub(crate) fn laguerre(records: &[Record], pole: f64, order: usize) -> Option<La
     sound.then_some(Laguerre { pole, c, covariance, loss })
 }
 
+/// Σ x(t)·lₖ(t), k = 0 … order − 1, of signals of one length: the spectrum of each in the orthonormal sequences of
+/// l₀ = √(1 − a²)·z/(z − a), lₖ₊₁ = w·lₖ, w = (1 − az)/(z − a).
+pub(crate) fn laguerre_spectra(signals: [&[f64]; 2], pole: f64, order: usize) -> [Vec<f64>; 2] {
+    let samples = signals[0].len().min(signals[1].len());
+    let mut sequence: Vec<f64> = std::iter::successors(Some((1.0 - pole * pole).sqrt()), |v| Some(pole * v)).take(samples).collect();
+    let mut spectra = [Vec::with_capacity(order), Vec::with_capacity(order)];
+    for _ in 0..order {
+        for (spectrum, signal) in spectra.iter_mut().zip(signals) {
+            spectrum.push(dot(&sequence, &signal[..samples]));
+        }
+        let mut state = 0.0;
+        for x in &mut sequence {
+            let out = state - pole * *x;
+            state = pole * out + *x;
+            *x = out;
+        }
+    }
+    spectra
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -127,6 +147,18 @@ mod tests {
             record.present = present;
             let found = laguerre(std::slice::from_ref(&record), 0.6, 3).unwrap();
             assert!(found.c.iter().zip(c).all(|(a, b)| (a - b).abs() < 1e-10), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn spectra_are_the_sums_over_the_sequences() {
+        let x: Vec<f64> = (0..900).map(|t| (0.3 * t as f64).sin() * 0.99_f64.powi(t)).collect();
+        let [spectrum, zero] = laguerre_spectra([&x, &vec![0.0; 900]], 0.7, 300);
+        // Parseval: nearly all of it is in the first 300.
+        assert!((dot(&spectrum, &spectrum) / dot(&x, &x) - 1.0).abs() < 1e-9);
+        // The filters have one sample of delay more.
+        for (k, filtered) in filters(&impulse(901), 0.7, 5).iter().enumerate() {
+            assert!((spectrum[k] - dot(&filtered[1..], &x)).abs() < 1e-12 && zero[k] == 0.0);
         }
     }
 }

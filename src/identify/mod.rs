@@ -16,6 +16,6 @@ pub use regression::{Record, Regression};
 
 pub(crate) use fir::estimate as fir_or_rank;
 pub(crate) use lag_products::lag_matrix;
-pub(crate) use laguerre::{Laguerre, laguerre};
+pub(crate) use laguerre::{Laguerre, laguerre, laguerre_spectra};
 pub(crate) use many_zeros::ManyZeros;
 pub(crate) use oe::{largest_pole, power};

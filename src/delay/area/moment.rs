@@ -131,7 +131,7 @@ mod tests {
 
     fn fir(h: Vec<f64>) -> Fir {
         let n = h.len();
-        Fir { coefficients: DVector::from_vec(h), covariance: DMatrix::identity(n, n) * 1e-12, variance: 1e-12, rows: 1000 }
+        Fir { coefficients: DVector::from_vec(h), covariance: DMatrix::identity(n, n) * 1e-24, variance: 1e-24, rows: 1000 }
     }
 
     #[test]
@@ -156,7 +156,7 @@ mod tests {
             };
             let squares: f64 = (0..40).map(|j| ((moved(j, 1e-6) - moved(j, -1e-6)) / 2e-6).powi(2)).sum();
             let std = readings(&at)[k].std;
-            assert!((std / (1e-6 * squares.sqrt()) - 1.0).abs() < 1e-3, "{std}");
+            assert!((std / (1e-12 * squares.sqrt()) - 1.0).abs() < 1e-3, "{std}");
         }
     }
 
