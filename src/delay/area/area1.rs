@@ -156,7 +156,8 @@ impl Area1 {
         let (gain, before) = (mean(&response.step[end..]), mean(&response.step[response.step.len() / 2..end]));
         #[allow(clippy::cast_precision_loss)]
         let noise = (response.variance / (response.step.len() - end) as f64).sqrt();
-        if !(gain.abs() > TOLD * noise) {
+        let told = gain.abs() > TOLD * noise;
+        if !told {
             return none(Outcome::Singular, "the end of the response, by which areas are divided, is not told from noise".to_owned());
         }
         let Some(readings) = readings(&response, gain, end) else {

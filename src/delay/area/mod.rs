@@ -62,7 +62,8 @@ fn answer(lags: Lags, [one, two]: [Reading; 2], bias: usize, max_delay: usize, e
     let std = chosen.std.hypot((to.delay - from.delay + 2.0 * BETWEEN) / 12.0_f64.sqrt());
     #[allow(clippy::cast_precision_loss)]
     let (longest, off) = (max_delay as f64, bias as f64 - 1.0);
-    if !(std <= longest / 12.0_f64.sqrt()) {
+    let narrower = std <= longest / 12.0_f64.sqrt();
+    if !narrower {
         let note = format!("a standard deviation of {std:.1} samples says no more than the search window does");
         return DelayEstimate::without(Outcome::Flat, note);
     }
@@ -141,7 +142,8 @@ fn pulse_response(
         return Ok(Err(DelayEstimate::without(Outcome::NotVisible, note)));
     }
     let gain = fir.coefficients.sum();
-    if !(gain.abs() > TOLD * fir.covariance.sum().max(0.0).sqrt()) {
+    let told = gain.abs() > TOLD * fir.covariance.sum().max(0.0).sqrt();
+    if !told {
         let note = "the gain at frequency 0, by which areas and moments are divided, is not told from noise";
         return Ok(Err(DelayEstimate::without(Outcome::Singular, note)));
     }

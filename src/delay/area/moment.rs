@@ -109,7 +109,8 @@ fn by_moments(fir: &Fir, gain: f64) -> Option<[Reading; 2]> {
     let variance = about(mean, 2);
     #[allow(clippy::cast_precision_loss)]
     let spread: Vec<f64> = (0..fir.coefficients.len()).map(|j| ((j as f64 - mean).powi(2) - variance) / gain).collect();
-    if !(variance + HOLD > TOLD * propagated(&spread, &fir.covariance)) {
+    let told = variance + HOLD > TOLD * propagated(&spread, &fir.covariance);
+    if !told {
         return None;
     }
     let width = (variance + HOLD).sqrt();

@@ -92,9 +92,9 @@ fn hidden(b: &[f64], covariance: &DMatrix<f64>) -> [f64; 2] {
     let Some(from) = (0..FREQUENCIES).find(under) else { return [0.0; 2] };
     let edge = gain[from.saturating_sub(1)].max(f64::MIN_POSITIVE);
     let mut hidden = [0.0; 2];
-    for i in from..FREQUENCIES {
+    for (i, gain) in gain.iter().enumerate().skip(from) {
         let w = frequency(i);
-        let excess = 0.5 * (gain[i].max(f64::MIN_POSITIVE) / edge).ln();
+        let excess = 0.5 * (gain.max(f64::MIN_POSITIVE) / edge).ln();
         let fall = ((0.5 * w).tan() / (0.5 * frequency(from)).tan()).ln();
         for (sum, slope) in hidden.iter_mut().zip([0.0, 2.0]) {
             #[allow(clippy::cast_precision_loss)]
@@ -131,7 +131,8 @@ impl AllPass {
         let interval = [self.raw - most - 1.96 * self.std, self.raw - least.min(0.0) + 1.96 * self.std + FRACTION];
         // What is hidden is anywhere between its ends.
         let std = self.std.hypot((most - least).hypot(FRACTION) / 12.0_f64.sqrt());
-        if !(std <= longest / 12.0_f64.sqrt()) {
+        let narrower = std <= longest / 12.0_f64.sqrt();
+        if !narrower {
             let note = format!("a standard deviation of {std:.1} samples says no more than the search window does");
             return DelayEstimate::without(Outcome::Flat, note);
         }

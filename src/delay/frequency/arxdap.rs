@@ -64,7 +64,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     suits: Suits::Plant,
     information: Information::Poles(2),
-    tolerance: 0.5,
+    tolerance: 0.25,
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "noise that an AR filter of its order whitens, a gain at frequency 0",
     blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample",

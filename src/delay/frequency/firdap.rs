@@ -66,7 +66,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     suits: Suits::Plant,
     information: Information::Response,
-    tolerance: 0.5,
+    tolerance: 0.25,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "an input that excites every coefficient, a response that dies out within them, a gain at frequency 0",
     blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample; feedback",

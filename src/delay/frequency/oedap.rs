@@ -65,7 +65,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Rest,
     suits: Suits::Plant,
     information: Information::Poles(2),
-    tolerance: 0.5,
+    tolerance: 0.25,
     withstands: &[Condition::Dynamics],
     needs: "open loop, a stable plant of low order that rests at the start, a gain at frequency 0",
     blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample; feedback",

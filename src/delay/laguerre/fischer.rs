@@ -44,17 +44,18 @@ use crate::registry::entry;
 pub struct Fischer {
     /// Laguerre sequences; default 60: with fewer the edges of steps blur, with more the time grows and little else.
     pub order: usize,
-    /// Longest part of a record that is used, samples; default 100 000.
-    pub max_samples: usize,
 }
 
 impl Default for Fischer {
     fn default() -> Self {
-        Self { order: 60, max_samples: 100_000 }
+        Self { order: 60 }
     }
 }
 
 const NAME: &str = "fischer";
+
+/// Fewer sequences than this leave the model little to be fitted to.
+const LEAST: usize = 10;
 
 /// The share of a record that the sequences fill: beyond it they must have died out, for what would follow the record is not known.
 const FILLED: f64 = 0.8;
@@ -79,12 +80,9 @@ pub(in crate::delay) const METHOD: Method = Method {
 
 impl DelayEstimator for Fischer {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        #[allow(clippy::cast_precision_loss)]
-        for (option, value, least, allowed) in [("order", self.order, 10, "10 or more"), ("max_samples", self.max_samples, 1, "1 or more")]
-        {
-            if value < least {
-                return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
-            }
+        if self.order < LEAST {
+            #[allow(clippy::cast_precision_loss)]
+            return Err(DelayError::Option { method: NAME, option: "order", value: self.order as f64, allowed: "10 or more" });
         }
         every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
     }
@@ -92,23 +90,21 @@ impl DelayEstimator for Fischer {
 
 impl Fischer {
     fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
-        let (needed, got) = (max_delay + 2 * self.order, experiment.longest().min(self.max_samples));
+        let (needed, got) = (max_delay + 2 * self.order, experiment.longest());
         if got < needed {
-            let remedy = "search a shorter --max-delay, or set a smaller order or a larger max_samples";
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
+            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter --max-delay, or set a smaller order" });
         }
         if records.iter().any(|r| r.present.is_some()) {
             return Ok(DelayEstimate::without(Outcome::NotApplicable, "output samples are missing, and sums over all of them are needed"));
         }
-        let cut: Vec<Record> = records.iter().map(|r| r.head(self.max_samples)).collect();
-        if let Some(note) = posterior::unseen(&cut, max_delay) {
+        if let Some(note) = posterior::unseen(records, max_delay) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         // Each sequence delays the next by (1 + a)/(1 − a) samples.
         #[allow(clippy::cast_precision_loss)]
         let each = (FILLED * got as f64 / self.order as f64).max(1.0);
         let pole = (each - 1.0) / (each + 1.0);
-        let mut spectra: Vec<Record> = cut
+        let mut spectra: Vec<Record> = records
             .iter()
             .map(|r| {
                 #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -147,11 +143,9 @@ impl Fischer {
             return Ok(DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set)));
         }
         let best = posterior.best;
-        let note = (experiment.longest() > self.max_samples).then(|| format!("used the first {} samples", self.max_samples));
         #[allow(clippy::cast_precision_loss)]
         let (raw, [from, to]) = (best as f64, posterior.ends);
-        let estimate = DelayEstimate::counted(raw, posterior.std, [from - 0.5, to + 0.5], best == max_delay, bias, experiment.sample_time);
-        Ok(estimate.noting(note))
+        Ok(DelayEstimate::counted(raw, posterior.std, [from - 0.5, to + 0.5], best == max_delay, bias, experiment.sample_time))
     }
 }
 
