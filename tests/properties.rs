@@ -141,7 +141,8 @@ proptest! {
 #[test]
 fn delaying_a_noisy_output_moves_nearly_every_answer_by_as_much() {
     let records = 100;
-    for method in promising(Law::Shift) {
+    // Of the methods that are made for such records: random input on a plant with dynamics.
+    for method in promising(Law::Shift).filter(|m| m.suits == Suits::Plant) {
         let moved = (0..records).filter(|&seed| {
             let more = 1 + seed as usize * 7 % 25;
             let pole = 0.08 * (seed % 11) as f64;

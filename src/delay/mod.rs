@@ -1,5 +1,6 @@
 //! Dead-time estimation: what an estimator is, and the list of all there are.
 
+mod area;
 pub mod bound;
 mod conditions;
 mod correlation;
@@ -9,6 +10,7 @@ mod events;
 mod experiment;
 mod frequency;
 mod higher_order;
+mod laguerre;
 mod method;
 mod parametric;
 mod posterior;
@@ -18,6 +20,7 @@ mod states;
 mod threshold;
 mod verdict;
 
+pub use area::{Area1, Area2, Area3, Moment};
 pub use conditions::{Finding, conditions};
 pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot};
 pub use error::DelayError;
@@ -28,6 +31,7 @@ pub use events::{
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use frequency::{Arxdap, Firdap, Oedap, PhaseSlope};
 pub use higher_order::Bispectrum;
+pub use laguerre::{Fischer, Lagudap};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{
     Armaxstruc, Arxstruc, Center, Cost, Delayest, Elnaggar, Ivstruc, Met1struc, OePosterior, Oestruc, SamplingZero, TwoStep,
@@ -150,6 +154,12 @@ pub const METHODS: &[Method] = &[
     frequency::phase_slope::METHOD,
     higher_order::bispectrum::METHOD,
     threshold::cusum_step::METHOD,
+    laguerre::lagudap::METHOD,
+    laguerre::fischer::METHOD,
+    area::area1::METHOD,
+    area::area3::METHOD,
+    area::area2::METHOD,
+    area::moment::METHOD,
     states::state_least_squares::METHOD,
     events::average_delay_difference::METHOD,
     events::interval_correlation::METHOD,

@@ -22,9 +22,9 @@ pub(crate) struct ManyZeros {
 /// Iterations of Steiglitz and McBride, which only have to find the valley.
 const ITERATIONS: usize = 10;
 /// Steps of Gauss and Newton; near the minimum each takes a large factor off the error.
-const STEPS: usize = 10;
+const STEPS: usize = 30;
 /// A relative change that ends either.
-const STILL: f64 = 1e-9;
+const STILL: f64 = 1e-13;
 /// Halvings of a step that does not lower the error.
 const HALVINGS: usize = 6;
 

@@ -41,6 +41,13 @@ impl Record {
         Self { u: self.u[..n].to_vec(), y: self.y[..n].to_vec(), present: self.present.as_ref().map(|p| p[..n].to_vec()) }
     }
 
+    /// The output `samples` earlier, so that lag 0 of the record is lag `samples` of the plant: for what cannot respond sooner.
+    #[must_use]
+    pub fn ahead(&self, samples: usize) -> Self {
+        let (n, from) = (self.len(), samples.min(self.len()));
+        Self { u: self.u[..n - from].to_vec(), y: self.y[from..n].to_vec(), present: self.present.as_ref().map(|p| p[from..n].to_vec()) }
+    }
+
     /// The longest stretches without a missing output, each of at least `least` samples, in order; for methods that cannot leave samples out.
     #[must_use]
     pub fn stretches(&self, least: usize) -> Vec<Self> {

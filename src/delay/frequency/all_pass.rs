@@ -43,11 +43,12 @@ pub(in crate::delay) fn all_pass(b: &[f64], [covariance, noise]: [&DMatrix<f64>;
     let largest = b.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     let counts = |v: &f64| v.abs() > ROUNDING * largest;
     let (first, last) = (b.iter().position(counts)?, b.iter().rposition(counts)?);
-    let trimmed = b.get(first..=last)?;
+    // Roots do not depend on the scale, but their last digits do, unless it is always the same.
+    let trimmed: Vec<f64> = b.get(first..=last)?.iter().map(|v| v / largest).collect();
     #[allow(clippy::cast_precision_loss)]
     let (mut raw, mut left_out) = (first as f64, 0);
     let mut gradient = vec![0.0; b.len()];
-    for x in roots(trimmed).into_iter().filter(|x| x.norm_sqr() < 1.0) {
+    for x in roots(&trimmed).into_iter().filter(|x| x.norm_sqr() < 1.0) {
         let adds = ((ONE + x) / (ONE - x)).re;
         if adds > longest {
             left_out += 1;
@@ -55,8 +56,8 @@ pub(in crate::delay) fn all_pass(b: &[f64], [covariance, noise]: [&DMatrix<f64>;
         }
         raw += adds;
         // dxᵢ/dbₖ = −xᵢᵏ/B′(xᵢ), and (1 + x)/(1 − x) has the derivative 2/(1 − x)².
-        let [_, slope] = polynomial(trimmed, x);
-        let mut share = -(ONE - x).powi(-2) * 2.0 / slope;
+        let [_, slope] = polynomial(&trimmed, x);
+        let mut share = -(ONE - x).powi(-2) * 2.0 / (slope * largest);
         for g in gradient.iter_mut().skip(first).take(trimmed.len()) {
             *g += share.re;
             share *= x;
@@ -91,9 +92,9 @@ fn hidden(b: &[f64], covariance: &DMatrix<f64>) -> [f64; 2] {
     let Some(from) = (0..FREQUENCIES).find(under) else { return [0.0; 2] };
     let edge = gain[from.saturating_sub(1)].max(f64::MIN_POSITIVE);
     let mut hidden = [0.0; 2];
-    for i in from..FREQUENCIES {
+    for (i, gain) in gain.iter().enumerate().skip(from) {
         let w = frequency(i);
-        let excess = 0.5 * (gain[i].max(f64::MIN_POSITIVE) / edge).ln();
+        let excess = 0.5 * (gain.max(f64::MIN_POSITIVE) / edge).ln();
         let fall = ((0.5 * w).tan() / (0.5 * frequency(from)).tan()).ln();
         for (sum, slope) in hidden.iter_mut().zip([0.0, 2.0]) {
             #[allow(clippy::cast_precision_loss)]
@@ -114,6 +115,13 @@ impl AllPass {
         Self { raw: scale * self.raw + more, std: (scale * self.std).hypot(spread), hidden: self.hidden.map(|h| scale * h), ..self }
     }
 
+    /// The same of a numerator whose first `samples` coefficients were left out.
+    pub(in crate::delay) fn behind(self, samples: usize) -> Self {
+        #[allow(clippy::cast_precision_loss)]
+        let samples = samples as f64;
+        Self { raw: self.raw + samples, ..self }
+    }
+
     /// The answer of a method.
     pub(in crate::delay) fn answer(&self, bias: usize, max_delay: usize, experiment: &Experiment) -> DelayEstimate {
         #[allow(clippy::cast_precision_loss)]
@@ -123,7 +131,8 @@ impl AllPass {
         let interval = [self.raw - most - 1.96 * self.std, self.raw - least.min(0.0) + 1.96 * self.std + FRACTION];
         // What is hidden is anywhere between its ends.
         let std = self.std.hypot((most - least).hypot(FRACTION) / 12.0_f64.sqrt());
-        if !(std <= longest / 12.0_f64.sqrt()) {
+        let narrower = std <= longest / 12.0_f64.sqrt();
+        if !narrower {
             let note = format!("a standard deviation of {std:.1} samples says no more than the search window does");
             return DelayEstimate::without(Outcome::Flat, note);
         }

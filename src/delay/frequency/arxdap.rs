@@ -14,6 +14,8 @@ use crate::registry::entry;
 ///
 /// Assumes: noise that an AR(na) filter describes, a plant without zeros of its own outside the unit circle, a gain at frequency 0. Its poles do not matter, so it
 /// holds for unstable plants and under feedback.
+/// Coefficients before the plant's relative degree (`Search::bias`) are known to be zero and left out; under feedback within one sample the first of them would
+/// hold the controller.
 /// Resolution and cost: fractions of a sample, of which up to half a sample may hide in the minimum-phase part; O(N·(na + window)), and O(window²) for the zeros.
 /// Fails when: the gain at frequency 0 is small against the noise (zeros near z = 1: left out with a note, or `flat`), or the input does not excite the numerator
 /// (`not_rich_enough`). On noise-free data columns that repeat others are left out of the fit.
@@ -62,7 +64,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     suits: Suits::Plant,
     information: Information::Poles(2),
-    tolerance: 0.5,
+    tolerance: 0.25,
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "noise that an AR filter of its order whitens, a gain at frequency 0",
     blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample",
@@ -82,13 +84,13 @@ impl Arxdap {
     fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
         let lags = max_delay + self.nb;
         let regression = Regression { na: self.na, lags };
-        let (needed, got) = (regression.first_row() + 2 * regression.columns(), experiment.longest());
+        let (needed, got) = (bias + regression.first_row() + 2 * regression.columns(), experiment.longest());
         if got < needed {
             let remedy = "search a shorter --max-delay, or set smaller na and nb";
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
         }
-        let triangle = regression.factor(records);
-        let Some(solution) = triangle.solve() else {
+        let ahead: Vec<Record> = records.iter().map(|r| r.ahead(bias)).collect();
+        let Some(solution) = regression.factor(&ahead).solve() else {
             return Ok(DelayEstimate::without(
                 Outcome::NotRichEnough,
                 "the input hardly moves in the rows used, or too many outputs are missing",
@@ -96,7 +98,7 @@ impl Arxdap {
         };
         // Columns that repeat the past outputs are no fault of the input; those that repeat each other are.
         if solution.rank < regression.columns()
-            && let Err(rank) = fir_or_rank(records, lags)
+            && let Err(rank) = fir_or_rank(&ahead, lags)
         {
             let note = format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
             return Ok(DelayEstimate::without(Outcome::NotRichEnough, note));
@@ -110,6 +112,6 @@ impl Arxdap {
         let Some(found) = all_pass(b.as_slice(), [&covariance; 2], max_delay.max(1) as f64) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the numerator has no zeros that can be told apart"));
         };
-        Ok(found.answer(bias, max_delay, experiment))
+        Ok(found.behind(bias).answer(bias, max_delay, experiment))
     }
 }

@@ -14,6 +14,7 @@ use crate::registry::entry;
 ///
 /// Assumes: an input that excites every coefficient, a response that dies out within them, white noise, a plant without zeros of its own outside the unit circle
 /// (they count as delay: a zero at s = 1/T adds 2T), a gain at frequency 0.
+/// Coefficients before the plant's relative degree (`Search::bias`) are known to be zero and left out.
 /// Resolution and cost: fractions of a sample, of which up to half a sample may hide in the minimum-phase part (the interval reaches up by that much); O(N·taps),
 /// and O(taps²) for the zeros.
 /// Fails when: the gain at frequency 0 is small against the noise (zeros near z = 1: left out with a note, or `flat`), the response outlives the taps, or the input does
@@ -65,7 +66,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     suits: Suits::Plant,
     information: Information::Response,
-    tolerance: 0.5,
+    tolerance: 0.25,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "an input that excites every coefficient, a response that dies out within them, a gain at frequency 0",
     blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample; feedback",
@@ -84,12 +85,13 @@ impl DelayEstimator for Firdap {
 impl Firdap {
     fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
         let taps = self.taps.max(max_delay + BEYOND);
-        let (needed, got) = (2 * taps + 1, experiment.longest());
+        let (needed, got) = (bias + 2 * taps + 1, experiment.longest());
         if got < needed {
             let remedy = "search a shorter --max-delay, or set fewer taps";
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
         }
-        let fir = match fir_or_rank(records, taps) {
+        let ahead: Vec<Record> = records.iter().map(|r| r.ahead(bias)).collect();
+        let fir = match fir_or_rank(&ahead, taps) {
             Ok(fir) => fir,
             Err(rank) => {
                 let note = format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
@@ -103,6 +105,6 @@ impl Firdap {
         let Some(found) = all_pass(fir.coefficients.as_slice(), [&fir.covariance; 2], max_delay.max(1) as f64) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the impulse response has no zeros that can be told apart"));
         };
-        Ok(found.answer(bias, max_delay, experiment))
+        Ok(found.behind(bias).answer(bias, max_delay, experiment))
     }
 }

@@ -14,6 +14,7 @@ use crate::registry::entry;
 ///
 /// Assumes: a stable plant in open loop that rests at the start, white noise, no zeros of the plant outside the unit circle, a gain at frequency 0, no sample
 /// missing.
+/// Coefficients before the plant's relative degree (`Search::bias`) are known to be zero and left out.
 /// Resolution and cost: fractions of a sample, of which up to half a sample may hide in the minimum-phase part; some ten regressions of O(N·window).
 /// Fails when: the gain at frequency 0 is small against the noise (zeros near z = 1: left out with a note, or `flat`), the input does not excite the numerator
 /// (`not_rich_enough`), outputs are missing (`not_applicable`), or under feedback (biased).
@@ -64,7 +65,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Rest,
     suits: Suits::Plant,
     information: Information::Poles(2),
-    tolerance: 0.5,
+    tolerance: 0.25,
     withstands: &[Condition::Dynamics],
     needs: "open loop, a stable plant of low order that rests at the start, a gain at frequency 0",
     blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample; feedback",
@@ -90,7 +91,7 @@ impl DelayEstimator for Oedap {
 impl Oedap {
     fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
         let lags = max_delay + self.nb;
-        let (needed, got) = (self.nf.max(lags - 1) + 2 * (self.nf + lags), experiment.longest().min(self.max_samples));
+        let (needed, got) = (bias + self.nf.max(lags - 1) + 2 * (self.nf + lags), experiment.longest().min(self.max_samples));
         if got < needed {
             let remedy = "search a shorter --max-delay, or set a smaller nb or a larger max_samples";
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
@@ -99,14 +100,15 @@ impl Oedap {
             return Ok(DelayEstimate::without(Outcome::NotApplicable, "output samples are missing, and a filter cannot pass over them"));
         }
         let cut: Vec<Record> = records.iter().map(|r| r.head(self.max_samples)).collect();
-        if let Err(rank) = fir_or_rank(&cut, lags) {
+        let ahead: Vec<Record> = cut.iter().map(|r| r.ahead(bias)).collect();
+        if let Err(rank) = fir_or_rank(&ahead, lags) {
             let note = format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
             return Ok(DelayEstimate::without(Outcome::NotRichEnough, note));
         }
         if let Some(note) = posterior::unseen(&cut, max_delay) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
-        let Some(fit) = ManyZeros::fit(&cut, self.nf, lags) else {
+        let Some(fit) = ManyZeros::fit(&ahead, self.nf, lags) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the regression on filtered signals has no solution"));
         };
         #[allow(clippy::cast_precision_loss)]
@@ -114,6 +116,6 @@ impl Oedap {
             return Ok(DelayEstimate::without(Outcome::Singular, "the numerator has no zeros that can be told apart"));
         };
         let note = (experiment.longest() > self.max_samples).then(|| format!("used the first {} samples", self.max_samples));
-        Ok(found.answer(bias, max_delay, experiment).noting(note))
+        Ok(found.behind(bias).answer(bias, max_delay, experiment).noting(note))
     }
 }

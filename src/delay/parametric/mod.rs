@@ -14,9 +14,14 @@ pub(super) mod two_step;
 
 pub use armaxstruc::Armaxstruc;
 pub use arxstruc::Arxstruc;
+pub use delayest::Delayest;
+pub use elnaggar::{Cost, Elnaggar};
 pub use ivstruc::Ivstruc;
 pub use met1struc::Met1struc;
+pub use oe_posterior::{Center, OePosterior};
 pub use oestruc::Oestruc;
+pub use sampling_zero::SamplingZero;
+pub use two_step::TwoStep;
 
 use crate::identify::Record;
 
@@ -63,8 +68,3 @@ fn misfit(residuals: &[(Vec<f64>, Vec<f64>)], parameters: usize, after: usize) -
     }
     (!notes.is_empty()).then(|| format!("{}: the orders are too low for plant and noise, or they change", notes.join(" and ")))
 }
-pub use delayest::Delayest;
-pub use elnaggar::{Cost, Elnaggar};
-pub use oe_posterior::{Center, OePosterior};
-pub use sampling_zero::SamplingZero;
-pub use two_step::TwoStep;

@@ -1,0 +1,7 @@
+//! Laguerre series: of the plant's response, and of the signals.
+
+pub(super) mod fischer;
+pub(super) mod lagudap;
+
+pub use fischer::Fischer;
+pub use lagudap::Lagudap;
