@@ -11,6 +11,7 @@ use deadtime::delay::{
 use deadtime::model::{Sampled, StateSpace};
 use nalgebra::DMatrix;
 use plants::{ROUNDING_S, TS, delayed, process, rbs, respond, second_order, std_dev, sum, times, ts, white};
+use rayon::prelude::*;
 use serde_json::{Value, json};
 
 const SAMPLES: usize = 600;
@@ -36,14 +37,6 @@ fn refused(method: &Method, experiment: &Experiment) -> DelayError {
 fn pair() -> Experiment {
     let u = rbs(SAMPLES, 1.0, 11);
     let y = second_order(&u, 0.4, [-1.3, 0.42], 4);
-    let noise = white(SAMPLES, 0.01 * std_dev(&y), 12);
-    Experiment::siso(ts(TS), u, sum(&y, &noise))
-}
-
-/// The same with one lag.
-fn one_lag() -> Experiment {
-    let u = rbs(SAMPLES, 1.0, 11);
-    let y = second_order(&u, 0.3, [-0.7, 0.0], 4);
     let noise = white(SAMPLES, 0.01 * std_dev(&y), 12);
     Experiment::siso(ts(TS), u, sum(&y, &noise))
 }
@@ -498,7 +491,7 @@ fn an_answer_has_a_delay_when_its_outcome_says_so_and_its_interval_holds_it() {
 #[test]
 fn noise_alone_is_not_taken_for_a_response() {
     for method in METHODS.iter().filter(|m| m.scope == Scope::Pair && (m.promises(Law::Silence) || m.entry.name == "threshold_step")) {
-        let fooled = (0..100).filter(|seed| {
+        let fooled = (0..100_u64).into_par_iter().filter(|seed| {
             let nothing = Experiment::siso(ts(TS), rbs(400, 1.0, 2 * seed), white(400, 1.0, 2 * seed + 1));
             run(method, &nothing)[0].estimate.outcome == Outcome::Found
         });
@@ -513,7 +506,7 @@ fn slow_noise_alone_is_seldom_taken_for_a_response() {
     for band in [[0.0, 1.0], [0.0, 0.1]] {
         for method in METHODS.iter().filter(|m| m.scope == Scope::Pair && m.promises(Law::Silence)) {
             let name = method.entry.name;
-            let fooled = (0..60).filter(|seed| {
+            let fooled = (0..60_u64).into_par_iter().filter(|seed| {
                 let u = deadtime::signal::excitation::Rbs { band, ..Default::default() };
                 let u = deadtime::signal::Excitation::generate(&u, 400, &mut plants::rng(3000 + seed)).unwrap();
                 let mut y = white(400, 1.0, 4000 + seed);
@@ -591,6 +584,7 @@ fn what_a_method_claims_to_withstand_leaves_the_truth_inside_its_interval() {
     for method in METHODS.iter().filter(|m| m.scope == Scope::Pair) {
         for &condition in method.withstands {
             let held: Vec<bool> = (0..20)
+                .into_par_iter()
                 .filter_map(|seed| {
                     let experiment = complicated(condition, method, seed)?;
                     let estimate = run(method, &experiment).remove(0).estimate;

@@ -46,6 +46,8 @@ const SEGMENT: [usize; 2] = [16, 1024];
 const SHORTEST_SEGMENT: usize = 8;
 /// A spectrum below this share of its largest line is rounding; weights that divide by it go no lower.
 const FLOOR: f64 = 1e-10;
+/// Nor below this share of its mean line over the number of samples: so much of every frequency leaks into every other where a record begins and ends.
+const ENDS: f64 = 4.0;
 /// No finite record shows more coherence than this.
 const CERTAIN: f64 = 1.0 - 1e-6;
 /// Squared coherence from which the phase of a line is a number with a variance.
@@ -147,9 +149,13 @@ pub(in crate::delay) fn enough(method: &'static str, segment: usize, got: usize,
 pub(in crate::delay) fn lines(spectra: &CrossSpectra) -> Vec<Line> {
     let looks = spectra.looks * HANN_LINES;
     let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max).max(f64::MIN_POSITIVE);
-    let floor_u = FLOOR * largest(&mut spectra.uu.iter().copied());
-    let floor_y = FLOOR * largest(&mut spectra.yy.iter().copied());
-    let floor_cross = FLOOR * largest(&mut spectra.uy.iter().map(|s| s.norm()));
+    let ends = ENDS / (spectra.looks * real(spectra.segment)).max(ENDS);
+    let floor = |values: &[f64]| {
+        let mean = values.iter().sum::<f64>() / real(values.len().max(1));
+        (ends * mean).max(FLOOR * largest(&mut values.iter().copied()))
+    };
+    let (floor_u, floor_y) = (floor(&spectra.uu), floor(&spectra.yy));
+    let floor_cross = (floor_u * floor_y).sqrt();
     let of = |(k, seen): (usize, f64)| {
         let (uu, yy, cross) = (spectra.uu[k].max(floor_u), spectra.yy[k].max(floor_y), spectra.uy[k].norm().max(floor_cross));
         // The average of few looks at nothing shows (1 − γ²)/looks; what is left over of 1 is too small by as much.
