@@ -590,7 +590,7 @@ fn options_survive_the_way_through_json() {
 
 #[test]
 fn option_structs_survive_the_way_through_json_with_other_values() {
-    use deadtime::delay::{Arxstruc, Initial, Oestruc, Records, Selection, StateLeastSquares, Step, Threshold};
+    use deadtime::delay::{Arxstruc, Initial, Oestruc, P3dz, Poles, Process, Records, Selection, StateLeastSquares, Step, Threshold};
     fn there_and_back<T: serde::Serialize + serde::de::DeserializeOwned + PartialEq + std::fmt::Debug>(options: T) {
         let text = serde_json::to_string(&options).unwrap();
         assert_eq!(serde_json::from_str::<T>(&text).unwrap(), options, "{text}");
@@ -600,6 +600,8 @@ fn option_structs_survive_the_way_through_json_with_other_values() {
     let threshold = Threshold { taps: 9, h_std: 3.5, family_wise: Some(0.05), records: Records::Averaged };
     there_and_back(threshold);
     there_and_back(Step(threshold));
+    let start = Some(0.25);
+    there_and_back(P3dz(Process { poles: Poles::Any, initial: Initial::Estimated, initial_delay_s: start, max_samples: 17 }));
     for selection in [Selection::Largest, Selection::ProductSum, Selection::LargestProduct] {
         there_and_back(StateLeastSquares { selection });
     }
