@@ -56,11 +56,11 @@ pub enum Poles {
 /// use deadtime::time::SampleTime;
 /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 /// let u = Rbs::default().generate(300, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// // dy/dt = u(t − 0.43) − y, every 0.1 s: u(t − 5) acts for 0.03 s, then u(t − 4).
+/// // dy/dt = u(t − 0.43 s) − y, every 0.1 s: of the two inputs that act within a sample the old one does for 0.03 s.
 /// let (old, new) = ((-0.07_f64).exp() - (-0.1_f64).exp(), 1.0 - (-0.07_f64).exp());
 /// let mut y = vec![0.0; 300];
-/// for t in 6..300 {
-///     y[t] = (-0.1_f64).exp() * y[t - 1] + new * u[t - 5] + old * u[t - 6];
+/// for t in 5..300 {
+///     y[t] = (-0.1_f64).exp() * y[t - 1] + new * u[t - 5] + if t > 5 { old * u[t - 6] } else { 0.0 };
 /// }
 /// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
 /// let answer = P1d::default().estimate(&experiment, &Search::default())?;
