@@ -16,6 +16,7 @@ mod estimate;
 mod excite;
 mod gap;
 mod list;
+mod methods;
 mod progress;
 mod simulate;
 mod source;
@@ -55,6 +56,7 @@ enum Command {
     #[command(subcommand)]
     Blind(blind::Blind),
     List(list::List),
+    Methods(methods::Methods),
 }
 
 impl Cli {
@@ -77,6 +79,7 @@ impl Cli {
             Command::Gap(c) => c.run(json),
             Command::Blind(c) => c.run(json),
             Command::List(c) => c.run(json),
+            Command::Methods(c) => c.run(json),
         }
     }
 }

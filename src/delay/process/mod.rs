@@ -209,7 +209,9 @@ impl Process {
         if let Some(value) = self.initial_delay_s.filter(|v| !(v.is_finite() && *v >= 0.0)) {
             return Err(option("initial_delay_s", value, "0 or more"));
         }
-        every_pair(experiment, search, |records, max_delay, _| self.pair(method, shape, records, max_delay, experiment))
+        // Raw delays count the sample that a hold takes to show; here it is in the model.
+        let search = Search { min_delay: search.min_delay.saturating_sub(1), ..search.clone() };
+        every_pair(experiment, &search, |records, max_delay, _| self.pair(method, shape, records, max_delay, experiment))
     }
 
     fn pair(
