@@ -91,7 +91,18 @@ fn assert_estimate_format(report: &Value) {
         assert!(number_or_null(&verdict["delay_s"]) && verdict["why"].as_str().unwrap().len() > 10, "{verdict}");
         assert_eq!(verdict["delay_s"].is_null(), verdict["ci95_s"].is_null(), "{verdict}");
         for e in pair["estimates"].as_array().unwrap() {
-            let names = ["ci95_s", "degree_bias_samples", "delay_s", "method", "note", "outcome", "raw_delay_s", "std_s", "time_s"];
+            let names = [
+                "ci95_s",
+                "degree_bias_samples",
+                "delay_s",
+                "method",
+                "note",
+                "outcome",
+                "predicted_std_s",
+                "raw_delay_s",
+                "std_s",
+                "time_s",
+            ];
             assert_eq!(keys(e), names);
             assert!(METHODS.iter().any(|m| e["method"] == m.entry.name), "{e}");
             let outcome = e["outcome"].as_str().unwrap();

@@ -627,8 +627,8 @@ fn options_survive_the_way_through_json() {
 #[test]
 fn option_structs_survive_the_way_through_json_with_other_values() {
     use deadtime::delay::{
-        Arxstruc, Center, Cost, Cusum, CusumStep, Delayest, Elnaggar, Impulseest, Initial, OePosterior, Oestruc, Prewindow, Records,
-        SamplingZero, Selection, StateLeastSquares, Step, Threshold, TwoStep,
+        Arxstruc, Center, Cost, Cusum, CusumStep, Delayest, Elnaggar, Impulseest, Initial, OePosterior, Oestruc, P3dz, Poles, Prewindow,
+        Process, Records, SamplingZero, Selection, StateLeastSquares, Step, Threshold, TwoStep,
     };
     fn there_and_back<T: serde::Serialize + serde::de::DeserializeOwned + PartialEq + std::fmt::Debug>(options: T) {
         let text = serde_json::to_string(&options).unwrap();
@@ -654,6 +654,8 @@ fn option_structs_survive_the_way_through_json_with_other_values() {
         there_and_back(CusumStep(cusum));
     }
     there_and_back(Impulseest { taps: 9, false_alarm: 0.2 });
+    let start = Some(0.25);
+    there_and_back(P3dz(Process { poles: Poles::Any, initial: Initial::Estimated, initial_delay_s: start, max_samples: 17 }));
     for selection in [Selection::Largest, Selection::ProductSum, Selection::LargestProduct] {
         there_and_back(StateLeastSquares { selection });
     }

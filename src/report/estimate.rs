@@ -73,7 +73,7 @@ pub struct Pair {
     /// One answer per method, class by class.
     pub estimates: Vec<Estimate>,
     /// That neighbouring delays are hardly told apart, if so.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip)]
     pub warning: Option<String>,
     /// What to believe.
     pub verdict: Verdict,

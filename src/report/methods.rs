@@ -37,7 +37,7 @@ pub fn errors(rows: &[MethodRow]) -> Table {
 fn made_for(suits: Suits) -> &'static str {
     match suits {
         Suits::Plant => "plant",
-        Suits::Process { .. } => "process",
+        Suits::Process { .. } => "its own plant",
         Suits::Copy => "copy",
         Suits::Steps => "steps",
         Suits::Skewed => "skewed copy",

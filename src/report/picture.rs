@@ -152,12 +152,12 @@ mod tests {
             input: "u<1>".into(),
             output: "y".into(),
             findings: Vec::new(),
+            warning: None,
             estimates: ["oestruc", "arxstruc"]
                 .iter()
                 .zip([&found, &none])
                 .map(|(name, e)| Estimate::new(crate::delay::method(name).unwrap(), e, None, 0.0, &[]))
                 .collect(),
-            warning: None,
             verdict: Verdict { delay_s: Some(0.2), ci95_s: Some([0.1, 0.3]), why: String::new() },
         };
         let response = Response { values: vec![0.0, 0.0, 1.0], std: vec![0.01; 3] };

@@ -12,10 +12,10 @@ use rayon::prelude::*;
 
 use crate::delay::{Class, DelayEstimator, Experiment, METHODS, Method, PlantModel, Recording, Scope, Search, Start, Suits};
 use crate::model::uav::Dynamics;
-use crate::model::{Continuous, StateSpace};
+use crate::model::{Continuous, StateSpace, TransferFunction};
 use crate::signal::excitation::Rbs;
 use crate::signal::{Excitation, Noise, NoiseColour, NoiseScaling};
-use crate::simulate::{Options, lsim};
+use crate::simulate::{Options, Prehistory, lsim};
 use crate::time::SampleTime;
 
 /// A small study that every method of the list takes part in.
@@ -133,6 +133,19 @@ impl Common {
                 let y = First::new(delay).respond(&u);
                 siso(u, noisy(&y, &mut rng)?)
             }
+            Suits::Process { poles, zero } => {
+                let u = Rbs::default().generate(n, &mut rng)?;
+                let lags = &PROCESS_LAGS[..poles.clamp(1, PROCESS_LAGS.len())];
+                let denominator = lags.iter().fold(vec![1.0], |d, lag| {
+                    let (higher, same) = (d.iter().map(|v| v * lag).chain([0.0]), [0.0].into_iter().chain(d.iter().copied()));
+                    higher.zip(same).map(|(a, b)| a + b).collect()
+                });
+                let numerator = if zero { vec![0.5 * lags[0], 1.0] } else { vec![1.0] };
+                let plant = TransferFunction::from_polynomials(&numerator, &denominator, delay, Continuous)?.to_state_space()?;
+                let rest = Options { prehistory: Prehistory::Rest, ..Options::default() };
+                let y = lsim(&plant, &DMatrix::from_column_slice(n, 1, &u), sample_time, &rest)?;
+                siso(u, noisy(&y.y.column(0).iter().copied().collect::<Vec<_>>(), &mut rng)?)
+            }
             Suits::Copy => {
                 let tones: Vec<[f64; 2]> = (0..200).map(|_| [rng.random_range(0.0..0.8 * PI), rng.random_range(0.0..2.0 * PI)]).collect();
                 let at = |t: f64| tones.iter().map(|[w, phase]| (w * t + phase).cos()).sum::<f64>();
@@ -153,11 +166,6 @@ impl Common {
                     pulses[near].iter().map(|[when, size]| size * (-((t - when) / 1.5).powi(2)).exp()).sum::<f64>()
                 };
                 copy(n, delay, at, siso, &mut rng)?
-            }
-            Suits::Process { poles, zero } => {
-                let u = Rbs::default().generate(n, &mut rng)?;
-                let y = held(&lags(&[8.0, 4.0, 2.0][..poles], zero.then_some(5.0))?, &u, delay, sample_time)?;
-                siso(u, noisy(&y, &mut rng)?)
             }
             Suits::Steps => {
                 let u: Vec<f64> = (0..n).map(|t| if t >= n / 10 && t < n * 11 / 20 { 1.0 } else { 0.0 }).collect();
@@ -212,6 +220,9 @@ impl Common {
         Ok((Experiment::siso(SampleTime::new(1.0)?, u, y), delay, 1))
     }
 }
+
+/// Time constants of the plants of [`Suits::Process`], samples.
+const PROCESS_LAGS: [f64; 3] = [8.0, 3.0, 1.0];
 
 #[allow(clippy::cast_precision_loss)]
 fn f(n: usize) -> f64 {

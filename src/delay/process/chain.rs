@@ -15,7 +15,8 @@ const WIDTH: usize = 7;
 /// A sum of states and the input, in its last place.
 pub(super) type Row = [f64; WIDTH];
 
-const INPUT: usize = WIDTH - 1;
+/// The place of the input.
+pub(super) const INPUT: usize = WIDTH - 1;
 
 /// How many poles, and whether there is a zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::chain::{Chain, LEAST_LAG, LEAST_RATIO, MOST_RATIO, REAL_RATIO, Row, Shape};
+use super::chain::{Chain, INPUT, LEAST_LAG, LEAST_RATIO, MOST_RATIO, REAL_RATIO, Row, Shape};
 use crate::delay::bound;
 use crate::fit::{Fit, LevenbergMarquardt, Normal, polish};
 use crate::identify::{Initial, Record, dot, lag_vector};
@@ -296,8 +296,7 @@ impl<'a> Problem<'a> {
 
     /// The lowest minima, best first: descents from where a table of poles fits best, over all delays.
     pub(super) fn minima(&self, initial_delay: Option<f64>) -> Vec<Found> {
-        let table: Vec<(Vec<f64>, Vec<(Place, f64)>)> =
-            self.table().into_iter().map(|theta| (theta.clone(), self.profile(&theta))).collect();
+        let table: Vec<(Vec<f64>, Profile)> = self.table().into_iter().map(|theta| (theta.clone(), self.profile(&theta))).collect();
         let places = table.first().map_or(0, |(_, profile)| profile.len());
         // The lower envelope over the table, and which poles gave it.
         let envelope: Vec<(usize, f64)> = (0..places)
@@ -380,7 +379,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The cost at every half sample for given poles, out of one filter pass and its correlations with the output; starts other than rest do not count here.
-    fn profile(&self, theta: &[f64]) -> Vec<(Place, f64)> {
+    fn profile(&self, theta: &[f64]) -> Profile {
         let chain = Chain::new(self.shape, theta);
         let lags = self.max_delay + 1;
         // Only the states before the derivatives' own, and the input.
@@ -430,7 +429,8 @@ impl<'a> Problem<'a> {
     }
 }
 
-const INPUT: usize = 6;
+/// Costs by delay, in the order of the delays.
+type Profile = Vec<(Place, f64)>;
 
 /// Tolerance of a search that only has to find the valley.
 const COARSE: f64 = 1e-5;

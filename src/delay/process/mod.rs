@@ -56,11 +56,11 @@ pub enum Poles {
 /// use deadtime::time::SampleTime;
 /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 /// let u = Rbs::default().generate(300, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// // dy/dt = u(t − 0.43) − y, every 0.1 s: u(t − 5) acts for 0.03 s, then u(t − 4).
+/// // dy/dt = u(t − 0.43 s) − y, every 0.1 s: of the two inputs that act within a sample the old one does for 0.03 s.
 /// let (old, new) = ((-0.07_f64).exp() - (-0.1_f64).exp(), 1.0 - (-0.07_f64).exp());
 /// let mut y = vec![0.0; 300];
-/// for t in 6..300 {
-///     y[t] = (-0.1_f64).exp() * y[t - 1] + new * u[t - 5] + old * u[t - 6];
+/// for t in 5..300 {
+///     y[t] = (-0.1_f64).exp() * y[t - 1] + new * u[t - 5] + if t > 5 { old * u[t - 6] } else { 0.0 };
 /// }
 /// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
 /// let answer = P1d::default().estimate(&experiment, &Search::default())?;
@@ -209,7 +209,9 @@ impl Process {
         if let Some(value) = self.initial_delay_s.filter(|v| !(v.is_finite() && *v >= 0.0)) {
             return Err(option("initial_delay_s", value, "0 or more"));
         }
-        every_pair(experiment, search, |records, max_delay, _| self.pair(method, shape, records, max_delay, experiment))
+        // Raw delays count the sample that a hold takes to show; here it is in the model.
+        let search = Search { min_delay: search.min_delay.saturating_sub(1), ..search.clone() };
+        every_pair(experiment, &search, |records, max_delay, _| self.pair(method, shape, records, max_delay, experiment))
     }
 
     fn pair(
@@ -224,7 +226,7 @@ impl Process {
         let needed = max_delay + 3 * (shape.denominator() + shape.numerator() + 1 + start);
         let got = experiment.longest();
         if got < needed {
-            return Err(DelayError::TooShort { method: method, needed, got, remedy: "search a shorter --max-delay" });
+            return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter --max-delay" });
         }
         let cut: Vec<Record>;
         let shortened = got > self.max_samples;

@@ -1,6 +1,6 @@
 //! A process model as such: its response and what the response would change by, for bounds.
 
-use super::chain::{Chain, Shape};
+use super::chain::{Chain, Row, Shape};
 use super::fit::{Place, combine};
 use crate::time::SampleTime;
 
@@ -35,7 +35,7 @@ impl ProcessModel {
         let step = sample_time.seconds();
         let lags: Vec<f64> = self.lags_s.iter().map(|l| l / step).collect();
         let usable = |v: &f64| v.is_finite() && *v > 0.0;
-        if !(1..=3).contains(&lags.len()) || !lags.iter().all(usable) || !(self.delay_s.is_finite() && self.delay_s >= 0.0) {
+        if !((1..=3).contains(&lags.len()) && lags.iter().all(usable) && self.delay_s.is_finite() && self.delay_s >= 0.0) {
             return None;
         }
         let shape = Shape { poles: lags.len(), zero: self.zero_s.is_some() };
@@ -50,7 +50,7 @@ impl ProcessModel {
         let chain = Chain::new(shape, &theta);
         let place = Place::of(self.delay_s / step);
         let states = chain.states(u, &[]);
-        let read = |rows: &[[f64; 7]]| -> Vec<Vec<f64>> {
+        let read = |rows: &[Row]| -> Vec<Vec<f64>> {
             chain
                 .after(place.g, rows)
                 .iter()
