@@ -8,7 +8,7 @@ mod fractional_delay;
 mod noise;
 mod spectra;
 
-pub use correlation::correlation;
+pub use correlation::{Correlator, correlation};
 pub use excitation::{EXCITATIONS, Excitation};
 pub use fractional_delay::fractional_delay;
 pub use noise::{Noise, NoiseColour, NoiseScaling, add_noise, unit_noise};
