@@ -1,9 +1,10 @@
-//! The README's console blocks do what they show, and its list of methods is complete.
+//! The console blocks of the README and of docs/estimating.md do what they show, and the README's lists are complete.
 
 use std::path::Path;
 use std::process::Command;
 
 const README: &str = include_str!("../README.md");
+const ESTIMATING: &str = include_str!("../docs/estimating.md");
 
 /// Run times differ from run to run: `1.2 ms`, `345 µs`, `0.8 s` at the end of a table row become `TIME`, and the blanks before them one.
 fn masked(text: &str) -> String {
@@ -22,11 +23,12 @@ fn masked(text: &str) -> String {
 }
 
 #[test]
-fn every_console_block_prints_what_the_readme_shows() {
+fn every_console_block_prints_what_the_pages_show() {
     let folder = tempfile::tempdir().unwrap();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut run = 0;
-    for block in README.split("```console\n").skip(1).filter_map(|rest| rest.split("```").next()) {
+    let pages = [README, ESTIMATING];
+    for block in pages.iter().flat_map(|p| p.split("```console\n").skip(1)).filter_map(|rest| rest.split("```").next()) {
         for session in block.split("$ ").skip(1) {
             let (command, expected) = session.split_once('\n').unwrap_or((session, ""));
             let Some(arguments) = command.strip_prefix("deadtime ") else { continue };
@@ -43,7 +45,7 @@ fn every_console_block_prints_what_the_readme_shows() {
             run += 1;
         }
     }
-    assert!(run >= 5, "the README shows {run} commands");
+    assert!(run >= 9, "the pages show {run} commands");
 }
 
 #[test]

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::estimate::{Job, chosen};
+use super::estimate::{Feedback, Job, chosen};
 use super::write_json;
-use crate::delay::{DelayEstimator, Detrend, METHODS, Scope};
+use crate::delay::{Class, DelayEstimator, Detrend, METHODS, Method, Scope};
 use crate::diagnose::{GapOptions, diagnose};
 use crate::file::write_atomic;
 use crate::log;
@@ -59,10 +59,11 @@ impl Demo {
             max_delay_s: None,
             degree_bias: None,
             detrend: Detrend::Mean,
+            feedback: Feedback::Auto,
         };
         let (report, preamble) = job.run()?;
         say!("{preamble}");
-        say!("{}", report.text().trim_end());
+        say!("{}", report.text(false).trim_end());
         write_json(Some(&file("estimate.json")), &report)?;
         job.draw(&report, &file("estimate.svg"))?;
         write_json(json, &report)?;
@@ -74,7 +75,7 @@ impl Demo {
         say!(
             "\n2. Which method may be trusted to say so? The same vehicle again, {TRIALS} records for each of four delays that are injected and"
         );
-        say!("   so are known; output p, 600 samples, the same noise.\n");
+        say!("   so are known; output p, 600 samples, the same noise; of each class of methods the one that is trusted most.\n");
         let study = Injected {
             plant: model.continuous()?,
             output: 0,
@@ -86,11 +87,8 @@ impl Demo {
             trials: TRIALS,
             seed: self.seed,
         };
-        let estimators: Vec<(&str, Box<dyn DelayEstimator>)> = METHODS
-            .iter()
-            .filter(|m| m.scope != Scope::Events)
-            .map(|m| Ok((m.entry.name, m.entry.with(serde_json::json!({}))?)))
-            .collect::<anyhow::Result<_>>()?;
+        let estimators: Vec<(&str, Box<dyn DelayEstimator>)> =
+            most_trusted().map(|m| Ok((m.entry.name, m.entry.with(serde_json::json!({}))?))).collect::<anyhow::Result<_>>()?;
         let borrowed: Vec<(&str, &dyn DelayEstimator)> = estimators.iter().map(|(n, e)| (*n, e.as_ref())).collect();
         let cells = study.run(&borrowed)?;
         let accuracy = table(&cells);
@@ -124,4 +122,9 @@ impl Demo {
         say!("     and simulator:  deadtime gap --model MODEL.toml --log LOG.csv --out DIR");
         Ok(())
     }
+}
+
+/// The most trusted method of every class that looks at commands and responses.
+fn most_trusted() -> impl Iterator<Item = &'static Method> {
+    Class::ALL.iter().filter_map(|class| METHODS.iter().find(|m| m.class == *class && m.scope != Scope::Events))
 }

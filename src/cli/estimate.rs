@@ -5,13 +5,14 @@ use std::time::Instant;
 
 use anyhow::{Context, bail};
 use nalgebra::DVector;
+use rayon::prelude::*;
 use serde_json::Value;
 
 use super::source::Source;
 use super::write_json;
 use crate::delay::{
-    DelayEstimate, DelayEstimator, Detrend, Experiment, METHODS, Method, Outcome, PlantModel, Recording, Scope, Search, Start, Threshold,
-    verdict,
+    Condition, DelayEstimate, DelayEstimator, Detrend, Experiment, Finding, METHODS, Method, Outcome, PlantModel, Recording, Scope, Search,
+    Start, Threshold, conditions, verdict,
 };
 use crate::file::write_atomic;
 use crate::identify::fir;
@@ -52,9 +53,15 @@ pub(super) struct Estimate {
     /// Samples that the plant needs to respond without any dead time (its relative degree when sampled); default: the model's, or 1
     #[arg(long, value_name = "N")]
     degree_bias: Option<usize>,
+    /// How the log was taken: with the input depending on the output (closed) or not (open); auto looks for it
+    #[arg(long = "loop", value_enum, default_value_t = Feedback::Auto)]
+    feedback: Feedback,
     /// An option of a method, such as `oestruc.nf=3`; may be repeated
     #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
     set: Vec<String>,
+    /// Show every method in the tables, also those whose answers do not count
+    #[arg(long)]
+    full: bool,
     /// Also draw the answers and the impulse responses, as SVG
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
@@ -67,7 +74,7 @@ impl Estimate {
             let methods = chosen(&self.method, &self.set, &[Scope::Events])?;
             let (report, preamble) = super::events::run(&self.source, columns, &methods, self.max_delay)?;
             write_json(json, &report)?;
-            say!("{preamble}\n{}", report.text().trim_end());
+            say!("{preamble}\n{}", report.text(self.full).trim_end());
             return Ok(());
         }
         let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
@@ -82,6 +89,7 @@ impl Estimate {
             max_delay_s: self.max_delay,
             degree_bias: self.degree_bias,
             detrend: self.detrend,
+            feedback: self.feedback,
         };
         let (report, preamble) = job.run()?;
         // The files first: whoever closes the pipe still gets them.
@@ -89,9 +97,17 @@ impl Estimate {
         if let Some(path) = &self.plot {
             job.draw(&report, path)?;
         }
-        say!("{preamble}\n{}", report.text().trim_end());
+        say!("{preamble}\n{}", report.text(self.full).trim_end());
         Ok(())
     }
+}
+
+/// What is known of feedback in the log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Feedback {
+    Auto,
+    Open,
+    Closed,
 }
 
 /// A method, ready to run.
@@ -143,6 +159,7 @@ pub(super) struct Job {
     pub(super) max_delay_s: Option<f64>,
     pub(super) degree_bias: Option<usize>,
     pub(super) detrend: Detrend,
+    pub(super) feedback: Feedback,
 }
 
 impl Job {
@@ -219,9 +236,13 @@ impl Job {
                 let one = experiment.select(i, o)?;
                 let rested = if self.detrend == Detrend::Mean { one.from_rest() } else { None };
                 let own = search.bias.get(o).and_then(|row| row.get(i)).map(|&b| vec![vec![b]]).unwrap_or_default();
-                let search = Search { bias: own, ..search.clone() };
-                let mut answers = Vec::new();
-                for ready in &methods {
+                let mut search = Search { bias: own, ..search.clone() };
+                let findings = self.findings(&one, &search)?;
+                if findings.iter().any(|f| f.condition == Condition::Feedback) {
+                    // A controller that answers within the sample would pass for a plant that does.
+                    search.min_delay = search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
+                }
+                let answer = |ready: &&Ready| {
                     let clock = Instant::now();
                     // What a method cannot do with this log is its answer; the others go on.
                     let estimate = match ready
@@ -232,12 +253,25 @@ impl Job {
                         Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for this pair"),
                         Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                     };
-                    answers.push((ready.method.entry.name, estimate, clock.elapsed().as_secs_f64()));
-                }
-                pairs.push(pair(input, output, &answers));
+                    (ready.method, estimate, clock.elapsed().as_secs_f64())
+                };
+                let answers: Vec<_> = methods.par_iter().map(answer).collect();
+                pairs.push(pair(input, output, &answers, findings, experiment.sample_time));
             }
         }
         Ok(pairs)
+    }
+
+    /// What the record shows, corrected by what the user knows of its loop.
+    fn findings(&self, one: &Experiment, search: &Search) -> anyhow::Result<Vec<Finding>> {
+        let mut findings = conditions(&one.pair(0, 0)?, search.max_delay);
+        if self.feedback != Feedback::Auto {
+            findings.retain(|f| f.condition != Condition::Feedback);
+        }
+        if self.feedback == Feedback::Closed {
+            findings.push(Finding { condition: Condition::Feedback, evidence: "--loop closed".to_owned() });
+        }
+        Ok(findings)
     }
 
     /// Every input by every method that looks at the states.
@@ -255,7 +289,7 @@ impl Job {
                         .map_or_else(|| DelayEstimate::without(Outcome::NotApplicable, "no answer for this input"), |e| e.estimate.clone()),
                     Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                 };
-                pairs.push(pair(input, "*", &[(ready.method.entry.name, estimate, time_s)]));
+                pairs.push(pair(input, "*", &[(ready.method, estimate, time_s)], Vec::new(), experiment.sample_time));
             }
         }
         Ok(pairs)
@@ -307,12 +341,19 @@ fn sampled(model: &ModelFile, ts: SampleTime) -> anyhow::Result<StateSpace<Sampl
     Ok(ZeroOrderHold {}.c2d(&model.continuous()?, ts)?)
 }
 
-pub(super) fn pair(input: &str, output: &str, answers: &[(&str, DelayEstimate, f64)]) -> Pair {
-    let by_trust: Vec<(&str, &DelayEstimate)> = answers.iter().map(|(m, e, _)| (*m, e)).collect();
+pub(super) fn pair(
+    input: &str,
+    output: &str,
+    answers: &[(&Method, DelayEstimate, f64)],
+    findings: Vec<Finding>,
+    sample_time: SampleTime,
+) -> Pair {
+    let by_trust: Vec<(&Method, &DelayEstimate)> = answers.iter().map(|(m, e, _)| (*m, e)).collect();
     Pair {
         input: input.to_owned(),
         output: output.to_owned(),
-        estimates: answers.iter().map(|(m, e, t)| Row::new(m, e, *t)).collect(),
-        verdict: verdict(&by_trust),
+        estimates: answers.iter().map(|(m, e, t)| Row::new(m, e, *t, &findings)).collect(),
+        verdict: verdict(&by_trust, &findings, sample_time),
+        findings,
     }
 }

@@ -49,7 +49,7 @@ pub(super) fn run(source: &Source, columns: &str, methods: &[Ready], max_delay_s
             Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for these sequences"),
             Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
         };
-        answers.push((ready.method.entry.name, estimate, clock.elapsed().as_secs_f64()));
+        answers.push((ready.method, estimate, clock.elapsed().as_secs_f64()));
     }
     #[allow(clippy::cast_precision_loss)]
     let window_s = step.to_seconds(max_delay as f64);
@@ -57,6 +57,6 @@ pub(super) fn run(source: &Source, columns: &str, methods: &[Ready], max_delay_s
         "{name}: {} events of `{a}` and {} of `{b}`, typically {interval:.4} s apart; searched 0 to {window_s:.4} s",
         counts[0], counts[1]
     );
-    let pairs = vec![pair(a, b, &answers)];
+    let pairs = vec![pair(a, b, &answers, Vec::new(), step)];
     Ok((Report { format: FORMAT, log: name, sample_time_s: step.seconds(), max_delay_s: window_s, pairs }, preamble))
 }

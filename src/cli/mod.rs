@@ -17,6 +17,7 @@ mod events;
 mod excite;
 mod gap;
 mod list;
+mod methods;
 mod progress;
 mod simulate;
 mod source;
@@ -56,6 +57,7 @@ enum Command {
     #[command(subcommand)]
     Blind(blind::Blind),
     List(list::List),
+    Methods(methods::Methods),
 }
 
 impl Cli {
@@ -78,6 +80,7 @@ impl Cli {
             Command::Gap(c) => c.run(json),
             Command::Blind(c) => c.run(json),
             Command::List(c) => c.run(json),
+            Command::Methods(c) => c.run(json),
         }
     }
 }

@@ -81,14 +81,7 @@ impl DelayEstimate {
 
     /// The same of a method that resolves fractions of a sample, and whose bias may be one (half a sample for a phase behind a zero-order hold).
     pub(super) fn measured(raw: f64, std: f64, interval: [f64; 2], at_edge: bool, off: f64, sample_time: SampleTime) -> Self {
-        let seconds = |samples: f64| sample_time.to_seconds((samples - off).max(0.0));
-        let mut notes = Vec::new();
-        if raw < off {
-            notes.push("the output reacts within the sample: no dead time, and a direct path or a faster response than assumed".to_owned());
-        }
-        if at_edge {
-            notes.push("the best delay is the longest searched: give a longer --max-delay".to_owned());
-        }
+        let seconds = |samples: f64| sample_time.to_seconds(samples - off);
         Self {
             outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
             delay_s: Some(seconds(raw)),
@@ -96,8 +89,19 @@ impl DelayEstimate {
             ci95_s: Some(interval.map(seconds)),
             raw_delay_s: Some(sample_time.to_seconds(raw)),
             degree_bias_samples: off,
-            note: if notes.is_empty() { None } else { Some(notes.join("; ")) },
+            note: at_edge.then(|| "the best delay is the longest searched: give a longer --max-delay".to_owned()),
         }
+    }
+
+    /// The answer for a record whose input was given `later` seconds too late: no delay is below zero, and one that would be is said.
+    pub(super) fn finished(mut self, later_s: f64) -> Self {
+        let whole = |v: f64| (v + later_s).max(0.0);
+        let within = self.delay_s.is_some_and(|d| d + later_s < -1e-9 * self.raw_delay_s.map_or(1.0, |r| r.abs().max(1e-12)));
+        self.delay_s = self.delay_s.map(whole);
+        self.ci95_s = self.ci95_s.map(|ends| ends.map(whole));
+        self.raw_delay_s = self.raw_delay_s.map(|v| v + later_s);
+        let note = "the output reacts within the sample: no dead time, and a direct path or a faster response than assumed";
+        self.noting(within.then(|| note.to_owned()))
     }
 
     /// Adds a sentence to the note.

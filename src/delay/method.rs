@@ -102,7 +102,7 @@ pub enum Start {
 }
 
 /// A complication under which a method's answer may still be believed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Condition {
     /// A plant that integrates or is unstable.
     UnstablePlant,
@@ -114,6 +114,20 @@ pub enum Condition {
     Dynamics,
     /// Output samples that were not measured.
     MissingOutputs,
+}
+
+impl Condition {
+    /// What it is called in a sentence.
+    #[must_use]
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::UnstablePlant => "an unstable plant",
+            Self::Feedback => "feedback",
+            Self::ColouredNoise => "coloured noise",
+            Self::Dynamics => "a lag of the plant's own",
+            Self::MissingOutputs => "missing outputs",
+        }
+    }
 }
 
 /// What the data can know of the delay, for the standard deviation that is predicted before estimating ([`super::richness`]).

@@ -1,5 +1,6 @@
 //! Dead-time estimation: what an estimator is, and the list of all there are.
 
+mod conditions;
 mod correlation;
 mod error;
 mod estimate;
@@ -14,6 +15,7 @@ mod states;
 mod threshold;
 mod verdict;
 
+pub use conditions::{Finding, conditions};
 pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot};
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
@@ -27,13 +29,16 @@ pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits
 pub use parametric::{Arxstruc, Oestruc};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
-pub use verdict::{Verdict, verdict};
+pub use verdict::{Verdict, distrust, verdict};
 
 pub use crate::identify::{Initial, Record};
 
 /// How far to search, and what to take off the answer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Search {
+    /// Shortest raw delay searched, samples; default 0. Under feedback of the same sample it must be 1 or more (and the plant strictly proper): what the
+    /// controller made of the output's noise would pass for an answer within the sample.
+    pub min_delay: usize,
     /// Longest delay searched, samples; default 35. When the answer is the longest, the window doubles once.
     pub max_delay: usize,
     /// Samples that a delay-free plant already needs to respond (its relative degree), by output and input; pairs beyond the table take `default_bias`.
@@ -44,7 +49,7 @@ pub struct Search {
 
 impl Default for Search {
     fn default() -> Self {
-        Self { max_delay: 35, bias: Vec::new(), default_bias: 1 }
+        Self { min_delay: 0, max_delay: 35, bias: Vec::new(), default_bias: 1 }
     }
 }
 
@@ -73,19 +78,35 @@ fn every_pair(
     let mut estimates = Vec::new();
     for output in 0..experiment.outputs.len() {
         for input in 0..experiment.inputs.len() {
-            let records = experiment.pair(input, output)?;
+            let skip = search.min_delay.min(search.max_delay.saturating_sub(1));
+            let records: Vec<Record> = experiment.pair(input, output)?.into_iter().map(|r| later(r, skip)).collect();
             let bias = search.bias(input, output);
-            let mut estimate = method(&records, search.max_delay, bias)?;
+            let mut estimate = method(&records, search.max_delay - skip, bias)?;
             if estimate.outcome == Outcome::AtEdge
                 // A record too short for the wider window leaves the answer at the edge of the narrow one.
-                && let Ok(wider) = method(&records, 2 * search.max_delay, bias)
+                && let Ok(wider) = method(&records, 2 * search.max_delay - skip, bias)
             {
                 estimate = wider;
             }
+            #[allow(clippy::cast_precision_loss)]
+            let estimate = estimate.finished(experiment.sample_time.to_seconds(skip as f64));
             estimates.push(PairEstimate { input, output: Some(output), estimate });
         }
     }
     Ok(estimates)
+}
+
+/// The record with its input that many samples later, so that shorter delays are out of reach.
+fn later(record: Record, samples: usize) -> Record {
+    let samples = samples.min(record.len());
+    if samples == 0 {
+        return record;
+    }
+    Record {
+        u: record.u[..record.len() - samples].to_vec(),
+        y: record.y[samples..].to_vec(),
+        present: record.present.map(|p| p[samples..].to_vec()),
+    }
 }
 
 /// Every estimator, within a class the most trusted first.

@@ -1,6 +1,11 @@
-//! What to believe when several methods have answered.
+//! What to believe when many methods have answered.
 
-use super::{DelayEstimate, Outcome};
+use std::collections::BTreeMap;
+
+use super::conditions::Finding;
+use super::posterior::RESOLUTION;
+use super::{Class, Condition, DelayEstimate, Method, Outcome};
+use crate::time::SampleTime;
 
 /// A delay to believe, or none, and a sentence that says why.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -13,83 +18,161 @@ pub struct Verdict {
     pub why: String,
 }
 
-/// Weighs answers for one pair. `answers` are (method, answer), the most trusted method first.
-///
-/// The group that most methods fall into (intervals that overlap) counts. Its median, each answer weighted by 1/std, is the number; the interval is that of the
-/// most trusted method that gave it.
+/// What the record shows that this method does not withstand; empty where its answer may be counted.
 #[must_use]
-pub fn verdict(answers: &[(&str, &DelayEstimate)]) -> Verdict {
-    let found: Vec<Found<'_>> = answers.iter().filter(|(_, e)| e.outcome == Outcome::Found).filter_map(|(m, e)| Found::new(m, e)).collect();
+pub fn distrust(method: &Method, findings: &[Finding]) -> Vec<Condition> {
+    findings.iter().map(|f| f.condition).filter(|c| !method.withstands(*c)).collect()
+}
+
+/// Weighs answers for one pair. `answers` are (method, answer), within a class the most trusted first; `findings` is what the record shows.
+///
+/// Methods that do not withstand what the record shows are not counted, unless no other has answered. Each class of methods has one voice, shared by those of its
+/// methods that found a delay. The delay that most voices hold inside their intervals gathers the group; the number is the group's median, weighted by voice
+/// and certainty (no method is taken for more certain than a sample allows, because a model that is too small is wrong by more than it says), and the interval is
+/// that of the method that gave it.
+#[must_use]
+pub fn verdict(answers: &[(&Method, &DelayEstimate)], findings: &[Finding], sample_time: SampleTime) -> Verdict {
+    let found: Vec<Found<'_>> = answers.iter().filter_map(|(m, e)| Found::new(m, e, findings, sample_time)).collect();
     if found.is_empty() {
-        let reasons: Vec<String> = answers.iter().map(|(m, e)| format!("{m} is {}", words(e.outcome))).collect();
-        let why = format!("no method found a delay to believe ({})", reasons.join(", "));
+        let why = format!("no method found a delay to believe ({})", outcomes(answers, |_| true));
         return Verdict { delay_s: None, ci95_s: None, why };
     }
-    // Ties go to the group of the most trusted method.
-    let size = |i: usize| found.iter().filter(|f| f.overlaps(&found[i])).count();
-    let lead = (0..found.len()).rev().max_by_key(|&i| size(i)).unwrap_or(0);
-    let (agree, differ): (Vec<&Found<'_>>, Vec<&Found<'_>>) = found.iter().partition(|f| f.overlaps(&found[lead]));
+    let trusted: Vec<&Found<'_>> = found.iter().filter(|f| f.distrust.is_empty()).collect();
+    let nobody = trusted.is_empty();
+    let counted: Vec<&Found<'_>> = if nobody { found.iter().collect() } else { trusted };
+    let voices = voices(&counted);
+    let support = |at: &Found<'_>| -> f64 { counted.iter().zip(&voices).filter(|(f, _)| f.holds(at.delay_s)).map(|(_, v)| v).sum() };
+    // Ties go to the most trusted method: the order is that of the list.
+    let mut lead = counted[0];
+    for f in &counted[1..] {
+        if support(f) > support(lead) + 1e-9 {
+            lead = f;
+        }
+    }
+    let (mut agree, mut differ) = (Vec::new(), Vec::new());
+    for (f, voice) in counted.iter().zip(&voices) {
+        if f.holds(lead.delay_s) { agree.push((*f, *voice)) } else { differ.push((*f, *voice)) }
+    }
     let chosen = median(&agree);
-    let others: Vec<&str> = agree.iter().filter(|f| f.method != chosen.method).map(|f| f.method).collect();
+    let others: Vec<&str> = agree.iter().filter(|(f, _)| f.method != chosen.method).map(|(f, _)| f.method).collect();
     let mut why = match others.len() {
         0 => format!("{} alone", chosen.method),
         1 => format!("{} says so, and {} agrees with it", chosen.method, others[0]),
-        _ => format!("{} says so, and {} agree with it", chosen.method, others.join(", ")),
+        2..=4 => format!("{} says so, and {} agree with it", chosen.method, others.join(", ")),
+        n => format!("{} says so, and {}, {} and {} more agree with it", chosen.method, others[0], others[1], n - 2),
     };
-    for f in &differ {
+    for (f, _) in differ.iter().take(MOST_NAMED) {
         why.push_str(&format!("; {} says {:.4} s", f.method, f.delay_s));
     }
-    for (method, e) in answers.iter().filter(|(_, e)| !matches!(e.outcome, Outcome::Found | Outcome::NotApplicable)) {
-        why.push_str(&format!("; {method} is {}", words(e.outcome)));
+    if differ.len() > MOST_NAMED {
+        why.push_str(&format!("; {} more say otherwise", differ.len() - MOST_NAMED));
     }
-    if differ.len() >= agree.len() {
+    if nobody {
+        why.push_str("; no method is made for what the record shows, so this is a guess");
+    }
+    for (conditions, methods) in by_reason(&found).iter().filter(|_| !nobody) {
+        why.push_str(&format!("; not counted because of {}: {}", joined(conditions.iter().map(|c| c.words())), methods.join(", ")));
+    }
+    let silent = outcomes(answers, |e| !matches!(e.outcome, Outcome::Found | Outcome::NotApplicable));
+    if !silent.is_empty() {
+        why.push_str(&format!("; {silent}"));
+    }
+    let total = |side: &[(&Found<'_>, f64)]| side.iter().map(|(_, v)| v).sum::<f64>();
+    if total(&differ) >= total(&agree) {
         why.push_str("; the methods disagree: check excitation, feedback and the search window before using the number");
     }
     Verdict { delay_s: Some(chosen.delay_s), ci95_s: Some(chosen.interval_s), why }
 }
 
-fn words(outcome: Outcome) -> String {
-    outcome.name().replace('_', " ")
+/// Methods that are named where more would make the sentence unreadable.
+const MOST_NAMED: usize = 3;
+
+/// `flat: area1, area2; singular: p3d`, for the answers that match and have no delay.
+fn outcomes(answers: &[(&Method, &DelayEstimate)], which: impl Fn(&DelayEstimate) -> bool) -> String {
+    let mut groups: Vec<(Outcome, Vec<&str>)> = Vec::new();
+    for (m, e) in answers.iter().filter(|(_, e)| which(e)) {
+        match groups.iter_mut().find(|(o, _)| *o == e.outcome) {
+            Some((_, methods)) => methods.push(m.entry.name),
+            None => groups.push((e.outcome, vec![m.entry.name])),
+        }
+    }
+    let texts: Vec<String> = groups.iter().map(|(o, methods)| format!("{}: {}", o.name().replace('_', " "), methods.join(", "))).collect();
+    texts.join("; ")
+}
+
+fn joined<'a>(words: impl Iterator<Item = &'a str>) -> String {
+    words.collect::<Vec<_>>().join(" and ")
+}
+
+/// The methods that are not counted, by what they do not withstand.
+fn by_reason<'a>(found: &[Found<'a>]) -> BTreeMap<Vec<Condition>, Vec<&'a str>> {
+    let mut reasons: BTreeMap<Vec<Condition>, Vec<&str>> = BTreeMap::new();
+    for f in found.iter().filter(|f| !f.distrust.is_empty()) {
+        reasons.entry(f.distrust.clone()).or_default().push(f.method);
+    }
+    reasons
 }
 
 /// An answer with a delay.
 struct Found<'a> {
     method: &'a str,
+    class: Class,
     delay_s: f64,
+    /// Standard deviation, s, at least that of a delay known to the nearest sample.
     std_s: f64,
     interval_s: [f64; 2],
+    /// The same, at least as wide as a count of samples leaves it.
+    open_s: [f64; 2],
+    distrust: Vec<Condition>,
 }
 
 impl<'a> Found<'a> {
-    fn new(method: &'a str, estimate: &DelayEstimate) -> Option<Self> {
-        let delay_s = estimate.delay_s?;
+    fn new(method: &'a Method, estimate: &DelayEstimate, findings: &[Finding], sample_time: SampleTime) -> Option<Self> {
+        let delay_s = estimate.delay_s.filter(|_| estimate.outcome == Outcome::Found)?;
+        let resolution_s = sample_time.to_seconds(RESOLUTION.sqrt());
         let interval_s = estimate.ci95_s.unwrap_or([delay_s, delay_s]);
-        Some(Self { method, delay_s, std_s: estimate.std_s.unwrap_or(f64::INFINITY), interval_s })
+        Some(Self {
+            method: method.entry.name,
+            class: method.class,
+            delay_s,
+            std_s: estimate.std_s.unwrap_or(f64::INFINITY).max(resolution_s),
+            interval_s,
+            open_s: [interval_s[0].min(delay_s - 1.96 * resolution_s), interval_s[1].max(delay_s + 1.96 * resolution_s)],
+            distrust: distrust(method, findings),
+        })
     }
 
-    fn overlaps(&self, other: &Self) -> bool {
-        self.interval_s[0] <= other.interval_s[1] && other.interval_s[0] <= self.interval_s[1]
+    /// The delay lies inside the interval.
+    fn holds(&self, delay_s: f64) -> bool {
+        delay_s >= self.open_s[0] && delay_s <= self.open_s[1]
     }
 }
 
+/// One voice per class, shared by its methods.
+fn voices(found: &[&Found<'_>]) -> Vec<f64> {
+    #[allow(clippy::cast_precision_loss)]
+    found.iter().map(|f| 1.0 / found.iter().filter(|g| g.class == f.class).count() as f64).collect()
+}
+
 /// The weighted median, and of equal answers the most trusted one's.
-fn median<'f, 'a>(group: &[&'f Found<'a>]) -> &'f Found<'a> {
+fn median<'f, 'a>(group: &[(&'f Found<'a>, f64)]) -> &'f Found<'a> {
     let mut sorted = group.to_vec();
-    sorted.sort_by(|a, b| a.delay_s.total_cmp(&b.delay_s));
-    let weight = |f: &Found<'_>| 1.0 / f.std_s.max(f64::MIN_POSITIVE);
-    let half = 0.5 * sorted.iter().map(|f| weight(f)).sum::<f64>();
+    sorted.sort_by(|a, b| a.0.delay_s.total_cmp(&b.0.delay_s));
+    let weight = |(f, voice): &(&Found<'_>, f64)| voice / f.std_s;
+    let half = 0.5 * sorted.iter().map(weight).sum::<f64>();
     let mut sum = 0.0;
     let at = sorted.iter().find(|f| {
         sum += weight(f);
         sum >= half
     });
-    let delay_s = at.map_or(group[0].delay_s, |f| f.delay_s);
-    group.iter().find(|f| f.delay_s == delay_s).unwrap_or(&group[0])
+    let delay_s = at.map_or(group[0].0.delay_s, |f| f.0.delay_s);
+    group.iter().find(|f| f.0.delay_s == delay_s).map_or(group[0].0, |f| f.0)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::delay::method;
 
     fn answer(delay_s: f64, std_s: f64) -> DelayEstimate {
         DelayEstimate {
@@ -101,26 +184,58 @@ mod tests {
         }
     }
 
+    fn of(answers: &[(&str, &DelayEstimate)], findings: &[Finding]) -> Verdict {
+        let answers: Vec<(&Method, &DelayEstimate)> = answers.iter().map(|(m, e)| (method(m).unwrap(), *e)).collect();
+        verdict(&answers, findings, SampleTime::new(0.01).unwrap())
+    }
+
+    fn shows(condition: Condition) -> Vec<Finding> {
+        vec![Finding { condition, evidence: String::new() }]
+    }
+
     #[test]
-    fn the_larger_group_wins_over_the_more_trusted_loner() {
+    fn the_delay_that_more_classes_hold_wins_over_the_more_trusted_loner() {
         let (a, b, c) = (answer(1.0, 0.01), answer(2.0, 0.1), answer(2.1, 0.1));
-        let v = verdict(&[("first", &a), ("second", &b), ("third", &c)]);
+        let v = of(&[("oestruc", &a), ("threshold", &b), ("state_least_squares", &c)], &[]);
         assert_eq!(v.delay_s, Some(2.0));
-        assert!(v.why.contains("first says 1.0000 s") && v.why.starts_with("second says so, and third agrees"), "{}", v.why);
+        assert!(
+            v.why.starts_with("threshold says so, and state_least_squares agrees") && v.why.contains("oestruc says 1.0000 s"),
+            "{}",
+            v.why
+        );
+    }
+
+    #[test]
+    fn methods_of_one_class_share_their_voice() {
+        let (sharp, early, early_too) = (answer(2.0, 0.1), answer(1.0, 0.1), answer(1.0, 0.1));
+        let v = of(&[("oestruc", &sharp), ("threshold", &early), ("threshold_step", &early_too)], &[]);
+        assert_eq!(v.delay_s, Some(2.0), "two thresholds on one response are one voice: {}", v.why);
+        assert!(v.why.contains("the methods disagree"), "{}", v.why);
     }
 
     #[test]
     fn a_vague_answer_does_not_move_the_median() {
         let (vague, sharp, late) = (answer(0.0, 8.0), answer(2.0, 0.5), answer(12.0, 4.0));
-        let v = verdict(&[("vague", &vague), ("sharp", &sharp), ("late", &late)]);
+        let v = of(&[("threshold", &vague), ("oestruc", &sharp), ("state_least_squares", &late)], &[]);
         assert_eq!((v.delay_s, v.ci95_s), (Some(2.0), Some([1.0, 3.0])));
+    }
+
+    #[test]
+    fn a_method_that_does_not_withstand_the_record_is_not_counted_and_the_reason_is_said() {
+        let (open, closed) = (answer(1.0, 0.1), answer(2.0, 0.1));
+        let v = of(&[("oestruc", &open), ("threshold", &open), ("arxstruc", &closed)], &shows(Condition::Feedback));
+        assert_eq!(v.delay_s, Some(2.0));
+        assert!(v.why.contains("not counted because of feedback: oestruc, threshold"), "{}", v.why);
+        let v = of(&[("oestruc", &open), ("threshold", &open)], &shows(Condition::Feedback));
+        assert_eq!(v.delay_s, Some(1.0), "better a guess than nothing, and said");
+        assert!(v.why.contains("this is a guess"), "{}", v.why);
     }
 
     #[test]
     fn nothing_found_is_nothing_believed() {
         let none = DelayEstimate::without(Outcome::NotVisible, "");
-        let v = verdict(&[("a", &none)]);
+        let v = of(&[("oestruc", &none), ("arxstruc", &none)], &[]);
         assert_eq!(v.delay_s, None);
-        assert!(v.why.contains("a is not visible"));
+        assert!(v.why.contains("not visible: oestruc, arxstruc"), "{}", v.why);
     }
 }

@@ -37,16 +37,15 @@ impl Record {
     /// The longest stretches without a missing output, each of at least `least` samples, in order; for methods that cannot leave samples out.
     #[must_use]
     pub fn stretches(&self, least: usize) -> Vec<Self> {
-        let Some(present) = &self.present else { return if self.len() >= least { vec![self.clone()] } else { Vec::new() } };
-        let mut stretches = Vec::new();
+        let present = self.present.clone().unwrap_or_else(|| vec![true; self.len()]);
         let mut from = 0;
-        for t in 0..=self.len() {
-            if t == self.len() || !present[t] {
-                if t - from >= least.max(1) {
-                    stretches.push(Self::new(self.u[from..t].to_vec(), self.y[from..t].to_vec()));
-                }
-                from = t + 1;
+        let mut stretches = Vec::new();
+        for stretch in present[..self.len()].split(|there| !there) {
+            let to = from + stretch.len();
+            if stretch.len() >= least.max(1) {
+                stretches.push(Self::new(self.u[from..to].to_vec(), self.y[from..to].to_vec()));
             }
+            from = to + 1;
         }
         stretches
     }

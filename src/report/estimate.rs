@@ -5,7 +5,7 @@ use std::fmt::Write;
 use serde::Serialize;
 
 use super::{Table, seconds};
-use crate::delay::{DelayEstimate, Outcome, Verdict};
+use crate::delay::{Class, Condition, DelayEstimate, Finding, Method, Outcome, Verdict, distrust};
 
 /// One method's answer, as the file has it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -29,14 +29,20 @@ pub struct Estimate {
     pub note: Option<String>,
     /// Run time, s.
     pub time_s: f64,
+    /// The heading it stands under.
+    #[serde(skip)]
+    pub class: Class,
+    /// What the record shows that the method does not withstand.
+    #[serde(skip)]
+    pub distrust: Vec<Condition>,
 }
 
 impl Estimate {
-    /// An answer with the name and run time that go with it.
+    /// An answer with its method, its run time, and what the record shows.
     #[must_use]
-    pub fn new(method: &str, estimate: &DelayEstimate, time_s: f64) -> Self {
+    pub fn new(method: &Method, estimate: &DelayEstimate, time_s: f64, findings: &[Finding]) -> Self {
         Self {
-            method: method.to_owned(),
+            method: method.entry.name.to_owned(),
             outcome: estimate.outcome,
             delay_s: estimate.delay_s,
             std_s: estimate.std_s,
@@ -45,6 +51,8 @@ impl Estimate {
             degree_bias_samples: estimate.degree_bias_samples,
             note: estimate.note.clone(),
             time_s,
+            class: method.class,
+            distrust: distrust(method, findings),
         }
     }
 }
@@ -56,7 +64,10 @@ pub struct Pair {
     pub input: String,
     /// The output; `*` where an answer holds whatever the output.
     pub output: String,
-    /// One answer per method.
+    /// What the record shows.
+    #[serde(skip)]
+    pub findings: Vec<Finding>,
+    /// One answer per method, class by class.
     pub estimates: Vec<Estimate>,
     /// What to believe.
     pub verdict: Verdict,
@@ -81,15 +92,20 @@ pub struct Report {
 pub const FORMAT: &str = "deadtime/estimate@1";
 
 impl Report {
-    /// The tables and sentences for a terminal.
+    /// The tables and sentences for a terminal: of many methods those whose answers count, unless the `full` table is asked for.
     #[must_use]
-    pub fn text(&self) -> String {
+    pub fn text(&self, full: bool) -> String {
         let mut text = String::new();
         for pair in &self.pairs {
             let arrow = if pair.output == "*" { "the states".to_owned() } else { pair.output.clone() };
             let _ = writeln!(text, "\n{} → {arrow}", pair.input);
-            text.push_str(&self.table(pair).to_string());
-            for estimate in &pair.estimates {
+            if !pair.findings.is_empty() {
+                let shown: Vec<String> = pair.findings.iter().map(|f| format!("{} ({})", f.condition.words(), f.evidence)).collect();
+                let _ = writeln!(text, "The record shows {}.", shown.join("; "));
+            }
+            let shown = Shown::of(pair, full);
+            text.push_str(&self.table(&shown).to_string());
+            for estimate in shown.rows.iter().filter(|e| !shown.headed || e.counts()) {
                 if let Some(note) = &estimate.note {
                     let _ = writeln!(text, "  {}: {note}", estimate.method);
                 }
@@ -110,14 +126,25 @@ impl Report {
         text
     }
 
-    fn table(&self, pair: &Pair) -> Table {
-        let headings = ["method", "outcome", "dead time (s)", "std (s)", "95 % interval (s)", "raw (s)", "bias (samples)", "run time"];
-        let mut table = Table::new(&headings, &[0, 1]);
+    fn table(&self, shown: &Shown<'_>) -> Table {
+        let headings =
+            ["method", "outcome", "dead time (s)", "std (s)", "95 % interval (s)", "raw (s)", "bias (samples)", "counts", "run time"];
+        let mut table = Table::new(&headings, &[0, 1, 7]);
         let step = self.sample_time_s;
         let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| seconds(v, step));
-        for e in &pair.estimates {
+        let mut class = None;
+        for e in &shown.rows {
+            if shown.headed && class != Some(e.class) {
+                class = Some(e.class);
+                table.row(vec![format!("{}:", e.class.title())]);
+            }
             let interval = e.ci95_s.map_or_else(|| "–".to_owned(), |[a, b]| format!("{} … {}", seconds(a, step), seconds(b, step)));
             let bias = if e.delay_s.is_some() { e.degree_bias_samples.to_string() } else { "–".to_owned() };
+            let counts = match (e.outcome, e.distrust.as_slice()) {
+                (Outcome::Found, []) => "yes".to_owned(),
+                (Outcome::Found, reasons) => format!("no: {}", reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(", ")),
+                _ => "–".to_owned(),
+            };
             table.row(vec![
                 e.method.clone(),
                 e.outcome.name().replace('_', " "),
@@ -126,10 +153,41 @@ impl Report {
                 interval,
                 number(e.raw_delay_s),
                 bias,
+                counts,
                 run_time(e.time_s),
             ]);
         }
         table
+    }
+}
+
+/// As many methods as a person reads at a glance.
+const A_HANDFUL: usize = 8;
+
+/// What a table shows of a pair: of many methods those whose answers count, the sentence below it names the others.
+struct Shown<'a> {
+    rows: Vec<&'a Estimate>,
+    /// Under the headings of the classes.
+    headed: bool,
+}
+
+impl<'a> Shown<'a> {
+    fn of(pair: &'a Pair, full: bool) -> Self {
+        let headed = pair.estimates.len() > A_HANDFUL;
+        let folded = headed && !full && pair.estimates.iter().any(Estimate::counts);
+        let mut rows: Vec<&Estimate> = pair.estimates.iter().filter(|e| !folded || e.counts()).collect();
+        if headed {
+            // Stable: within a class the order of the list.
+            rows.sort_by_key(|e| e.class);
+        }
+        Self { rows, headed }
+    }
+}
+
+impl Estimate {
+    /// A delay was found, and the record shows nothing that the method does not withstand.
+    fn counts(&self) -> bool {
+        self.outcome == Outcome::Found && self.distrust.is_empty()
     }
 }
 
@@ -139,7 +197,7 @@ fn whole_if_it_is<S: serde::Serializer>(value: &f64, serializer: S) -> Result<S:
     if value.fract() == 0.0 && value.abs() < 1e15 { serializer.serialize_i64(*value as i64) } else { serializer.serialize_f64(*value) }
 }
 
-fn run_time(time_s: f64) -> String {
+pub(super) fn run_time(time_s: f64) -> String {
     if time_s < 1e-3 {
         format!("{:.0} µs", time_s * 1e6)
     } else if time_s < 1.0 {

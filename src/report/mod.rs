@@ -8,6 +8,7 @@ pub mod effects;
 pub mod estimate;
 pub mod html;
 pub mod isolability;
+pub mod methods;
 #[cfg(feature = "cli")]
 pub mod picture;
 pub mod study;

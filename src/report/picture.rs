@@ -151,12 +151,17 @@ mod tests {
         let pair = Pair {
             input: "u<1>".into(),
             output: "y".into(),
-            estimates: vec![Estimate::new("first", &found, 0.0), Estimate::new("second", &none, 0.0)],
+            findings: Vec::new(),
+            estimates: ["oestruc", "arxstruc"]
+                .iter()
+                .zip([&found, &none])
+                .map(|(name, e)| Estimate::new(crate::delay::method(name).unwrap(), e, 0.0, &[]))
+                .collect(),
             verdict: Verdict { delay_s: Some(0.2), ci95_s: Some([0.1, 0.3]), why: String::new() },
         };
         let response = Response { values: vec![0.0, 0.0, 1.0], std: vec![0.01; 3] };
         let text = svg(&[Panel { pair: &pair, response: Some(&response) }, Panel { pair: &pair, response: None }], 0.1).unwrap();
-        for part in ["first", "second", "not rich enough", "u&lt;1&gt;", "impulse response", "</svg>"] {
+        for part in ["oestruc", "arxstruc", "not rich enough", "u&lt;1&gt;", "impulse response", "</svg>"] {
             assert!(text.contains(part), "{part}");
         }
     }

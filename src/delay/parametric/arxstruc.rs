@@ -87,6 +87,14 @@ impl Arxstruc {
         let scan = arx_scan(records, self.na, self.nb, max_delay);
         let rows_needed = 2 * (self.na + self.nb);
         if scan.rows < rows_needed {
+            let gaps = records.iter().any(|r| r.present.is_some());
+            if gaps && experiment.longest() >= self.na.max(max_delay + self.nb - 1) + rows_needed {
+                let note = format!(
+                    "missing outputs leave {} rows with all of {} past ones, {rows_needed} are needed: set a smaller na",
+                    scan.rows, self.na
+                );
+                return Ok(DelayEstimate::without(Outcome::NotApplicable, note));
+            }
             return Err(DelayError::TooShort {
                 method: NAME,
                 needed: self.na.max(max_delay + self.nb - 1) + rows_needed,

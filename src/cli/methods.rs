@@ -1,0 +1,63 @@
+//! `deadtime methods`: every method beside the others, on a small study.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+
+use super::progress::Bar;
+use super::write_json;
+use crate::delay::METHODS;
+use crate::file::write_atomic;
+use crate::report::methods::{errors, page};
+use crate::study::Common;
+
+/// Compare all methods: what each needs, what it cannot see, its time, and its error on a small study of known delays
+#[derive(Debug, clap::Args)]
+pub(super) struct Methods {
+    /// Records of each kind
+    #[arg(long, value_name = "N", default_value_t = Common::default().trials)]
+    trials: usize,
+    /// Samples of a record
+    #[arg(long, value_name = "N", default_value_t = Common::default().samples)]
+    samples: usize,
+    /// Seed of the records
+    #[arg(long, value_name = "N", default_value_t = Common::default().seed)]
+    seed: u64,
+    /// Also write the page docs/methods.md, as Markdown
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+impl Methods {
+    /// Prints the errors and times; as JSON they are the rows of the study.
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        if self.trials == 0 || self.samples < LEAST {
+            bail!("--trials {} --samples {}: give at least 1 record of at least {LEAST} samples", self.trials, self.samples);
+        }
+        let study = Common { trials: self.trials, samples: self.samples, seed: self.seed };
+        let bar = Bar::new();
+        let mut done = 0.0;
+        #[allow(clippy::cast_precision_loss)]
+        let rows = study.run(&mut |name| {
+            done += 1.0;
+            bar.show(done / METHODS.len() as f64, &name);
+        });
+        bar.end();
+        let rows = rows?;
+        write_json(json, &rows)?;
+        if let Some(path) = &self.out {
+            write_atomic(path, |out| out.write_all(page(&study, &rows).as_bytes()))?;
+        }
+        say!("{}", errors(&rows).to_string().trim_end());
+        say!(
+            "\nErrors in samples, over {} records of {} samples each: on what the method is made for, on a plant with a lag, and in a loop; held: intervals that hold",
+            self.trials,
+            self.samples
+        );
+        say!("the truth; none: records without an answer.");
+        Ok(())
+    }
+}
+
+/// Samples below which most methods have nothing to say.
+const LEAST: usize = 200;

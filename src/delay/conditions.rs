@@ -1,0 +1,136 @@
+//! What makes one method trustworthy on a record and another not: feedback, an unstable plant, coloured noise, a plant with a lag of its own, missing samples.
+
+use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+
+use super::{Arxstruc, Condition};
+use crate::identify::{Record, Regression, arx_scan, largest_pole};
+
+/// A complication that a record shows, and what shows it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// The complication.
+    pub condition: Condition,
+    /// The evidence, in words that follow the condition's own.
+    pub evidence: String,
+}
+
+/// Coefficients of the response that noise colour and feedback are judged beyond; as many as the threshold methods estimate.
+const LAGS: usize = 71;
+/// Input samples after the output's that open-loop data have no use for.
+const FUTURE: usize = 5;
+/// Share of the innovations' variance that later inputs explain in a record with feedback: below a twentieth the bias of an open-loop method is small, and
+/// a plant that is not quite linear reaches a few hundredths with smooth inputs.
+const FEEDS_BACK: f64 = 0.05;
+/// The probability that as much is explained by chance.
+const BY_CHANCE: f64 = 1e-4;
+/// How much less the innovations must be than the residuals of the free response for the noise to count as coloured.
+const COLOURED: f64 = 1.25;
+/// Samples between the first reaction and the response's centre of energy that make a lag.
+const LAG: f64 = 1.0;
+/// Share of the largest coefficient at which a response has begun.
+const BEGUN: f64 = 0.1;
+
+/// What the records of one pair show, judged by ARX models of the orders of [`Arxstruc`] over the same window.
+///
+/// * Feedback: later inputs explain innovations of the output (Sims, 1972, Am. Econ. Rev. 62(4), 540-552: the causality test with the input's future, which stays
+///   valid for inputs that are no random process).
+/// * Unstable plant: a pole outside the unit circle by more than 3/N, three times the rate at which an estimate of a pole at 1 converges.
+/// * Coloured noise: past outputs predict what the free response leaves.
+/// * Dynamics: the response's energy lies later than its beginning.
+///
+/// Each can be wrong: strong nonlinearity can pass for feedback, a response longer than 71 samples for coloured noise. Too short a record shows nothing.
+#[must_use]
+pub fn conditions(records: &[Record], max_delay: usize) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let missing: usize = records.iter().filter_map(|r| r.present.as_ref()).map(|p| p.iter().filter(|p| !**p).count()).sum();
+    if missing > 0 {
+        found.push(Finding { condition: Condition::MissingOutputs, evidence: format!("{missing} output samples are missing") });
+    }
+    let Arxstruc { na, nb } = Arxstruc::default();
+    let scan = arx_scan(records, na, nb, max_delay);
+    #[allow(clippy::cast_precision_loss)]
+    let rows = scan.rows as f64;
+    let best = (0..scan.loss.len()).filter(|&nk| scan.loss[nk].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
+    let Some(best) = best.filter(|_| scan.rows > 4 * (na + nb)) else { return found };
+    let coefficients = &scan.coefficients[best];
+    let a: Vec<f64> = coefficients[..na].iter().map(|c| -c).collect();
+    let pole = largest_pole(&a);
+    if pole > 1.0 + 3.0 / rows {
+        found.push(Finding { condition: Condition::UnstablePlant, evidence: format!("a pole at |z| = {pole:.4}") });
+    }
+    let lag = lag(&a, &coefficients[na..]);
+    if lag > LAG {
+        found.push(Finding { condition: Condition::Dynamics, evidence: format!("the response lasts {lag:.1} samples on average") });
+    }
+    found.extend(colour(records, na, max_delay));
+    found.extend(feedback(records, na, max_delay));
+    found
+}
+
+/// Samples from the response's beginning to its centre of energy.
+fn lag(a: &[f64], b: &[f64]) -> f64 {
+    let mut response: Vec<f64> = Vec::with_capacity(10 * LAGS);
+    for k in 0..10 * LAGS {
+        let past: f64 = a.iter().enumerate().filter(|(i, _)| *i < k).map(|(i, c)| c * response[k - 1 - i]).sum();
+        let next = b.get(k).copied().unwrap_or(0.0) - past;
+        if !next.is_finite() || next.abs() > 1e100 {
+            return f64::INFINITY;
+        }
+        response.push(next);
+    }
+    let largest = response.iter().fold(0.0, |m: f64, h| m.max(h.abs()));
+    let begun = response.iter().position(|h| h.abs() > BEGUN * largest).unwrap_or(0);
+    let energy: f64 = response.iter().map(|h| h * h).sum();
+    #[allow(clippy::cast_precision_loss)]
+    let moment: f64 = response[begun..].iter().enumerate().map(|(k, h)| k as f64 * h * h).sum();
+    if energy > 0.0 { moment / energy } else { 0.0 }
+}
+
+/// Lags that a record of this length can carry.
+fn lags(records: &[Record], max_delay: usize) -> usize {
+    let samples: usize = records.iter().map(Record::len).sum();
+    LAGS.max(max_delay + 1).min(samples / 6)
+}
+
+/// Σ e² and rows of a regression over all its columns.
+fn residual(regression: Regression, records: &[Record]) -> Option<(f64, usize)> {
+    let triangle = regression.factor(records);
+    let last = regression.columns();
+    (triangle.rows > 2 * last).then(|| (triangle.r[(last, last)].powi(2), triangle.rows))
+}
+
+#[allow(clippy::cast_precision_loss)]
+fn colour(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
+    let lags = lags(records, max_delay);
+    let (free, rows) = residual(Regression { na: 0, lags }, records)?;
+    let (white, fewer) = residual(Regression { na, lags }, records)?;
+    let ratio = free / (rows - lags) as f64 / (white / (fewer - lags - na) as f64).max(f64::MIN_POSITIVE);
+    (ratio > COLOURED && ratio.is_finite()).then(|| Finding {
+        condition: Condition::ColouredNoise,
+        evidence: format!("past outputs lower the error of {lags} free coefficients {ratio:.1} times"),
+    })
+}
+
+#[allow(clippy::cast_precision_loss)]
+fn feedback(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
+    let lags = lags(records, max_delay).max(na + 1);
+    let cut = |r: &Record, u: std::ops::Range<usize>, y: std::ops::Range<usize>| Record {
+        u: r.u[u].to_vec(),
+        y: r.y[y.clone()].to_vec(),
+        present: r.present.as_ref().map(|p| p[y].to_vec()),
+    };
+    let long: Vec<&Record> = records.iter().filter(|r| r.len() > 2 * FUTURE + lags).collect();
+    // The same rows: with the input advanced by FUTURE samples the first of its lags lie after the output.
+    let with: Vec<Record> = long.iter().map(|r| cut(r, FUTURE..r.len(), 0..r.len() - FUTURE)).collect();
+    let without: Vec<Record> = long.iter().map(|r| cut(r, FUTURE..r.len() - FUTURE, FUTURE..r.len() - FUTURE)).collect();
+    let (more, rows) = residual(Regression { na, lags: lags + FUTURE }, &with)?;
+    let (less, _) = residual(Regression { na, lags }, &without)?;
+    let freedom = (rows - na - lags - FUTURE) as f64;
+    let share = 1.0 - more / less.max(f64::MIN_POSITIVE);
+    let ratio = (less - more).max(0.0) / FUTURE as f64 / (more / freedom).max(f64::MIN_POSITIVE);
+    let chance = FisherSnedecor::new(FUTURE as f64, freedom).map_or(1.0, |f| f.sf(ratio));
+    (share > FEEDS_BACK && chance < BY_CHANCE).then(|| Finding {
+        condition: Condition::Feedback,
+        evidence: format!("later inputs explain {:.0} % of the output's innovations", 100.0 * share),
+    })
+}

@@ -1,0 +1,333 @@
+//! Every method on the same few kinds of record: what it is made for, a plant with a lag, and a loop.
+
+use std::f64::consts::PI;
+use std::time::Instant;
+
+use nalgebra::DMatrix;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, Exp1, StandardNormal};
+use rayon::prelude::*;
+
+use crate::delay::{Class, DelayEstimator, Experiment, METHODS, Method, PlantModel, Recording, Scope, Search, Start, Suits};
+use crate::model::uav::Dynamics;
+use crate::model::{Continuous, StateSpace};
+use crate::signal::excitation::Rbs;
+use crate::signal::{Excitation, Noise, NoiseColour, NoiseScaling};
+use crate::simulate::{Options, lsim};
+use crate::time::SampleTime;
+
+/// A small study that every method of the list takes part in.
+///
+/// True delays are uniform from 2 to 12 samples, fractions included; every kind of record has a noise of a hundredth of the signal's power. All methods see
+/// the same records of a kind.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Common {
+    /// Records of each kind.
+    pub trials: usize,
+    /// Samples of a record.
+    pub samples: usize,
+    /// Seed; every record has a stream of its own.
+    pub seed: u64,
+}
+
+impl Default for Common {
+    fn default() -> Self {
+        Self { trials: 100, samples: 500, seed: 1 }
+    }
+}
+
+/// How a method did on one kind of record.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Score {
+    /// Records.
+    pub trials: usize,
+    /// Records for which it gave a delay.
+    pub found: usize,
+    /// Root mean square error of those, samples.
+    pub rms_samples: Option<f64>,
+    /// Mean error of those, samples.
+    pub bias_samples: Option<f64>,
+    /// Share of those whose 95 % interval holds the truth.
+    pub coverage95: Option<f64>,
+}
+
+/// One method in the study.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct MethodRow {
+    /// The method.
+    pub method: &'static str,
+    /// Its class.
+    pub class: Class,
+    /// On the kind of record that it is made for.
+    pub suited: Score,
+    /// On a plant with a time constant of 8 samples, moved by a random binary input; `None` where it does not look at pairs.
+    pub lag: Option<Score>,
+    /// On the same plant under feedback, with a tenth of the signal's power as noise, from the plant's true input; `None` as above.
+    pub feedback: Option<Score>,
+    /// Median time of an estimate on a record that suits it, s.
+    pub time_s: f64,
+}
+
+/// A record, its true delay in samples, and the shortest raw delay to search.
+type Known = (Experiment, f64, usize);
+
+impl Common {
+    /// One row per method, in the order of the list; `progress` is told of each one that is done. The same for any number of threads but for the run times.
+    ///
+    /// # Errors
+    /// Whatever keeps a record from being made or a method from being set up.
+    pub fn run(&self, progress: &mut dyn FnMut(&str)) -> crate::Result<Vec<MethodRow>> {
+        let kinds = [Suits::Plant, Suits::Copy, Suits::Steps, Suits::Skewed, Suits::States, Suits::Events];
+        let records = kinds.iter().map(|kind| Ok((*kind, self.records(*kind)?))).collect::<crate::Result<Vec<_>>>()?;
+        let of = |kind: Suits| records.iter().find(|(k, _)| *k == kind).map_or(&[][..], |(_, r)| r);
+        let loops: Vec<Known> = (0..self.trials).map(|t| self.closed(t)).collect::<crate::Result<_>>()?;
+        METHODS
+            .iter()
+            .map(|method| {
+                let estimator = method.entry.with(serde_json::json!({}))?;
+                let pairs = |records: &[Known]| (method.scope == Scope::Pair).then(|| score(method, estimator.as_ref(), records));
+                let row = MethodRow {
+                    method: method.entry.name,
+                    class: method.class,
+                    suited: score(method, estimator.as_ref(), of(method.suits)),
+                    lag: pairs(of(Suits::Plant)),
+                    feedback: pairs(&loops),
+                    time_s: time(method, estimator.as_ref(), of(method.suits)),
+                };
+                progress(method.entry.name);
+                Ok(row)
+            })
+            .collect()
+    }
+
+    fn records(&self, kind: Suits) -> crate::Result<Vec<Known>> {
+        (0..self.trials).into_par_iter().map(|t| self.experiment(kind, t).map(|(experiment, delay)| (experiment, delay, 0))).collect()
+    }
+
+    /// The random numbers of record `trial`, its true delay drawn first: the same for every kind.
+    fn draw(&self, trial: usize) -> (ChaCha8Rng, f64) {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        rng.set_stream(trial as u64);
+        let delay = rng.random_range(2.0..12.0);
+        (rng, delay)
+    }
+
+    /// Record `trial` of a kind and its true delay, samples.
+    ///
+    /// # Errors
+    /// Whatever keeps the record from being made.
+    pub fn experiment(&self, kind: Suits, trial: usize) -> crate::Result<(Experiment, f64)> {
+        let (mut rng, delay) = self.draw(trial);
+        let sample_time = SampleTime::new(1.0)?;
+        let n = self.samples;
+        let siso = |u: Vec<f64>, y: Vec<f64>| Experiment::siso(sample_time, u, y);
+        let experiment = match kind {
+            Suits::Plant => {
+                let u = Rbs::default().generate(n, &mut rng)?;
+                let y = First::new(delay).respond(&u);
+                siso(u, noisy(&y, &mut rng)?)
+            }
+            Suits::Copy => {
+                let tones: Vec<[f64; 2]> = (0..200).map(|_| [rng.random_range(0.0..0.8 * PI), rng.random_range(0.0..2.0 * PI)]).collect();
+                let at = |t: f64| tones.iter().map(|[w, phase]| (w * t + phase).cos()).sum::<f64>();
+                copy(n, delay, at, siso, &mut rng)?
+            }
+            Suits::Skewed => {
+                let mut pulses = Vec::new();
+                let mut when = -40.0;
+                while when < f(n) + 40.0 {
+                    let gap: f64 = Exp1.sample(&mut rng);
+                    let size: f64 = Exp1.sample(&mut rng);
+                    when += 4.0 * gap;
+                    pulses.push([when, size]);
+                }
+                let at = |t: f64| {
+                    // Beyond 12 samples a pulse is below rounding.
+                    let near = pulses.partition_point(|p| p[0] < t - 12.0)..pulses.partition_point(|p| p[0] < t + 12.0);
+                    pulses[near].iter().map(|[when, size]| size * (-((t - when) / 1.5).powi(2)).exp()).sum::<f64>()
+                };
+                copy(n, delay, at, siso, &mut rng)?
+            }
+            Suits::Steps => {
+                let u: Vec<f64> = (0..n).map(|t| if t >= n / 10 && t < n * 11 / 20 { 1.0 } else { 0.0 }).collect();
+                let y = plant(10.0, 1.0)?.with_input_delay(vec![delay])?;
+                let y = lsim(&y, &DMatrix::from_column_slice(n, 1, &u), sample_time, &Options::default())?;
+                siso(u, noisy(&y.y.column(0).iter().copied().collect::<Vec<_>>(), &mut rng)?)
+            }
+            Suits::States => {
+                let u = Rbs::default().generate(n, &mut rng)?;
+                let sample_time = SampleTime::new(0.1)?;
+                let plant = Dynamics::Directional.model();
+                let delayed = plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
+                let response = lsim(&delayed, &DMatrix::from_column_slice(n, 1, &u), sample_time, &Options::default())?;
+                let column = |m: &DMatrix<f64>, i: usize| m.column(i).iter().copied().collect::<Vec<f64>>();
+                let states = (0..plant.order()).map(|i| noisy(&column(&response.x, i), &mut rng)).collect::<crate::Result<_>>()?;
+                let mut experiment = Experiment::siso(sample_time, Vec::new(), Vec::new());
+                experiment.recordings = vec![Recording { inputs: vec![u], outputs: vec![column(&response.y, 0).into()], states }];
+                experiment.model = Some(PlantModel::Continuous(plant));
+                experiment
+            }
+            // Intervals of a sample time and an exponential rest of another, a tenth of a sample time of jitter.
+            Suits::Events => {
+                let mut time = 0.0;
+                let (mut first, mut second) = (Vec::with_capacity(n), Vec::with_capacity(n));
+                for _ in 0..n {
+                    let (rest, jitter): (f64, f64) = (Exp1.sample(&mut rng), StandardNormal.sample(&mut rng));
+                    time += 1.0 + rest;
+                    first.push(time);
+                    second.push(time + delay + 0.1 * jitter);
+                }
+                Experiment::of_events(sample_time, first, second)
+            }
+        };
+        Ok((experiment, delay))
+    }
+
+    /// The plant of [`Suits::Plant`] under proportional feedback of a noisy output, with a random binary reference.
+    fn closed(&self, trial: usize) -> crate::Result<Known> {
+        let (mut rng, delay) = self.draw(trial);
+        let reference = Rbs { band: [0.0, 0.3], ..Rbs::default() }.generate(self.samples, &mut rng)?;
+        let plant = First::new(delay);
+        let (mut u, mut x, mut y) = (Vec::new(), Vec::new(), Vec::new());
+        for r in reference {
+            let state = plant.next(&x, &u);
+            let noise: f64 = StandardNormal.sample(&mut rng);
+            x.push(state);
+            y.push(state + 0.4 * noise);
+            // A gain of a half keeps a gain margin of two at the longest delay.
+            u.push(r - 0.5 * y[y.len() - 1]);
+        }
+        // The controller answers within the sample, the plant does not.
+        Ok((Experiment::siso(SampleTime::new(1.0)?, u, y), delay, 1))
+    }
+}
+
+#[allow(clippy::cast_precision_loss)]
+fn f(n: usize) -> f64 {
+    n as f64
+}
+
+/// 1/(8s + 1) behind a zero-order hold of one second and a dead time.
+struct First {
+    pole: f64,
+    /// Gains of the input `whole` + 1 and `whole` + 2 samples ago.
+    gains: [f64; 2],
+    whole: usize,
+}
+
+impl First {
+    fn new(delay: f64) -> Self {
+        let pole = (-1.0 / 8.0_f64).exp();
+        let rest = (-(1.0 - delay.fract()) / 8.0).exp();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        Self { pole, gains: [1.0 - rest, rest - pole], whole: delay.floor() as usize }
+    }
+
+    /// The next state after the past ones `x` and inputs `u`.
+    fn next(&self, x: &[f64], u: &[f64]) -> f64 {
+        let before = |lag: usize| u.len().checked_sub(lag).map_or(0.0, |t| u[t]);
+        let drive = self.gains[0] * before(self.whole + 1) + self.gains[1] * before(self.whole + 2);
+        self.pole * x.last().copied().unwrap_or(0.0) + drive
+    }
+
+    fn respond(&self, u: &[f64]) -> Vec<f64> {
+        let mut x = Vec::with_capacity(u.len());
+        for t in 0..u.len() {
+            x.push(self.next(&x, &u[..t]));
+        }
+        x
+    }
+}
+
+/// 1/((t₁s + 1)(t₂s + 1)).
+fn plant(t1: f64, t2: f64) -> crate::Result<StateSpace<Continuous>> {
+    let m = DMatrix::from_row_slice;
+    let a = m(2, 2, &[-1.0 / t1, 0.0, 1.0 / t2, -1.0 / t2]);
+    Ok(StateSpace::continuous(a, m(2, 1, &[1.0 / t1, 0.0]), m(1, 2, &[0.0, 1.0]), m(1, 1, &[0.0]))?)
+}
+
+/// A signal and the same signal later, one sample of it being the hold's that every method takes off.
+fn copy(
+    n: usize,
+    delay: f64,
+    at: impl Fn(f64) -> f64,
+    siso: impl Fn(Vec<f64>, Vec<f64>) -> Experiment,
+    rng: &mut ChaCha8Rng,
+) -> crate::Result<Experiment> {
+    let u = (0..n).map(|t| at(f(t))).collect();
+    let y: Vec<f64> = (0..n).map(|t| at(f(t) - delay - 1.0)).collect();
+    Ok(siso(u, noisy(&y, rng)?))
+}
+
+fn noisy(y: &[f64], rng: &mut ChaCha8Rng) -> crate::Result<Vec<f64>> {
+    Ok(Noise { snr: 100.0, colour: NoiseColour::White, scaling: NoiseScaling::Expected }.add(y, rng)?)
+}
+
+/// Without means, or measured from its rest for a method that counts on it: as the command line gives records to methods.
+fn prepared(method: &Method, experiment: &Experiment) -> Experiment {
+    if method.start == Start::Rest
+        && let Some(rested) = experiment.from_rest()
+    {
+        return rested;
+    }
+    let mut experiment = experiment.clone();
+    let centre = |x: &mut Vec<f64>| {
+        let mean = x.iter().sum::<f64>() / f(x.len().max(1));
+        x.iter_mut().for_each(|v| *v -= mean);
+    };
+    if experiment.model.is_none() {
+        for recording in &mut experiment.recordings {
+            recording.inputs.iter_mut().for_each(centre);
+            recording.outputs.iter_mut().for_each(|y| centre(&mut y.values));
+        }
+    }
+    experiment
+}
+
+/// Error in samples and whether the interval holds the truth; `None` without a delay.
+fn answer(method: &Method, estimator: &dyn DelayEstimator, (experiment, delay, min_delay): &Known) -> Option<(f64, bool)> {
+    let ts = experiment.sample_time;
+    let estimate = estimator
+        .estimate(&prepared(method, experiment), &Search { min_delay: *min_delay, ..Search::default() })
+        .ok()?
+        .into_iter()
+        .next()?
+        .estimate;
+    let truth_s = ts.to_seconds(*delay);
+    let inside = estimate.ci95_s.is_some_and(|[from, to]| from <= truth_s && truth_s <= to);
+    Some(((estimate.delay_s.filter(|_| estimate.outcome.has_delay())? - truth_s) / ts.seconds(), inside))
+}
+
+fn score(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> Score {
+    let answers: Vec<(f64, bool)> =
+        records.par_iter().map(|r| answer(method, estimator, r)).collect::<Vec<_>>().into_iter().flatten().collect();
+    let mean = |g: &dyn Fn(&(f64, bool)) -> f64| (!answers.is_empty()).then(|| answers.iter().map(g).sum::<f64>() / f(answers.len()));
+    Score {
+        trials: records.len(),
+        found: answers.len(),
+        rms_samples: mean(&|a| a.0 * a.0).map(f64::sqrt),
+        bias_samples: mean(&|a| a.0),
+        coverage95: mean(&|a| f64::from(u8::from(a.1))),
+    }
+}
+
+/// Median of as many runs as the first records allow, one at a time.
+fn time(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> f64 {
+    let mut times: Vec<f64> = records
+        .iter()
+        .take(TIMED)
+        .map(|(experiment, _, _)| {
+            let experiment = prepared(method, experiment);
+            let clock = Instant::now();
+            std::hint::black_box(estimator.estimate(&experiment, &Search::default())).ok();
+            clock.elapsed().as_secs_f64()
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times.get(times.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Records that are timed.
+const TIMED: usize = 11;
