@@ -4,9 +4,10 @@
 #[path = "support/plants.rs"]
 mod plants;
 
-use deadtime::delay::{DelayEstimate, Experiment, Method, Outcome, Recording, Search, method};
+use deadtime::delay::{Class, DelayEstimate, Experiment, Method, Outcome, Recording, Search, method};
 use deadtime::signal::fractional_delay;
 use plants::{TS, answer, std_dev, sum, times, ts, white};
+use proptest::prelude::*;
 use rayon::prelude::*;
 
 /// The methods that compare two sensors.
@@ -249,6 +250,49 @@ fn offsets_and_slow_drifts_of_the_channels_do_not_matter() {
     }
 }
 
+/// Numbers that break sums: large, small, repeated.
+fn awkward() -> impl Strategy<Value = f64> {
+    prop_oneof![4 => -1.0..1.0_f64, 1 => Just(0.0), 1 => Just(1.0), 1 => -1e300..1e300_f64, 1 => -1e-300..1e-300_f64]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_record_makes_a_method_panic_or_answer_what_is_no_number(
+        values in prop::collection::vec((awkward(), awkward()), 1..400), max_delay in 0..60_usize, segment in 0..70_usize, copy in any::<bool>(),
+    ) {
+        let (u, mut y): (Vec<f64>, Vec<f64>) = values.into_iter().unzip();
+        if copy {
+            y = plants::delayed(&u, 3);
+        }
+        let times = |x: &[f64]| x.iter().scan(0.0, |t, v| { *t += v.abs().min(10.0) + 1e-3; Some(*t) }).collect::<Vec<f64>>();
+        let events = Experiment::of_events(ts(TS), times(&u), times(&y));
+        let mut samples = Experiment::siso(ts(TS), u.clone(), y.clone());
+        // A second recording of another length.
+        let part = u.len() / 3;
+        samples.recordings.push(Recording { inputs: vec![u[..part].to_vec()], outputs: vec![y[..part].to_vec().into()], states: Vec::new() });
+        for m in deadtime::delay::METHODS {
+            let (experiment, options) = match m.class {
+                Class::Correlation | Class::Frequency => (&samples, serde_json::json!({ "segment": segment })),
+                Class::HigherOrder => (&samples, serde_json::json!({})),
+                Class::Events => (&events, serde_json::json!({})),
+                _ => continue,
+            };
+            let Ok(estimator) = m.entry.with(options) else { continue };
+            let search = Search { max_delay, ..Search::default() };
+            let Ok(answers) = estimator.estimate(experiment, &search) else { continue };
+            for a in answers {
+                let e = a.estimate;
+                let numbers = [e.delay_s, e.std_s, e.raw_delay_s].into_iter().flatten().chain(e.ci95_s.into_iter().flatten());
+                for v in numbers {
+                    prop_assert!(v.is_finite(), "{}: {:?}", m.entry.name, e.note);
+                }
+            }
+        }
+    }
+}
+
 #[test]
 #[ignore = "prints run times"]
 fn run_times() {
@@ -263,6 +307,23 @@ fn run_times() {
                 answer(m, &experiment, &search());
             }
             println!("{name:20} N {samples}: {:.3} ms", clock.elapsed().as_secs_f64() * 1e3 / f64::from(runs));
+        }
+        let skewed: Vec<f64> = white(samples, 1.0, 4).iter().map(|v| v * v).collect();
+        let mut time = 0.0;
+        let first: Vec<f64> = skewed
+            .iter()
+            .map(|v| {
+                time += 0.5 + v;
+                time
+            })
+            .collect();
+        let drifting = first.iter().zip(white(samples, 0.01, 5)).map(|(t, j)| t + 3.0 + 1e-7 * t + j).collect();
+        let events = Experiment::of_events(ts(1.0), first, drifting);
+        let copy = Experiment::siso(ts(TS), skewed.clone(), sum(&plants::delayed(&skewed, 7), &white(samples, 0.1, 6)));
+        for m in deadtime::delay::METHODS.iter().filter(|m| [Class::HigherOrder, Class::Events].contains(&m.class)) {
+            let clock = std::time::Instant::now();
+            let e = answer(m, if m.class == Class::Events { &events } else { &copy }, &search());
+            println!("{:20} N {samples}: {:.3} ms, {:?} {:?}", m.entry.name, clock.elapsed().as_secs_f64() * 1e3, e.outcome, e.delay_s);
         }
     }
 }

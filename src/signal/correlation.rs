@@ -25,67 +25,124 @@ const SHORTEST_BLOCK: usize = 4096;
 /// ```
 #[must_use]
 pub fn correlation(a: &[f64], b: &[f64], lags: RangeInclusive<isize>) -> Vec<f64> {
-    let (first, last) = (*lags.start(), *lags.end());
-    if last < first {
-        return Vec::new();
+    Correlator::new([a.len(), b.len()], lags).correlate(a, b)
+}
+
+/// [`correlation`] of many pairs of signals of the same lengths: the transform is planned once, which takes about as long as using it.
+pub struct Correlator {
+    /// First lag asked for, and how many.
+    first: isize,
+    count: usize,
+    /// The same of the lags at which samples meet.
+    from: isize,
+    wanted: usize,
+    fourier: RealFourier,
+    blocks: bool,
+}
+
+impl Correlator {
+    /// For signals of at most these lengths.
+    #[must_use]
+    pub fn new(lengths: [usize; 2], lags: RangeInclusive<isize>) -> Self {
+        let [a, b] = lengths;
+        let (first, last) = (*lags.start(), *lags.end());
+        let count = if last < first { 0 } else { last.abs_diff(first).saturating_add(1) };
+        // Beyond these no two samples meet.
+        let (from, to) = (first.max(-signed(a)), last.min(signed(b)));
+        if count == 0 || a == 0 || b == 0 || to < from {
+            return Self { first, count, from, wanted: 0, fourier: RealFourier::new(1), blocks: false };
+        }
+        let wanted = to.abs_diff(from) + 1;
+        let block = fast_length((LAGS_PER_BLOCK * wanted).max(SHORTEST_BLOCK));
+        let blocks = block < a.max(b);
+        // In one transform, products of lag l wrap to l − length: lags from −(a − 1) to b − 1 are not zero.
+        let whole = || fast_length((to.max(0).unsigned_abs() + a).max(from.min(0).unsigned_abs() + b));
+        Self { first, count, from, wanted, fourier: RealFourier::new(if blocks { block } else { whole() }), blocks }
     }
-    let count = last.abs_diff(first).saturating_add(1);
-    // Beyond these no two samples meet.
-    let (from, to) = (first.max(-signed(a.len())), last.min(signed(b.len())));
-    if a.is_empty() || b.is_empty() || to < from {
-        return vec![0.0; count];
+
+    /// The sums at every lag; samples beyond the lengths planned for are not looked at.
+    #[must_use]
+    pub fn correlate(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
+        if self.wanted == 0 {
+            return vec![0.0; self.count];
+        }
+        let inner = if self.blocks { self.by_blocks(a, b) } else { self.at_once(a, b) };
+        if self.wanted == self.count {
+            return inner;
+        }
+        let mut sums = vec![0.0; self.from.abs_diff(self.first)];
+        sums.extend(inner);
+        sums.resize(self.count, 0.0);
+        sums
     }
-    let wanted = to.abs_diff(from) + 1;
-    let block = fast_length((LAGS_PER_BLOCK * wanted).max(SHORTEST_BLOCK));
-    let inner = if block < a.len().max(b.len()) { by_blocks(a, b, from, wanted, block) } else { at_once(a, b, from, wanted) };
-    let mut sums = vec![0.0; from.abs_diff(first)];
-    sums.extend(inner);
-    sums.resize(count, 0.0);
-    sums
+
+    /// One transform, long enough that what wraps lands beside the lags wanted.
+    fn at_once(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
+        let length = self.fourier.length();
+        let mut samples = vec![0.0; length];
+        let mut scratch = self.fourier.scratch();
+        let mut transformed = |x: &[f64], samples: &mut [f64]| {
+            let mut spectrum = vec![Complex::new(0.0, 0.0); length / 2 + 1];
+            let (head, tail) = samples.split_at_mut(x.len().min(length));
+            head.copy_from_slice(&x[..head.len()]);
+            tail.fill(0.0);
+            self.fourier.forward(samples, &mut spectrum, &mut scratch);
+            spectrum
+        };
+        let mut product = transformed(a, &mut samples);
+        #[allow(clippy::cast_precision_loss)]
+        let share = 1.0 / length as f64;
+        for (x, y) in product.iter_mut().zip(transformed(b, &mut samples)) {
+            *x = x.conj() * y * share;
+        }
+        self.fourier.inverse(&mut product, &mut samples, &mut scratch);
+        // Negative lags stand at the end of the circle.
+        let negative = self.from.min(0).unsigned_abs().min(length);
+        let ends = negative.saturating_sub(self.wanted);
+        let mut sums = Vec::with_capacity(self.wanted);
+        sums.extend_from_slice(&samples[length - negative..length - ends]);
+        let start = self.from.max(0).unsigned_abs().min(length);
+        let more = (self.wanted - sums.len()).min(length - start);
+        sums.extend_from_slice(&samples[start..start + more]);
+        sums
+    }
+
+    /// Blocks of a beside the samples of b that the lags reach; their spectra are added up and transformed back once.
+    fn by_blocks(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
+        let block = self.fourier.length();
+        let step = block - self.wanted + 1;
+        let zero = Complex::new(0.0, 0.0);
+        let (mut sum, mut x, mut y) = (vec![zero; block / 2 + 1], vec![zero; block / 2 + 1], vec![zero; block / 2 + 1]);
+        let (mut samples, mut scratch) = (vec![0.0; block], self.fourier.scratch());
+        for (start, part) in (0..).step_by(step).zip(a.chunks(step)) {
+            // b from start + from on; what lies before its first sample is zero.
+            let begin = signed(start) + self.from;
+            let zeros = begin.min(0).unsigned_abs();
+            let beside = b.get(begin.max(0).unsigned_abs()..).unwrap_or_default();
+            if beside.is_empty() || zeros >= block {
+                continue;
+            }
+            let mut transform = |zeros: usize, values: &[f64], spectrum: &mut [Complex<f64>]| {
+                let end = block.min(zeros + values.len());
+                samples[..zeros].fill(0.0);
+                samples[zeros..end].copy_from_slice(&values[..end - zeros]);
+                samples[end..].fill(0.0);
+                self.fourier.forward(&mut samples, spectrum, &mut scratch);
+            };
+            transform(0, part, &mut x);
+            transform(zeros, beside, &mut y);
+            for ((s, x), y) in sum.iter_mut().zip(&x).zip(&y) {
+                *s += x.conj() * y;
+            }
+        }
+        let mut sums = self.fourier.series(sum);
+        sums.truncate(self.wanted);
+        sums
+    }
 }
 
 fn signed(n: usize) -> isize {
     isize::try_from(n).unwrap_or(isize::MAX)
-}
-
-/// One transform, long enough that what wraps lands beside the lags wanted.
-fn at_once(a: &[f64], b: &[f64], from: isize, wanted: usize) -> Vec<f64> {
-    let to = from + signed(wanted) - 1;
-    // Products of lag l wrap to l − length: lags from −(a.len() − 1) to b.len() − 1 are not zero.
-    let above = to.max(0).unsigned_abs() + a.len();
-    let below = from.min(0).unsigned_abs() + b.len();
-    let fourier = RealFourier::new(fast_length(above.max(below)));
-    let mut product = fourier.spectrum(a.iter().copied());
-    for (x, y) in product.iter_mut().zip(fourier.spectrum(b.iter().copied())) {
-        *x = x.conj() * y;
-    }
-    let sums = fourier.series(product);
-    let length = signed(fourier.length());
-    (from..=to).map(|lag| usize::try_from(lag.rem_euclid(length)).ok().and_then(|i| sums.get(i)).copied().unwrap_or(0.0)).collect()
-}
-
-/// Blocks of a beside the samples of b that the lags reach; their spectra are added up and transformed back once.
-fn by_blocks(a: &[f64], b: &[f64], from: isize, wanted: usize, block: usize) -> Vec<f64> {
-    let fourier = RealFourier::new(block);
-    let step = block - wanted + 1;
-    let mut sum = vec![Complex::new(0.0, 0.0); block / 2 + 1];
-    for (start, part) in (0..).step_by(step).zip(a.chunks(step)) {
-        // b from start + from on; what lies before its first sample is zero.
-        let begin = signed(start) + from;
-        let zeros = begin.min(0).unsigned_abs();
-        let beside = b.get(begin.max(0).unsigned_abs()..).unwrap_or_default();
-        if beside.is_empty() || zeros >= block {
-            continue;
-        }
-        let x = fourier.spectrum(part.iter().copied());
-        let y = fourier.spectrum(std::iter::repeat_n(0.0, zeros).chain(beside.iter().copied()));
-        for ((s, x), y) in sum.iter_mut().zip(x).zip(y) {
-            *s += x.conj() * y;
-        }
-    }
-    let mut sums = fourier.series(sum);
-    sums.truncate(wanted);
-    sums
 }
 
 #[cfg(test)]

@@ -31,28 +31,46 @@ impl RealFourier {
         self.length
     }
 
-    /// X(k) = Σₜ x(t)·exp(−2πi·k·t/n), k = 0 … n/2; `x` is cut or filled with zeros to the length n.
+    /// Memory that one transform after the other may use.
+    pub(crate) fn scratch(&self) -> Vec<Complex<f64>> {
+        vec![Complex::new(0.0, 0.0); self.forward.get_scratch_len().max(self.inverse.get_scratch_len())]
+    }
+
+    /// X(k) = Σₜ x(t)·exp(−2πi·k·t/n), k = 0 … n/2, of n samples, which are overwritten.
+    pub(crate) fn forward(&self, x: &mut [f64], spectrum: &mut [Complex<f64>], scratch: &mut [Complex<f64>]) {
+        // The lengths fit, so the transform cannot refuse.
+        let _ = self.forward.process_with_scratch(x, spectrum, scratch);
+    }
+
+    /// n·x(t) = Σₖ X(k)·exp(+2πi·k·t/n) over the whole circle, of which `spectrum` is the half from 0 to n/2; it is overwritten.
+    pub(crate) fn inverse(&self, spectrum: &mut [Complex<f64>], x: &mut [f64], scratch: &mut [Complex<f64>]) {
+        // What is imaginary at 0 and at the Nyquist frequency has no counterpart in a real signal.
+        if let Some(first) = spectrum.first_mut() {
+            first.im = 0.0;
+        }
+        if self.length.is_multiple_of(2)
+            && let Some(last) = spectrum.last_mut()
+        {
+            last.im = 0.0;
+        }
+        let _ = self.inverse.process_with_scratch(spectrum, x, scratch);
+    }
+
+    /// The spectrum of `x`, cut or filled with zeros to the length n.
     pub(crate) fn spectrum(&self, x: impl IntoIterator<Item = f64>) -> Vec<Complex<f64>> {
         let mut input = Vec::with_capacity(self.length);
         input.extend(x.into_iter().take(self.length));
         input.resize(self.length, 0.0);
         let mut spectrum = self.forward.make_output_vec();
-        // The lengths fit, so the transform cannot refuse.
-        let _ = self.forward.process(&mut input, &mut spectrum);
+        self.forward(&mut input, &mut spectrum, &mut self.scratch());
         spectrum
     }
 
-    /// x(t) = (1/n)·Σₖ X(k)·exp(+2πi·k·t/n) over the whole circle, of which `spectrum` is the half from 0 to n/2.
+    /// The signal of a spectrum, with the factor 1/n.
     pub(crate) fn series(&self, mut spectrum: Vec<Complex<f64>>) -> Vec<f64> {
         spectrum.resize(self.length / 2 + 1, Complex::new(0.0, 0.0));
         let mut x = self.inverse.make_output_vec();
-        // What is imaginary at 0 and at the Nyquist frequency has no counterpart in a real signal.
-        let last = spectrum.len() - 1;
-        spectrum[0].im = 0.0;
-        if self.length.is_multiple_of(2) {
-            spectrum[last].im = 0.0;
-        }
-        let _ = self.inverse.process(&mut spectrum, &mut x);
+        self.inverse(&mut spectrum, &mut x, &mut self.scratch());
         #[allow(clippy::cast_precision_loss)]
         let share = 1.0 / self.length as f64;
         x.iter_mut().for_each(|v| *v *= share);

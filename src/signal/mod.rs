@@ -9,7 +9,7 @@ mod noise;
 mod polynomial;
 mod spectra;
 
-pub use correlation::correlation;
+pub use correlation::{Correlator, correlation};
 pub use excitation::{EXCITATIONS, Excitation};
 pub use fractional_delay::fractional_delay;
 pub use noise::{Noise, NoiseColour, NoiseScaling, add_noise, unit_noise};

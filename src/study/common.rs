@@ -135,16 +135,9 @@ impl Common {
             }
             Suits::Process { poles, zero } => {
                 let u = Rbs::default().generate(n, &mut rng)?;
-                let lags = &PROCESS_LAGS[..poles.clamp(1, PROCESS_LAGS.len())];
-                let denominator = lags.iter().fold(vec![1.0], |d, lag| {
-                    let (higher, same) = (d.iter().map(|v| v * lag).chain([0.0]), [0.0].into_iter().chain(d.iter().copied()));
-                    higher.zip(same).map(|(a, b)| a + b).collect()
-                });
-                let numerator = if zero { vec![0.5 * lags[0], 1.0] } else { vec![1.0] };
-                let plant = TransferFunction::from_polynomials(&numerator, &denominator, delay, Continuous)?.to_state_space()?;
-                let rest = Options { prehistory: Prehistory::Rest, ..Options::default() };
-                let y = lsim(&plant, &DMatrix::from_column_slice(n, 1, &u), sample_time, &rest)?;
-                siso(u, noisy(&y.y.column(0).iter().copied().collect::<Vec<_>>(), &mut rng)?)
+                let times = [8.0, 4.0, 2.0];
+                let y = held(&lags(&times[..poles.clamp(1, times.len())], zero.then_some(5.0))?, &u, delay, sample_time)?;
+                siso(u, noisy(&y, &mut rng)?)
             }
             Suits::Copy => {
                 let tones: Vec<[f64; 2]> = (0..200).map(|_| [rng.random_range(0.0..0.8 * PI), rng.random_range(0.0..2.0 * PI)]).collect();

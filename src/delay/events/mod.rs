@@ -65,6 +65,8 @@ const LEAST: usize = 10;
 const GATE: f64 = 0.25;
 /// Standard deviations of Fisher's z within which another offset pairs as well.
 const ALIKE: f64 = 3.0;
+/// Blocks of a long sequence: enough to see how alike neighbours are, few enough for sums over all lags.
+const BLOCKS: usize = 4096;
 /// Times the typical difference of intervals at the best offset up to which another's is as small.
 const AS_CLOSE: f64 = 3.0;
 /// Standard deviations (from the median of absolute deviations) beyond which a paired time is somebody else's.
@@ -333,8 +335,14 @@ fn partners(first: &[f64], second: &[f64], delay: f64, gate: f64) -> Vec<(f64, f
 fn across(pairs: &[(f64, f64)]) -> (f64, f64) {
     let delay = mean(pairs.iter().map(|p| p.1 - p.0));
     let rest: Vec<f64> = pairs.iter().map(|p| p.1 - p.0 - delay).collect();
-    let freedom = (real(rest.len()) - 1.0).max(1.0);
-    (delay, rest.iter().map(|r| r * r).sum::<f64>() / freedom / posterior::effective_samples(&rest))
+    (delay, variance_of_mean(&rest, 1.0))
+}
+
+/// Variance of the mean of numbers whose neighbours may be alike, `fitted` of them spent on a fit: that of the means of blocks, as many counted as are independent.
+fn variance_of_mean(rest: &[f64], fitted: f64) -> f64 {
+    let blocks: Vec<f64> = rest.chunks(rest.len().div_ceil(BLOCKS).max(1)).map(|block| mean(block.iter().copied())).collect();
+    let freedom = (real(blocks.len()) - fitted).max(1.0);
+    blocks.iter().map(|b| b * b).sum::<f64>() / freedom / posterior::effective_samples(&blocks)
 }
 
 /// The same by the straight line T = a·t + b: b/a where both clocks begin, and its variance.
@@ -343,10 +351,9 @@ fn along_a_line(pairs: &[(f64, f64)]) -> (f64, f64) {
     let spread: f64 = pairs.iter().map(|p| (p.0 - t).powi(2)).sum();
     let slope = pairs.iter().map(|p| (p.0 - t) * (p.1 - big)).sum::<f64>() / spread.max(f64::MIN_POSITIVE);
     let rest: Vec<f64> = pairs.iter().map(|p| p.1 - big - slope * (p.0 - t)).collect();
-    let noise = rest.iter().map(|r| r * r).sum::<f64>() / (real(rest.len()) - 2.0).max(1.0) / (slope * slope);
-    let share = real(rest.len()) / posterior::effective_samples(&rest);
+    let noise = variance_of_mean(&rest, 2.0) / (slope * slope);
     // b/a = T̄/a − t̄, in the first sequence's unit: its slope error acts on T̄/a.
-    (big / slope - t, noise * share * (1.0 / real(rest.len()) + (big / slope).powi(2) / spread))
+    (big / slope - t, noise * (1.0 + real(rest.len()) * (big / slope).powi(2) / spread))
 }
 
 /// All recordings together, each weighted by its certainty.
