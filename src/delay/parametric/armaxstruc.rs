@@ -18,7 +18,8 @@ use crate::registry::entry;
 /// Fails when: the orders are too low for plant and noise together (white noise on the output of a plant of n poles needs na = nc = n; noise with poles of its own
 /// needs as many more in na and nb): the residuals are then coloured or follow past inputs, and the note says so. When the only excitation is the loop's own noise
 /// and the controller is so simple that another plant explains the data as well: many delays fit (`flat`, or a wide interval). When the first coefficient of B is
-/// small against the noise, the delay is found late.
+/// small against the noise, the delay is found late. Delays below the bias are not searched: the plant cannot have them, but a controller that answers within the
+/// sample makes u(t) tell y(t) all but exactly; with a bias of 0 such a loop has no answer.
 /// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2, 7.2, 13.4 (closed loop) and 16.5-16.6 (residual tests); Forssell and Ljung (1999),
 /// "Closed-loop identification revisited", Automatica 35, 1215-1241, doi:10.1016/S0005-1098(99)00022-9; Ljung and Box (1978), doi:10.1093/biomet/65.2.297.
 /// The sources fit one delay; scanning it, the posterior over it and the numerators weighed by evidence are those of `oestruc` and `arxstruc`. How many poles to
@@ -109,7 +110,7 @@ impl Armaxstruc {
         let cut = super::heads(records, self.max_samples);
         let records = cut.as_deref().unwrap_or(records);
         let orders = Armax { na: self.na, nb: self.nb, nc: self.nc };
-        let scan = orders.scan(records, max_delay);
+        let scan = orders.scan(records, bias.min(max_delay), max_delay);
         if scan.rows < orders.rows_needed() {
             return Err(DelayError::TooShort {
                 method: NAME,

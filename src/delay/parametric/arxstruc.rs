@@ -98,8 +98,15 @@ impl Arxstruc {
     }
 }
 
-/// What the losses of an ARX scan say of the delay.
+/// What the losses of an ARX scan say of the delay. Delays below the bias are not asked for: the plant cannot have them, but a controller that answers within the
+/// sample makes u(t) tell y(t) all but exactly.
 pub(super) fn answer(scan: &ArxScan, nb: usize, max_delay: usize, bias: usize, experiment: &Experiment) -> DelayEstimate {
+    let mut scan = scan.clone();
+    let from = bias.min(max_delay);
+    let sooner = super::sooner(&scan.loss, from);
+    scan.loss[..from].fill(f64::NAN);
+    scan.by_count[..from].iter_mut().for_each(|counts| counts.fill(f64::NAN));
+    let scan = &scan;
     if scan.input_rank.iter().all(|&r| r == 0) {
         return DelayEstimate::without(
             Outcome::NotRichEnough,
@@ -133,5 +140,5 @@ pub(super) fn answer(scan: &ArxScan, nb: usize, max_delay: usize, bias: usize, e
     let leading = best.saturating_sub(minimum);
     let note = (leading > 0)
         .then(|| format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise"));
-    DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(raw)), ..estimate }.noting(note)
+    DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(raw)), ..estimate }.noting(note).noting(sooner)
 }

@@ -114,13 +114,18 @@ impl Met1struc {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         let rough = arx_scan(records, self.na, self.nb, max_delay);
-        let first = (0..rough.loss.len()).filter(|&nk| rough.loss[nk].is_finite()).min_by(|&a, &b| rough.loss[a].total_cmp(&rough.loss[b]));
+        let first = (bias.min(max_delay)..rough.loss.len())
+            .filter(|&nk| rough.loss[nk].is_finite())
+            .min_by(|&a, &b| rough.loss[a].total_cmp(&rough.loss[b]));
         let lead = first.unwrap_or(0).saturating_sub(1);
         let moved: Vec<Record> = (records.iter().filter(|r| r.len() > lead))
             .map(|r| Record::new(r.u[..r.len() - lead].to_vec(), r.y[lead..r.len()].to_vec()))
             .collect();
         let model = Subspace { direct: first == Some(0), ..subspace }.fit(&moved);
-        let Some(noise) = model.and_then(|m| m.noise_polynomial()) else {
+        // Rounding has no colour worth whitening.
+        let exact = |loss: f64| loss <= posterior::ROUNDING * rough.power;
+        let noise = model.and_then(|m| if exact(m.loss) { Some(Vec::new()) } else { m.noise_polynomial() });
+        let Some(noise) = noise else {
             return Ok(DelayEstimate::without(
                 Outcome::Singular,
                 "no subspace model: the numbers overflow or say nothing; scale the channels",

@@ -23,6 +23,15 @@ fn heads(records: &[Record], most: usize) -> Option<Vec<Record>> {
     records.iter().any(|r| r.len() > most).then(|| records.iter().map(head).collect())
 }
 
+/// What a reader must know when a delay below the first one that the plant can have explains the output best.
+fn sooner(losses: &[f64], first: usize) -> Option<String> {
+    let smallest = |losses: &[f64]| losses.iter().copied().filter(|v| v.is_finite()).fold(f64::INFINITY, f64::min);
+    (smallest(&losses[..first]) < 0.5 * smallest(&losses[first..])).then(|| {
+        "the input explains the output better still within the sample: a controller that answers at once, or a direct path (--bias 0)"
+            .to_owned()
+    })
+}
+
 /// Lags at which residuals are looked at.
 const LAGS: usize = 20;
 
