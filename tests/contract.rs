@@ -577,12 +577,17 @@ fn options_survive_the_way_through_json() {
 
 #[test]
 fn option_structs_survive_the_way_through_json_with_other_values() {
-    use deadtime::delay::{Arxstruc, Initial, Oestruc, Records, Selection, StateLeastSquares, Step, Threshold};
+    use deadtime::delay::{
+        Armaxstruc, Arxstruc, Initial, Ivstruc, Met1struc, Oestruc, Others, Records, Selection, StateLeastSquares, Step, Threshold,
+    };
     fn there_and_back<T: serde::Serialize + serde::de::DeserializeOwned + PartialEq + std::fmt::Debug>(options: T) {
         let text = serde_json::to_string(&options).unwrap();
         assert_eq!(serde_json::from_str::<T>(&text).unwrap(), options, "{text}");
     }
-    there_and_back(Arxstruc { na: 3, nb: 2 });
+    there_and_back(Arxstruc { na: 3, nb: 2, others: Others::Regressors, max_samples: 99 });
+    there_and_back(Armaxstruc { na: 1, nb: 2, nc: 4, max_samples: 17 });
+    there_and_back(Met1struc { order: 4, past: 9, na: 3, nb: 2 });
+    there_and_back(Ivstruc { nb: 2, nf: 3, noise: 1, max_samples: 17 });
     there_and_back(Oestruc { nb: 2, nf: 4, initial: Initial::Estimated, max_samples: 17 });
     let threshold = Threshold { taps: 9, h_std: 3.5, family_wise: Some(0.05), records: Records::Averaged };
     there_and_back(threshold);

@@ -171,6 +171,9 @@ fn the_unstable_lateral_dynamics_are_found_within_a_sample_for_delays_up_to_ten(
                             let y = sum(&outputs[output], &white(n, 0.01 * std_dev(&outputs[output]), 90 + seed));
                             let search = Search { bias: vec![vec![1 - output]], ..Search::default() };
                             let e = answer(method(name), &Experiment::siso(ts(seconds), u.clone(), y), &search);
+                            if e.outcome != Outcome::Found && *name == "armaxstruc" {
+                                println!("{seconds} s, {delay} samples, output {output}: {:?}", e.note);
+                            }
                             e.delay_s.filter(|_| e.outcome == Outcome::Found).map(|d| d / seconds - delay as f64)
                         })
                     })
@@ -365,4 +368,34 @@ fn state_least_squares_says_when_inputs_move_together() {
             assert!(shown, "{share}: {e:?}");
         }
     }
+}
+
+#[test]
+fn arxstruc_with_the_other_input_as_regressor_finds_two_delays_of_correlated_inputs() {
+    let n = 800;
+    let wrong = |others: &str| {
+        let wrong = (0..30_u64).filter(|&seed| {
+            // The right input follows the left one two samples later, with a part of its own.
+            let left = rbs(n, 1.0, seed);
+            let right = sum(&plants::delayed(&left, 2), &plants::times(&rbs(n, 1.0, 100 + seed), 0.7));
+            let (near, far) = (seed as usize % 5, 5 + seed as usize % 9);
+            let y = sum(&second_order(&left, 0.3, [-1.3, 0.42], far), &second_order(&right, 0.5, [-1.3, 0.42], near));
+            let y = sum(&y, &white(n, 0.05 * std_dev(&y), 200 + seed));
+            let experiment = Experiment {
+                sample_time: ts(TS),
+                inputs: vec!["left".into(), "right".into()],
+                outputs: vec!["y".into()],
+                recordings: vec![Recording { inputs: vec![left, right], outputs: vec![y.into()], states: Vec::new() }],
+                model: None,
+            };
+            let estimator = method("arxstruc").entry.with(serde_json::json!({ "others": others })).unwrap();
+            let answers = estimator.estimate(&experiment, &Search::default()).unwrap();
+            let right = |at: usize, truth: usize| plants::whole(&answers[at].estimate, TS) == Some(truth);
+            !(right(0, far) && right(1, near))
+        });
+        wrong.count()
+    };
+    let (apart, together) = (wrong("apart"), wrong("regressors"));
+    println!("of 30 records with one delay or both wrong: {apart} pair by pair, {together} together");
+    assert!(apart >= 15 && together <= 2, "{apart} {together}");
 }

@@ -14,7 +14,7 @@ pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
-pub use parametric::{Armaxstruc, Arxstruc, Ivstruc, Met1struc, Oestruc};
+pub use parametric::{Armaxstruc, Arxstruc, Ivstruc, Met1struc, Oestruc, Others};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Records, Step, Threshold};
 pub use verdict::{Verdict, verdict};
@@ -76,6 +76,28 @@ fn every_pair(
         }
     }
     Ok(estimates)
+}
+
+/// Runs `method` on all inputs of every output together, records and bias by input, with the window doubled once where an answer is the longest delay searched.
+fn every_output(
+    experiment: &Experiment,
+    search: &Search,
+    method: impl Fn(&[Vec<Record>], usize, &[usize]) -> Result<Vec<DelayEstimate>, DelayError>,
+) -> Result<Vec<PairEstimate>, DelayError> {
+    experiment.check()?;
+    let mut answers = Vec::new();
+    for output in 0..experiment.outputs.len() {
+        let inputs = (0..experiment.inputs.len()).map(|input| experiment.pair(input, output)).collect::<Result<Vec<_>, _>>()?;
+        let bias: Vec<usize> = (0..inputs.len()).map(|input| search.bias(input, output)).collect();
+        let mut estimates = method(&inputs, search.max_delay, &bias)?;
+        if estimates.iter().any(|e| e.outcome == Outcome::AtEdge)
+            && let Ok(wider) = method(&inputs, 2 * search.max_delay, &bias)
+        {
+            estimates = wider;
+        }
+        answers.extend(estimates.into_iter().enumerate().map(|(input, estimate)| PairEstimate { input, output: Some(output), estimate }));
+    }
+    Ok(answers)
 }
 
 /// Every estimator, within a class the most trusted first.

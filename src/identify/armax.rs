@@ -567,7 +567,7 @@ fn at(problem: &mut Problem<'_>, c: &[f64]) -> Option<ArmaxFit> {
 
 fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
     let method = LevenbergMarquardt {
-        max_iterations: 40,
+        max_iterations: 100,
         gradient_tolerance: 1e-5,
         step_tolerance: 1e-5,
         cost_floor: 1e-26 * problem.power,

@@ -8,7 +8,7 @@ use crate::delay::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
     Start, Suits, every_pair, posterior,
 };
-use crate::identify::{Armax, MAX_OE_ORDER, Record};
+use crate::identify::{Armax, ArmaxFit, MAX_OE_ORDER, Record};
 use crate::registry::entry;
 
 /// Inputs: u, y on one even grid; under feedback u must be what the plant received, not the reference. Output: seconds, positive = y lags u.
@@ -64,6 +64,13 @@ impl Default for Armaxstruc {
 }
 
 const NAME: &str = "armaxstruc";
+
+/// From this radius on a root of C stands at the edge of what predicts: the loss falls towards it, and that edge is the minimum.
+const CIRCLE: f64 = 0.9999;
+
+fn on_circle(fit: &ArmaxFit) -> bool {
+    crate::identify::largest_pole(&fit.c) >= CIRCLE
+}
 
 /// What a search that stopped early may have left to gain, of N·ln V, before its delay is not believed: a factor e of probability.
 const WORTH: f64 = 2.0;
@@ -147,7 +154,7 @@ impl Armaxstruc {
         #[allow(clippy::cast_precision_loss)]
         let count = (0..self.nb).filter(|&m| losses[best][m].is_finite()).max_by(|&a, &b| evidence(a).total_cmp(&evidence(b)));
         let fit = count.and_then(|m| scan.fits[best][m].as_ref());
-        if let Some(fit) = fit.filter(|f| !f.stopped.converged() && f.to_gain > WORTH) {
+        if let Some(fit) = fit.filter(|f| !f.stopped.converged() && f.to_gain > WORTH && !on_circle(f)) {
             let note = format!(
                 "the optimiser stopped without a minimum ({:?}) at nk = {best}, with {:.1} to gain and roots of C at |z| up to {:.4}",
                 fit.stopped,
@@ -175,11 +182,15 @@ impl Armaxstruc {
         let zeros = (leading > 0).then(|| {
             format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise")
         });
-        let pole = fit.map(|f| crate::identify::largest_pole(&f.a.iter().copied().collect::<Vec<_>>())).filter(|p| *p > 1.0);
+        let pole = fit.map(|f| crate::identify::largest_pole(&f.a)).filter(|p| *p > 1.0);
         let unstable = pole.map(|p| format!("the plant's model is unstable (|z| = {p:.3})"));
+        let edge = fit
+            .filter(|f| on_circle(f))
+            .map(|_| "the noise model has a root on the unit circle: too many orders, or a drift taken off".to_owned());
         Ok(DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(raw)), ..estimate }
             .noting(zeros)
             .noting(unstable)
+            .noting(edge)
             .noting(misfit)
             .noting(used))
     }

@@ -5,8 +5,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
-    Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
+    Search, Start, Suits, every_pair, posterior,
 };
 use crate::identify::{MAX_OE_ORDER, Record, RefinedIv};
 use crate::registry::entry;
@@ -77,7 +77,10 @@ pub(in crate::delay) const METHOD: Method = Method {
     withstands: &[Condition::ColouredNoise, Condition::Dynamics],
     needs: "open loop, a stable plant of low order that rests at the start, no missing sample",
     blind_to: "fractions of a sample; what an unstable plant or feedback does",
-    exempt: &[],
+    exempt: &[(
+        Law::Exact,
+        "rounds need not settle where two poles and one coefficient are too few and no noise hides it: not_converged, seldom",
+    )],
 };
 
 impl DelayEstimator for Ivstruc {

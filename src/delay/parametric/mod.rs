@@ -7,7 +7,7 @@ pub(super) mod met1struc;
 pub(super) mod oestruc;
 
 pub use armaxstruc::Armaxstruc;
-pub use arxstruc::Arxstruc;
+pub use arxstruc::{Arxstruc, Others};
 pub use ivstruc::Ivstruc;
 pub use met1struc::Met1struc;
 pub use oestruc::Oestruc;
