@@ -493,7 +493,16 @@ impl Armax {
                     let neighbour = neighbour.and_then(|n| fits.get(n)?[m - 1].as_ref()).map(|f| f.c.clone());
                     let fewer = m.checked_sub(2).and_then(|at| fits[nk][at].as_ref()).map(|f| f.c.clone());
                     let starts: Vec<Vec<f64>> = if hopeless(nk) {
-                        if upwards { vec![vec![0.0; self.nc]] } else { Vec::new() }
+                        let smallest = fits.iter().filter_map(|f| Some(f[m - 1].as_ref()?.loss)).fold(f64::INFINITY, f64::min);
+                        let near = |f: &ArmaxFit| rows * (f.loss / smallest.max(f64::MIN_POSITIVE)).ln() <= HOPELESS;
+                        // On the way back a delay that the long model wrongly gave up is searched after all.
+                        match &fits[nk][m - 1] {
+                            Some(fit) if !upwards && near(fit) => {
+                                self.best_seed(&mut problem, &errors).into_iter().chain(neighbour).collect()
+                            }
+                            _ if upwards => vec![vec![0.0; self.nc]],
+                            _ => Vec::new(),
+                        }
                     } else if upwards {
                         let own = self.best_seed(&mut problem, &errors);
                         own.into_iter().chain(neighbour).chain(fewer).collect()
@@ -502,12 +511,12 @@ impl Armax {
                     };
                     for start in starts {
                         let known = fits[nk][m - 1].as_ref();
-                        if known.is_some_and(|f| f.c.iter().zip(&start).all(|(a, b)| (a - b).abs() <= 1e-3)) {
+                        if known.is_some_and(|f| f.to_gain.is_finite() && f.c.iter().zip(&start).all(|(a, b)| (a - b).abs() <= 1e-3)) {
                             continue;
                         }
-                        let fit = if hopeless(nk) { at(&mut problem, &start) } else { search(&mut problem, &start) };
+                        let fit = if upwards && hopeless(nk) { at(&mut problem, &start) } else { search(&mut problem, &start) };
                         if let Some(fit) = fit
-                            && known.is_none_or(|k| fit.loss < k.loss)
+                            && known.is_none_or(|k| fit.loss < k.loss || k.to_gain.is_infinite() && fit.loss <= k.loss)
                         {
                             fits[nk][m - 1] = Some(fit);
                         }
