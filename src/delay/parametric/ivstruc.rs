@@ -48,13 +48,13 @@ pub struct Ivstruc {
     pub nf: usize,
     /// Poles of the noise; default 4, which also whitens what two poles of the plant leave.
     pub noise: usize,
-    /// Longest part of a record that is used, samples; default 100 000, beyond which the loss says nothing new.
+    /// Longest part of a record that is used, samples; default 20 000: every round filters every signal anew.
     pub max_samples: usize,
 }
 
 impl Default for Ivstruc {
     fn default() -> Self {
-        Self { nb: 1, nf: 2, noise: 4, max_samples: 100_000 }
+        Self { nb: 1, nf: 2, noise: 4, max_samples: 20_000 }
     }
 }
 
