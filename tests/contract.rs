@@ -575,7 +575,7 @@ fn complicated(condition: Condition, method: &Method, seed: u64) -> Option<Exper
             Experiment::siso(ts(TS), u, y)
         }
         // Has a test of its own.
-        Condition::MissingOutputs => return None,
+        Condition::MissingOutputs | Condition::OtherInputs => return None,
     })
 }
 
@@ -627,14 +627,17 @@ fn options_survive_the_way_through_json() {
 #[test]
 fn option_structs_survive_the_way_through_json_with_other_values() {
     use deadtime::delay::{
-        Arxstruc, Center, Cost, Cusum, CusumStep, Delayest, Elnaggar, Impulseest, Initial, OePosterior, Oestruc, P3dz, Poles, Prewindow,
-        Process, Records, SamplingZero, Selection, StateLeastSquares, Step, Threshold, TwoStep,
+        Armaxstruc, Arxstruc, Center, Cost, Cusum, CusumStep, Delayest, Elnaggar, Impulseest, Initial, Ivstruc, Met1struc, OePosterior,
+        Oestruc, Others, P3dz, Poles, Prewindow, Process, Records, SamplingZero, Selection, StateLeastSquares, Step, Threshold, TwoStep,
     };
     fn there_and_back<T: serde::Serialize + serde::de::DeserializeOwned + PartialEq + std::fmt::Debug>(options: T) {
         let text = serde_json::to_string(&options).unwrap();
         assert_eq!(serde_json::from_str::<T>(&text).unwrap(), options, "{text}");
     }
-    there_and_back(Arxstruc { na: 3, nb: 2 });
+    there_and_back(Arxstruc { na: 3, nb: 2, others: Others::Regressors, max_samples: 99 });
+    there_and_back(Armaxstruc { na: 1, nb: 2, nc: 4, max_samples: 17 });
+    there_and_back(Met1struc { order: 4, past: 9, na: 3, nb: 2 });
+    there_and_back(Ivstruc { nb: 2, nf: 3, noise: 1, max_samples: 17 });
     there_and_back(Delayest { na: 1, nb: 3 });
     for cost in [Cost::Products, Cost::Regression] {
         there_and_back(Elnaggar { cost });

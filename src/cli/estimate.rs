@@ -12,7 +12,7 @@ use super::source::Source;
 use super::write_json;
 use crate::delay::{
     Condition, DelayEstimate, DelayEstimator, Detrend, Experiment, Finding, Information, METHODS, Method, Outcome, PlantModel, Recording,
-    Richness, Scope, Search, Start, Threshold, conditions, richness, verdict,
+    Richness, Scope, Search, Start, Threshold, conditions, moving_together, richness, verdict,
 };
 use crate::file::write_atomic;
 use crate::identify::fir;
@@ -235,9 +235,14 @@ impl Job {
             for (i, input) in self.inputs.iter().enumerate() {
                 let one = experiment.select(i, o)?;
                 let rested = if self.detrend == Detrend::Mean { one.from_rest() } else { None };
-                let own = search.bias.get(o).and_then(|row| row.get(i)).map(|&b| vec![vec![b]]).unwrap_or_default();
+                // What a method that takes all inputs together sees: this one first.
+                let together = experiment.towards(i, o)?;
+                let degree = |input: usize| search.bias.get(o).and_then(|row| row.get(input)).copied().unwrap_or(search.default_bias);
+                let inputs = std::iter::once(i).chain((0..self.inputs.len()).filter(|other| *other != i));
+                let own = vec![inputs.map(degree).collect()];
                 let mut search = Search { bias: own, ..search.clone() };
-                let findings = self.findings(&one, &search)?;
+                let mut findings = self.findings(&one, &search)?;
+                findings.extend(moving_together(&together, 0, search.max_delay));
                 if findings.iter().any(|f| f.condition == Condition::Feedback) {
                     // A controller that answers within the sample would pass for a plant that does.
                     search.min_delay = search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
@@ -249,11 +254,13 @@ impl Job {
                 let answer = |(ready, predicted): (&&Ready, Option<Richness>)| {
                     let clock = Instant::now();
                     // What a method cannot do with this log is its answer; the others go on.
-                    let estimate = match ready
-                        .estimator
-                        .estimate(rested.as_ref().filter(|_| ready.method.start == Start::Rest).unwrap_or(&one), &search)
-                    {
-                        Ok(mut estimates) if estimates.len() == 1 => estimates.remove(0).estimate,
+                    let sees = match ready.method.start {
+                        _ if ready.estimator.is_joint() => &together,
+                        Start::Rest => rested.as_ref().unwrap_or(&one),
+                        Start::Any => &one,
+                    };
+                    let estimate = match ready.estimator.estimate(sees, &search) {
+                        Ok(mut estimates) if !estimates.is_empty() => estimates.remove(0).estimate,
                         Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for this pair"),
                         Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                     };

@@ -2,7 +2,7 @@
 
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
-use super::{Arxstruc, Condition};
+use super::{Arxstruc, Condition, Experiment};
 use crate::identify::{Record, Regression, arx_scan, largest_pole};
 
 /// A complication that a record shows, and what shows it.
@@ -25,9 +25,9 @@ const FEEDS_BACK: f64 = 0.05;
 const BY_CHANCE: f64 = 1e-4;
 /// How much less the innovations must be than the residuals of the free response for the noise to count as coloured.
 const COLOURED: f64 = 1.25;
-/// Samples between the first reaction and the response's centre of energy that make a lag.
-const LAG: f64 = 1.0;
-/// Share of the largest coefficient at which a response has begun.
+/// Samples between the first reaction and the centre of the response that make a lag; a copy that is delayed by a fraction of a sample has half a sample.
+const LAG: f64 = 0.75;
+/// Share of the largest coefficient from which one counts.
 const BEGUN: f64 = 0.1;
 
 /// What the records of one pair show, judged by ARX models of the orders of [`Arxstruc`] over the same window.
@@ -36,7 +36,7 @@ const BEGUN: f64 = 0.1;
 ///   valid for inputs that are no random process).
 /// * Unstable plant: a pole outside the unit circle by more than 3/N, three times the rate at which an estimate of a pole at 1 converges.
 /// * Coloured noise: past outputs predict what the free response leaves.
-/// * Dynamics: the response's energy lies later than its beginning.
+/// * Dynamics: the response's centre lies later than its beginning.
 ///
 /// Each can be wrong: strong nonlinearity can pass for feedback, a response longer than 71 samples for coloured noise. Too short a record shows nothing.
 #[must_use]
@@ -46,7 +46,7 @@ pub fn conditions(records: &[Record], max_delay: usize) -> Vec<Finding> {
     if missing > 0 {
         found.push(Finding { condition: Condition::MissingOutputs, evidence: format!("{missing} output samples are missing") });
     }
-    let Arxstruc { na, nb } = Arxstruc::default();
+    let Arxstruc { na, nb, .. } = Arxstruc::default();
     let scan = arx_scan(records, na, nb, max_delay);
     #[allow(clippy::cast_precision_loss)]
     let rows = scan.rows as f64;
@@ -67,7 +67,33 @@ pub fn conditions(records: &[Record], max_delay: usize) -> Vec<Finding> {
     found
 }
 
-/// Samples from the response's beginning to its centre of energy.
+/// Correlation of two inputs, at any lag of the window, from which what one does passes for what the other does.
+const TOGETHER: f64 = 0.3;
+
+/// Another input that moves with this one: what that input does is then no noise that would average out.
+#[must_use]
+pub fn moving_together(experiment: &Experiment, input: usize, max_delay: usize) -> Option<Finding> {
+    let correlation = |other: usize| {
+        let lags = -isize::try_from(max_delay).unwrap_or(0)..=isize::try_from(max_delay).unwrap_or(0);
+        let mut sums = vec![0.0; 2 * max_delay + 1];
+        let (mut power, mut other_power) = (0.0, 0.0);
+        for recording in &experiment.recordings {
+            let (u, v) = (&recording.inputs[input], &recording.inputs[other]);
+            power += u.iter().map(|x| x * x).sum::<f64>();
+            other_power += v.iter().map(|x| x * x).sum::<f64>();
+            for (sum, product) in sums.iter_mut().zip(crate::signal::correlation(u, v, lags.clone())) {
+                *sum += product;
+            }
+        }
+        sums.iter().fold(0.0, |m: f64, s| m.max(s.abs())) / (power * other_power).sqrt().max(f64::MIN_POSITIVE)
+    };
+    let others = (0..experiment.inputs.len()).filter(|other| *other != input).map(|other| (other, correlation(other)));
+    let (other, most) = others.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, most)| *most > TOGETHER)?;
+    let evidence = format!("`{}` is correlated with it by {most:.2}", experiment.inputs[other]);
+    Some(Finding { condition: Condition::OtherInputs, evidence })
+}
+
+/// Samples from the response's beginning to the centre of its coefficients, those that are a tenth of the largest or more.
 fn lag(a: &[f64], b: &[f64]) -> f64 {
     let mut response: Vec<f64> = Vec::with_capacity(10 * LAGS);
     for k in 0..10 * LAGS {
@@ -78,12 +104,13 @@ fn lag(a: &[f64], b: &[f64]) -> f64 {
         }
         response.push(next);
     }
-    let largest = response.iter().fold(0.0, |m: f64, h| m.max(h.abs()));
-    let begun = response.iter().position(|h| h.abs() > BEGUN * largest).unwrap_or(0);
-    let energy: f64 = response.iter().map(|h| h * h).sum();
+    let least = BEGUN * response.iter().fold(0.0, |m: f64, h| m.max(h.abs()));
+    let counted: Vec<(usize, f64)> = response.iter().map(|h| h.abs()).enumerate().filter(|(_, h)| *h > least).collect();
+    let begun = counted.first().map_or(0, |(k, _)| *k);
+    let total: f64 = counted.iter().map(|(_, h)| h).sum();
     #[allow(clippy::cast_precision_loss)]
-    let moment: f64 = response[begun..].iter().enumerate().map(|(k, h)| k as f64 * h * h).sum();
-    if energy > 0.0 { moment / energy } else { 0.0 }
+    let moment: f64 = counted.iter().map(|(k, h)| (k - begun) as f64 * h).sum();
+    if total > 0.0 { moment / total } else { 0.0 }
 }
 
 /// Lags that a record of this length can carry.

@@ -175,6 +175,21 @@ impl Experiment {
         })
     }
 
+    /// This experiment with all inputs, this one first, and one output.
+    ///
+    /// # Errors
+    /// As [`Experiment::pair`].
+    pub fn towards(&self, input: usize, output: usize) -> Result<Self, DelayError> {
+        let mut together = self.select(input, output)?;
+        for other in (0..self.inputs.len()).filter(|other| *other != input) {
+            together.inputs.push(self.inputs[other].clone());
+            for (all, recording) in together.recordings.iter_mut().zip(&self.recordings) {
+                all.inputs.push(recording.inputs[other].clone());
+            }
+        }
+        Ok(together)
+    }
+
     /// Samples of the longest recording.
     #[must_use]
     pub fn longest(&self) -> usize {

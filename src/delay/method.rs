@@ -121,6 +121,8 @@ pub enum Condition {
     Dynamics,
     /// Output samples that were not measured.
     MissingOutputs,
+    /// Other inputs that move with this one.
+    OtherInputs,
 }
 
 impl Condition {
@@ -133,6 +135,7 @@ impl Condition {
             Self::ColouredNoise => "coloured noise",
             Self::Dynamics => "a lag of the plant's own",
             Self::MissingOutputs => "missing outputs",
+            Self::OtherInputs => "inputs that move together",
         }
     }
 }

@@ -21,7 +21,7 @@ mod threshold;
 mod verdict;
 
 pub use area::{Area1, Area2, Area3, Moment};
-pub use conditions::{Finding, conditions};
+pub use conditions::{Finding, conditions, moving_together};
 pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot};
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
@@ -34,7 +34,7 @@ pub use higher_order::Bispectrum;
 pub use laguerre::{Fischer, Lagudap};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{
-    Armaxstruc, Arxstruc, Center, Cost, Delayest, Elnaggar, Ivstruc, Met1struc, OePosterior, Oestruc, SamplingZero, TwoStep,
+    Armaxstruc, Arxstruc, Center, Cost, Delayest, Elnaggar, Ivstruc, Met1struc, OePosterior, Oestruc, Others, SamplingZero, TwoStep,
 };
 pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel, Slopes};
 pub use richness::{Richness, richness};
@@ -65,6 +65,11 @@ impl Default for Search {
 }
 
 impl Search {
+    /// Samples by which the input is given later, so that shorter delays are out of reach.
+    fn skip(&self) -> usize {
+        self.min_delay.min(self.max_delay.saturating_sub(1))
+    }
+
     fn bias(&self, input: usize, output: usize) -> usize {
         self.bias.get(output).and_then(|row| row.get(input)).copied().unwrap_or(self.default_bias)
     }
@@ -77,6 +82,11 @@ pub trait DelayEstimator: Send + Sync {
     /// # Errors
     /// [`DelayError`] where the data cannot be used at all; what the data do not show is an [`Outcome`].
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError>;
+
+    /// It treats the other inputs of the experiment as further causes of the output, rather than as noise.
+    fn is_joint(&self) -> bool {
+        false
+    }
 }
 
 /// Runs `method` on every pair, with the window doubled once where its answer is the longest delay searched.
@@ -89,7 +99,7 @@ fn every_pair(
     let mut estimates = Vec::new();
     for output in 0..experiment.outputs.len() {
         for input in 0..experiment.inputs.len() {
-            let skip = search.min_delay.min(search.max_delay.saturating_sub(1));
+            let skip = search.skip();
             let records: Vec<Record> = experiment.pair(input, output)?.into_iter().map(|r| later(r, skip)).collect();
             let bias = search.bias(input, output);
             let mut estimate = method(&records, search.max_delay - skip, bias)?;
@@ -118,6 +128,33 @@ fn later(record: Record, samples: usize) -> Record {
         y: record.y[samples..].to_vec(),
         present: record.present.map(|p| p[samples..].to_vec()),
     }
+}
+
+/// Runs `method` on all inputs of every output together, records and bias by input, with the window doubled once where an answer is the longest delay searched.
+fn every_output(
+    experiment: &Experiment,
+    search: &Search,
+    method: impl Fn(&[Vec<Record>], usize, &[usize]) -> Result<Vec<DelayEstimate>, DelayError>,
+) -> Result<Vec<PairEstimate>, DelayError> {
+    experiment.check()?;
+    let mut answers = Vec::new();
+    for output in 0..experiment.outputs.len() {
+        let skip = search.skip();
+        let moved = |input| Ok(experiment.pair(input, output)?.into_iter().map(|r| later(r, skip)).collect());
+        let inputs = (0..experiment.inputs.len()).map(moved).collect::<Result<Vec<Vec<Record>>, DelayError>>()?;
+        let bias: Vec<usize> = (0..inputs.len()).map(|input| search.bias(input, output)).collect();
+        let mut estimates = method(&inputs, search.max_delay - skip, &bias)?;
+        if estimates.iter().any(|e| e.outcome == Outcome::AtEdge)
+            && let Ok(wider) = method(&inputs, 2 * search.max_delay - skip, &bias)
+        {
+            estimates = wider;
+        }
+        #[allow(clippy::cast_precision_loss)]
+        let moved_s = experiment.sample_time.to_seconds(skip as f64);
+        let all = estimates.into_iter().enumerate();
+        answers.extend(all.map(|(input, e)| PairEstimate { input, output: Some(output), estimate: e.finished(moved_s) }));
+    }
+    Ok(answers)
 }
 
 /// Every estimator, within a class the most trusted first.

@@ -159,7 +159,7 @@ pub(super) fn unseen_by(scan: &ArxScan, nb: usize) -> Option<String> {
 /// The same for methods that have no test of their own: the orders are those of [`super::Arxstruc`], fewer where the record is too short for them.
 pub(super) fn unseen(records: &[Record], max_delay: usize) -> Option<String> {
     let longest = records.iter().map(Record::len).max().unwrap_or(0);
-    let Arxstruc { na, nb } = Arxstruc::default();
+    let Arxstruc { na, nb, .. } = Arxstruc::default();
     let na = na.min(longest.saturating_sub(max_delay + nb) / 4);
     let scan = arx_scan(records, na, nb, max_delay);
     if scan.rows <= 2 * (na + nb) || scan.input_rank.iter().all(|&r| r == 0) {

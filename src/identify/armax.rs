@@ -465,9 +465,9 @@ impl Armax {
         2 * (self.na + self.nb + self.nc)
     }
 
-    /// The best models for nk = 0 … `max_delay` with 1 … nb input coefficients.
+    /// The best models for nk = `first` … `max_delay` with 1 … nb input coefficients; smaller delays have none.
     #[must_use]
-    pub fn scan(&self, records: &[Record], max_delay: usize) -> ArmaxScan {
+    pub fn scan(&self, records: &[Record], first: usize, max_delay: usize) -> ArmaxScan {
         let mut problem = Problem::new(*self, records, max_delay);
         let delays = max_delay + 1;
         #[allow(clippy::cast_precision_loss)]
@@ -477,23 +477,32 @@ impl Armax {
         if problem.rows < self.rows_needed() {
             return ArmaxScan { fits, without_input: None, power, rows: problem.rows };
         }
-        let (long, errors) = self.long(&problem, records, max_delay);
+        let (long, errors) = self.long(&problem, records, first, max_delay);
         let without_input = self.without_input(&mut problem, &errors);
         let hopeless = {
-            let smallest = long.iter().copied().fold(f64::INFINITY, f64::min).max(1e-20 * power).max(f64::MIN_POSITIVE);
+            let smallest = long.iter().skip(first).copied().fold(f64::INFINITY, f64::min).max(1e-20 * power).max(f64::MIN_POSITIVE);
             move |nk: usize| long.get(nk).is_some_and(|v| rows * (v / smallest).ln() > HOPELESS)
         };
         for m in 1..=self.nb {
             problem.m = m;
             for upwards in [true, false] {
-                for step in 0..delays {
-                    let nk = if upwards { step } else { max_delay - step };
+                for step in first..delays {
+                    let nk = if upwards { step } else { max_delay + first - step };
                     problem.nk = nk;
                     let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1) };
                     let neighbour = neighbour.and_then(|n| fits.get(n)?[m - 1].as_ref()).map(|f| f.c.clone());
                     let fewer = m.checked_sub(2).and_then(|at| fits[nk][at].as_ref()).map(|f| f.c.clone());
                     let starts: Vec<Vec<f64>> = if hopeless(nk) {
-                        if upwards { vec![vec![0.0; self.nc]] } else { Vec::new() }
+                        let smallest = fits.iter().filter_map(|f| Some(f[m - 1].as_ref()?.loss)).fold(f64::INFINITY, f64::min);
+                        let near = |f: &ArmaxFit| rows * (f.loss / smallest.max(f64::MIN_POSITIVE)).ln() <= HOPELESS;
+                        // On the way back a delay that the long model wrongly gave up is searched after all.
+                        match &fits[nk][m - 1] {
+                            Some(fit) if !upwards && near(fit) => {
+                                self.best_seed(&mut problem, &errors).into_iter().chain(neighbour).collect()
+                            }
+                            _ if upwards => vec![vec![0.0; self.nc]],
+                            _ => Vec::new(),
+                        }
                     } else if upwards {
                         let own = self.best_seed(&mut problem, &errors);
                         own.into_iter().chain(neighbour).chain(fewer).collect()
@@ -502,12 +511,12 @@ impl Armax {
                     };
                     for start in starts {
                         let known = fits[nk][m - 1].as_ref();
-                        if known.is_some_and(|f| f.c.iter().zip(&start).all(|(a, b)| (a - b).abs() <= 1e-3)) {
+                        if known.is_some_and(|f| f.to_gain.is_finite() && f.c.iter().zip(&start).all(|(a, b)| (a - b).abs() <= 1e-3)) {
                             continue;
                         }
-                        let fit = if hopeless(nk) { at(&mut problem, &start) } else { search(&mut problem, &start) };
+                        let fit = if upwards && hopeless(nk) { at(&mut problem, &start) } else { search(&mut problem, &start) };
                         if let Some(fit) = fit
-                            && known.is_none_or(|k| fit.loss < k.loss)
+                            && known.is_none_or(|k| fit.loss < k.loss || k.to_gain.is_infinite() && fit.loss <= k.loss)
                         {
                             fits[nk][m - 1] = Some(fit);
                         }
@@ -519,10 +528,10 @@ impl Armax {
     }
 
     /// The losses of a long ARX model for every delay, and the errors of the best of them.
-    fn long(&self, problem: &Problem<'_>, records: &[Record], max_delay: usize) -> (Vec<f64>, Vec<Vec<f64>>) {
+    fn long(&self, problem: &Problem<'_>, records: &[Record], first: usize, max_delay: usize) -> (Vec<f64>, Vec<Vec<f64>>) {
         let na = LONG.min(problem.rows / 10).max(self.na);
         let scan = arx_scan(records, na, self.nb, max_delay);
-        let best = (0..scan.loss.len()).filter(|&nk| scan.loss[nk].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
+        let best = (first..scan.loss.len()).filter(|&nk| scan.loss[nk].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
         // Too few rows for the long model: no bound, no errors.
         match best.filter(|_| scan.rows > 2 * (na + self.nb)) {
             Some(nk) => {
@@ -567,7 +576,7 @@ fn at(problem: &mut Problem<'_>, c: &[f64]) -> Option<ArmaxFit> {
 
 fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
     let method = LevenbergMarquardt {
-        max_iterations: 40,
+        max_iterations: 100,
         gradient_tolerance: 1e-5,
         step_tolerance: 1e-5,
         cost_floor: 1e-26 * problem.power,
@@ -689,7 +698,7 @@ mod tests {
     #[test]
     fn a_scan_finds_the_polynomials_that_made_the_record() {
         let records = [record(20_000, &[])];
-        let scan = Armax { na: 2, nb: 1, nc: 1 }.scan(&records, 8);
+        let scan = Armax { na: 2, nb: 1, nc: 1 }.scan(&records, 0, 8);
         let best =
             (0..9).min_by(|&a, &b| scan.fits[a][0].as_ref().unwrap().loss.total_cmp(&scan.fits[b][0].as_ref().unwrap().loss)).unwrap();
         let fit = scan.fits[best][0].as_ref().unwrap();

@@ -1,7 +1,9 @@
 //! ARX models for every delay from one factorisation.
 
+use nalgebra::DMatrix;
+
 use super::least_squares;
-use super::regression::{DEPENDENT, Record, Regression};
+use super::regression::{DEPENDENT, Record, Regression, Triangle};
 
 /// The losses of A(q) y = B(q) u(t − nk) for nk = 0, 1, …, all over the same rows.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,9 +34,76 @@ pub struct ArxScan {
 pub fn scan(records: &[Record], na: usize, nb: usize, max_delay: usize) -> ArxScan {
     let lags = max_delay + nb;
     let regression = Regression { na, lags };
-    let triangle = regression.factor(records);
+    read(&regression.factor(records), na, nb, max_delay)
+}
+
+/// The lags of an output and of several inputs, for ARX models in which every input has a delay of its own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointArx {
+    triangle: Triangle,
+    na: usize,
+    nb: usize,
+    max_delay: usize,
+}
+
+impl JointArx {
+    /// `inputs[j]` holds the records of input j with the output, which is the same in all. O(N·(na + inputs·lags)²), once for all delays.
+    #[must_use]
+    pub fn new(inputs: &[Vec<Record>], na: usize, nb: usize, max_delay: usize) -> Self {
+        Self { triangle: Regression { na, lags: max_delay + nb }.joint(inputs), na, nb, max_delay }
+    }
+
+    /// The scan of one input, the coefficients of the `others` (input and delay) fitted beside it in every model; they stand behind those of past outputs.
+    #[must_use]
+    pub fn scan(&self, input: usize, others: &[(usize, usize)]) -> ArxScan {
+        let Self { triangle, na, nb, max_delay } = self;
+        let lags = max_delay + nb;
+        let of = |input: usize, from: usize, count: usize| (0..count).map(move |i| na + input * lags + from + i);
+        let last = triangle.r.ncols() - 1;
+        let mut columns: Vec<usize> = (0..*na).collect();
+        others.iter().for_each(|&(other, nk)| columns.extend(of(other, nk, *nb)));
+        let beside = columns.len();
+        columns.extend(of(input, 0, lags));
+        columns.push(last);
+        // The factor stands for the rows: fewer columns of it have a factor of their own.
+        let mut r = DMatrix::zeros(columns.len().max(last + 1), columns.len());
+        r.rows_mut(0, last + 1).copy_from(&triangle.r.select_columns(&columns));
+        let triangle = Triangle { r: r.qr().r(), rows: triangle.rows, norms: columns.iter().map(|&c| triangle.norms[c]).collect() };
+        read(&triangle, beside, *nb, *max_delay)
+    }
+
+    /// One delay per input by coordinate descent from the delays given: each input's best one with the others held, until none moves. No delay is below `first`.
+    #[must_use]
+    pub fn descend(&self, mut delays: Vec<usize>) -> Vec<usize> {
+        for _ in 0..SWEEPS {
+            let before = delays.clone();
+            for input in 0..delays.len() {
+                let loss = self.scan(input, &beside(&delays, input)).loss;
+                let usable = (0..loss.len()).filter(|&nk| loss[nk].is_finite());
+                if let Some(best) = usable.min_by(|&a, &b| loss[a].total_cmp(&loss[b])) {
+                    delays[input] = best;
+                }
+            }
+            if delays == before {
+                break;
+            }
+        }
+        delays
+    }
+}
+
+/// Every input but one, with its delay.
+pub(crate) fn beside(delays: &[usize], input: usize) -> Vec<(usize, usize)> {
+    delays.iter().copied().enumerate().filter(|(other, _)| *other != input).collect()
+}
+
+/// Sweeps of a coordinate descent over delays; each lowers the loss or is the last.
+const SWEEPS: usize = 20;
+
+/// The scan in a triangular factor whose first `na` columns are in every model.
+fn read(triangle: &Triangle, na: usize, nb: usize, max_delay: usize) -> ArxScan {
     let (r, norms) = (&triangle.r, &triangle.norms);
-    let last = regression.columns();
+    let last = na + max_delay + nb;
     // Rows that the past outputs use up; where one of them repeats the others, its row stays with the input.
     let (used, free): (Vec<usize>, Vec<usize>) = (0..na).partition(|&i| r[(i, i)].abs() > DEPENDENT * norms[i]);
     #[allow(clippy::cast_precision_loss)]

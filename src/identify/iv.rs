@@ -43,6 +43,8 @@ pub struct IvFit {
 const ROUNDS: usize = 30;
 /// Largest change of a pole polynomial's coefficient between rounds that counts as none.
 const SETTLED: f64 = 1e-6;
+/// Relative change of the loss between rounds that counts as none: a thousandth of what tells delays apart, at a million samples.
+const LEVEL: f64 = 1e-9;
 /// A relative ridge of rounding size stands for a rank decision.
 const RIDGE: f64 = 1e-13;
 
@@ -199,7 +201,7 @@ impl RefinedIv {
         let mut f = start;
         let mut d = Vec::new();
         let mut best: Option<IvFit> = None;
-        let mut settled = false;
+        let (mut settled, mut last) = (false, f64::INFINITY);
         for _ in 0..ROUNDS {
             f = match reflected(&f).filter(|f| is_stable(f)) {
                 Some(f) => f,
@@ -222,9 +224,11 @@ impl RefinedIv {
             if best.as_ref().is_none_or(|b| loss < b.loss) {
                 best = Some(IvFit { loss, b, f: f.clone(), d: d.clone(), converged: false });
             }
+            settled |= (loss - last).abs() <= LEVEL * loss;
             if settled {
                 break;
             }
+            last = loss;
             let prefilter = |x: &[f64]| through(&whitened(x, &d), &f);
             let signals: Vec<[Vec<f64>; 3]> = records
                 .iter()

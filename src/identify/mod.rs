@@ -15,7 +15,7 @@ mod regression;
 mod subspace;
 
 pub use armax::{Armax, ArmaxFit, ArmaxScan};
-pub use arx::{ArxScan, scan as arx_scan};
+pub use arx::{ArxScan, JointArx, scan as arx_scan};
 pub use fir::{Fir, fit as fir};
 pub use fir_regularised::{RegularisedFir, fit as fir_regularised};
 pub use iv::{IvFit, RefinedIv};
@@ -25,6 +25,7 @@ pub(crate) use regression::dot;
 pub use regression::{Record, Regression};
 pub use subspace::{Innovations, Subspace};
 
+pub(crate) use arx::beside;
 pub(crate) use fir::estimate as fir_or_rank;
 pub(crate) use fir_regularised::Evidence;
 pub(crate) use lag_products::{lag_matrix, lag_vector};

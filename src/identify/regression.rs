@@ -208,46 +208,82 @@ impl Regression {
 
     /// The triangular factor by Householder reflections of the rows themselves, a block at a time.
     pub(crate) fn qr(self, records: &[Record]) -> Triangle {
-        let size = self.columns() + 1;
-        let mut block = DMatrix::zeros(size + ROWS, size);
-        let mut filled = 0;
-        let mut have_r = false;
-        let mut rows = 0;
-        let mut squares = vec![0.0; size];
-        let flush = |block: &mut DMatrix<f64>, filled: &mut usize, have_r: &mut bool| {
-            let used = size + *filled;
-            let r = block.rows(0, used).into_owned().qr().r();
-            block.fill(0.0);
-            block.view_mut((0, 0), (size, size)).copy_from(&r.view((0, 0), (size, size)));
-            *filled = 0;
-            *have_r = true;
-        };
+        let mut rows = Rows::new(self.columns() + 1);
         for record in records {
             for t in self.first_row()..record.len() {
                 if !record.has(t) || (1..=self.na).any(|i| !record.has(t - i)) {
                     continue;
                 }
-                rows += 1;
-                let row = size + filled;
-                for i in 1..=self.na {
-                    block[(row, i - 1)] = record.y[t - i];
-                }
-                for j in 0..self.lags {
-                    block[(row, self.na + j)] = record.u[t - j];
-                }
-                block[(row, size - 1)] = record.y[t];
-                for (column, square) in squares.iter_mut().enumerate() {
-                    *square += block[(row, column)].powi(2);
-                }
-                filled += 1;
-                if filled == ROWS {
-                    flush(&mut block, &mut filled, &mut have_r);
-                }
+                rows.push(|column| match column {
+                    c if c < self.na => record.y[t - 1 - c],
+                    c if c < self.columns() => record.u[t - (c - self.na)],
+                    _ => record.y[t],
+                });
             }
         }
-        flush(&mut block, &mut filled, &mut have_r);
-        let r = block.view((0, 0), (size, size)).into_owned();
-        Triangle { r, rows, norms: squares.into_iter().map(f64::sqrt).collect() }
+        rows.finish()
+    }
+
+    /// The factor of all lags of several inputs of one output, `inputs[j]` holding the records of input j: columns y(t−1) … y(t−na), then `lags` of each input in
+    /// turn, then y(t).
+    pub(crate) fn joint(self, inputs: &[Vec<Record>]) -> Triangle {
+        let size = self.na + self.lags * inputs.len() + 1;
+        let mut rows = Rows::new(size);
+        for (at, record) in inputs.first().into_iter().flatten().enumerate() {
+            for t in self.first_row()..record.len() {
+                if !record.has(t) || (1..=self.na).any(|i| !record.has(t - i)) {
+                    continue;
+                }
+                rows.push(|column| match column {
+                    c if c < self.na => record.y[t - 1 - c],
+                    c if c + 1 < size => inputs[(c - self.na) / self.lags][at].u[t - (c - self.na) % self.lags],
+                    _ => record.y[t],
+                });
+            }
+        }
+        rows.finish()
+    }
+}
+
+/// Rows taken in one by one, of which only the triangular factor is kept.
+struct Rows {
+    block: DMatrix<f64>,
+    filled: usize,
+    rows: usize,
+    squares: Vec<f64>,
+}
+
+impl Rows {
+    fn new(size: usize) -> Self {
+        Self { block: DMatrix::zeros(size + ROWS, size), filled: 0, rows: 0, squares: vec![0.0; size] }
+    }
+
+    fn push(&mut self, value: impl Fn(usize) -> f64) {
+        let row = self.squares.len() + self.filled;
+        for (column, square) in self.squares.iter_mut().enumerate() {
+            self.block[(row, column)] = value(column);
+            *square += self.block[(row, column)].powi(2);
+        }
+        self.rows += 1;
+        self.filled += 1;
+        if self.filled == ROWS {
+            self.reduce();
+        }
+    }
+
+    fn reduce(&mut self) {
+        let size = self.squares.len();
+        let r = self.block.rows(0, size + self.filled).into_owned().qr().r();
+        self.block.fill(0.0);
+        self.block.view_mut((0, 0), (size, size)).copy_from(&r.view((0, 0), (size, size)));
+        self.filled = 0;
+    }
+
+    fn finish(mut self) -> Triangle {
+        self.reduce();
+        let size = self.squares.len();
+        let r = self.block.view((0, 0), (size, size)).into_owned();
+        Triangle { r, rows: self.rows, norms: self.squares.into_iter().map(f64::sqrt).collect() }
     }
 }
 

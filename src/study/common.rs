@@ -12,10 +12,10 @@ use rayon::prelude::*;
 
 use crate::delay::{Class, DelayEstimator, Experiment, METHODS, Method, PlantModel, Recording, Scope, Search, Start, Suits};
 use crate::model::uav::Dynamics;
-use crate::model::{Continuous, StateSpace, TransferFunction};
+use crate::model::{Continuous, StateSpace};
 use crate::signal::excitation::Rbs;
 use crate::signal::{Excitation, Noise, NoiseColour, NoiseScaling};
-use crate::simulate::{Options, Prehistory, lsim};
+use crate::simulate::{Options, lsim};
 use crate::time::SampleTime;
 
 /// A small study that every method of the list takes part in.
@@ -213,9 +213,6 @@ impl Common {
         Ok((Experiment::siso(SampleTime::new(1.0)?, u, y), delay, 1))
     }
 }
-
-/// Time constants of the plants of [`Suits::Process`], samples.
-const PROCESS_LAGS: [f64; 3] = [8.0, 3.0, 1.0];
 
 #[allow(clippy::cast_precision_loss)]
 fn f(n: usize) -> f64 {

@@ -8,7 +8,7 @@ use crate::delay::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
     Start, Suits, every_pair, posterior,
 };
-use crate::identify::{Armax, MAX_OE_ORDER, Record};
+use crate::identify::{Armax, ArmaxFit, MAX_OE_ORDER, Record};
 use crate::registry::entry;
 
 /// Inputs: u, y on one even grid; under feedback u must be what the plant received, not the reference. Output: seconds, positive = y lags u.
@@ -18,7 +18,8 @@ use crate::registry::entry;
 /// Fails when: the orders are too low for plant and noise together (white noise on the output of a plant of n poles needs na = nc = n; noise with poles of its own
 /// needs as many more in na and nb): the residuals are then coloured or follow past inputs, and the note says so. When the only excitation is the loop's own noise
 /// and the controller is so simple that another plant explains the data as well: many delays fit (`flat`, or a wide interval). When the first coefficient of B is
-/// small against the noise, the delay is found late.
+/// small against the noise, the delay is found late. Delays below the bias are not searched: the plant cannot have them, but a controller that answers within the
+/// sample makes u(t) tell y(t) all but exactly; with a bias of 0 such a loop has no answer.
 /// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2, 7.2, 13.4 (closed loop) and 16.5-16.6 (residual tests); Forssell and Ljung (1999),
 /// "Closed-loop identification revisited", Automatica 35, 1215-1241, doi:10.1016/S0005-1098(99)00022-9; Ljung and Box (1978), doi:10.1093/biomet/65.2.297.
 /// The sources fit one delay; scanning it, the posterior over it and the numerators weighed by evidence are those of `oestruc` and `arxstruc`. How many poles to
@@ -63,6 +64,13 @@ impl Default for Armaxstruc {
 }
 
 const NAME: &str = "armaxstruc";
+
+/// From this radius on a root of C stands at the edge of what predicts: the loss falls towards it, and that edge is the minimum.
+const CIRCLE: f64 = 0.9999;
+
+fn on_circle(fit: &ArmaxFit) -> bool {
+    crate::identify::largest_pole(&fit.c) >= CIRCLE
+}
 
 /// What a search that stopped early may have left to gain, of N·ln V, before its delay is not believed: a factor e of probability.
 const WORTH: f64 = 2.0;
@@ -109,7 +117,7 @@ impl Armaxstruc {
         let cut = super::heads(records, self.max_samples);
         let records = cut.as_deref().unwrap_or(records);
         let orders = Armax { na: self.na, nb: self.nb, nc: self.nc };
-        let scan = orders.scan(records, max_delay);
+        let scan = orders.scan(records, 0, max_delay);
         if scan.rows < orders.rows_needed() {
             return Err(DelayError::TooShort {
                 method: NAME,
@@ -146,7 +154,7 @@ impl Armaxstruc {
         #[allow(clippy::cast_precision_loss)]
         let count = (0..self.nb).filter(|&m| losses[best][m].is_finite()).max_by(|&a, &b| evidence(a).total_cmp(&evidence(b)));
         let fit = count.and_then(|m| scan.fits[best][m].as_ref());
-        if let Some(fit) = fit.filter(|f| !f.stopped.converged() && f.to_gain > WORTH) {
+        if let Some(fit) = fit.filter(|f| !f.stopped.converged() && f.to_gain > WORTH && !on_circle(f)) {
             let note = format!(
                 "the optimiser stopped without a minimum ({:?}) at nk = {best}, with {:.1} to gain and roots of C at |z| up to {:.4}",
                 fit.stopped,
@@ -174,11 +182,15 @@ impl Armaxstruc {
         let zeros = (leading > 0).then(|| {
             format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise")
         });
-        let pole = fit.map(|f| crate::identify::largest_pole(&f.a.iter().copied().collect::<Vec<_>>())).filter(|p| *p > 1.0);
+        let pole = fit.map(|f| crate::identify::largest_pole(&f.a)).filter(|p| *p > 1.0);
         let unstable = pole.map(|p| format!("the plant's model is unstable (|z| = {p:.3})"));
+        let edge = fit
+            .filter(|f| on_circle(f))
+            .map(|_| "the noise model has a root on the unit circle: too many orders, or a drift taken off".to_owned());
         Ok(DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(raw)), ..estimate }
             .noting(zeros)
             .noting(unstable)
+            .noting(edge)
             .noting(misfit)
             .noting(used))
     }

@@ -6,9 +6,9 @@
 use crate::delay::method::WHOLE;
 use crate::delay::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
-    Start, Suits, every_pair, posterior,
+    Start, Suits, every_output, every_pair, posterior,
 };
-use crate::identify::{ArxScan, Record, arx_scan};
+use crate::identify::{ArxScan, JointArx, Record, arx_scan, beside};
 use crate::registry::entry;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
@@ -18,6 +18,8 @@ use crate::registry::entry;
 /// Fails when: the input's first coefficient is small against the noise (the delay is then found late); many delays that fit alike show as a wide interval or `flat`.
 /// With nb above 1 the published minimum is often early, because leading coefficients may be zero; the answer weighs numerators of 1 to nb coefficients by their
 /// evidence instead.
+/// Several inputs are fitted beside each other, because what inputs share that move together would leak from one pair into another (no source is followed in
+/// that); `others: apart` looks at each pair alone.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.3 (na 10, nb 5); Ljung (1999), "System Identification", 2nd ed., section 4.2; MATLAB `arxstruc`.
 ///
 /// # Example
@@ -43,11 +45,26 @@ pub struct Arxstruc {
     pub na: usize,
     /// Input coefficients; default 5, as above.
     pub nb: usize,
+    /// What is made of an experiment's other inputs; default nothing: every pair is treated apart.
+    pub others: Others,
+    /// Longest part of a record that is used where other inputs are regressors, samples; default 100 000.
+    pub max_samples: usize,
+}
+
+/// What is made of the inputs beside the one whose delay is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Others {
+    /// Nothing: what they do is noise, and what they share with the input leaks into its answer.
+    Apart,
+    /// They are regressors too, each behind a delay of its own, found by coordinate descent. The answer for one input holds the others' delays at their best values.
+    #[default]
+    Regressors,
 }
 
 impl Default for Arxstruc {
     fn default() -> Self {
-        Self { na: 10, nb: 5 }
+        Self { na: 10, nb: 5, others: Others::Regressors, max_samples: 100_000 }
     }
 }
 
@@ -67,7 +84,14 @@ pub(in crate::delay) const METHOD: Method = Method {
     suits: Suits::Plant,
     information: Information::Poles(2),
     tolerance: WHOLE,
-    withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
+    withstands: &[
+        Condition::UnstablePlant,
+        Condition::Feedback,
+        Condition::ColouredNoise,
+        Condition::Dynamics,
+        Condition::MissingOutputs,
+        Condition::OtherInputs,
+    ],
     needs: "noise that an AR filter of its order whitens",
     blind_to: "fractions of a sample; a first coefficient that is small against the noise",
     exempt: &[],
@@ -77,6 +101,10 @@ impl DelayEstimator for Arxstruc {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
         self.run(NAME, experiment, search)
     }
+
+    fn is_joint(&self) -> bool {
+        self.others == Others::Regressors
+    }
 }
 
 impl Arxstruc {
@@ -85,7 +113,52 @@ impl Arxstruc {
         if self.nb == 0 {
             return Err(DelayError::Option { method: name, option: "nb", value: 0.0, allowed: "1 or more" });
         }
+        if self.others == Others::Regressors && experiment.inputs.len() > 1 {
+            return every_output(experiment, search, |inputs, max_delay, bias| self.joint(name, inputs, max_delay, bias, experiment));
+        }
         every_pair(experiment, search, |records, max_delay, bias| self.pair(name, records, max_delay, bias, experiment))
+    }
+
+    /// The answers of all inputs for one output, each with the others as regressors.
+    fn joint(
+        &self,
+        name: &'static str,
+        inputs: &[Vec<Record>],
+        max_delay: usize,
+        bias: &[usize],
+        experiment: &Experiment,
+    ) -> Result<Vec<DelayEstimate>, DelayError> {
+        let cut: Vec<Vec<Record>> =
+            inputs.iter().map(|records| super::heads(records, self.max_samples).unwrap_or_else(|| records.clone())).collect();
+        let lags = JointArx::new(&cut, self.na, self.nb, max_delay);
+        let rows_needed = 2 * (self.na + self.nb * inputs.len());
+        let first = lags.scan(0, &[]);
+        if first.rows < rows_needed {
+            return Err(DelayError::TooShort {
+                method: name,
+                needed: self.na.max(max_delay + self.nb - 1) + rows_needed,
+                got: experiment.longest(),
+                remedy: "search a shorter --max-delay, or set smaller na and nb",
+            });
+        }
+        // Each input alone first: the descent starts where the pairs' answers are.
+        let alone: Vec<usize> = (0..inputs.len())
+            .map(|input| {
+                let loss = lags.scan(input, &[]).loss;
+                (0..loss.len()).min_by(|&a, &b| loss[a].total_cmp(&loss[b])).unwrap_or(0)
+            })
+            .collect();
+        let delays = lags.descend(alone);
+        let each = |input: usize| {
+            let scan = lags.scan(input, &beside(&delays, input));
+            let rank = scan.input_rank.iter().all(|&r| r == 0);
+            if rank {
+                DelayEstimate::without(Outcome::Singular, "the other inputs explain every lag of this one: they move together")
+            } else {
+                answer(&scan, self.nb, max_delay, bias[input], experiment)
+            }
+        };
+        Ok((0..inputs.len()).map(each).collect())
     }
 
     fn pair(

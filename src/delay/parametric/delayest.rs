@@ -68,6 +68,6 @@ pub(in crate::delay) const METHOD: Method = Method {
 
 impl DelayEstimator for Delayest {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        Arxstruc { na: self.na, nb: self.nb }.run("delayest", experiment, search)
+        Arxstruc { na: self.na, nb: self.nb, ..Arxstruc::default() }.run("delayest", experiment, search)
     }
 }

@@ -5,8 +5,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
-    Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
+    Search, Start, Suits, every_pair, posterior,
 };
 use crate::identify::{MAX_OE_ORDER, Record, Subspace, arx_scan, prefiltered};
 use crate::registry::entry;
@@ -78,7 +78,10 @@ pub(in crate::delay) const METHOD: Method = Method {
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics],
     needs: "the input that the plant received; a record of at least some hundred samples",
     blind_to: "fractions of a sample; a first coefficient that is small against the noise",
-    exempt: &[],
+    exempt: &[(
+        Law::Exact,
+        "with one input coefficient a plant's zeros are left to its poles: without noise that misfit decides, by a sample",
+    )],
 };
 
 impl DelayEstimator for Met1struc {
@@ -120,7 +123,10 @@ impl Met1struc {
             .map(|r| Record::new(r.u[..r.len() - lead].to_vec(), r.y[lead..r.len()].to_vec()))
             .collect();
         let model = Subspace { direct: first == Some(0), ..subspace }.fit(&moved);
-        let Some(noise) = model.and_then(|m| m.noise_polynomial()) else {
+        // Rounding has no colour worth whitening.
+        let exact = |loss: f64| loss <= posterior::ROUNDING * rough.power;
+        let noise = model.and_then(|m| if exact(m.loss) { Some(Vec::new()) } else { m.noise_polynomial() });
+        let Some(noise) = noise else {
             return Ok(DelayEstimate::without(
                 Outcome::Singular,
                 "no subspace model: the numbers overflow or say nothing; scale the channels",

@@ -13,7 +13,7 @@ pub(super) mod sampling_zero;
 pub(super) mod two_step;
 
 pub use armaxstruc::Armaxstruc;
-pub use arxstruc::Arxstruc;
+pub use arxstruc::{Arxstruc, Others};
 pub use delayest::Delayest;
 pub use elnaggar::{Cost, Elnaggar};
 pub use ivstruc::Ivstruc;

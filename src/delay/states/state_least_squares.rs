@@ -31,7 +31,8 @@ pub enum Selection {
 /// Assumes: A and B are those of the plant, the states are measured with little noise, inputs that are not combinations of each other's lags.
 /// Holds for unstable plants and under feedback, and for inputs with different delays: all are found together.
 /// Resolution and cost: below one sample (exactly for a continuous model behind a zero-order hold, by interpolation of B for a sampled one); O(N·inputs²·delays).
-/// Fails when: inputs move together or hardly at all (`singular`), or the model does not describe the data: one delay per input then explains much less than all
+/// Fails when: inputs move together or hardly at all (`singular`; where they nearly do, the note gives the angle between their lags, and a peak that does not stand
+/// clear of the next is `flat`), or the model does not describe the data: one delay per input then explains much less than all
 /// lags together (`not_applicable`).
 /// Source: Waschburger and Galvão (2013), "Time delay estimation in discrete-time state-space models", Signal Processing 93, 904-912.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -45,6 +46,11 @@ const NAME: &str = "state_least_squares";
 
 /// Below this share of what all lags together explain, one delay per input does not describe the data.
 const DESCRIBES: f64 = 0.5;
+
+/// Standard deviations by which the best lag must stand above the next that is not its neighbour.
+const SEPARATE: f64 = 3.0;
+/// Degrees below which inputs count as moving together: standard deviations are then more than ten times those of inputs that share nothing.
+const TOGETHER: f64 = 5.7;
 
 /// Its line in the list of methods.
 pub(in crate::delay) const METHOD: Method = Method {
@@ -143,6 +149,11 @@ impl Plant {
 pub struct Coefficients {
     /// γ, inputs × (`max_delay` + 1).
     pub gamma: DMatrix<f64>,
+    /// Covariance of γ, row after row of it, for white equation errors.
+    pub covariance: DMatrix<f64>,
+    /// For every input the smallest canonical angle, degrees, between what its lags and what all others' lags do to the states: 90 where nothing is shared, 0 where
+    /// one combination of lags can stand for the other. White inputs of N samples share some by chance, about √(lags·inputs/N) as a cosine.
+    pub angle_deg: Vec<f64>,
     /// Σ of squared residuals over all states and samples.
     pub residual: f64,
     /// Equations: states times samples.
@@ -198,7 +209,7 @@ impl StateLeastSquares {
         let samples = samples(&recordings, max_delay);
         enough(experiment, &plant, samples, max_delay, lags)?;
         let Equations { gram, right, power: _ } = equations(&plant, &recordings, max_delay, lags);
-        let (gamma, _) = solve(&gram, &right).ok_or(DelayError::Dependent { method: NAME })?;
+        let (gamma, inverse) = solve(&gram, &right).ok_or(DelayError::Dependent { method: NAME })?;
         let mut residual = 0.0;
         for r in &recordings {
             for k in max_delay..r.z.ncols() {
@@ -210,7 +221,14 @@ impl StateLeastSquares {
                 residual += rest.norm_squared();
             }
         }
-        Ok(Coefficients { gamma: DMatrix::from_row_slice(m, lags, gamma.as_slice()), residual, rows: n * samples })
+        let freedom = real((n * samples).saturating_sub(m * lags).max(1));
+        Ok(Coefficients {
+            gamma: DMatrix::from_row_slice(m, lags, gamma.as_slice()),
+            covariance: inverse * (residual / freedom),
+            angle_deg: angles(&gram, m),
+            residual,
+            rows: n * samples,
+        })
     }
 
     fn window(&self, experiment: &Experiment, max_delay: usize) -> Result<Vec<DelayEstimate>, DelayError> {
@@ -224,9 +242,14 @@ impl StateLeastSquares {
         let samples = samples(&recordings, first);
         enough(experiment, &plant, samples, first, lags)?;
         let Equations { gram, right, power } = equations(&plant, &recordings, first, lags);
+        let angles = angles(&gram, m);
         let Some((gamma, inverse)) = solve(&gram, &right) else {
-            let note = "the lags of the inputs are combinations of each other: they do not move enough, or move together";
-            return Ok(vec![DelayEstimate::without(Outcome::Singular, note); m]);
+            let note = |angle: &f64| {
+                let together =
+                    if *angle < TOGETHER { format!(": this input moves with the others (angle {angle:.2}°)") } else { String::new() };
+                format!("the lags of the inputs are combinations of each other: they do not move enough, or move together{together}")
+            };
+            return Ok(angles.iter().map(|a| DelayEstimate::without(Outcome::Singular, note(a))).collect());
         };
         let explained_by_all = (gamma.dot(&right) / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         #[allow(clippy::cast_precision_loss)]
@@ -251,6 +274,20 @@ impl StateLeastSquares {
                     let note = format!("no lag of this input stands out (largest coefficient {coefficient:.3}, {strength:.1} standard deviations)");
                     return DelayEstimate::without(Outcome::NotVisible, note);
                 }
+                // The best lag outside the peak and its neighbours, which share a delay between samples.
+                let other = of(j).filter(|i| (i - j * lags).abs_diff(peak) > 1).max_by(|&a, &b| gamma[a].total_cmp(&gamma[b]));
+                let gap = other.map(|i| {
+                    let at = j * lags + peak;
+                    let variance = inverse[(at, at)] + inverse[(i, i)] - 2.0 * inverse[(at, i)];
+                    (i - j * lags, (gamma[at] - gamma[i]) / (noise * variance).max(f64::MIN_POSITIVE).sqrt())
+                });
+                if let Some((runner_up, gap)) = gap.filter(|(_, gap)| *gap < SEPARATE) {
+                    let note = format!(
+                        "lag {peak} is only {gap:.1} standard deviations above lag {runner_up} (angle to the other inputs {:.1}°)",
+                        angles[j]
+                    );
+                    return DelayEstimate::without(Outcome::Flat, note);
+                }
                 if explained < DESCRIBES * explained_by_all {
                     let note = format!(
                         "one delay per input explains {:.0} % of the state's motion, all lags together {:.0} %: A and B do not describe this plant",
@@ -273,6 +310,10 @@ impl StateLeastSquares {
                     "largest coefficient {coefficient:.3} at lag {peak} (1 if A and B are exact); one delay per input explains {:.1} % of the state's motion",
                     100.0 * explained
                 );
+                let apart = gap.map(|(runner_up, gap)| format!("the runner-up, lag {runner_up}, is {gap:.1} standard deviations below it"));
+                let together = (angles[j] < TOGETHER).then(|| {
+                    format!("this input moves nearly with the others (smallest angle between their lags {:.2}°): the noise decides between them", angles[j])
+                });
                 let finite = std.is_finite();
                 DelayEstimate {
                     outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
@@ -283,6 +324,8 @@ impl StateLeastSquares {
                     degree_bias_samples: 0.0,
                     note: Some(note),
                 }
+                .noting(apart)
+                .noting(together)
             })
             .collect())
     }
@@ -340,6 +383,33 @@ fn solve(gram: &DMatrix<f64>, right: &DVector<f64>) -> Option<(DVector<f64>, DMa
     let inverse = factor.inverse();
     let inverse = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| inverse[(i, j)] * scale[i] * scale[j]);
     Some((&inverse * right, inverse))
+}
+
+/// For every input the smallest canonical angle, degrees, between its block of the Gram matrix and all others together.
+///
+/// Source: Björck and Golub (1973), "Numerical methods for computing angles between linear subspaces", Math. Comp. 27(123), 579-594, doi:10.2307/2005662.
+fn angles(gram: &DMatrix<f64>, inputs: usize) -> Vec<f64> {
+    let lags = gram.nrows() / inputs.max(1);
+    let each = |j: usize| {
+        let own: Vec<usize> = (j * lags..(j + 1) * lags).collect();
+        let rest: Vec<usize> = (0..gram.nrows()).filter(|i| i / lags != j).collect();
+        let block = |rows: &[usize], columns: &[usize]| gram.select_rows(rows).select_columns(columns);
+        let (Some(left), Some(right)) = (basis(block(&own, &own)), basis(block(&rest, &rest))) else { return 90.0 };
+        let shared = left.tr_mul(&block(&own, &rest)) * right;
+        let cosine = nalgebra::SVD::try_new(shared, false, false, f64::EPSILON, 10_000).map_or(0.0, |svd| svd.singular_values.max());
+        cosine.clamp(0.0, 1.0).acos().to_degrees()
+    };
+    (0..inputs).map(each).collect()
+}
+
+/// Combinations of the columns behind a Gram matrix that are orthonormal and span what they do; `None` where that is nothing.
+fn basis(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let eigen = nalgebra::SymmetricEigen::try_new(gram, f64::EPSILON, 10_000)?;
+    let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
+    // Half of the digits of a Gram matrix are those of its columns.
+    let kept: Vec<usize> = (0..eigen.eigenvalues.len()).filter(|&i| eigen.eigenvalues[i] > 1e-10 * largest).collect();
+    let scale = DVector::from_iterator(kept.len(), kept.iter().map(|&i| 1.0 / eigen.eigenvalues[i].sqrt()));
+    (!kept.is_empty()).then(|| eigen.eigenvectors.select_columns(&kept) * DMatrix::from_diagonal(&scale))
 }
 
 /// The delay between a coefficient and its larger neighbour.
