@@ -2,11 +2,12 @@
 
 use std::hint::black_box;
 
-use criterion::{Criterion, criterion_main};
+use criterion::criterion_main;
 use deadtime::identify::{Initial, OutputError, Record, arx_scan};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+#[allow(dead_code)]
 mod support;
 
 const SAMPLES: usize = 500;

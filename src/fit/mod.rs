@@ -5,3 +5,4 @@ mod newton;
 
 pub use levenberg_marquardt::{Fit, LevenbergMarquardt, Normal, Stopped};
 pub use newton::polish;
+pub(crate) use newton::polish_exact;

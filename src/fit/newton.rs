@@ -16,7 +16,16 @@ const STEPS: usize = 6;
 /// Levenberg-Marquardt with approximate second derivatives converges slowly where residuals are large (a model too small for the data) and stops on the
 /// cost, which fixes a minimum only to the root of its rounding; the gradient fixes it to rounding. Returns the fit as it was where no step helps.
 /// Source: Nocedal and Wright (2006), "Numerical Optimization", 2nd ed., sections 3.3 and 8.1.
-pub fn polish(fit: Fit, mut evaluate: impl FnMut(&[f64]) -> Option<Normal>) -> Fit {
+pub fn polish(fit: Fit, evaluate: impl FnMut(&[f64]) -> Option<Normal>) -> Fit {
+    steps(fit, evaluate, |fit, evaluate| second_derivatives(&fit.parameters, evaluate))
+}
+
+/// The same where `information` holds half the second derivatives themselves.
+pub(crate) fn polish_exact(fit: Fit, evaluate: impl FnMut(&[f64]) -> Option<Normal>) -> Fit {
+    steps(fit, evaluate, |fit, _| Some(fit.normal.information.clone()))
+}
+
+fn steps<E: FnMut(&[f64]) -> Option<Normal>>(fit: Fit, mut evaluate: E, curvature: impl Fn(&Fit, &mut E) -> Option<DMatrix<f64>>) -> Fit {
     let n = fit.parameters.len();
     if fit.normal.gradient.len() != n || n == 0 {
         return fit;
@@ -28,7 +37,7 @@ pub fn polish(fit: Fit, mut evaluate: impl FnMut(&[f64]) -> Option<Normal>) -> F
         if slope <= FLAT {
             break;
         }
-        let Some(curvature) = second_derivatives(&best.parameters, &mut evaluate) else { break };
+        let Some(curvature) = curvature(&best, &mut evaluate) else { break };
         // Not positive definite: a saddle or an edge, where Newton would climb.
         let Some(step) = curvature.cholesky().map(|c| c.solve(&best.normal.gradient)) else { break };
         let trial: Vec<f64> = best.parameters.iter().zip(step.iter()).map(|(p, s)| p - s).collect();

@@ -50,6 +50,16 @@ impl Prior {
     }
 }
 
+/// The increments of a response as the unknowns, A their columns in the regression.
+struct System {
+    /// I + γAᵀA.
+    factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
+    /// Aᵀy.
+    right: DVector<f64>,
+    /// Standard deviations of the increments, in units of √c.
+    weights: DVector<f64>,
+}
+
 /// Residual variance below this share of the output's is rounding.
 const ROUNDING: f64 = 1e-13;
 
@@ -88,8 +98,8 @@ impl Evidence {
         })
     }
 
-    /// I + γAᵀA in its factor, Aᵀy, for a response from `start` on; A has the increments as columns.
-    fn system(&self, start: usize, prior: Prior) -> Option<(nalgebra::Cholesky<f64, nalgebra::Dyn>, DVector<f64>, DVector<f64>)> {
+    /// What the increments of a response from `start` on have to do with the data.
+    fn system(&self, start: usize, prior: Prior) -> Option<System> {
         let weights = self.increments(start, prior);
         let gamma = prior.scale.exp() / self.unit;
         // Regressors before the start drop out of every sum.
@@ -101,14 +111,14 @@ impl Evidence {
         let count = weights.len();
         let system = DMatrix::from_fn(count, count, |i, j| gamma * weights[i] * weights[j] * entry(i, j) + if i == j { 1.0 } else { 0.0 });
         let right = DVector::from_fn(count, |i, _| weights[i] * (self.right[i + start] - left.map_or(0.0, |l| self.right[l])));
-        Some((system.cholesky()?, right, weights))
+        Some(System { factor: system.cholesky()?, right, weights })
     }
 
     /// −2·ln of the marginal likelihood, the noise variance at its own maximum, of a response that begins at `start`.
     ///
     /// Source: Chen, Ohlsson and Ljung (2012), doi:10.1016/j.automatica.2012.05.026, section 4.
     pub(crate) fn misfit(&self, start: usize, prior: Prior) -> f64 {
-        let Some((system, right, _)) = self.system(start, prior) else { return f64::INFINITY };
+        let Some(System { factor: system, right, .. }) = self.system(start, prior) else { return f64::INFINITY };
         let gamma = prior.scale.exp() / self.unit;
         let left = self.power - gamma * right.dot(&system.solve(&right));
         let determinant: f64 = system.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
@@ -151,7 +161,7 @@ impl Evidence {
 
     /// The posterior of a response from `start` on; zero before.
     pub(crate) fn response(&self, start: usize, prior: Prior) -> Option<RegularisedFir> {
-        let (system, right, weights) = self.system(start, prior)?;
+        let System { factor: system, right, weights } = self.system(start, prior)?;
         let gamma = prior.scale.exp() / self.unit;
         let increments = gamma * system.solve(&right);
         let left = self.power - right.dot(&increments);

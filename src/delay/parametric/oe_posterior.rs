@@ -6,7 +6,7 @@ use super::Oestruc;
 use super::profile::{Profile, check, profile};
 use crate::delay::posterior::RESOLUTION;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, PairEstimate, Scope, Search, Start,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, PairEstimate, Scope, Search, Start,
     Suits, every_pair,
 };
 use crate::identify::{Initial, OutputError};
@@ -87,12 +87,15 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Rest,
     suits: Suits::Plant,
     information: Information::Poles(2),
-    // The mean of two delays of which the second has a probability of 5 %, the most that a 95 % set leaves out.
+    // Of the mean of two neighbours of which the second has a probability of 5 %, the most that a 95 % set leaves out.
     tolerance: 0.05,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "as `oestruc`, and a search window no wider than what is believed of the delay",
     blind_to: "as `oestruc`; it leans towards the middle of the window where the data say little",
-    exempt: &[],
+    exempt: &[(
+        Law::Exact,
+        "of a plant that the model is too small for, far delays keep a few per cent of the probability, and move the mean",
+    )],
 };
 
 impl DelayEstimator for OePosterior {

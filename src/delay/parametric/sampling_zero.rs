@@ -143,7 +143,7 @@ impl Candidate {
             let variance = (&covariance * &slopes).dot(&slopes);
             let value = fraction(at)?;
             // A fraction that is less certain than "somewhere in the sample" is none.
-            (value.is_finite() && variance >= 0.0 && variance < posterior::RESOLUTION).then(|| (value, variance.sqrt()))
+            (value.is_finite() && (0.0..posterior::RESOLUTION).contains(&variance)).then(|| (value, variance.sqrt()))
         };
         Some(Self {
             nk,

@@ -7,7 +7,8 @@ use super::problem::Work;
 use crate::fit::Normal;
 use crate::identify::regression::dot;
 
-/// One evaluation of y = b/(1 + f₁q⁻¹ + f₂q⁻²) u(t − nk), in two passes over the records.
+/// One evaluation of y = b/(1 + f₁q⁻¹ + f₂q⁻²) u(t − nk), in two passes over the records: cost, gradient, and the second derivatives themselves, not Gauss and
+/// Newton's approximation of them. At a wrong delay residuals are large, and with the approximation a search creeps.
 pub(super) struct SecondOrder<'a, 'b> {
     pub(super) records: &'a mut [Work<'b>],
     pub(super) nk: usize,
@@ -15,6 +16,7 @@ pub(super) struct SecondOrder<'a, 'b> {
     pub(super) f2: f64,
     pub(super) power: f64,
     pub(super) limit: f64,
+    pub(super) exact: bool,
 }
 
 impl WithSimd for SecondOrder<'_, '_> {
@@ -24,7 +26,7 @@ impl WithSimd for SecondOrder<'_, '_> {
     fn with_simd<S: Simd>(self, _: S) -> Option<Normal> {
         // Fused where the processor can, which it can wherever it has vectors of four: the recursion waits for half as long.
         let fused = |a: f64, b: f64, c: f64| if S::F64_LANES >= 4 { a.mul_add(b, c) } else { a * b + c };
-        let Self { records, nk, f1, f2, power, limit } = self;
+        let Self { records, nk, f1, f2, power, limit, exact: wanted } = self;
         let (mut gram, mut right) = (0.0, 0.0);
         for work in records.iter_mut() {
             let delayed = work.y.get(nk..).unwrap_or_default();
@@ -44,11 +46,12 @@ impl WithSimd for SecondOrder<'_, '_> {
         if power - b * right > limit + 1e-9 * power {
             return None;
         }
-        let (mut cost, mut gradient, mut information, mut cross) = (0.0, [0.0; 2], [0.0; 3], [0.0; 2]);
+        let (mut cost, mut gradient, mut information, mut cross, mut bend) = (0.0, [0.0; 2], [0.0; 3], [0.0; 2], [0.0; 3]);
         for work in records.iter() {
             let (before, delayed) = work.y.split_at(nk.min(work.y.len()));
             cost += dot(before, before);
             let (mut w1, mut w2) = (0.0, 0.0);
+            let (mut z1, mut z2, mut z3, mut z4) = (0.0, 0.0, 0.0, 0.0);
             for (&x, &y) in work.uf.iter().zip(delayed) {
                 let model = b * x;
                 let r = y - model;
@@ -60,15 +63,27 @@ impl WithSimd for SecondOrder<'_, '_> {
                 information[2] = fused(w2, w2, information[2]);
                 cross[0] = fused(x, w1, cross[0]);
                 cross[1] = fused(x, w2, cross[1]);
+                bend[0] = fused(r, z2, bend[0]);
+                bend[1] = fused(r, z3, bend[1]);
+                bend[2] = fused(r, z4, bend[2]);
                 let w = fused(-f1, w1, fused(-f2, w2, model));
+                let z = fused(-f1, z1, fused(-f2, z2, w));
                 (w2, w1) = (w1, w);
+                (z4, z3, z2, z1) = (z3, z2, z1, z);
             }
         }
+        if !ridged.is_finite() {
+            return None;
+        }
+        // Half the second derivatives after b and F, b eliminated; where they bend downwards, the product of first derivatives alone.
+        let mixed = |i: usize| gradient[i] / b - cross[i];
+        let exact = |i: usize, j: usize| information[i + j] - 2.0 * bend[i + j] - mixed(i) * mixed(j) / ridged;
         let projected = |i: usize, j: usize| information[i + j] - cross[i] * cross[j] / ridged;
-        ridged.is_finite().then(|| Normal {
-            cost,
-            gradient: DVector::from_column_slice(&gradient),
-            information: DMatrix::from_fn(2, 2, projected),
-        })
+        let upwards = wanted && exact(0, 0) > 0.0 && exact(0, 0) * exact(1, 1) - exact(0, 1).powi(2) > CURVED * exact(0, 0) * exact(1, 1);
+        let information = if upwards { DMatrix::from_fn(2, 2, exact) } else { DMatrix::from_fn(2, 2, projected) };
+        Some(Normal { cost, gradient: DVector::from_column_slice(&gradient), information })
     }
 }
+
+/// A curvature matrix whose determinant is a smaller share of its diagonal's product is not to be inverted.
+const CURVED: f64 = 1e-9;

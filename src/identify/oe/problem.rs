@@ -42,6 +42,8 @@ pub(super) struct Problem<'a> {
     pub(super) linear: DVector<f64>,
     /// Σ y².
     pub(super) power: f64,
+    /// Second derivatives themselves where they are known ([`Problem::is_second_order`]), else the product of first ones.
+    pub(super) exact: bool,
     arch: Arch,
 }
 
@@ -71,7 +73,15 @@ impl<'a> Problem<'a> {
             }
         };
         let power = records.iter().map(|r| dot(&r.y, &r.y)).sum();
-        Self { orders, nk: 0, records: records.iter().map(work).collect(), linear: DVector::zeros(0), power, arch: Arch::new() }
+        Self {
+            orders,
+            nk: 0,
+            records: records.iter().map(work).collect(),
+            linear: DVector::zeros(0),
+            power,
+            exact: true,
+            arch: Arch::new(),
+        }
     }
 
     fn linear_count(&self) -> usize {
@@ -185,14 +195,18 @@ impl<'a> Problem<'a> {
         Some(right.iter().zip(&gram).map(|(r, g)| if *g > 0.0 { power - r * r / g } else { power }).collect())
     }
 
-    /// Cost, gradient and information at F; may be `None` where the cost is not below `limit`.
+    /// One numerator coefficient, two poles, a start at rest and no sample missing: [`Self::evaluate`] then knows the second derivatives.
+    pub(super) fn is_second_order(&self) -> bool {
+        let OutputError { nb, nf, initial } = self.orders;
+        (nb, nf, initial) == (1, 2, Initial::Zero) && self.records.iter().all(|r| r.weight.is_none())
+    }
+
+    /// Cost, gradient and information at F (second derivatives where [`Self::is_second_order`]); may be `None` where the cost is not below `limit`.
     pub(super) fn evaluate(&mut self, f: &[f64], limit: f64) -> Option<Normal> {
         if !is_stable(f) {
             return None;
         }
-        if let (&[f1, f2], 1, Initial::Zero) = (f, self.orders.nb, self.orders.initial)
-            && self.records.iter().all(|r| r.weight.is_none())
-        {
+        if let (&[f1, f2], true) = (f, self.is_second_order()) {
             return self.evaluate_second_order(f1, f2, limit);
         }
         self.filter(f);
@@ -263,7 +277,7 @@ impl<'a> Problem<'a> {
     /// [`Self::evaluate`] for one numerator coefficient, two poles, a start at rest and no sample missing.
     fn evaluate_second_order(&mut self, f1: f64, f2: f64, limit: f64) -> Option<Normal> {
         let arch = self.arch;
-        arch.dispatch(SecondOrder { records: &mut self.records, nk: self.nk, f1, f2, power: self.power, limit })
+        arch.dispatch(SecondOrder { records: &mut self.records, nk: self.nk, f1, f2, power: self.power, limit, exact: self.exact })
     }
 
     /// The loss alone.
@@ -362,17 +376,33 @@ mod tests {
         let weighted = records.clone().map(|r| Record { present: Some(vec![true; r.len()]), ..r });
         let orders = OutputError { nb: 1, nf: 2, initial: Initial::Zero };
         let (mut quick, mut general) = (Problem::new(orders, &records), Problem::new(orders, &weighted));
+        let mut upwards = 0;
         for nk in [0, 3, 120] {
             (quick.nk, general.nk) = (nk, nk);
             let at = [-0.9, 0.3];
             let (a, b) = (quick.evaluate(&at, f64::INFINITY).unwrap(), general.evaluate(&at, f64::INFINITY).unwrap());
             assert!((a.cost - b.cost).abs() < 1e-12 * b.cost);
             assert!((&a.gradient - &b.gradient).amax() < 1e-10 * b.gradient.amax());
-            assert!((&a.information - &b.information).amax() < 1e-10 * b.information.amax());
+            // Half the second derivatives of the loss, from differences of the gradient.
+            for i in 0..2 {
+                let h = 1e-5;
+                let mut gradient = |by: f64| {
+                    let mut moved = at;
+                    moved[i] += by;
+                    general.evaluate(&moved, f64::INFINITY).unwrap().gradient
+                };
+                let numeric = (gradient(h) - gradient(-h)) / (2.0 * h);
+                let off = (a.information.column(i) - numeric).amax();
+                // Where the loss bends downwards the product of first derivatives stands in.
+                let bends = (&a.information - &b.information).amax() < 1e-10 * b.information.amax();
+                assert!(bends || off < 1e-6 * a.information.amax(), "{nk}: {off}");
+                upwards += usize::from(!bends);
+            }
             assert!(quick.evaluate(&at, 0.5 * b.cost).is_none());
             quick.filter(&at);
             let ranked = quick.quick_costs(nk).unwrap()[nk];
             assert!((ranked - b.cost).abs() < 1e-10 * b.cost);
         }
+        assert!(upwards > 0, "second derivatives were compared nowhere");
     }
 }

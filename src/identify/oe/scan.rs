@@ -3,7 +3,7 @@
 use super::polynomial::is_stable;
 use super::problem::Problem;
 use super::{OeFit, OutputError, count};
-use crate::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
+use crate::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish, polish_exact};
 use crate::identify::regression::Record;
 use nalgebra::DVector;
 
@@ -52,6 +52,7 @@ impl OutputError {
     #[must_use]
     pub fn scan(&self, records: &[Record], max_delay: usize) -> Vec<Option<OeFit>> {
         let mut problem = Problem::new(*self, records);
+        let exact = problem.is_second_order();
         let search = LevenbergMarquardt {
             max_iterations: 60,
             gradient_tolerance: 1e-4,
@@ -61,12 +62,13 @@ impl OutputError {
         };
         let seeds = self.seeds(&mut problem, max_delay);
         let mut best: Vec<Option<crate::fit::Fit>> = vec![None; max_delay + 1];
-        for upwards in [true, false] {
+        // Twice: what one neighbour found on the way down may help the next on the way up.
+        for (sweep, upwards) in [true, false, true, false].into_iter().enumerate() {
             for step in 0..=max_delay {
                 let nk = if upwards { step } else { max_delay - step };
                 problem.nk = nk;
                 let mut starts: Vec<&[f64]> = Vec::new();
-                if upwards {
+                if sweep == 0 {
                     starts.extend(seeds[nk].iter().map(Vec::as_slice));
                 }
                 let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1).filter(|&n| n <= max_delay) };
@@ -102,6 +104,21 @@ impl OutputError {
                 }
             }
         }
+        // Second derivatives stop at the edge of stability; the product of first ones still creeps along it.
+        problem.exact = false;
+        for nk in (0..=max_delay).filter(|_| exact) {
+            problem.nk = nk;
+            let Some(stuck) = best[nk].as_ref().filter(|fit| !fit.stopped.converged()) else { continue };
+            let starts = std::iter::once(stuck.parameters.clone()).chain(seeds[nk].iter().cloned());
+            let crept = starts.map(|start| search.minimise(&start, |f| problem.evaluate(f, f64::INFINITY)));
+            best[nk] = best[nk]
+                .take()
+                .into_iter()
+                .chain(crept)
+                .filter(|f| f.stopped != Stopped::Undefined)
+                .min_by(|a, b| a.normal.cost.total_cmp(&b.normal.cost));
+        }
+        problem.exact = true;
         let samples = count(records);
         best.into_iter()
             .enumerate()
@@ -110,6 +127,9 @@ impl OutputError {
                 problem.nk = nk;
                 // The search only finds the valley; the minimum in it is Newton's, and where curvature does not let it, that of a search with tight tolerances.
                 if fit.stopped != Stopped::Cost {
+                    if exact {
+                        fit = polish_exact(fit, |f| problem.evaluate(f, f64::INFINITY));
+                    }
                     fit = polish(fit, |f| problem.evaluate(f, f64::INFINITY));
                     if fit.normal.slope(&vec![true; fit.parameters.len()]) > TIGHT {
                         let tight = LevenbergMarquardt { gradient_tolerance: TIGHT, step_tolerance: TIGHT, ..search.clone() };
@@ -148,7 +168,7 @@ impl OutputError {
         (ranked.into_iter().enumerate())
             .map(|(nk, mut entries)| {
                 entries.sort_by(|a, b| a.0.total_cmp(&b.0));
-                let mut seeds: Vec<Vec<f64>> = entries.into_iter().take(2).map(|e| e.1).collect();
+                let mut seeds: Vec<Vec<f64>> = entries.into_iter().take(3).map(|e| e.1).collect();
                 problem.nk = nk;
                 seeds.extend(problem.steiglitz_mcbride(3));
                 if self.nf == 0 {
