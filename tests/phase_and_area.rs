@@ -116,3 +116,49 @@ fn a_plant_that_area_methods_cannot_read_has_no_number() {
     let found = answer(method("area1").unwrap(), &Experiment::siso(ts(1.0), u, y), &Search::default());
     assert_eq!(found.outcome, Outcome::NotApplicable, "{found:?}");
 }
+
+#[test]
+fn hostile_records_get_an_answer_or_an_error_but_no_nan() {
+    let n = 400;
+    let u = rbs(n, 1.0, 1);
+    let y = second_order(&u, 0.4, [-1.3, 0.42], 4);
+    let pulse: Vec<f64> = (0..n).map(|t| f64::from(u8::from(t == 30))).collect();
+    let ramp: Vec<f64> = (0..n).map(|t| t as f64).collect();
+    let growing: Vec<f64> = (0..n).map(|t| 1.2_f64.powi(t as i32)).collect();
+    let wave: Vec<f64> = (0..n).map(|t| (0.3 * t as f64).sin()).collect();
+    let times = |x: &[f64], k: f64| x.iter().map(|v| v * k).collect::<Vec<_>>();
+    let cases = [
+        (u.clone(), y.clone()),
+        (u.clone(), u.clone()),
+        (pulse.clone(), second_order(&pulse, 0.4, [-1.3, 0.42], 4)),
+        (ramp.clone(), second_order(&ramp, 0.4, [-1.3, 0.42], 4)),
+        (u.clone(), growing.clone()),
+        (growing, y.clone()),
+        (wave.clone(), second_order(&wave, 0.4, [-1.3, 0.42], 4)),
+        (times(&u, 1e300), times(&y, 1e300)),
+        (times(&u, 1e-300), times(&y, 1e-300)),
+        (u.clone(), pulse),
+    ];
+    for name in ALL {
+        let estimator = method(name).unwrap().entry.with(serde_json::json!({})).unwrap();
+        for (case, (u, y)) in cases.iter().enumerate() {
+            for (max_delay, bias) in [(35, 1), (0, 0), (10, 3)] {
+                let search = Search { max_delay, default_bias: bias, ..Search::default() };
+                // A second recording of three samples has no row for any model.
+                let mut experiment = Experiment::siso(ts(1.0), u.clone(), y.clone());
+                experiment.recordings.push(Recording {
+                    inputs: vec![vec![1.0; 3]],
+                    outputs: vec![vec![0.5; 3].into()],
+                    states: Vec::new(),
+                });
+                let Ok(answers) = estimator.estimate(&experiment, &search) else { continue };
+                for e in answers.iter().map(|a| &a.estimate) {
+                    let [from, to] = e.ci95_s.unwrap_or([0.0; 2]);
+                    let numbers = [e.delay_s.unwrap_or(0.0), e.std_s.unwrap_or(0.0), e.raw_delay_s.unwrap_or(0.0), from, to];
+                    assert!(numbers.iter().all(|v| v.is_finite()), "{name}, case {case}, {max_delay}: {e:?}");
+                    assert!(e.delay_s.is_none_or(|d| from <= d && d <= to), "{name}, case {case}, {max_delay}: {e:?}");
+                }
+            }
+        }
+    }
+}
