@@ -146,3 +146,15 @@ fn the_standard_benchmark_beside_the_published_numbers() {
         }
     }
 }
+
+#[test]
+fn random_input_at_one_percent_noise_scores_as_published_or_better() {
+    for (name, published) in PUBLISHED {
+        for (&(kind, snr), published) in CELLS.iter().zip(published).filter(|((kind, snr), p)| *kind < 2 && *snr > 1.0 && p.is_finite()) {
+            let errors: Vec<f64> = cell(name, kind, snr, 8).iter().map(|(_, e)| error(e)).collect();
+            // area2 and moment are as biased as published; 2 more where moment gives no answer, which scores 10.
+            let limit = published + if *name == "moment" { 2.0 } else { 0.6 };
+            assert!(rms(&errors) <= limit, "{name}, input {kind}: {:.2} instead of {published}", rms(&errors));
+        }
+    }
+}

@@ -8,7 +8,7 @@ mod program;
 
 use std::process::{Command, Stdio};
 
-use deadtime::delay::METHODS;
+use deadtime::delay::{METHODS, Scope};
 use deadtime::log::{Channel, Log, read};
 use deadtime::model::c2d::{CONVERSIONS, Conversion, ZeroOrderHold};
 use deadtime::model::uav::{self, Dynamics};
@@ -160,8 +160,8 @@ fn the_estimate_file_has_the_keys_of_its_format_and_a_pair_for_every_input_and_o
     assert!(out.contains("assumed relative degree 1"), "{out}");
     for pair in report["pairs"].as_array().unwrap() {
         let methods: Vec<&str> = pair["estimates"].as_array().unwrap().iter().map(|e| e["method"].as_str().unwrap()).collect();
-        let all = deadtime::delay::METHODS.iter().filter(|m| m.scope == deadtime::delay::Scope::Pair);
-        assert_eq!(methods, all.map(|m| m.entry.name).collect::<Vec<_>>());
+        let of_pairs: Vec<&str> = METHODS.iter().filter(|m| m.scope == Scope::Pair).map(|m| m.entry.name).collect();
+        assert_eq!(methods, of_pairs);
         let real = pair["input"] == "delta_dir" && pair["output"] == "r";
         assert_eq!(pair["verdict"]["delay_s"].as_f64().map(|d| (d * 1e6).round()), real.then_some(3e5), "{pair}");
     }

@@ -626,6 +626,7 @@ fn options_survive_the_way_through_json() {
 
 #[test]
 fn option_structs_survive_the_way_through_json_with_other_values() {
+    use deadtime::delay::{Area1, Area2, Area3, Arxdap, Firdap, Fischer, Lagudap, Moment, Oedap};
     use deadtime::delay::{
         Armaxstruc, Arxstruc, Center, Cost, Cusum, CusumStep, Delayest, Elnaggar, Impulseest, Initial, Ivstruc, Met1struc, OePosterior,
         Oestruc, Others, P3dz, Poles, Prewindow, Process, Records, SamplingZero, Selection, StateLeastSquares, Step, Threshold, TwoStep,
@@ -647,6 +648,15 @@ fn option_structs_survive_the_way_through_json_with_other_values() {
     }
     there_and_back(SamplingZero { initial: Initial::Estimated, max_samples: 17 });
     there_and_back(TwoStep { max_turns: 3, max_samples: 17 });
+    there_and_back(Firdap { taps: 40 });
+    there_and_back(Arxdap { na: 3, nb: 2 });
+    there_and_back(Oedap { nb: 2, nf: 4, max_samples: 17 });
+    there_and_back(Lagudap { order: Some(12), pole: Some(0.4), max_samples: 17 });
+    there_and_back(Fischer { order: 20 });
+    there_and_back(Area1 { held: 90 });
+    there_and_back(Area2 { taps: 40 });
+    there_and_back(Area3 { taps: 40 });
+    there_and_back(Moment { taps: 40 });
     there_and_back(Oestruc { nb: 2, nf: 4, initial: Initial::Estimated, max_samples: 17 });
     let threshold = Threshold { taps: 9, h_std: 3.5, family_wise: Some(0.05), records: Records::Averaged, prewindow: Prewindow::Rest };
     there_and_back(threshold);

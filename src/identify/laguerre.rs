@@ -6,7 +6,7 @@ use super::regression::{Record, dot};
 
 /// y(t) = Σ cₖ Lₖ(q) u(t) + e(t), Lₖ(z) = √(1 − a²)/(z − a)·((1 − az)/(z − a))^(k−1), fitted by least squares. Records are taken to begin at rest.
 ///
-/// Source: Wahlberg (1991), "System identification using Laguerre models", IEEE Trans. Automat. Contr. 36(5), 551-562, doi:10.1109/9.76361.
+/// Source: Wahlberg (1991), "System identification using Laguerre models", IEEE Trans. Automat. Contr. 36(5), 551-562.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Laguerre {
     /// a.

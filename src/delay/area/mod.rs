@@ -62,7 +62,7 @@ fn answer(lags: Lags, [one, two]: [Reading; 2], bias: usize, max_delay: usize, e
     let std = chosen.std.hypot((to.delay - from.delay + 2.0 * BETWEEN) / 12.0_f64.sqrt());
     #[allow(clippy::cast_precision_loss)]
     let (longest, off) = (max_delay as f64, bias as f64 - 1.0);
-    let narrower = std <= longest / 12.0_f64.sqrt();
+    let narrower = std <= longest.max(1.0) / 12.0_f64.sqrt();
     if !narrower {
         let note = format!("a standard deviation of {std:.1} samples says no more than the search window does");
         return DelayEstimate::without(Outcome::Flat, note);

@@ -131,7 +131,7 @@ impl AllPass {
         let interval = [self.raw - most - 1.96 * self.std, self.raw - least.min(0.0) + 1.96 * self.std + FRACTION];
         // What is hidden is anywhere between its ends.
         let std = self.std.hypot((most - least).hypot(FRACTION) / 12.0_f64.sqrt());
-        let narrower = std <= longest / 12.0_f64.sqrt();
+        let narrower = std <= longest.max(1.0) / 12.0_f64.sqrt();
         if !narrower {
             let note = format!("a standard deviation of {std:.1} samples says no more than the search window does");
             return DelayEstimate::without(Outcome::Flat, note);

@@ -21,9 +21,9 @@ use crate::registry::entry;
 /// record that they cover (a wide interval, or `flat`); the plant is of higher order (early or late by a sample or two); outputs are missing (`not_applicable`); or under
 /// feedback (biased).
 /// Source: Fischer and Medvedev (1999), "L2 time delay estimation by means of Laguerre functions", Proc. ACC, 455-459, doi:10.1109/ACC.1999.782869, for the spectrum of
-/// a delayed signal; their "Laguerre shift identification of a pressurized process" (Proc. ACC, 1998) for models in the Laguerre domain; Björklund (2003),
-/// LiU-TEK-LIC-2003:60, class 1c (`fischer`), good on steps and poor on random inputs. Only their abstracts were to be had: the authors identify by a subspace method, here
-/// the model is that of `oestruc`; pole and number of sequences are chosen so that these fill four fifths of the longest record; Björklund's choices are not known here.
+/// a delayed signal; their "Laguerre shift identification of a pressurized process" (late 1990s) for models in the Laguerre domain; Björklund (2003),
+/// LiU-TEK-LIC-2003:60, class 1c (`fischer`), good on steps and poor on random inputs. Neither paper was to be had, only what later ones say of them: where the authors identify by a subspace method,
+/// the model here is that of `oestruc`; pole and number of sequences are chosen so that these fill four fifths of the longest record; Björklund's choices are not known here.
 ///
 /// # Example
 /// ```

@@ -20,7 +20,7 @@ use crate::registry::entry;
 /// real pole suits it badly), the gain at frequency 0 is small against the noise (zeros near z = 1: left out with a note, or `flat`), or the input is too poor
 /// (`not_rich_enough`).
 /// The interval has in it how far the series of other poles that fit about as well disagree, in the median: they differ by what each misses.
-/// Source: Wahlberg (1991), IEEE Trans. Automat. Contr. 36(5), 551-562, doi:10.1109/9.76361, for the series; Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285, and
+/// Source: Wahlberg (1991), IEEE Trans. Automat. Contr. 36(5), 551-562, for the series; Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285, and
 /// Björklund and Ljung (2009), Automatica 45(10), 2467-2470, for the delay (10 filters with the pole 0.8 there). Björklund's `lagudap2` (2003,
 /// LiU-TEK-LIC-2003:60) may choose the pole otherwise; here the one of twelve that fits best is taken. On the guard against zeros near 1 see the head of `all_pass`.
 ///
