@@ -169,7 +169,7 @@ fn the_unstable_lateral_dynamics_are_found_within_a_sample_for_delays_up_to_ten(
                     .map(|name| {
                         [0, 1].map(|output| {
                             let y = sum(&outputs[output], &white(n, 0.01 * std_dev(&outputs[output]), 90 + seed));
-                            let search = Search { bias: vec![vec![1 - output]], ..Search::default() };
+                            let search = Search { bias: vec![vec![1 - output]], min_delay: 1 - output, ..Search::default() };
                             let e = answer(method(name), &Experiment::siso(ts(seconds), u.clone(), y), &search);
                             if e.outcome != Outcome::Found && *name == "armaxstruc" {
                                 println!("{seconds} s, {delay} samples, output {output}: {:?}", e.note);
@@ -267,7 +267,7 @@ fn bjorklunds_closed_loop_cells() {
                     let (u, y) = bjorklund(plant, controller, noise, std, 100 * cell as u64 + seed);
                     let experiment = Experiment::siso(ts(1.0), u, y);
                     names.map(|name| {
-                        let e = answer(method(name), &experiment, &Search { max_delay: 20, ..Search::default() });
+                        let e = answer(method(name), &experiment, &Search { min_delay: 1, max_delay: 20, ..Search::default() });
                         let found = e.delay_s.map_or(20.0, |d| (d + 1.0).min(20.0));
                         (found - 10.0, e.ci95_s.is_some_and(|[from, to]| from <= 9.0 && 9.0 <= to))
                     })
@@ -334,6 +334,7 @@ fn two_pushes(left: Vec<f64>, right: Vec<f64>) -> Experiment {
         outputs: vec!["y".into()],
         recordings: vec![Recording { inputs, outputs: y.into_iter().map(Into::into).collect(), states }],
         model: Some(PlantModel::Sampled(plant)),
+        events: Vec::new(),
     }
 }
 
@@ -387,6 +388,7 @@ fn arxstruc_with_the_other_input_as_regressor_finds_two_delays_of_correlated_inp
                 outputs: vec!["y".into()],
                 recordings: vec![Recording { inputs: vec![left, right], outputs: vec![y.into()], states: Vec::new() }],
                 model: None,
+                events: Vec::new(),
             };
             let estimator = method("arxstruc").entry.with(serde_json::json!({ "others": others })).unwrap();
             let answers = estimator.estimate(&experiment, &Search::default()).unwrap();
