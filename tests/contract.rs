@@ -340,7 +340,11 @@ fn an_estimator_keeps_nothing_from_one_experiment_to_the_next() {
 fn a_record_that_is_too_short_is_refused_with_the_length_it_needs() {
     for method in METHODS {
         // A record that is cut where its input still rests is refused as constant, which is another matter: it begins shortly before the first motion.
-        let first = suitable(method).recordings[0].inputs.first().map_or(0, |u| u.iter().position(|v| *v != u[0]).unwrap_or(0));
+        let first = suitable(method)
+            .recordings
+            .first()
+            .and_then(|r| r.inputs.first().cloned())
+            .map_or(0, |u| u.iter().position(|v| *v != u[0]).unwrap_or(0));
         let cut = |samples: usize| {
             let mut experiment = suitable(method);
             let part = |c: &mut Vec<f64>| *c = c.iter().skip(first.saturating_sub(4)).take(samples).copied().collect();

@@ -11,8 +11,8 @@ use serde_json::Value;
 use super::source::Source;
 use super::write_json;
 use crate::delay::{
-    Condition, DelayEstimate, DelayEstimator, Detrend, Experiment, Finding, Information, METHODS, Method, Outcome, PlantModel, Recording,
-    Richness, Scope, Search, Start, Threshold, conditions, moving_together, richness, verdict,
+    Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Experiment, Finding, Information, METHODS, Method, Outcome, PlantModel,
+    Recording, Richness, Scope, Search, Start, Threshold, conditions, moving_together, richness, verdict,
 };
 use crate::file::write_atomic;
 use crate::identify::fir;
@@ -251,7 +251,7 @@ impl Job {
                 // What has no prediction has none; why it cannot be used at all each method says itself.
                 let predicted =
                     richness(rested.as_ref().unwrap_or(&one), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
-                let answer = |(ready, predicted): (&&Ready, Option<Richness>)| {
+                let answer = |(ready, predicted): (&&Ready, Option<Richness>)| -> anyhow::Result<Answer> {
                     let clock = Instant::now();
                     // What a method cannot do with this log is its answer; the others go on.
                     let sees = match ready.method.start {
@@ -262,11 +262,13 @@ impl Job {
                     let estimate = match ready.estimator.estimate(sees, &search) {
                         Ok(mut estimates) if !estimates.is_empty() => estimates.remove(0).estimate,
                         Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for this pair"),
+                        // What was typed wrong stops the command.
+                        Err(e @ DelayError::Option { .. }) => return Err(e.into()),
                         Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                     };
-                    Answer { method: ready.method, estimate, predicted, time_s: clock.elapsed().as_secs_f64() }
+                    Ok(Answer { method: ready.method, estimate, predicted, time_s: clock.elapsed().as_secs_f64() })
                 };
-                let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect();
+                let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<anyhow::Result<_>>()?;
                 pairs.push(pair(input, output, &answers, findings, experiment.sample_time));
             }
         }

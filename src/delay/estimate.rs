@@ -64,13 +64,24 @@ pub struct DelayEstimate {
     pub degree_bias_samples: f64,
     /// What a reader must know besides.
     pub note: Option<String>,
+    /// What the method leaves over shows that its own model is not that of the data: its interval then says less than it seems to.
+    pub contradicted: bool,
 }
 
 impl DelayEstimate {
     /// An answer without a delay.
     #[must_use]
     pub fn without(outcome: Outcome, note: impl Into<String>) -> Self {
-        Self { outcome, delay_s: None, std_s: None, ci95_s: None, raw_delay_s: None, degree_bias_samples: 0.0, note: Some(note.into()) }
+        Self {
+            outcome,
+            delay_s: None,
+            std_s: None,
+            ci95_s: None,
+            raw_delay_s: None,
+            degree_bias_samples: 0.0,
+            note: Some(note.into()),
+            contradicted: false,
+        }
     }
 
     /// An answer of a method that counts samples: raw value, standard deviation and interval in samples, before the bias is taken off.
@@ -89,6 +100,7 @@ impl DelayEstimate {
             ci95_s: Some(interval.map(seconds)),
             raw_delay_s: Some(sample_time.to_seconds(raw)),
             degree_bias_samples: off,
+            contradicted: false,
             note: at_edge.then(|| "the best delay is the longest searched: give a longer --max-delay".to_owned()),
         }
     }
@@ -102,6 +114,13 @@ impl DelayEstimate {
         self.raw_delay_s = self.raw_delay_s.map(|v| v + later_s);
         let note = "the output reacts within the sample: no dead time, and a direct path or a faster response than assumed";
         self.noting(within.then(|| note.to_owned()))
+    }
+
+    /// Marks the answer where what the method leaves over contradicts it, and says so.
+    #[must_use]
+    pub(super) fn contradicted(mut self, why: Option<String>) -> Self {
+        self.contradicted |= why.is_some();
+        self.noting(why)
     }
 
     /// Adds a sentence to the note.

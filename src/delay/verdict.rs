@@ -26,7 +26,7 @@ pub fn distrust(method: &Method, findings: &[Finding]) -> Vec<Condition> {
 
 /// Weighs answers for one pair. `answers` are (method, answer), within a class the most trusted first; `findings` is what the record shows.
 ///
-/// Methods that do not withstand what the record shows are not counted, unless no other has answered. Each class of methods has one voice, shared by those of its
+/// Methods that do not withstand what the record shows are not counted, nor answers that are contradicted by what they leave over, unless no other has answered. Each class of methods has one voice, shared by those of its
 /// methods that found a delay. The delay that most voices hold inside their intervals gathers the group; the number is the group's median, weighted by voice
 /// and certainty (no method is taken for more certain than a sample allows, because a model that is too small is wrong by more than it says), and the interval is
 /// that of the method that gave it.
@@ -37,7 +37,7 @@ pub fn verdict(answers: &[(&Method, &DelayEstimate)], findings: &[Finding], samp
         let why = format!("no method found a delay to believe ({})", outcomes(answers, |_| true));
         return Verdict { delay_s: None, ci95_s: None, why };
     }
-    let trusted: Vec<&Found<'_>> = found.iter().filter(|f| f.distrust.is_empty()).collect();
+    let trusted: Vec<&Found<'_>> = found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
     let nobody = trusted.is_empty();
     let counted: Vec<&Found<'_>> = if nobody { found.iter().collect() } else { trusted };
     let voices = voices(&counted);
@@ -68,10 +68,14 @@ pub fn verdict(answers: &[(&Method, &DelayEstimate)], findings: &[Finding], samp
         why.push_str(&format!("; {} more say otherwise", differ.len() - MOST_NAMED));
     }
     if nobody {
-        why.push_str("; no method is made for what the record shows, so this is a guess");
+        why.push_str("; no method is made for what the record shows, or the data contradict its model, so this is a guess");
     }
     for (conditions, methods) in by_reason(&found).iter().filter(|_| !nobody) {
         why.push_str(&format!("; not counted because of {}: {}", joined(conditions.iter().map(|c| c.words())), methods.join(", ")));
+    }
+    let contradicted: Vec<&str> = found.iter().filter(|f| f.contradicted && f.distrust.is_empty()).map(|f| f.method).collect();
+    if !(nobody || contradicted.is_empty()) {
+        why.push_str(&format!("; not counted because the data contradict their model: {}", contradicted.join(", ")));
     }
     let silent = outcomes(answers, |e| !matches!(e.outcome, Outcome::Found | Outcome::NotApplicable));
     if !silent.is_empty() {
@@ -124,6 +128,7 @@ struct Found<'a> {
     /// The same, at least as wide as a count of samples leaves it.
     open_s: [f64; 2],
     distrust: Vec<Condition>,
+    contradicted: bool,
 }
 
 impl<'a> Found<'a> {
@@ -139,6 +144,7 @@ impl<'a> Found<'a> {
             interval_s,
             open_s: [interval_s[0].min(delay_s - 1.96 * resolution_s), interval_s[1].max(delay_s + 1.96 * resolution_s)],
             distrust: distrust(method, findings),
+            contradicted: estimate.contradicted,
         })
     }
 
@@ -229,6 +235,14 @@ mod tests {
         let v = of(&[("oestruc", &open), ("threshold", &open)], &shows(Condition::Feedback));
         assert_eq!(v.delay_s, Some(1.0), "better a guess than nothing, and said");
         assert!(v.why.contains("this is a guess"), "{}", v.why);
+    }
+
+    #[test]
+    fn an_answer_that_its_own_leftovers_contradict_is_not_counted() {
+        let (sharp, plain) = (answer(1.0, 0.001).contradicted(Some("the leftovers follow the input".to_owned())), answer(2.0, 0.1));
+        let v = of(&[("p2d", &sharp), ("oestruc", &plain)], &[]);
+        assert_eq!(v.delay_s, Some(2.0));
+        assert!(v.why.contains("the data contradict their model: p2d"), "{}", v.why);
     }
 
     #[test]

@@ -37,6 +37,9 @@ pub struct Estimate {
     /// What the record shows that the method does not withstand.
     #[serde(skip)]
     pub distrust: Vec<Condition>,
+    /// What the method leaves over contradicts its own model.
+    #[serde(skip)]
+    pub contradicted: bool,
 }
 
 impl Estimate {
@@ -56,6 +59,7 @@ impl Estimate {
             time_s,
             class: method.class,
             distrust: distrust(method, findings),
+            contradicted: estimate.contradicted,
         }
     }
 }
@@ -160,6 +164,7 @@ impl Report {
             let interval = e.ci95_s.map_or_else(|| "–".to_owned(), |[a, b]| format!("{} … {}", seconds(a, step), seconds(b, step)));
             let bias = if e.delay_s.is_some() { e.degree_bias_samples.to_string() } else { "–".to_owned() };
             let counts = match (e.outcome, e.distrust.as_slice()) {
+                (Outcome::Found, []) if e.contradicted => "no: contradicted".to_owned(),
                 (Outcome::Found, []) => "yes".to_owned(),
                 (Outcome::Found, reasons) => format!("no: {}", reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(", ")),
                 _ => "–".to_owned(),
@@ -207,7 +212,7 @@ impl<'a> Shown<'a> {
 impl Estimate {
     /// A delay was found, and the record shows nothing that the method does not withstand.
     fn counts(&self) -> bool {
-        self.outcome == Outcome::Found && self.distrust.is_empty()
+        self.outcome == Outcome::Found && self.distrust.is_empty() && !self.contradicted
     }
 }
 

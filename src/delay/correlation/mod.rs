@@ -414,7 +414,7 @@ impl Alike {
         let ends = [ends[0].min(raw - ROUNDING), ends[1].max(raw + ROUNDING)];
         #[allow(clippy::cast_precision_loss)]
         let estimate = DelayEstimate::measured(raw, std, ends, self.lag == max_delay, bias as f64, experiment.sample_time);
-        let estimate = estimate.noting(self.bent.map(|spread| {
+        let estimate = estimate.contradicted(self.bent.map(|spread| {
             format!("frequencies differ in their delay by {spread:.2} samples: the output is no delayed copy, and the plant's own lag counts as delay")
         }));
         estimate.noting((!also.is_empty()).then(|| format!("the interval holds {} other peaks that noise may have lowered", also.len())))

@@ -384,6 +384,7 @@ fn combined(answers: &[Answer], window: f64) -> DelayEstimate {
         ci95_s: Some(ends.map(|d| d.max(0.0))),
         raw_delay_s: Some(raw),
         degree_bias_samples: 0.0,
+        contradicted: false,
         note: None,
     };
     let refused = answers.len() - found.len();

@@ -51,6 +51,17 @@ struct Work<'a> {
     mask: Option<Vec<f64>>,
 }
 
+/// Takes the mean off the samples that count: with all columns centred alike, every record has a level of its own that is fitted with the rest (Frisch and Waugh,
+/// 1933, doi:10.2307/1907330). Means that were taken off input and output belong together only where both were measured throughout.
+fn centre(column: &mut [f64], mask: Option<&[f64]>) {
+    let counted = mask.map_or(count(column.len()), |m| m.iter().sum());
+    let mean = column.iter().sum::<f64>() / counted.max(1.0);
+    match mask {
+        None => column.iter_mut().for_each(|v| *v -= mean),
+        Some(m) => column.iter_mut().zip(m).for_each(|(v, m)| *v -= m * mean),
+    }
+}
+
 /// What is fitted to what.
 pub(super) struct Problem<'a> {
     shape: Shape,
@@ -87,7 +98,8 @@ impl<'a> Problem<'a> {
             let counts = |t: usize| t >= first && r.present.as_ref().is_none_or(|p| p[t]);
             let mask: Option<Vec<f64>> =
                 (r.present.is_some() || first > 0).then(|| (0..n).map(|t| f64::from(u8::from(counts(t)))).collect());
-            let y = (0..n).map(|t| if counts(t) { r.y[t] } else { 0.0 }).collect();
+            let mut y: Vec<f64> = (0..n).map(|t| if counts(t) { r.y[t] } else { 0.0 }).collect();
+            centre(&mut y, mask.as_deref());
             Work { u: &r.u[..n], y, mask }
         };
         let records: Vec<Work<'a>> = records.iter().map(work).collect();
@@ -107,7 +119,7 @@ impl<'a> Problem<'a> {
     /// Free parameters of a fit, the delay among them.
     pub(super) fn parameters(&self) -> usize {
         let starts = if self.initial == Initial::Estimated { self.shape.poles * self.records.len() } else { 0 };
-        self.shape.denominator() + self.shape.numerator() + starts + 1
+        self.shape.denominator() + self.shape.numerator() + starts + self.records.len() + 1
     }
 
     /// Delays count in whole samples.
@@ -162,6 +174,9 @@ impl<'a> Problem<'a> {
                         start_slopes[at].push(column);
                     }
                 }
+            }
+            for column in linear.iter_mut().chain(&mut other).chain(start_slopes.iter_mut().flatten()) {
+                centre(&mut column[from..from + n], work.mask.as_deref());
             }
             from += n;
         }

@@ -271,18 +271,12 @@ impl Process {
         }
         let std = ((delay - from).max(to - delay) / knowledge.quantile).max(RESOLVED);
         let at_edge = delay >= longest - EDGE;
-        let mut notes = Vec::new();
-        if shortened {
-            notes.push(format!("used the first {} of {got} samples", self.max_samples));
-        }
-        if knowledge.leaves(records, max_delay) {
-            notes.push(
-                "what the model leaves over still follows the input: a plant of another shape, whose lag may be in the dead time"
-                    .to_owned(),
-            );
-        }
-        let note = (!notes.is_empty()).then(|| notes.join("; "));
-        Ok(DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time).noting(note))
+        let used = shortened.then(|| format!("used the first {} of {got} samples", self.max_samples));
+        let left = knowledge.leaves(records, max_delay).then(|| {
+            "what the model leaves over still follows the input: a plant of another shape, whose lag may be in the dead time".to_owned()
+        });
+        let estimate = DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time);
+        Ok(estimate.noting(used).contradicted(left))
     }
 }
 

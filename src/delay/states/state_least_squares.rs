@@ -322,6 +322,7 @@ impl StateLeastSquares {
                     ci95_s: finite.then(|| [delay - 1.96 * std, delay + 1.96 * std].map(|d| ts.to_seconds(d.max(0.0)))),
                     raw_delay_s: Some(ts.to_seconds(sum)),
                     degree_bias_samples: 0.0,
+                    contradicted: false,
                     note: Some(note),
                 }
                 .noting(apart)
@@ -404,6 +405,9 @@ fn angles(gram: &DMatrix<f64>, inputs: usize) -> Vec<f64> {
 
 /// Combinations of the columns behind a Gram matrix that are orthonormal and span what they do; `None` where that is nothing.
 fn basis(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if gram.is_empty() {
+        return None;
+    }
     let eigen = nalgebra::SymmetricEigen::try_new(gram, f64::EPSILON, 10_000)?;
     let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
     // Half of the digits of a Gram matrix are those of its columns.
