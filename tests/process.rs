@@ -138,21 +138,21 @@ fn several_records_say_more_than_one() {
 }
 
 #[test]
-fn the_search_finds_what_starts_at_every_half_sample_find() {
+fn the_search_finds_what_starts_at_every_half_sample_up_to_twenty_find() {
     for name in ["p1d", "p2d", "p3d", "p2dz"] {
-        let worse = (0..24_u64).into_par_iter().filter(|&seed| {
+        let worse = (0..8_u64).into_par_iter().filter(|&seed| {
             let (_, experiment) = drawn(name, 500 + seed, 300, [0.01, 0.3, 1.0][seed as usize % 3]);
             let plain = with(name, json!({}), &experiment, &Search::default());
             let Some(found) = plain.delay_s else { return false };
             // Another start may find a lower minimum only where the search has missed one.
-            (0..70).any(|i| {
+            (0..40).any(|i| {
                 let e = with(name, json!({ "initial_delay_s": f64::from(i) * 0.5 * TS }), &experiment, &Search::default());
                 e.delay_s.is_none_or(|d| (d - found).abs() > 1e-3 * TS)
             })
         });
         let worse = worse.count();
-        println!("{name}: {worse} of 24 answers change with the start");
-        assert!(worse <= 1, "{name}: {worse} of 24");
+        println!("{name}: {worse} of 8 answers change with the start");
+        assert!(worse <= 1, "{name}: {worse} of 8");
     }
 }
 

@@ -100,7 +100,7 @@ fn every_pair(
     for output in 0..experiment.outputs.len() {
         for input in 0..experiment.inputs.len() {
             let skip = search.skip();
-            let records: Vec<Record> = experiment.pair(input, output)?.into_iter().map(|r| later(r, skip)).collect();
+            let records: Vec<Record> = experiment.pair(input, output)?.iter().map(|r| r.ahead(skip)).collect();
             let bias = search.bias(input, output);
             let mut estimate = method(&records, search.max_delay - skip, bias)?;
             if estimate.outcome == Outcome::AtEdge
@@ -117,19 +117,6 @@ fn every_pair(
     Ok(estimates)
 }
 
-/// The record with its input that many samples later, so that shorter delays are out of reach.
-fn later(record: Record, samples: usize) -> Record {
-    let samples = samples.min(record.len());
-    if samples == 0 {
-        return record;
-    }
-    Record {
-        u: record.u[..record.len() - samples].to_vec(),
-        y: record.y[samples..].to_vec(),
-        present: record.present.map(|p| p[samples..].to_vec()),
-    }
-}
-
 /// Runs `method` on all inputs of every output together, records and bias by input, with the window doubled once where an answer is the longest delay searched.
 fn every_output(
     experiment: &Experiment,
@@ -140,7 +127,7 @@ fn every_output(
     let mut answers = Vec::new();
     for output in 0..experiment.outputs.len() {
         let skip = search.skip();
-        let moved = |input| Ok(experiment.pair(input, output)?.into_iter().map(|r| later(r, skip)).collect());
+        let moved = |input| Ok(experiment.pair(input, output)?.iter().map(|r| r.ahead(skip)).collect());
         let inputs = (0..experiment.inputs.len()).map(moved).collect::<Result<Vec<Vec<Record>>, DelayError>>()?;
         let bias: Vec<usize> = (0..inputs.len()).map(|input| search.bias(input, output)).collect();
         let mut estimates = method(&inputs, search.max_delay - skip, &bias)?;

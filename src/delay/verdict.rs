@@ -27,7 +27,7 @@ pub fn distrust(method: &Method, findings: &[Finding]) -> Vec<Condition> {
 /// Weighs answers for one pair. `answers` are (method, answer), within a class the most trusted first; `findings` is what the record shows.
 ///
 /// Methods that do not withstand what the record shows are not counted, nor answers that are contradicted by what they leave over, unless no other has answered. Each class of methods has one voice, shared by those of its
-/// methods that found a delay. The delay that most voices hold inside their intervals gathers the group; the number is the group's median, weighted by voice
+/// methods that found a delay ([`Class::voice`]). The delay that most voices hold inside their intervals gathers the group; the number is the group's median, weighted by voice
 /// and certainty (no method is taken for more certain than a sample allows, because a model that is too small is wrong by more than it says), and the interval is
 /// that of the method that gave it.
 #[must_use]
@@ -122,7 +122,7 @@ struct Found<'a> {
     method: &'a str,
     class: Class,
     delay_s: f64,
-    /// Standard deviation, s, at least that of a delay known to the nearest sample.
+    /// Standard deviation, s, at least a sample.
     std_s: f64,
     interval_s: [f64; 2],
     /// The same, at least as wide as a count of samples leaves it.
@@ -140,7 +140,7 @@ impl<'a> Found<'a> {
             method: method.entry.name,
             class: method.class,
             delay_s,
-            std_s: estimate.std_s.unwrap_or(f64::INFINITY).max(resolution_s),
+            std_s: estimate.std_s.unwrap_or(f64::INFINITY).max(sample_time.seconds()),
             interval_s,
             open_s: [interval_s[0].min(delay_s - 1.96 * resolution_s), interval_s[1].max(delay_s + 1.96 * resolution_s)],
             distrust: distrust(method, findings),
@@ -154,10 +154,10 @@ impl<'a> Found<'a> {
     }
 }
 
-/// One voice per class, shared by its methods.
+/// The voice of each class, shared by its methods.
 fn voices(found: &[&Found<'_>]) -> Vec<f64> {
     #[allow(clippy::cast_precision_loss)]
-    found.iter().map(|f| 1.0 / found.iter().filter(|g| g.class == f.class).count() as f64).collect()
+    found.iter().map(|f| f.class.voice() / found.iter().filter(|g| g.class == f.class).count() as f64).collect()
 }
 
 /// The weighted median, and of equal answers the most trusted one's.
@@ -203,9 +203,9 @@ mod tests {
     fn the_delay_that_more_classes_hold_wins_over_the_more_trusted_loner() {
         let (a, b, c) = (answer(1.0, 0.01), answer(2.0, 0.1), answer(2.1, 0.1));
         let v = of(&[("oestruc", &a), ("threshold", &b), ("state_least_squares", &c)], &[]);
-        assert_eq!(v.delay_s, Some(2.0));
+        assert_eq!(v.delay_s, Some(2.1));
         assert!(
-            v.why.starts_with("threshold says so, and state_least_squares agrees") && v.why.contains("oestruc says 1.0000 s"),
+            v.why.starts_with("state_least_squares says so, and threshold agrees") && v.why.contains("oestruc says 1.0000 s"),
             "{}",
             v.why
         );
@@ -216,7 +216,7 @@ mod tests {
         let (sharp, early, early_too) = (answer(2.0, 0.1), answer(1.0, 0.1), answer(1.0, 0.1));
         let v = of(&[("oestruc", &sharp), ("threshold", &early), ("threshold_step", &early_too)], &[]);
         assert_eq!(v.delay_s, Some(2.0), "two thresholds on one response are one voice: {}", v.why);
-        assert!(v.why.contains("the methods disagree"), "{}", v.why);
+        assert!(v.why.contains("threshold says 1.0000 s; threshold_step says 1.0000 s"), "{}", v.why);
     }
 
     #[test]

@@ -329,7 +329,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The second stage of Hannan and Rissanen: `errors` of a long ARX model, one per row of each stretch, as if they were measured.
-    fn from_errors(&mut self, errors: &[Vec<f64>]) -> Option<Vec<f64>> {
+    fn start_by_errors(&mut self, errors: &[Vec<f64>]) -> Option<Vec<f64>> {
         let nc = self.orders.nc;
         self.filter(&vec![0.0; nc]);
         let k = self.orders.na + self.m + nc;
@@ -544,14 +544,14 @@ impl Armax {
 
     fn without_input(&self, problem: &mut Problem<'_>, errors: &[Vec<f64>]) -> Option<ArmaxFit> {
         (problem.nk, problem.m) = (0, 0);
-        let starts = table(self.nc).into_iter().chain(problem.from_errors(errors));
+        let starts = table(self.nc).into_iter().chain(problem.start_by_errors(errors));
         let fits: Vec<ArmaxFit> = starts.filter_map(|c| search(problem, &c)).collect();
         fits.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss))
     }
 
     /// The best of the starts that need no other fit.
     fn best_seed(&self, problem: &mut Problem<'_>, errors: &[Vec<f64>]) -> Option<Vec<f64>> {
-        let starts = table(self.nc).into_iter().chain(problem.from_errors(errors));
+        let starts = table(self.nc).into_iter().chain(problem.start_by_errors(errors));
         let ranked: Vec<(f64, Vec<f64>)> = starts.filter_map(|c| Some((problem.cost(&c)?, c))).collect();
         ranked.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, c)| c)
     }

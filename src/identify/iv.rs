@@ -101,6 +101,9 @@ fn autoregression(signals: &[Vec<f64>], order: usize) -> Option<(Vec<f64>, f64)>
     Some((d, loss))
 }
 
+/// A simulated output, and what the measured one leaves.
+type Simulated = [Vec<f64>; 2];
+
 impl RefinedIv {
     /// The best model for nk = 0 … `max_delay`, on records that begin at rest and have no missing sample; `None` for a delay that has none.
     #[must_use]
@@ -169,7 +172,7 @@ impl RefinedIv {
     }
 
     /// B for given F and D, by least squares on the whitened signals; the simulation and what it leaves.
-    fn simulate(&self, records: &[Record], nk: usize, f: &[f64], d: &[f64]) -> Option<(Vec<f64>, Vec<[Vec<f64>; 2]>)> {
+    fn simulate(&self, records: &[Record], nk: usize, f: &[f64], d: &[f64]) -> Option<(Vec<f64>, Vec<Simulated>)> {
         let (mut gram, mut right) = (DMatrix::zeros(self.nb, self.nb), DVector::zeros(self.nb));
         let filtered: Vec<Vec<f64>> = records.iter().map(|r| through(&r.u[..r.len()], f)).collect();
         for (r, uf) in records.iter().zip(&filtered) {

@@ -154,7 +154,14 @@ impl Ivstruc {
         let raw = best as f64;
         let note = cut.is_some().then(|| format!("used the first {} of {got} samples", self.max_samples));
         let [from, to] = posterior.ends;
-        let estimate = DelayEstimate::counted(raw, posterior.std, [from - 0.5, to + 0.5], best == max_delay, bias, experiment.sample_time);
+        let estimate = DelayEstimate::counted(
+            raw,
+            posterior.std,
+            posterior::first_coefficient(from, to, bias),
+            best == max_delay,
+            bias,
+            experiment.sample_time,
+        );
         Ok(estimate.noting(note))
     }
 }

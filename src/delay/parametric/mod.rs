@@ -27,26 +27,24 @@ use crate::identify::Record;
 
 /// The first `most` samples of every record; `None` where none is longer.
 fn heads(records: &[Record], most: usize) -> Option<Vec<Record>> {
-    let head = |r: &Record| {
-        let n = r.len().min(most);
-        Record { u: r.u[..n].to_vec(), y: r.y[..n].to_vec(), present: r.present.as_ref().map(|p| p[..n].to_vec()) }
-    };
-    records.iter().any(|r| r.len() > most).then(|| records.iter().map(head).collect())
+    records.iter().any(|r| r.len() > most).then(|| records.iter().map(|r| r.head(most)).collect())
 }
 
 /// Lags at which residuals are looked at.
 const LAGS: usize = 20;
+/// Residuals of a stretch, and its input.
+type Stretch = (Vec<f64>, Vec<f64>);
 
 /// What residuals show that a right model would not: that they are coloured (Ljung-Box), or that they follow inputs from lag `after` on that the model has not
 /// used; each at the 1 % level. Residuals and inputs come stretch by stretch.
 ///
 /// Source: Ljung and Box (1978), Biometrika 65(2), 297-303, doi:10.1093/biomet/65.2.297; Ljung (1999), "System Identification", 2nd ed., section 16.6.
-fn misfit(residuals: &[(Vec<f64>, Vec<f64>)], parameters: usize, after: usize) -> Option<String> {
+fn misfit(residuals: &[Stretch], parameters: usize, after: usize) -> Option<String> {
     use statrs::distribution::{ChiSquared, ContinuousCDF};
     #[allow(clippy::cast_precision_loss)]
     let real = |i: usize| i as f64;
-    let sum = |a: fn(&(Vec<f64>, Vec<f64>)) -> &Vec<f64>, lag: usize| -> f64 {
-        let each = |s: &(Vec<f64>, Vec<f64>)| s.0.get(lag..).unwrap_or_default().iter().zip(a(s)).map(|(e, x)| e * x).sum::<f64>();
+    let sum = |a: fn(&Stretch) -> &Vec<f64>, lag: usize| -> f64 {
+        let each = |s: &Stretch| s.0.get(lag..).unwrap_or_default().iter().zip(a(s)).map(|(e, x)| e * x).sum::<f64>();
         residuals.iter().map(each).sum()
     };
     let rows: usize = residuals.iter().map(|s| s.0.len()).sum();

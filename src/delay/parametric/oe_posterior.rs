@@ -4,7 +4,7 @@
 
 use super::Oestruc;
 use super::profile::{Profile, check, profile};
-use crate::delay::posterior::RESOLUTION;
+use crate::delay::posterior::{RESOLUTION, first_coefficient};
 use crate::delay::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, PairEstimate, Scope, Search, Start,
     Suits, every_pair,
@@ -115,7 +115,8 @@ impl DelayEstimator for OePosterior {
             #[allow(clippy::cast_precision_loss)]
             let variance: f64 = weights.iter().enumerate().map(|(nk, w)| w * (nk as f64 - answer).powi(2)).sum();
             let [from, to] = posterior.ends;
-            let interval = [(from - 0.5).min(answer), (to + 0.5).max(answer)];
+            let [early, late] = first_coefficient(from, to, bias);
+            let interval = [early.min(answer), late.max(answer)];
             let leans = leans(weights, posterior.ends, max_delay);
             let at_edge = posterior.best == max_delay;
             let std = (variance + RESOLUTION).sqrt();
