@@ -91,7 +91,10 @@ impl Estimate {
             detrend: self.detrend,
             feedback: self.feedback,
         };
-        let (report, preamble) = job.run()?;
+        let (report, mut preamble) = job.run()?;
+        if self.source.reading.resample.is_some() {
+            preamble.push_str("; outputs were interpolated, which makes a response up to a step of the log's own too early");
+        }
         // The files first: whoever closes the pipe still gets them.
         write_json(json, &report)?;
         if let Some(path) = &self.plot {

@@ -14,7 +14,7 @@ pub(super) struct Source {
     #[arg(value_name = "LOG")]
     pub(super) log: PathBuf,
     #[command(flatten)]
-    reading: Reading,
+    pub(super) reading: Reading,
 }
 
 /// How logs are read, one or several.
@@ -31,7 +31,7 @@ pub(super) struct Reading {
     to: Option<f64>,
     /// Put an uneven log onto an even grid with this sample time (inputs held, the rest interpolated)
     #[arg(long, value_name = "S")]
-    resample: Option<f64>,
+    pub(super) resample: Option<f64>,
     /// Column of the log that carries a name of the model; may be repeated
     #[arg(long, value_name = "MODEL_NAME=COLUMN")]
     map: Vec<String>,
