@@ -115,7 +115,7 @@ impl Report {
             }
             let shown = Shown::of(pair, full);
             text.push_str(&self.table(&shown).to_string());
-            for estimate in shown.rows.iter().filter(|e| full || !shown.headed || e.counts()) {
+            for estimate in &shown.rows {
                 if let Some(note) = &estimate.note {
                     let _ = writeln!(text, "  {}: {note}", estimate.method);
                 }
