@@ -369,3 +369,50 @@ fn help_and_version_succeed_and_nothing_typed_is_refused() {
     deadtime(&["estimat"]).refused(&["estimat", "estimate"]);
     deadtime(&["estimate", "log.csv"]).refused(&["--input", "--output"]);
 }
+
+#[test]
+fn what_the_user_knows_of_feedback_overrides_what_the_log_shows() {
+    let log = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/unstable_loop.csv");
+    let said = |more: &[&str]| deadtime(&[&["estimate", log, "--input", "torque", "--output", "rate"], more].concat()).done();
+    assert!(said(&[]).contains("feedback (later inputs explain"));
+    assert!(said(&["--loop", "closed"]).contains("feedback (--loop closed)"));
+    assert!(!said(&["--loop", "open"]).contains("feedback"));
+}
+
+#[test]
+fn many_methods_fold_to_those_that_count_and_full_shows_all() {
+    let log = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/missing.csv");
+    let said = |more: &[&str]| deadtime(&[&["estimate", log, "--input", "pump", "--output", "level"], more].concat()).done();
+    let rows = |text: &str, word: &str| text.lines().filter(|l| l.starts_with("  ") && l.contains(word)).count();
+    let (folded, full) = (said(&[]), said(&["--full"]));
+    let pairs = METHODS.iter().filter(|m| m.scope == Scope::Pair);
+    assert!(rows(&folded, " yes ") == rows(&full, " yes ") && rows(&folded, "not visible") == 0, "{folded}");
+    for method in pairs {
+        assert!(full.contains(&format!("  {} ", method.entry.name)), "{full}");
+    }
+}
+
+#[test]
+fn two_inputs_that_move_together_are_told_apart() {
+    let log = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/two_inputs.csv");
+    let folder = Folder::new();
+    let file = folder.path("out.json");
+    deadtime(&["estimate", log, "--input", "heater", "--input", "fan", "--output", "temperature", "--json", text(&file)]).done();
+    for (pair, truth_s) in json(&file)["pairs"].as_array().unwrap().iter().zip([0.35, 0.8]) {
+        let ends: Vec<f64> = pair["verdict"]["ci95_s"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+        assert!(ends[0] <= truth_s && truth_s <= ends[1] && ends[1] - ends[0] < 0.4, "{truth_s}: {}", pair["verdict"]);
+    }
+}
+
+#[test]
+fn the_study_of_all_methods_prints_and_writes_every_one() {
+    let folder = Folder::new();
+    let page = folder.path("methods.md");
+    let said = deadtime(&["methods", "--trials", "2", "--samples", "300", "--out", text(&page)]).done();
+    let written = std::fs::read_to_string(&page).unwrap();
+    for method in METHODS {
+        let name = method.entry.name;
+        assert!(said.contains(&format!("  {name} ")) && written.matches(&format!("| `{name}` |")).count() == 1, "{name}");
+    }
+    deadtime(&["methods", "--trials", "0"]).refused(&["--trials 0", "at least 1"]);
+}

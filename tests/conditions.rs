@@ -4,7 +4,7 @@
 #[path = "support/plants.rs"]
 mod plants;
 
-use deadtime::delay::{Condition, Record, conditions};
+use deadtime::delay::{Condition, Experiment, Record, Recording, conditions, moving_together};
 use deadtime::signal::Excitation;
 use deadtime::signal::excitation::{Chirp, Doublet, Multisine, Rbs, Step, ThreeTwoOneOne};
 use plants::{rbs, rng, second_order, std_dev, sum, times, white};
@@ -118,4 +118,25 @@ fn unstable_plants_lags_colours_and_gaps_are_told_from_their_absence() {
     assert!(!found(&gaps, Condition::MissingOutputs));
     gaps.present = Some((0..N).map(|t| t != 100).collect());
     assert!(found(&gaps, Condition::MissingOutputs));
+}
+
+#[test]
+fn inputs_that_move_together_are_named_and_independent_ones_are_not() {
+    let experiment = |left: Vec<f64>, right: Vec<f64>| Experiment {
+        sample_time: plants::ts(1.0),
+        inputs: vec!["left".into(), "right".into()],
+        outputs: vec!["y".into()],
+        recordings: vec![Recording { outputs: vec![left.clone().into()], inputs: vec![left, right], states: Vec::new() }],
+        model: None,
+        events: Vec::new(),
+    };
+    let alone = (0..SEEDS).filter(|&s| moving_together(&experiment(rbs(N, 1.0, s), rbs(N, 1.0, 700 + s)), 0, 35).is_some()).count();
+    // Every other sample follows, three samples later: a correlation of a half.
+    let follows = |s: u64| -> Vec<f64> {
+        let (left, own) = (rbs(N, 1.0, s), rbs(N, 1.0, 800 + s));
+        plants::delayed(&left, 3).iter().zip(&own).enumerate().map(|(t, (l, o))| if t % 2 == 0 { *l } else { *o }).collect()
+    };
+    let together = (0..SEEDS).filter_map(|s| moving_together(&experiment(rbs(N, 1.0, s), follows(s)), 0, 35)).collect::<Vec<_>>();
+    assert!(alone == 0 && together.len() == SEEDS as usize, "{alone}, {}", together.len());
+    assert!(together.iter().all(|f| f.condition == Condition::OtherInputs && f.evidence.contains("`right`")));
 }

@@ -644,7 +644,7 @@ fn option_structs_survive_the_way_through_json_with_other_values() {
     }
     there_and_back(Arxstruc { na: 3, nb: 2, others: Others::Regressors, max_samples: 99 });
     there_and_back(Armaxstruc { na: 1, nb: 2, nc: 4, max_samples: 17 });
-    there_and_back(Met1struc { order: 4, past: 9, na: 3, nb: 2 });
+    there_and_back(Met1struc { order: 4, past: 9, na: 3, nb: 2, max_samples: 999 });
     there_and_back(Ivstruc { nb: 2, nf: 3, noise: 1, max_samples: 17 });
     there_and_back(Delayest { na: 1, nb: 3 });
     for cost in [Cost::Products, Cost::Regression] {

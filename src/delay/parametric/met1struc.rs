@@ -17,7 +17,9 @@ use crate::registry::entry;
 /// plant received.
 /// Resolution and cost: one sample; one triangular factor of the lagged data, O(N·past), and an ARX scan.
 /// Fails when: the record is too short for the long predictor behind the subspace model; the input's first coefficient is small against the noise (found late);
-/// the order is too low for the plant: nb = 1 leaves its zeros to the poles.
+/// the order is too low for the plant: nb = 1 leaves its zeros to the poles, and an all-pole model of order 10 can stand for some samples of delay on slow inputs. Where that
+/// happens the answer is off by samples and its interval does not know (3 samples on the roll rate of the demo's flight, a plant of three poles and two zeros; 4 on
+/// 1 000 000 samples of one lag, before `max_samples` came in).
 /// Björklund's subspace model (`n4sid`) has the delay among its states; here the input is first moved by the delay of a plain ARX scan, so that all states are
 /// left for the dynamics; the predictor form is used, which feedback does not bias; and states that the data do not ask for are left out, because on short records
 /// their poles and zeros make the noise filter ring. The long predictor's window is ours too.
@@ -51,11 +53,13 @@ pub struct Met1struc {
     pub na: usize,
     /// Its input coefficients; default 1, as in the source.
     pub nb: usize,
+    /// Longest part of a record that is used, samples; default 20 000, beyond which what the noise filter misses says more than the noise.
+    pub max_samples: usize,
 }
 
 impl Default for Met1struc {
     fn default() -> Self {
-        Self { order: 10, past: 20, na: 10, nb: 1 }
+        Self { order: 10, past: 20, na: 10, nb: 1, max_samples: 20_000 }
     }
 }
 
@@ -77,7 +81,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     tolerance: WHOLE,
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics],
     needs: "the input that the plant received; a record of at least some hundred samples",
-    blind_to: "fractions of a sample; a first coefficient that is small against the noise",
+    blind_to: "a plant's zeros, which its one input coefficient leaves to the poles: early or late by samples then",
     exempt: &[(
         Law::Exact,
         "with one input coefficient a plant's zeros are left to its poles: without noise that misfit decides, by a sample",
@@ -91,6 +95,7 @@ impl DelayEstimator for Met1struc {
             ("order", self.order, (1..=MAX_OE_ORDER).contains(&self.order), "from 1 to 16"),
             ("past", self.past, (self.order..=1000).contains(&self.past), "from the order to 1000"),
             ("nb", self.nb, self.nb >= 1, "1 or more"),
+            ("max_samples", self.max_samples, self.max_samples >= 1, "1 or more"),
         ] {
             if !ok {
                 return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
@@ -102,10 +107,12 @@ impl DelayEstimator for Met1struc {
 
 impl Met1struc {
     fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+        let cut = super::heads(records, self.max_samples);
+        let records = cut.as_deref().unwrap_or(records);
         let scanned = self.na.max(max_delay + self.nb - 1) + 2 * (self.na + self.nb);
         let subspace = Subspace { order: self.order, past: self.past, direct: false };
         let needed = scanned.max(max_delay + self.past + subspace.rows_needed());
-        let got = experiment.longest();
+        let got = experiment.longest().min(self.max_samples);
         if got < needed {
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter --max-delay, or set a shorter past" });
         }
@@ -133,6 +140,8 @@ impl Met1struc {
             ));
         };
         let filtered: Vec<Record> = records.iter().map(|r| prefiltered(r, &noise)).collect();
-        Ok(super::arxstruc::answer(&arx_scan(&filtered, self.na, self.nb, max_delay), self.nb, max_delay, bias, experiment))
+        let used = cut.is_some().then(|| format!("used the first {} of {} samples", self.max_samples, experiment.longest()));
+        let scan = arx_scan(&filtered, self.na, self.nb, max_delay);
+        Ok(super::arxstruc::answer(&scan, self.nb, max_delay, bias, experiment).noting(used))
     }
 }

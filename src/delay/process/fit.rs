@@ -453,7 +453,7 @@ const COARSE: f64 = 1e-5;
 const FINE: f64 = 1e-8;
 /// A fraction this near to a whole sample is at it.
 const EDGE: f64 = 1e-6;
-/// Descents; starts at every half sample besides found nothing lower in 95 of 96 random plants (tests/process.rs).
+/// Descents; starts at every half sample besides found nothing lower in 94 of 96 random plants (tests/process.rs).
 const STARTS: usize = 12;
 /// Time constants of the table, samples: half a decade apart, as costs vary slowly with the logarithm.
 const LAGS: [f64; 8] = [0.1, 0.6, 2.0, 5.0, 12.0, 30.0, 100.0, 1000.0];
