@@ -187,7 +187,7 @@ impl Report {
 }
 
 /// As many methods as a person reads at a glance.
-const A_HANDFUL: usize = 8;
+pub(super) const A_HANDFUL: usize = 8;
 
 /// What a table shows of a pair: of many methods those whose answers count, the sentence below it names the others.
 struct Shown<'a> {
@@ -211,7 +211,8 @@ impl<'a> Shown<'a> {
 
 impl Estimate {
     /// A delay was found, and the record shows nothing that the method does not withstand.
-    fn counts(&self) -> bool {
+    #[must_use]
+    pub fn counts(&self) -> bool {
         self.outcome == Outcome::Found && self.distrust.is_empty() && !self.contradicted
     }
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::estimate::Pair;
+use super::estimate::{A_HANDFUL, Estimate, Pair};
 
 /// An estimated impulse response with its standard deviations, one number per sample.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,7 +26,9 @@ pub struct Panel<'a> {
 }
 
 const WIDTH: u32 = 900;
-const ANSWERS: u32 = 210;
+/// Height of the answers' part but for its rows, and of a row.
+const FRAME: u32 = 90;
+const ROW: u32 = 24;
 const RESPONSE: u32 = 230;
 /// Standard deviations that the band around the response shows, as `threshold` has by default.
 const BAND: f64 = 5.0;
@@ -39,7 +41,7 @@ type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 /// # Errors
 /// What the drawing library says; it does not fail on finite numbers.
 pub fn svg(panels: &[Panel<'_>], sample_time_s: f64) -> Result<String, String> {
-    let height: u32 = panels.iter().map(|p| ANSWERS + if p.response.is_some() { RESPONSE } else { 0 }).sum();
+    let height: u32 = panels.iter().map(|p| answers_height(p.pair) + if p.response.is_some() { RESPONSE } else { 0 }).sum();
     let mut text = String::new();
     {
         let root = SVGBackend::with_string(&mut text, (WIDTH, height.max(1))).into_drawing_area();
@@ -49,15 +51,28 @@ pub fn svg(panels: &[Panel<'_>], sample_time_s: f64) -> Result<String, String> {
     Ok(text)
 }
 
+/// The answers that are drawn: of many methods those that have a delay.
+fn shown(pair: &Pair) -> Vec<&Estimate> {
+    let many = pair.estimates.len() > A_HANDFUL;
+    pair.estimates.iter().filter(|e| !many || e.delay_s.is_some()).collect()
+}
+
+fn answers_height(pair: &Pair) -> u32 {
+    FRAME + ROW * u32::try_from(shown(pair).len().max(2)).unwrap_or(u32::MAX / ROW / 2)
+}
+
 fn draw(root: &Area<'_>, panels: &[Panel<'_>], sample_time_s: f64) -> Drawn {
     root.fill(&WHITE)?;
     let mut rest = root.clone();
     for panel in panels {
         // Both parts share one time axis, so that a delay stands above the sample where the response begins.
-        let longest =
-            panel.pair.estimates.iter().filter_map(|e| Some(e.ci95_s?[1].max(e.raw_delay_s?))).fold(4.0 * sample_time_s, f64::max);
+        let longest = shown(panel.pair)
+            .iter()
+            .filter(|e| e.counts())
+            .filter_map(|e| Some(e.ci95_s?[1].max(e.raw_delay_s?)))
+            .fold(4.0 * sample_time_s, f64::max);
         let axis = -0.05 * longest..2.5 * longest;
-        let (part, below) = rest.split_vertically(ANSWERS);
+        let (part, below) = rest.split_vertically(answers_height(panel.pair));
         answers(root, &part, panel.pair, axis.clone())?;
         rest = below;
         if let Some(response) = panel.response {
@@ -72,11 +87,12 @@ fn draw(root: &Area<'_>, panels: &[Panel<'_>], sample_time_s: f64) -> Drawn {
 /// One line per method: the interval as a bar, the dead time as a dot; the verdict as a band behind them.
 fn answers(root: &Area<'_>, area: &Area<'_>, pair: &Pair, axis: Range<f64>) -> Drawn {
     let target = if pair.output == "*" { "the states" } else { &pair.output };
-    let rows = pair.estimates.len();
+    let estimates = shown(pair);
+    let rows = estimates.len();
     #[allow(clippy::cast_precision_loss)]
     let top = rows as f64;
     let mut chart = ChartBuilder::on(area)
-        .caption(format!("{} to {target}: dead time by method, 95 % intervals", pair.input), ("sans-serif", 17))
+        .caption(format!("{} to {target}: dead time by method, 95 % intervals (grey: not counted)", pair.input), ("sans-serif", 17))
         .margin(8)
         .x_label_area_size(34)
         .y_label_area_size(150)
@@ -88,7 +104,7 @@ fn answers(root: &Area<'_>, area: &Area<'_>, pair: &Pair, axis: Range<f64>) -> D
     }
     let label = TextStyle::from(("sans-serif", 14).into_font()).pos(Pos::new(HPos::Right, VPos::Center));
     let aside = TextStyle::from(("sans-serif", 13).into_font()).color(&RGBColor(110, 110, 110)).pos(Pos::new(HPos::Left, VPos::Center));
-    for (i, estimate) in pair.estimates.iter().enumerate() {
+    for (i, estimate) in estimates.iter().enumerate() {
         #[allow(clippy::cast_precision_loss)]
         let y = (rows - 1 - i) as f64;
         let (x, row) = chart.backend_coord(&(axis.start, y));
@@ -96,8 +112,17 @@ fn answers(root: &Area<'_>, area: &Area<'_>, pair: &Pair, axis: Range<f64>) -> D
         root.draw(&Text::new(estimate.method.clone(), (x - 8, row), label.clone()))?;
         match (estimate.delay_s, estimate.ci95_s) {
             (Some(delay), Some([from, to])) => {
-                chart.draw_series([PathElement::new([(from, y), (to, y)], RGBColor(40, 40, 40).stroke_width(3))])?;
-                chart.draw_series([Circle::new((delay, y), 5, RGBColor(200, 60, 40).filled())])?;
+                let (bar, dot) = if estimate.counts() {
+                    (RGBColor(40, 40, 40), RGBColor(200, 60, 40))
+                } else {
+                    (RGBColor(190, 190, 190), RGBColor(150, 150, 150))
+                };
+                // What lies beyond the axis ends at it.
+                let end = |v: f64| v.clamp(axis.start, axis.end);
+                chart.draw_series([PathElement::new([(end(from), y), (end(to), y)], bar.stroke_width(3))])?;
+                if axis.contains(&delay) {
+                    chart.draw_series([Circle::new((delay, y), 5, dot.filled())])?;
+                }
             }
             _ => root.draw(&Text::new(estimate.outcome.name().replace('_', " "), (x + 8, row), aside.clone()))?,
         }
