@@ -118,12 +118,20 @@ impl DelayEstimator for OePosterior {
             let [early, late] = first_coefficient(from, to, bias);
             let interval = [early.min(answer), late.max(answer)];
             let leans = leans(weights, posterior.ends, max_delay);
+            // One delay alone has no spread to tell of.
+            let spread = (to > from).then(|| {
+                format!(
+                    "samples from the shortest delay searched: mean {:.2}, median {:.0}, 95 % set {from:.0} to {to:.0}",
+                    mean(weights, |_| true),
+                    median(weights)
+                )
+            });
             let at_edge = posterior.best == max_delay;
             let std = (variance + RESOLUTION).sqrt();
             let estimate = DelayEstimate::counted(answer, std, interval, at_edge, bias, experiment.sample_time);
             #[allow(clippy::cast_precision_loss)]
             let raw_delay_s = Some(experiment.sample_time.to_seconds(posterior.best as f64));
-            Ok(DelayEstimate { raw_delay_s, ..estimate }.noting(note).noting(leans))
+            Ok(DelayEstimate { raw_delay_s, ..estimate }.noting(note).noting(spread).noting(leans))
         })
     }
 }
