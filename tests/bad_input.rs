@@ -381,3 +381,11 @@ fn oestruc_says_how_much_of_a_long_log_it_used() {
     let all = estimate(&log, &["--method", "oestruc"]).done();
     assert!(!all.contains("used the first"), "{all}");
 }
+
+#[test]
+fn a_channel_that_is_given_twice_is_refused() {
+    let folder = Folder::new();
+    let log = folder.write("log.csv", &good(400));
+    estimate(&log, &["--input", "u"]).refused(&["`u` is given twice"]);
+    estimate(&log, &["--output", "y"]).refused(&["`y` is given twice"]);
+}

@@ -78,6 +78,11 @@ impl Estimate {
             return Ok(());
         }
         let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
+        for channels in [&self.input, &self.output] {
+            if let Some((_, twice)) = channels.iter().enumerate().find(|(i, c)| channels[..*i].contains(c)) {
+                bail!("`{twice}` is given twice: name every input and every output once");
+            }
+        }
         let logs = self.source.read(&self.input)?;
         let job = Job {
             name: self.source.log.display().to_string(),
