@@ -36,6 +36,9 @@ pub enum Error {
     /// Blind cases, verdicts or labels that cannot be used.
     #[error(transparent)]
     Blind(#[from] crate::blind::BlindError),
+    /// A study that cannot be planned, run or read.
+    #[error(transparent)]
+    Study(#[from] crate::study::StudyError),
     /// A name or option that a registry does not know.
     #[error(transparent)]
     Registry(#[from] crate::registry::RegistryError),

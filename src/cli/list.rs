@@ -16,8 +16,9 @@ use crate::registry::Entry;
 use crate::report::effects;
 use crate::signal::EXCITATIONS;
 use crate::simulate::System;
+use crate::study::{PLANS, PLANTS, Plan};
 
-/// List the methods, effects, excitations, conversions or dynamics there are, with their options and defaults
+/// List the methods, effects, excitations, conversions, dynamics, plants or plans there are, with their options and defaults
 #[derive(Debug, clap::Args)]
 pub(super) struct List {
     /// What to list
@@ -35,6 +36,8 @@ enum What {
     Excitations,
     Conversions,
     Dynamics,
+    Plants,
+    Plans,
 }
 
 impl List {
@@ -49,7 +52,7 @@ impl List {
             write_json(json, &effects::menu_data(&menu))?;
             return print(&effects::menu_text(&system, &menu));
         }
-        write_json(json, &self.entries())?;
+        write_json(json, &self.entries()?)?;
         let text = match self.what {
             What::Effects => effects::lines_text(&effect::table()),
             What::Methods => METHODS.iter().map(|m| describe(&m.entry)).collect(),
@@ -61,6 +64,8 @@ impl List {
                     format!("{}\n    states {}; input {}; outputs {}\n", d.name(), names(d.states()), d.input(), names(d.outputs()))
                 })
                 .concat(),
+            What::Plants => PLANTS.iter().map(|p| format!("{}\n    {}\n", p.name, p.summary)).collect(),
+            What::Plans => plans()?.iter().map(|p| format!("{}\n    {}\n", p.name, p.about)).collect(),
         };
         print(&text)
     }
@@ -71,8 +76,8 @@ fn print(text: &str) -> anyhow::Result<()> {
 }
 
 impl List {
-    fn entries(&self) -> Vec<Value> {
-        match self.what {
+    fn entries(&self) -> anyhow::Result<Vec<Value>> {
+        Ok(match self.what {
             What::Methods => METHODS.iter().map(|m| fields(&m.entry)).collect(),
             What::Effects => effects::lines_data(&effect::table()),
             What::Excitations => EXCITATIONS.iter().map(fields).collect(),
@@ -81,8 +86,15 @@ impl List {
                 .iter()
                 .map(|d| json!({ "name": d.name(), "states": d.states(), "input": d.input(), "outputs": d.outputs() }))
                 .collect(),
-        }
+            What::Plants => PLANTS.iter().map(|p| json!({ "name": p.name, "summary": p.summary })).collect(),
+            What::Plans => plans()?.iter().map(|p| json!({ "name": p.name, "summary": p.about })).collect(),
+        })
     }
+}
+
+/// The shipped plans.
+fn plans() -> anyhow::Result<Vec<Plan>> {
+    PLANS.iter().map(|(name, _)| Ok(Plan::open(name)?)).collect()
 }
 
 fn fields<T: ?Sized>(entry: &Entry<T>) -> Value {

@@ -21,6 +21,7 @@ mod methods;
 mod progress;
 mod simulate;
 mod source;
+mod study;
 
 use std::path::{Path, PathBuf};
 
@@ -58,6 +59,7 @@ enum Command {
     Blind(blind::Blind),
     List(list::List),
     Methods(methods::Methods),
+    Study(study::Study),
 }
 
 impl Cli {
@@ -81,6 +83,7 @@ impl Cli {
             Command::Blind(c) => c.run(json),
             Command::List(c) => c.run(json),
             Command::Methods(c) => c.run(json),
+            Command::Study(c) => c.run(json),
         }
     }
 }

@@ -261,6 +261,18 @@ impl Detrend {
 }
 
 impl Experiment {
+    /// Takes the trend off every input and output; states stay as they are, as a model's equations hold for them and not for what is left of them.
+    pub fn take_trend_off(&mut self, detrend: Detrend) {
+        for recording in &mut self.recordings {
+            for u in &mut recording.inputs {
+                let mut series = Series::from(std::mem::take(u));
+                detrend.apply(&mut series);
+                *u = series.values;
+            }
+            recording.outputs.iter_mut().for_each(|y| detrend.apply(y));
+        }
+    }
+
     /// Reads channels out of logs; every log must be on an even grid, all on the same one.
     ///
     /// # Errors

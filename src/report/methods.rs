@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::Table;
 use super::estimate::run_time;
 use crate::delay::{Class, Condition, Law, METHODS, Suits};
-use crate::study::{Common, MethodRow, Score};
+use crate::study::{Common, CommonScore as Score, MethodRow};
 
 /// Errors and times, class by class.
 #[must_use]

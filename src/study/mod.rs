@@ -1,7 +1,26 @@
 //! Accuracy on delays that were injected and so are known.
 
+mod bound;
+mod cell;
 mod common;
+mod error;
+mod estimates;
+mod feedback;
 mod injected;
+mod plan;
+mod plants;
+mod published;
+mod results;
+mod run;
+mod setting;
+mod tally;
 
-pub use common::{Common, MethodRow, Score};
-pub use injected::{Cell, Injected};
+pub use common::{Common, MethodRow, Score as CommonScore};
+pub use error::StudyError;
+pub use injected::{Cell as InjectedCell, Injected};
+pub use plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, PLANS, Place, Plan, Scoring, Signal, Truth};
+pub use plants::{PLANTS, Plant, PlantEntry};
+pub use published::{Beside, Published, Standing, Statistic, Which};
+pub use results::{Cell, FORMAT, Kept, Score, Study};
+pub use run::{Progress, Runner};
+pub use setting::Key;

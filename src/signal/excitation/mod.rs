@@ -7,6 +7,7 @@ mod impulse;
 mod multisine;
 mod prbs;
 mod rbs;
+mod staircase;
 mod step;
 mod three_two_one_one;
 mod two_ramps;
@@ -17,6 +18,7 @@ pub use impulse::Impulse;
 pub use multisine::{Harmonics, Multisine, Normalise, Phase};
 pub use prbs::{Prbs, RegisterStart};
 pub use rbs::Rbs;
+pub use staircase::Staircase;
 pub use step::Step;
 pub use three_two_one_one::ThreeTwoOneOne;
 pub use two_ramps::TwoRamps;
@@ -45,6 +47,7 @@ pub const EXCITATIONS: &[Entry<dyn Excitation>] = &[
     entry!("prbs", "pseudo-random binary sequence of a maximum-length shift register", Prbs, dyn Excitation),
     entry!("multisine", "sum of harmonics with a flat spectrum, Schroeder or random phases", Multisine, dyn Excitation),
     entry!("chirp", "sine whose frequency sweeps linearly or logarithmically", Chirp, dyn Excitation),
+    entry!("staircase", "levels, each held for a number of samples", Staircase, dyn Excitation),
     entry!("doublet", "a pulse up, then the same pulse down", Doublet, dyn Excitation),
     entry!("three_two_one_one", "pulses of 3, 2, 1 and 1 units of alternating sign", ThreeTwoOneOne, dyn Excitation),
 ];

@@ -1,0 +1,87 @@
+//! `deadtime study`: how accurate methods are, on delays that were injected.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::bail;
+
+use super::progress::Bar;
+use super::write_json;
+use crate::file::write_atomic;
+use crate::report::study::{page, published, scores, summary};
+use crate::study::{Plan, Progress, Runner};
+
+/// Study how accurate methods are, on delays that were injected and so are known
+///
+/// A run that was stopped goes on where it was with --resume.
+#[derive(Debug, clap::Args)]
+pub(super) struct Study {
+    /// A shipped plan (`deadtime list plans`) or a plan file
+    #[arg(value_name = "PLAN", default_value = "thesis")]
+    plan: String,
+    /// Folder for study.json, estimates.csv and tables.md; default study-PLAN
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Records of each setting; default: as the plan says
+    #[arg(long, value_name = "N")]
+    trials: Option<usize>,
+    /// Seed; default: as the plan says
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Go on where an earlier run of this plan was stopped
+    #[arg(long)]
+    resume: bool,
+}
+
+impl Study {
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        let mut plan = Plan::open(&self.plan)?;
+        if let Some(trials) = self.trials {
+            if trials == 0 {
+                bail!("--trials 0: give at least 1");
+            }
+            plan.grids.iter_mut().for_each(|g| g.trials = trials);
+        }
+        plan.seed = self.seed.unwrap_or(plan.seed);
+        let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(format!("study-{}", plan.name)));
+        let runner = Runner::new(&plan)?;
+        let bar = Bar::new();
+        let clock = Instant::now();
+        let study = runner.run(&folder, self.resume, &|p| bar.show(share(p), &left(p, clock)));
+        bar.end();
+        let study = study?;
+        write_json(json, &study)?;
+        write_atomic(&folder.join("tables.md"), |out| out.write_all(page(&study, &plan).as_bytes()))?;
+        say!("{}: {}\n", plan.name, plan.about);
+        say!("{}", summary(&study).to_string().trim_end());
+        if let Some(table) = published(&study, &plan) {
+            say!("\nBeside published numbers:\n\n{}", table.to_string().trim_end());
+        }
+        if plan.scoring.kept_percent.len() > 1 {
+            say!(
+                "\nMean over the cells of the RMS error in samples, the worst answers left out:\n\n{}",
+                scores(&study).to_string().trim_end()
+            );
+        }
+        say!("\n{} estimates. Written to {}: study.json, estimates.csv, tables.md.", runner.estimates(), folder.display());
+        Ok(())
+    }
+}
+
+#[allow(clippy::cast_precision_loss)]
+fn share(p: Progress) -> f64 {
+    p.done as f64 / p.all.max(1) as f64
+}
+
+/// Estimates made, and the time that the rest will take at the pace so far.
+fn left(p: Progress, clock: Instant) -> String {
+    #[allow(clippy::cast_precision_loss)]
+    let left_s = clock.elapsed().as_secs_f64() / p.now.max(1) as f64 * (p.all - p.done) as f64;
+    let time = match left_s {
+        _ if p.now == 0 => "…".to_owned(),
+        s if s < 90.0 => format!("{s:.0} s"),
+        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    };
+    format!("{} of {} estimates, {time} left", p.done, p.all)
+}

@@ -1,0 +1,51 @@
+//! What keeps a study from being planned, run or read.
+
+use std::path::PathBuf;
+
+/// A plan, a folder of results or a file of results that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StudyError {
+    /// Neither a shipped plan nor a file.
+    #[error("plan `{name}`: no such file, and no shipped plan of that name; there are: {known}", known = known.join(", "))]
+    UnknownPlan {
+        /// What was asked for.
+        name: String,
+        /// The shipped plans.
+        known: Vec<&'static str>,
+    },
+    /// The file is no `deadtime/plan@1`, or says what cannot be.
+    #[error("plan {plan}: {detail}")]
+    Plan {
+        /// The plan's name or file.
+        plan: String,
+        /// What is wrong, and the remedy.
+        detail: String,
+    },
+    /// The folder holds another study, or one that was stopped.
+    #[error("{folder}: {detail}", folder = folder.display())]
+    Folder {
+        /// The folder.
+        folder: PathBuf,
+        /// What is there, and the remedy.
+        detail: String,
+    },
+    /// A file of results that cannot be read.
+    #[error("{path}: {detail}", path = path.display())]
+    Results {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and the remedy.
+        detail: String,
+    },
+    /// A record that cannot be made.
+    #[error("plan {plan}, {setting}: {source}")]
+    Record {
+        /// The plan's name.
+        plan: String,
+        /// The plant, input and delay that were asked for.
+        setting: String,
+        /// Why not.
+        source: Box<crate::Error>,
+    },
+}

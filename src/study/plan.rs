@@ -1,0 +1,499 @@
+//! What a study runs: `deadtime/plan@1`, a TOML file whose keys are those of a cell, with lists.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use super::StudyError;
+use super::published::Published;
+use crate::delay::Detrend;
+
+/// The plans that ship with the program: name and text.
+pub const PLANS: &[(&str, &str)] = &[("thesis", include_str!("plans/thesis.toml")), ("bjorklund", include_str!("plans/bjorklund.toml"))];
+
+const FORMAT: &str = "deadtime/plan@1";
+
+/// A study to run: one or several products of lists.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Plan {
+    /// Its name.
+    pub name: String,
+    /// What it is for, in a sentence.
+    pub about: String,
+    /// Seed of every record, together with what the record is of.
+    pub seed: u64,
+    /// Named excitations.
+    pub excitations: BTreeMap<String, Signal>,
+    /// Named noises.
+    pub noises: BTreeMap<String, Colour>,
+    /// Named controllers.
+    pub controllers: BTreeMap<String, Controller>,
+    /// How answers are scored.
+    pub scoring: Scoring,
+    /// The products.
+    pub grids: Vec<Grid>,
+    /// Published numbers, to stand beside ours.
+    pub published: Vec<Published>,
+    /// The folder that file names of the plan count from.
+    #[serde(skip)]
+    pub folder: PathBuf,
+}
+
+/// An excitation of the registry with its options, under a name of the plan's.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Signal {
+    /// Its name in the registry.
+    pub signal: String,
+    /// Its options.
+    #[serde(default)]
+    pub options: serde_json::Map<String, serde_json::Value>,
+    /// Whether every trial draws another one.
+    #[serde(default)]
+    pub draw: Draw,
+}
+
+/// When a random excitation is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Draw {
+    /// For every trial.
+    #[default]
+    EachTrial,
+    /// Once, and used for every trial.
+    Once,
+}
+
+/// The colour of a noise, C(q)/A(q), coefficients from lag 1 on.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Colour {
+    /// a₁, a₂, … of A.
+    pub ar: Vec<f64>,
+    /// c₁, c₂, … of C.
+    pub ma: Vec<f64>,
+    /// Standard deviation of what goes into the filter, in the output's unit; absent: the plan's ratio `snr` sets the level.
+    pub innovation_std: Option<f64>,
+}
+
+/// u = F(q)·(r − y), powers of q⁻¹ from 0 on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Controller {
+    /// b₀, b₁, …
+    pub numerator: Vec<f64>,
+    /// a₀, a₁, …; a₀ is not 0.
+    pub denominator: Vec<f64>,
+}
+
+/// How answers are scored.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Scoring {
+    /// Shares of all answers of a method, the worst left out, for which the root mean square is averaged over a grid's cells; percent.
+    pub kept_percent: Vec<f64>,
+    /// A missing answer, or a raw one that is not above 0 and below this, counts as this, samples (Björklund: 20); absent: only answers count.
+    pub invalid_samples: Option<f64>,
+    /// An answer further off than this whose interval leaves out the truth is wrong without saying so; samples.
+    pub wrong_samples: f64,
+}
+
+impl Default for Scoring {
+    fn default() -> Self {
+        Self { kept_percent: vec![100.0], invalid_samples: None, wrong_samples: 1.0 }
+    }
+}
+
+/// Whether u is what the log's author commands, or what a controller makes of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Loop {
+    /// No feedback.
+    Open,
+    /// The sampled plant with state feedback u = r − K·x, K by `dlqr` with unit weights, seen as a plant of input r: y = (C − D·K)x + D·r.
+    Stabilised,
+    /// Feedback of the noisy output through a controller of the plan's, or of the states by `dlqr`.
+    Closed,
+}
+
+impl Loop {
+    /// The name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Open => "open",
+            Self::Stabilised => "stabilised",
+            Self::Closed => "closed",
+        }
+    }
+}
+
+impl Place {
+    /// The name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::U => "u",
+            Self::R => "r",
+        }
+    }
+}
+
+impl Truth {
+    /// The name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Raw => "raw",
+            Self::Delay => "delay",
+        }
+    }
+}
+
+/// What the delay is estimated from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Place {
+    /// The plant's input.
+    U,
+    /// The reference.
+    R,
+}
+
+/// What an answer is compared with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Truth {
+    /// The method's raw answer with its own convention (10 for 9 s behind a hold of 1 s).
+    Raw,
+    /// The dead time with the injected one.
+    Delay,
+}
+
+/// An injected delay.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Delay {
+    /// The same at every input, s.
+    Same(f64),
+    /// One per input, s.
+    PerInput(Vec<f64>),
+    /// Drawn anew for every trial and input.
+    Drawn(Drawn),
+}
+
+/// A delay drawn with equal chances.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Drawn {
+    /// From and to, s.
+    pub uniform_s: [f64; 2],
+    /// Whole samples only, both ends included.
+    #[serde(default)]
+    pub whole: bool,
+}
+
+impl std::fmt::Display for Delay {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Same(s) => write!(f, "{s}"),
+            Self::PerInput(all) => f.write_str(&all.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")),
+            Self::Drawn(Drawn { uniform_s: [from, to], whole }) => {
+                write!(f, "{from}..{to}{}", if *whole { " whole" } else { "" })
+            }
+        }
+    }
+}
+
+/// One product of lists. Every combination of the first group is a setting, of which `trials` records are made; all methods see the same records.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Grid {
+    /// Its name.
+    pub name: String,
+    /// Plants by name, or model files.
+    pub plant: Vec<String>,
+    /// Conversions to sampled time; `NAME KEY=VALUE …` sets options.
+    pub c2d: Vec<String>,
+    /// Excitations by the plan's name or the registry's.
+    pub excitation: Vec<String>,
+    /// var(noise-free output)/var(noise); infinite: no noise.
+    pub snr: Vec<f64>,
+    /// `white`, or a noise of the plan's.
+    pub noise: Vec<String>,
+    /// Loops.
+    #[serde(rename = "loop")]
+    pub loops: Vec<Loop>,
+    /// With closed loops: controllers of the plan's, or `dlqr`.
+    pub controller: Vec<String>,
+    /// Injected delays.
+    pub delay_s: Vec<Delay>,
+    /// Samples of a record.
+    pub samples: Vec<usize>,
+    /// Sample times, s.
+    pub sample_time_s: Vec<f64>,
+    /// Longest raw delays searched, samples.
+    pub max_delay: Vec<usize>,
+    /// Where the delay is estimated from.
+    pub place: Vec<Place>,
+    /// Outputs; empty: all of the plant.
+    pub output: Vec<String>,
+    /// Methods, `NAME KEY=VALUE …`; `all`: every one that looks at pairs.
+    pub method: Vec<String>,
+    /// What answers are compared with.
+    pub truth: Truth,
+    /// Records of a setting.
+    pub trials: usize,
+    /// What is taken off the channels.
+    pub detrend: Detrend,
+    /// Samples of response that methods take off: those of the plant (`true`), or the one that is assumed without a model.
+    pub known_degree: bool,
+}
+
+/// A list, or one value that stands for a list of one.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged)]
+enum Many<T> {
+    One(T),
+    All(Vec<T>),
+}
+
+impl<T> From<Many<T>> for Vec<T> {
+    fn from(many: Many<T>) -> Self {
+        match many {
+            Many::One(one) => vec![one],
+            Many::All(all) => all,
+        }
+    }
+}
+
+/// A ratio of variances: a number, or `"inf"` for no noise.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged)]
+enum Ratio {
+    Number(f64),
+    Text(String),
+}
+
+/// What every plan says of itself.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Head {
+    format: String,
+    name: String,
+    #[serde(default)]
+    about: String,
+    #[serde(default = "one")]
+    seed: u64,
+    #[serde(default)]
+    excitations: BTreeMap<String, Signal>,
+    #[serde(default)]
+    noises: BTreeMap<String, Colour>,
+    #[serde(default)]
+    controllers: BTreeMap<String, Controller>,
+    #[serde(default)]
+    scoring: Scoring,
+    #[serde(default)]
+    published: Vec<Published>,
+}
+
+fn one() -> u64 {
+    1
+}
+
+/// The keys of a cell, with lists; what a grid leaves out it takes from the top of the plan.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    grid: Option<String>,
+    plant: Option<Many<String>>,
+    c2d: Option<Many<String>>,
+    excitation: Option<Many<String>>,
+    snr: Option<Many<Ratio>>,
+    noise: Option<Many<String>>,
+    #[serde(rename = "loop")]
+    loops: Option<Many<Loop>>,
+    controller: Option<Many<String>>,
+    /// Always a list: a list in it is one delay per input.
+    delay_s: Option<Vec<Delay>>,
+    samples: Option<Many<usize>>,
+    sample_time_s: Option<Many<f64>>,
+    max_delay: Option<Many<usize>>,
+    place: Option<Many<Place>>,
+    output: Option<Many<String>>,
+    method: Option<Many<String>>,
+    truth: Option<Truth>,
+    trials: Option<usize>,
+    detrend: Option<Detrend>,
+    known_degree: Option<bool>,
+}
+
+/// Keys of the head; every other key of the file is one of a cell.
+const HEAD: [&str; 9] = ["format", "name", "about", "seed", "excitations", "noises", "controllers", "scoring", "published"];
+/// Records of a setting where a plan does not say.
+const TRIALS: usize = 100;
+
+impl Plan {
+    /// A shipped plan by its name, or a file.
+    ///
+    /// # Errors
+    /// [`StudyError::UnknownPlan`], [`StudyError::Plan`] naming the key, [`crate::Error::Io`].
+    pub fn open(name: &str) -> crate::Result<Self> {
+        if let Some((name, text)) = PLANS.iter().find(|(n, _)| *n == name) {
+            return Ok(Self::parse(name, text, Path::new("."))?);
+        }
+        let path = Path::new(name);
+        if !path.exists() {
+            return Err(StudyError::UnknownPlan { name: name.to_owned(), known: PLANS.iter().map(|p| p.0).collect() }.into());
+        }
+        let text = std::fs::read_to_string(path).map_err(|e| crate::Error::io(path, e))?;
+        Ok(Self::parse(name, &text, path.parent().unwrap_or(Path::new(".")))?)
+    }
+
+    /// A plan from its text; file names in it count from `folder`.
+    ///
+    /// # Errors
+    /// [`StudyError::Plan`] naming the key.
+    pub fn parse(name: &str, text: &str, folder: &Path) -> Result<Self, StudyError> {
+        let wrong = |detail: String| StudyError::Plan { plan: name.to_owned(), detail };
+        let mut keys: toml::Table = toml::from_str(text).map_err(|e| wrong(e.to_string()))?;
+        let grids = match keys.remove("grids") {
+            None => vec![toml::Table::new()],
+            Some(toml::Value::Array(list)) => list
+                .into_iter()
+                .map(|g| match g {
+                    toml::Value::Table(t) => Ok(t),
+                    _ => Err(wrong("`grids` holds tables: write [[grids]]".to_owned())),
+                })
+                .collect::<Result<_, _>>()?,
+            Some(_) => return Err(wrong("`grids` is a list of tables: write [[grids]]".to_owned())),
+        };
+        let (head, shared): (toml::Table, toml::Table) = keys.into_iter().partition(|(k, _)| HEAD.contains(&k.as_str()));
+        let head: Head = read(head).map_err(&wrong)?;
+        if head.format != FORMAT {
+            return Err(wrong(format!("format is `{}`; this program reads `{FORMAT}`", head.format)));
+        }
+        let many = grids.len() > 1;
+        let mut names = Vec::new();
+        let grids = grids
+            .into_iter()
+            .enumerate()
+            .map(|(number, own)| {
+                let mut all = shared.clone();
+                all.extend(own);
+                let label = format!("grid {}", number + 1);
+                let keys: Keys = read(all).map_err(|e| wrong(format!("{label}: {e}")))?;
+                let grid = Grid::new(keys, if many { &label } else { &head.name }).map_err(|e| wrong(format!("{label}: {e}")))?;
+                if names.contains(&grid.name) {
+                    return Err(wrong(format!("two grids are called `{}`: give each its own name with the key `grid`", grid.name)));
+                }
+                names.push(grid.name.clone());
+                Ok(grid)
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let plan = Self {
+            name: head.name,
+            about: head.about,
+            seed: head.seed,
+            excitations: head.excitations,
+            noises: head.noises,
+            controllers: head.controllers,
+            scoring: head.scoring,
+            grids,
+            published: head.published,
+            folder: folder.to_owned(),
+        };
+        plan.check().map_err(wrong)?;
+        Ok(plan)
+    }
+
+    /// Numbers that cannot be; names are looked up where they are used, and settings are tried, before anything runs.
+    fn check(&self) -> Result<(), String> {
+        let Scoring { kept_percent, invalid_samples, wrong_samples } = &self.scoring;
+        if kept_percent.is_empty() || kept_percent.iter().any(|k| !(*k > 0.0 && *k <= 100.0)) {
+            return Err("scoring.kept_percent: give numbers above 0 and up to 100".to_owned());
+        }
+        if invalid_samples.is_some_and(|v| !(v.is_finite() && v > 0.0)) || !(wrong_samples.is_finite() && *wrong_samples >= 0.0) {
+            return Err("scoring: invalid_samples is above 0, wrong_samples 0 or more".to_owned());
+        }
+        for (name, controller) in &self.controllers {
+            let coefficients = controller.numerator.iter().chain(&controller.denominator);
+            if controller.numerator.is_empty()
+                || controller.denominator.first().is_none_or(|a| *a == 0.0)
+                || !coefficients.clone().all(|c| c.is_finite())
+            {
+                return Err(format!("controllers.{name}: give finite coefficients, the first of the denominator not 0"));
+            }
+        }
+        for (name, noise) in &self.noises {
+            if name == "white" || noise.innovation_std.is_some_and(|s| !(s.is_finite() && s >= 0.0)) {
+                return Err(format!("noises.{name}: `white` is taken, and innovation_std is 0 or more"));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn read<T: DeserializeOwned>(table: toml::Table) -> Result<T, String> {
+    toml::Value::Table(table).try_into().map_err(|e: toml::de::Error| e.message().to_owned())
+}
+
+impl Grid {
+    fn new(keys: Keys, name: &str) -> Result<Self, String> {
+        fn or<T>(list: Option<Many<T>>, otherwise: T) -> Vec<T> {
+            list.map_or_else(|| vec![otherwise], Vec::from)
+        }
+        fn must<T>(list: Option<Many<T>>, key: &str, hint: &str) -> Result<Vec<T>, String> {
+            list.map(Vec::from).filter(|l: &Vec<T>| !l.is_empty()).ok_or_else(|| format!("`{key}` is missing: {hint}"))
+        }
+        let snr = or(keys.snr, Ratio::Number(f64::INFINITY))
+            .into_iter()
+            .map(|r| match r {
+                Ratio::Number(v) if v > 0.0 => Ok(v),
+                Ratio::Text(t) if t == "inf" => Ok(f64::INFINITY),
+                Ratio::Number(v) => Err(format!("`snr` is {v}: give numbers above 0, or \"inf\" for no noise")),
+                Ratio::Text(t) => Err(format!("`snr` is \"{t}\": give numbers above 0, or \"inf\" for no noise")),
+            })
+            .collect::<Result<Vec<f64>, String>>()?;
+        let delay_s = keys.delay_s.unwrap_or_else(|| vec![Delay::Same(0.0)]);
+        for delay in &delay_s {
+            let fine = match delay {
+                Delay::Same(s) => s.is_finite() && *s >= 0.0,
+                Delay::PerInput(all) => !all.is_empty() && all.iter().all(|s| s.is_finite() && *s >= 0.0),
+                Delay::Drawn(Drawn { uniform_s: [from, to], .. }) => *from >= 0.0 && from <= to && to.is_finite(),
+            };
+            if !fine {
+                return Err(format!("`delay_s` holds {delay}: give seconds, 0 or more, or {{ uniform_s = [FROM, TO] }}"));
+            }
+        }
+        let grid = Self {
+            name: keys.grid.unwrap_or_else(|| name.to_owned()),
+            plant: must(keys.plant, "plant", "name plants (`deadtime list plants`) or model files")?,
+            c2d: or(keys.c2d, "zoh".to_owned()),
+            excitation: must(keys.excitation, "excitation", "name excitations (`deadtime list excitations`) or those of [excitations]")?,
+            snr,
+            noise: or(keys.noise, "white".to_owned()),
+            loops: or(keys.loops, Loop::Open),
+            controller: or(keys.controller, "dlqr".to_owned()),
+            delay_s,
+            samples: or(keys.samples, 500),
+            sample_time_s: or(keys.sample_time_s, 1.0),
+            max_delay: or(keys.max_delay, 35),
+            place: or(keys.place, Place::U),
+            output: keys.output.map(Vec::from).unwrap_or_default(),
+            method: must(keys.method, "method", "name methods (`deadtime list methods`), or `all`")?,
+            truth: keys.truth.unwrap_or(Truth::Delay),
+            trials: keys.trials.unwrap_or(TRIALS),
+            detrend: keys.detrend.unwrap_or_default(),
+            known_degree: keys.known_degree.unwrap_or(true),
+        };
+        if grid.trials == 0 || grid.samples.contains(&0) || grid.max_delay.contains(&0) {
+            return Err("`trials`, `samples` and `max_delay` are 1 or more".to_owned());
+        }
+        if grid.place.contains(&Place::R) && grid.loops.iter().any(|l| *l != Loop::Closed) {
+            return Err("`place` r: only a closed loop has a reference beside u".to_owned());
+        }
+        Ok(grid)
+    }
+}

@@ -1,0 +1,169 @@
+//! Plants of published studies, by name.
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use crate::delay::PlantModel;
+use crate::model::uav::{self, Dynamics};
+use crate::model::{Continuous, ModelError, StateSpace, TransferFunction};
+
+/// A plant without its dead time, and the names of its channels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plant {
+    /// Its dynamics.
+    pub model: PlantModel,
+    /// Input names.
+    pub inputs: Vec<String>,
+    /// Output names.
+    pub outputs: Vec<String>,
+}
+
+/// A line of the list of plants.
+pub struct PlantEntry {
+    /// The name that plans use.
+    pub name: &'static str,
+    /// What it is.
+    pub summary: &'static str,
+    /// Another one for every trial.
+    pub random: bool,
+    build: fn(&mut ChaCha8Rng) -> Result<Plant, ModelError>,
+}
+
+impl PlantEntry {
+    /// The plant; `rng` is used by random ones alone.
+    ///
+    /// # Errors
+    /// What keeps its matrices from being a model.
+    pub fn build(&self, rng: &mut ChaCha8Rng) -> Result<Plant, ModelError> {
+        (self.build)(rng)
+    }
+}
+
+/// One plant of fixed dynamics.
+macro_rules! plant {
+    ($name:literal, $summary:literal, $build:expr) => {
+        PlantEntry { name: $name, summary: $summary, random: false, build: |_| $build }
+    };
+}
+
+/// Every plant. Those of Björklund (2003), LiU-TEK-LIC-2003:60, pp. 69-77 and 111, are in seconds and without their 9 s of dead time.
+pub const PLANTS: &[PlantEntry] = &[
+    plant!("lateral", "the thesis' lateral dynamics, unstable", Ok(vehicle(Dynamics::Lateral))),
+    plant!("longitudinal", "the thesis' longitudinal dynamics, unstable", Ok(vehicle(Dynamics::Longitudinal))),
+    plant!("directional", "the thesis' directional dynamics", Ok(vehicle(Dynamics::Directional))),
+    plant!("vertical", "the thesis' vertical dynamics", Ok(vehicle(Dynamics::Vertical))),
+    plant!("vehicle", "the thesis' vehicle: four inputs, six outputs, unstable", Ok(whole())),
+    plant!("slow2", "Björklund's G1, 1/((10s + 1)(s + 1))", rational(&[0.1], &[[0.1, 0.0], [1.0, 0.0]])),
+    plant!("fast2", "Björklund's G2, 1/((s + 1)(0.1s + 1))", rational(&[10.0], &[[1.0, 0.0], [10.0, 0.0]])),
+    plant!(
+        "real4",
+        "Björklund's G5, 0.05(s + 0.9)(s + 0.4)/((s + 1)(s + 0.6)(s + 0.3)(s + 0.1))",
+        rational(&[0.05, 0.065, 0.018], &[[1.0, 0.0], [0.6, 0.0], [0.3, 0.0], [0.1, 0.0]])
+    ),
+    plant!(
+        "cplx4",
+        "Björklund's G6, (s + 0.9)(s + 0.4)/36 over poles at 0.1·(−1 ± i)/√2 and (−1 ± i)/√2",
+        rational(&[1.0 / 36.0, 1.3 / 36.0, 0.01], &[[0.1 * HALF, 0.1 * HALF], [HALF, HALF]])
+    ),
+    plant!("slow1", "Björklund's G7, 1/(10s + 1)", rational(&[0.1], &[[0.1, 0.0]])),
+    plant!("fast1", "Björklund's G8, 1/(s + 1)", rational(&[1.0], &[[1.0, 0.0]])),
+    plant!("gain", "Björklund's G9, a dead time alone", rational(&[1.0], &[])),
+    plant!("slow2b", "Björklund's G1b, half of slow2", rational(&[0.05], &[[0.1, 0.0], [1.0, 0.0]])),
+    plant!("fast2b", "Björklund's G2b, half of fast2", rational(&[5.0], &[[1.0, 0.0], [10.0, 0.0]])),
+    PlantEntry {
+        name: "random10",
+        summary: "ten real poles and complex pairs drawn anew for every trial, time constants from 0.3 to 30 s, half of them with an integrator",
+        random: true,
+        build: random,
+    },
+];
+
+const HALF: f64 = std::f64::consts::FRAC_1_SQRT_2;
+
+fn names(list: &[(&str, &str)]) -> Vec<String> {
+    list.iter().map(|(name, _)| (*name).to_owned()).collect()
+}
+
+fn vehicle(dynamics: Dynamics) -> Plant {
+    Plant { model: PlantModel::Continuous(dynamics.model()), inputs: vec![dynamics.input().to_owned()], outputs: names(dynamics.outputs()) }
+}
+
+fn whole() -> Plant {
+    Plant {
+        model: PlantModel::Continuous(uav::model()),
+        inputs: Dynamics::ALL.iter().map(|d| d.input().to_owned()).collect(),
+        outputs: Dynamics::ALL.iter().flat_map(|d| names(d.outputs())).collect(),
+    }
+}
+
+fn single(model: Result<StateSpace<Continuous>, ModelError>) -> Result<Plant, ModelError> {
+    Ok(Plant { model: PlantModel::Continuous(model?), inputs: vec!["u".to_owned()], outputs: vec!["y".to_owned()] })
+}
+
+/// Numerator coefficients, highest power first, over factors: [a, 0] is s + a, [a, b] is (s + a)² + b².
+fn rational(numerator: &[f64], factors: &[[f64; 2]]) -> Result<Plant, ModelError> {
+    let denominator = factors.iter().fold(vec![1.0], |all, &[a, b]| {
+        let factor = if b == 0.0 { vec![1.0, a] } else { vec![1.0, 2.0 * a, a * a + b * b] };
+        product(&all, &factor)
+    });
+    single(TransferFunction::from_polynomials(numerator, &denominator, 0.0, Continuous)?.to_state_space())
+}
+
+fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; a.len() + b.len() - 1];
+    for (i, x) in a.iter().enumerate() {
+        for (j, y) in b.iter().enumerate() {
+            out[i + j] += x * y;
+        }
+    }
+    out
+}
+
+/// Ten poles in parallel branches. Björklund (2003), p. 111, does not say how his were drawn; these are ours.
+fn random(rng: &mut ChaCha8Rng) -> Result<Plant, ModelError> {
+    let integrates = rng.random_bool(0.5);
+    let mut factors = Vec::new();
+    let mut left = if integrates { 9 } else { 10 };
+    while left > 0 {
+        let rate = (rng.random_range((1.0_f64 / 30.0).ln()..(1.0_f64 / 0.3).ln())).exp();
+        if left > 1 && rng.random_bool(0.5) {
+            let damping = rng.random_range(0.3..1.0_f64);
+            factors.push([rate * damping, rate * (1.0 - damping * damping).sqrt()]);
+            left -= 2;
+        } else {
+            factors.push([rate, 0.0]);
+            left -= 1;
+        }
+    }
+    branches(rng, &factors, integrates)
+}
+
+/// The sum of one branch per factor, of random static gain and sign.
+fn branches(rng: &mut ChaCha8Rng, factors: &[[f64; 2]], integrates: bool) -> Result<Plant, ModelError> {
+    use nalgebra::DMatrix;
+    let order: usize = factors.iter().map(|f| if f[1] == 0.0 { 1 } else { 2 }).sum::<usize>() + usize::from(integrates);
+    let (mut a, mut b, mut c) = (DMatrix::zeros(order, order), DMatrix::zeros(order, 1), DMatrix::zeros(1, order));
+    let mut gain = || if rng.random_bool(0.5) { rng.random_range(0.2..1.0) } else { -rng.random_range(0.2..1.0) };
+    let mut at = 0;
+    for &[re, im] in factors {
+        if im == 0.0 {
+            a[(at, at)] = -re;
+            b[(at, 0)] = re;
+            c[(0, at)] = gain();
+            at += 1;
+        } else {
+            let square = re * re + im * im;
+            a[(at, at + 1)] = 1.0;
+            a[(at + 1, at)] = -square;
+            a[(at + 1, at + 1)] = -2.0 * re;
+            b[(at + 1, 0)] = square;
+            c[(0, at)] = gain();
+            at += 2;
+        }
+    }
+    if integrates {
+        b[(at, 0)] = 0.1;
+        c[(0, at)] = gain();
+    }
+    single(StateSpace::continuous(a, b, c, DMatrix::zeros(1, 1)))
+}

@@ -1,0 +1,290 @@
+//! Runs a plan on all cores, block by block; what is done stays done when the program is stopped.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use rayon::prelude::*;
+use serde_json::{Map, Value};
+use sha2::{Digest, Sha256};
+
+use super::StudyError;
+use super::cell::{Layout, Slot};
+use super::estimates::{COLUMNS, Row, key_fields, of_record, read_part, value_fields, write_part};
+use super::plan::{Delay, Plan};
+use super::results::{Cell, FORMAT, Kept, Score, Study};
+use super::tally::{Tally, kept};
+use crate::file::write_atomic;
+
+/// Records of one setting that are made together, and written as one file: seconds of work between two writes at most.
+const BLOCK: usize = 25;
+/// The folder of finished blocks.
+const PARTS: &str = "parts";
+/// What the blocks belong to.
+const STAMP: &str = "plan.sha256";
+
+/// How far a study is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// Estimates made, those of earlier runs included.
+    pub done: usize,
+    /// Estimates made by this run.
+    pub now: usize,
+    /// Estimates in all.
+    pub all: usize,
+}
+
+/// A plan made ready to run.
+pub struct Runner<'a> {
+    plan: &'a Plan,
+    layout: Layout,
+    blocks: Vec<Block>,
+}
+
+/// Trials of one setting.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Block {
+    setting: usize,
+    first: usize,
+    end: usize,
+}
+
+impl<'a> Runner<'a> {
+    /// Looks up everything that the plan names, and makes one record of every setting.
+    ///
+    /// # Errors
+    /// [`StudyError::Plan`], [`crate::registry::RegistryError`] for unknown names and options; what keeps a record from being made, as [`StudyError::Record`].
+    pub fn new(plan: &'a Plan) -> crate::Result<Self> {
+        let layout = Layout::new(plan)?;
+        let tried = layout.settings.par_iter().map(|s| {
+            let because = |source| StudyError::Record { plan: plan.name.clone(), setting: s.key.to_string(), source: Box::new(source) };
+            Ok(s.record(plan.seed, 0).map(|_| ()).map_err(because)?)
+        });
+        tried.collect::<crate::Result<Vec<()>>>()?;
+        let blocks = (layout.settings.iter().enumerate())
+            .flat_map(|(setting, s)| {
+                (0..s.trials).step_by(BLOCK).map(move |first| Block { setting, first, end: (first + BLOCK).min(s.trials) })
+            })
+            .collect();
+        Ok(Self { plan, layout, blocks })
+    }
+
+    /// Estimates in all.
+    #[must_use]
+    pub fn estimates(&self) -> usize {
+        self.blocks.iter().map(|b| self.size(*b)).sum()
+    }
+
+    fn size(&self, block: Block) -> usize {
+        (block.end - block.first) * self.layout.of(block.setting).len()
+    }
+
+    /// Runs what is not done yet and writes `DIR/study.json` and `DIR/estimates.csv`. Finished blocks are kept in `DIR/parts` until then: a run that was stopped goes on
+    /// where it was with `resume`. The same to the bit for any number of threads, run times apart.
+    ///
+    /// # Errors
+    /// [`StudyError::Folder`] where the folder holds another plan's blocks, or some of this one without `resume`; what keeps a record from being made;
+    /// [`crate::Error::Io`].
+    pub fn run(&self, folder: &Path, resume: bool, progress: &(dyn Fn(Progress) + Sync)) -> crate::Result<Study> {
+        let parts = self.open(folder, resume)?;
+        let pending: Vec<(usize, Block)> = self.blocks.iter().copied().enumerate().filter(|(n, _)| !part(&parts, *n).exists()).collect();
+        let all = self.estimates();
+        let left: usize = pending.iter().map(|(_, b)| self.size(*b)).sum();
+        let count = Mutex::new(Progress { done: all - left, now: 0, all });
+        let tell = |more: usize| {
+            if let Ok(mut count) = count.lock() {
+                count.done += more;
+                count.now += more;
+                progress(*count);
+            }
+        };
+        tell(0);
+        pending.par_iter().try_for_each(|&(number, block)| -> crate::Result<()> {
+            write_part(&part(&parts, number), &self.block(block)?)?;
+            tell(self.size(block));
+            Ok(())
+        })?;
+        let study = self.gather(folder, &parts)?;
+        fs::remove_dir_all(&parts).map_err(|e| crate::Error::io(&parts, e))?;
+        Ok(study)
+    }
+
+    /// The rows of one block, in the order of trials and cells.
+    fn block(&self, block: Block) -> crate::Result<Vec<Row>> {
+        let mut rows = Vec::with_capacity(self.size(block));
+        for trial in block.first..block.end {
+            rows.extend(of_record(self.plan, &self.layout, block.setting, trial)?);
+        }
+        Ok(rows)
+    }
+
+    /// The folder of blocks, new or of this very plan.
+    fn open(&self, folder: &Path, resume: bool) -> crate::Result<PathBuf> {
+        let parts = folder.join(PARTS);
+        let stamp = parts.join(STAMP);
+        let mine = self.stamp();
+        if parts.exists() {
+            let theirs = fs::read_to_string(&stamp).unwrap_or_default();
+            let detail = if theirs.trim() != mine {
+                "holds the unfinished study of another plan (other trials, seed or program version included); give another --out, or remove its folder `parts`"
+            } else if !resume {
+                "holds this study unfinished; --resume goes on where it was, removing its folder `parts` starts anew"
+            } else {
+                return Ok(parts);
+            };
+            return Err(StudyError::Folder { folder: folder.to_owned(), detail: detail.to_owned() }.into());
+        }
+        write_atomic(&stamp, |out| writeln!(out, "{mine}"))?;
+        Ok(parts)
+    }
+
+    /// What two runs must share for their blocks to go together.
+    fn stamp(&self) -> String {
+        let plan = serde_json::to_string(self.plan).unwrap_or_default();
+        let text = format!("{}|{BLOCK}|{plan}", env!("CARGO_PKG_VERSION"));
+        Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()
+    }
+
+    /// Reads all blocks in order, one row at a time, and writes what came of them.
+    fn gather(&self, folder: &Path, parts: &Path) -> crate::Result<Study> {
+        let scoring = &self.plan.scoring;
+        let mut cells: Vec<Cell> = self.layout.slots.iter().map(|s| self.cell(*s)).collect();
+        let keys: Vec<Vec<String>> = cells.iter().map(key_fields).collect();
+        let mut tallies = vec![Tally::default(); cells.len()];
+        let mut failed = None;
+        write_atomic(&folder.join("estimates.csv"), |out| {
+            let mut csv = csv::Writer::from_writer(out);
+            csv.write_record(COLUMNS)?;
+            for number in 0..self.blocks.len() {
+                let mut rows = || -> crate::Result<()> {
+                    for row in read_part(&part(parts, number))? {
+                        let row = row?;
+                        let Some((tally, key)) = tallies.get_mut(row.cell).zip(keys.get(row.cell)) else { continue };
+                        tally.add(&row, scoring, self.layout.settings[self.layout.slots[row.cell].setting].sample_time);
+                        csv.write_record(key.iter().chain(&value_fields(&row))).map_err(|e| crate::Error::io(parts, e.into()))?;
+                    }
+                    Ok(())
+                };
+                if let Err(e) = rows() {
+                    failed = Some(e);
+                    return Err(std::io::Error::other("a block that cannot be read"));
+                }
+            }
+            csv.flush()
+        })
+        .map_err(|e| failed.take().unwrap_or(e))?;
+        for (cell, tally) in cells.iter_mut().zip(&tallies) {
+            cell.trials = tally.trials;
+            cell.rms_samples = tally.rms();
+            cell.rms_ci95_samples = tally.rms_ci95();
+            cell.bias_samples = tally.bias();
+            cell.mean_raw_s = tally.mean_raw_s();
+            cell.std_raw_s = tally.std_raw_s();
+            cell.flagged = tally.flagged;
+            cell.unflagged_wrong = tally.wrong;
+            cell.coverage95 = tally.coverage95();
+            cell.bound_rms_samples = tally.bound_rms();
+            cell.time_per_estimate_s = tally.time_s();
+        }
+        let scores = self.scores(&mut cells, &tallies);
+        let study = Study {
+            format: FORMAT.to_owned(),
+            plan: self.plan.name.clone(),
+            about: self.plan.about.clone(),
+            seed: self.plan.seed,
+            program: format!("deadtime {}", env!("CARGO_PKG_VERSION")),
+            cells,
+            scores,
+        };
+        study.write(&folder.join("study.json"))?;
+        Ok(study)
+    }
+
+    /// Every method of every grid and place, at every share that is kept.
+    fn scores(&self, cells: &mut [Cell], tallies: &[Tally]) -> Vec<Score> {
+        let mut groups: BTreeMap<(usize, u8, usize), Vec<usize>> = BTreeMap::new();
+        for (number, slot) in self.layout.slots.iter().enumerate() {
+            let grid = self.layout.settings[slot.setting].grid;
+            groups.entry((grid, slot.place as u8, slot.method)).or_default().push(number);
+        }
+        let mut scores = Vec::new();
+        for members in groups.values() {
+            let of: Vec<&Tally> = members.iter().map(|&m| &tallies[m]).collect();
+            for &percent in &self.plan.scoring.kept_percent {
+                let rms = kept(&of, percent);
+                for (&member, rms) in members.iter().zip(&rms) {
+                    cells[member].kept.push(Kept { percent, rms_samples: *rms });
+                }
+                let Some(&first) = members.first() else { continue };
+                let some: Vec<f64> = rms.iter().flatten().copied().collect();
+                #[allow(clippy::cast_precision_loss)]
+                let count = some.len() as f64;
+                let mean = (!some.is_empty()).then(|| some.iter().sum::<f64>() / count);
+                // Cells are independent of each other.
+                let variance: Option<f64> = of.iter().map(|t| t.rms_std().map(|[_, s]| s * s)).sum();
+                let half = variance.map(|v| 1.96 * v.sqrt() / count);
+                scores.push(Score {
+                    grid: cells[first].grid.clone(),
+                    place: cells[first].place,
+                    method: cells[first].method.clone(),
+                    options: cells[first].options.clone(),
+                    kept_percent: percent,
+                    mean_rms_samples: mean,
+                    ci95_samples: mean.zip(half).filter(|_| percent >= 100.0).map(|(m, h)| [(m - h).max(0.0), m + h]),
+                });
+            }
+        }
+        scores
+    }
+
+    /// The key of a cell, without results.
+    fn cell(&self, slot: Slot) -> Cell {
+        let setting = &self.layout.settings[slot.setting];
+        let grid = &self.plan.grids[setting.grid];
+        let chosen = self.layout.chosen(slot);
+        let key = &setting.key;
+        Cell {
+            grid: grid.name.clone(),
+            plant: key.plant.clone(),
+            input: setting.inputs[slot.input].clone(),
+            output: slot.output.map_or_else(|| "*".to_owned(), |o| setting.outputs[o].clone()),
+            c2d: key.c2d.clone(),
+            excitation: key.excitation.clone(),
+            snr: key.snr.is_finite().then_some(key.snr),
+            noise: key.noise.clone(),
+            loops: key.loops,
+            controller: key.controller.clone(),
+            place: slot.place,
+            delay_s: match &key.delay {
+                Delay::PerInput(all) => all.get(slot.input).map_or_else(|| key.delay.clone(), |s| Delay::Same(*s)),
+                other => other.clone(),
+            },
+            samples: key.samples,
+            sample_time_s: key.sample_time_s,
+            max_delay: setting.max_delay,
+            truth: grid.truth,
+            method: chosen.method.entry.name.to_owned(),
+            options: match &chosen.options {
+                Value::Object(options) => options.clone(),
+                _ => Map::new(),
+            },
+            trials: 0,
+            rms_samples: None,
+            rms_ci95_samples: None,
+            bias_samples: None,
+            mean_raw_s: None,
+            std_raw_s: None,
+            flagged: 0,
+            unflagged_wrong: 0,
+            coverage95: None,
+            bound_rms_samples: None,
+            time_per_estimate_s: None,
+            kept: Vec::new(),
+        }
+    }
+}
+
+fn part(parts: &Path, number: usize) -> PathBuf {
+    parts.join(format!("{number:08}.csv"))
+}
