@@ -41,6 +41,8 @@ pub enum Statistic {
     RmsSamples,
     /// Mean of the raw answers, s.
     MeanRawS,
+    /// Standard deviation of the raw answers, s.
+    StdRawS,
     /// That the method failed every time.
     Failed,
 }
@@ -112,6 +114,34 @@ impl std::fmt::Display for Which {
     }
 }
 
+/// Keys of an entry itself; what else stands in a table of `each` is a key of its cells.
+const OWN: [&str; 6] = ["source", "statistic", "kept_percent", "value", "tolerance", "not_reproducible"];
+
+/// An entry with a list `each` of tables stands for one entry per table: the entry with the table's keys in place of its own or of its cells'.
+pub(super) fn spread(entries: toml::Value) -> Result<toml::Value, String> {
+    let toml::Value::Array(entries) = entries else { return Err("`published` is a list of tables: write [[published]]".to_owned()) };
+    let mut all = Vec::with_capacity(entries.len());
+    for entry in entries {
+        let toml::Value::Table(mut shared) = entry else { return Err("`published` holds tables: write [[published]]".to_owned()) };
+        let Some(each) = shared.remove("each") else {
+            all.push(toml::Value::Table(shared));
+            continue;
+        };
+        let toml::Value::Array(each) = each else { return Err("published.each is a list of tables".to_owned()) };
+        for one in each {
+            let toml::Value::Table(one) = one else { return Err("published.each is a list of tables".to_owned()) };
+            let (own, of_cells): (toml::Table, toml::Table) = one.into_iter().partition(|(key, _)| OWN.contains(&key.as_str()));
+            let mut entry = shared.clone();
+            entry.extend(own);
+            if let toml::Value::Table(cells) = entry.entry("cells").or_insert_with(|| toml::Table::new().into()) {
+                cells.extend(of_cells);
+            }
+            all.push(toml::Value::Table(entry));
+        }
+    }
+    Ok(toml::Value::Array(all))
+}
+
 impl Published {
     /// This number beside a study's; `None` where the study has none of its cells.
     #[must_use]
@@ -130,6 +160,7 @@ impl Published {
         let ours = match self.statistic {
             Statistic::RmsSamples => mean(&|c| c.kept.iter().find(|k| k.percent == self.kept_percent)?.rms_samples),
             Statistic::MeanRawS => mean(&|c| c.mean_raw_s),
+            Statistic::StdRawS => mean(&|c| c.std_raw_s),
             Statistic::Failed => mean(&|c| Some(c.flagged as f64 / c.trials.max(1) as f64)),
         };
         let wanted = if self.statistic == Statistic::Failed { Some(1.0) } else { self.value };
