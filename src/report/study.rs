@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::Table;
-use crate::study::{Cell, Grid, InjectedCell, Plan, Standing, Statistic, Study};
+use crate::study::{Cell, Grid, InjectedCell, Plan, Standing, Statistic, Study, Which};
 
 /// One row per method and delay.
 #[must_use]
@@ -150,7 +150,10 @@ pub fn summary(study: &Study) -> Table {
 /// with the share of records without an answer.
 #[must_use]
 pub fn by(study: &Study, grid: &str, by: &str) -> Table {
-    let of = |key: &str, cell: &Cell| KEYS.iter().find(|(_, name, _)| *name == key).map_or_else(String::new, |(_, _, of)| of(cell));
+    let of = |key: &str, cell: &Cell| match KEYS.iter().find(|(_, name, _)| *name == key).map(|(_, _, of)| of(cell)) {
+        Some(value) if !value.is_empty() => value,
+        _ => "none".to_owned(),
+    };
     let mut keys: Vec<&str> = by.split_whitespace().collect();
     let column = keys.pop().unwrap_or_default();
     let (mut columns, mut rows): (Vec<String>, Vec<Vec<String>>) = (Vec::new(), Vec::new());
@@ -266,7 +269,9 @@ pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
             Standing::Differing => "differing".to_owned(),
             Standing::NotReproducible => format!("not reproducible: {}", p.not_reproducible.as_deref().unwrap_or("")),
         };
-        table.row(vec![p.source.clone(), p.cells.to_string(), what, theirs, ours, standing]);
+        // A grid that is named as the source says nothing more.
+        let grid = p.cells.grid.clone().filter(|g| *g != p.source);
+        table.row(vec![p.source.clone(), Which { grid, ..p.cells.clone() }.to_string(), what, theirs, ours, standing]);
     }
     any.then_some(table)
 }

@@ -1,5 +1,7 @@
 //! Published numbers, to stand beside ours.
 
+use std::collections::BTreeSet;
+
 use serde::{Deserialize, Serialize};
 
 use super::plan::{Loop, Place};
@@ -24,7 +26,7 @@ pub struct Published {
     /// How far ours may be from it to count as matching, in its unit; default half a unit of its last digit.
     #[serde(default)]
     pub tolerance: Option<f64>,
-    /// Why it cannot come out, where that is known.
+    /// Why it cannot come out but by chance, where that is known.
     #[serde(default)]
     pub not_reproducible: Option<String>,
 }
@@ -61,7 +63,7 @@ pub struct Which {
     #[serde(rename = "loop")]
     pub loops: Option<Loop>,
     pub place: Option<Place>,
-    /// The method with its options, as the plan writes it.
+    /// The method with its options.
     pub method: Option<String>,
 }
 
@@ -73,7 +75,7 @@ pub enum Standing {
     Matching,
     /// Outside.
     Differing,
-    /// It is known not to come out.
+    /// It is known not to come out but by chance.
     NotReproducible,
 }
 
@@ -101,7 +103,7 @@ impl Which {
             && self.snr.is_none_or(|s| cell.snr == Some(s))
             && self.loops.is_none_or(|l| l == cell.loops)
             && self.place.is_none_or(|p| p == cell.place)
-            && is(&self.method, &cell.method_text())
+            && self.method.as_deref().is_none_or(|m| words(m) == words(&cell.method_text()))
     }
 }
 
@@ -112,6 +114,11 @@ impl std::fmt::Display for Which {
         let more = [grid.clone(), loops.map(|l| l.name().to_owned()), place.map(|p| format!("from {}", p.name()))];
         f.write_str(&words.into_iter().chain(more).flatten().collect::<Vec<_>>().join(", "))
     }
+}
+
+/// A method and its options, in whatever order these are written.
+fn words(text: &str) -> BTreeSet<&str> {
+    text.split_whitespace().collect()
 }
 
 /// Keys of an entry itself; what else stands in a table of `each` is a key of its cells.
@@ -166,8 +173,9 @@ impl Published {
         let wanted = if self.statistic == Statistic::Failed { Some(1.0) } else { self.value };
         let near = ours.zip(wanted).is_some_and(|(a, b)| (a - b).abs() <= self.tolerance.unwrap_or(NEAR * b.abs()));
         let standing = match (near, &self.not_reproducible) {
-            (true, _) => Standing::Matching,
-            (false, Some(_)) => Standing::NotReproducible,
+            // That chance comes near is no reproduction.
+            (_, Some(_)) => Standing::NotReproducible,
+            (true, None) => Standing::Matching,
             (false, None) => Standing::Differing,
         };
         Some(Beside { published: self, ours, standing })
