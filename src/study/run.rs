@@ -185,6 +185,7 @@ impl<'a> Runner<'a> {
             cell.unflagged_wrong = tally.wrong;
             cell.coverage95 = tally.coverage95();
             cell.bound_rms_samples = tally.bound_rms();
+            cell.predicted_rms_samples = tally.predicted_rms();
             cell.time_per_estimate_s = tally.time_s();
         }
         let scores = self.scores(&mut cells, &tallies);
@@ -279,6 +280,7 @@ impl<'a> Runner<'a> {
             unflagged_wrong: 0,
             coverage95: None,
             bound_rms_samples: None,
+            predicted_rms_samples: None,
             time_per_estimate_s: None,
             kept: Vec::new(),
         }
