@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used)]
 
 use deadtime::delay::{
-    DelayEstimate, DelayEstimator, Experiment, Outcome, PlantModel, Recording, Records, Search, Selection, Series, StateLeastSquares,
-    Threshold,
+    DelayEstimate, DelayEstimator, Experiment, Oestruc, Outcome, PlantModel, Prewindow, Recording, Records, Search, Selection, Series,
+    StateLeastSquares, Threshold,
 };
 use deadtime::model::StateSpace;
 use deadtime::signal::{NoiseColour, add_noise, unit_noise};
@@ -127,4 +127,45 @@ fn the_largest_product_is_never_negative_and_misses_where_noise_stands_at_a_long
     // max γt overstates: the noise at lag 15 alone can reach what γ = 1 does at lag 2.
     let found = delays(Selection::LargestProduct, 1.0);
     assert!(found[0] > 2.0, "{found:?}");
+}
+
+/// One state of a plant at rest, moved by a pulse of three samples.
+fn pulsed(at: usize) -> Experiment {
+    let plant =
+        StateSpace::sampled(DMatrix::from_element(1, 1, 0.9), DMatrix::identity(1, 1), DMatrix::identity(1, 1), DMatrix::zeros(1, 1), ts())
+            .unwrap();
+    let u: Vec<f64> = (0..80).map(|k| if (at..at + 3).contains(&k) { 1.0 } else { 0.0 }).collect();
+    let rest = Options { prehistory: deadtime::simulate::Prehistory::Rest, ..Options::default() };
+    let x = lsim_sampled(&plant.clone().with_input_delay(vec![4]).unwrap(), &DMatrix::from_column_slice(80, 1, &u), &rest).unwrap().x;
+    let x: Vec<f64> = x.column(0).iter().copied().collect();
+    let mut experiment = Experiment::siso(ts(), u, x.clone());
+    experiment.recordings[0].states = vec![x];
+    experiment.model = Some(PlantModel::Sampled(plant));
+    experiment
+}
+
+#[test]
+fn what_is_known_before_a_record_lets_states_tell_of_an_early_pulse() {
+    let answer = |at, prewindow| one(&StateLeastSquares { prewindow, ..StateLeastSquares::default() }, &pulsed(at), &Search::default());
+    // A pulse in the first samples has gone by before every lag can be looked back to.
+    for at in [0, 10] {
+        assert_eq!(answer(at, Prewindow::None).outcome, Outcome::Singular);
+        assert!((answer(at, Prewindow::Rest).delay_s.unwrap() - 4.0).abs() < 1e-6);
+    }
+    // Ten still samples are a rest that is seen; a pulse at the very start leaves none.
+    assert!((answer(10, Prewindow::Auto).delay_s.unwrap() - 4.0).abs() < 1e-6);
+    assert_eq!(answer(0, Prewindow::Auto).outcome, Outcome::Singular);
+}
+
+#[test]
+fn as_published_oestruc_answers_where_it_has_nothing_to_go_by() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let unrelated = Experiment::siso(ts(), white(200, &mut rng), white(200, &mut rng));
+    let asked = one(&Oestruc::default(), &unrelated, &Search::default());
+    assert_eq!((asked.outcome, asked.delay_s), (Outcome::NotVisible, None));
+    let made = one(&Oestruc { always_answers: true, ..Oestruc::default() }, &unrelated, &Search::default());
+    assert_eq!(made.outcome, Outcome::Found);
+    // It says nothing more than that the delay lies in the window, and says why.
+    assert_eq!(made.ci95_s.unwrap()[1], 34.0);
+    assert_eq!(made.note, asked.note);
 }
