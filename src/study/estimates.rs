@@ -1,6 +1,6 @@
 //! Every single estimate: how it is made, and the files it is kept in.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
@@ -166,79 +166,107 @@ pub(super) fn read_part(path: &Path) -> crate::Result<impl Iterator<Item = crate
     Ok(reader.into_deserialize().map(move |row| row.map_err(|e| wrong(e).into())))
 }
 
-/// Columns of `estimates.csv`: the cell's key, then the estimate.
-pub(super) const COLUMNS: [&str; 30] = [
-    "grid",
-    "plant",
-    "input",
-    "output",
-    "c2d",
-    "excitation",
-    "snr",
-    "noise",
-    "loop",
-    "controller",
-    "place",
-    "injected",
-    "samples",
-    "sample_time_s",
-    "max_delay",
-    "truth",
-    "method",
-    "options",
-    "trial",
-    "seed",
-    "true_delay_s",
-    "outcome",
-    "raw_s",
-    "delay_s",
-    "std_s",
-    "lo_s",
-    "hi_s",
-    "error_samples",
-    "bound_samples",
-    "time_s",
-];
+/// A value of `estimates.csv` or `estimates.parquet`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Field {
+    Text(String),
+    Count(u64),
+    Number(Option<f64>),
+}
 
-/// The cell's part of a line.
-pub(super) fn key_fields(cell: &Cell) -> Vec<String> {
+impl std::fmt::Display for Field {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Text(text) => f.write_str(text),
+            Self::Count(count) => count.fmt(f),
+            Self::Number(number) => number.map_or(Ok(()), |v| v.fmt(f)),
+        }
+    }
+}
+
+/// The cell's part of a line, with the names of its columns.
+pub(super) fn key_fields(cell: &Cell) -> Vec<(&'static str, Field)> {
+    let text = |text: &str| Field::Text(text.to_owned());
     vec![
-        cell.grid.clone(),
-        cell.plant.clone(),
-        cell.input.clone(),
-        cell.output.clone(),
-        cell.c2d.clone(),
-        cell.excitation.clone(),
-        cell.snr.map(|v| v.to_string()).unwrap_or_default(),
-        cell.noise.clone(),
-        cell.loops.name().to_owned(),
-        cell.controller.clone().unwrap_or_default(),
-        cell.place.name().to_owned(),
-        cell.delay_s.to_string(),
-        cell.samples.to_string(),
-        cell.sample_time_s.to_string(),
-        cell.max_delay.to_string(),
-        cell.truth.name().to_owned(),
-        cell.method.clone(),
-        cell.options.iter().map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" "),
+        ("grid", text(&cell.grid)),
+        ("plant", text(&cell.plant)),
+        ("input", text(&cell.input)),
+        ("output", text(&cell.output)),
+        ("c2d", text(&cell.c2d)),
+        ("excitation", text(&cell.excitation)),
+        ("snr", Field::Number(cell.snr)),
+        ("noise", text(&cell.noise)),
+        ("loop", text(cell.loops.name())),
+        ("controller", text(cell.controller.as_deref().unwrap_or_default())),
+        ("place", text(cell.place.name())),
+        ("injected", text(&cell.delay_s.to_string())),
+        ("samples", Field::Count(cell.samples as u64)),
+        ("sample_time_s", Field::Number(Some(cell.sample_time_s))),
+        ("max_delay", Field::Count(cell.max_delay as u64)),
+        ("truth", text(cell.truth.name())),
+        ("method", text(&cell.method)),
+        ("options", text(&cell.options.iter().map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" "))),
     ]
 }
 
-/// The estimate's part of a line.
-pub(super) fn value_fields(row: &Row) -> Vec<String> {
-    let number = |v: Option<f64>| v.map(|v| v.to_string()).unwrap_or_default();
-    vec![
-        row.trial.to_string(),
-        row.seed.to_string(),
-        row.true_delay_s.to_string(),
-        row.outcome.name().to_owned(),
-        number(row.raw_s),
-        number(row.delay_s),
-        number(row.std_s),
-        number(row.lo_s),
-        number(row.hi_s),
-        number(row.error_samples),
-        number(row.bound_samples),
-        row.time_s.to_string(),
+/// The estimate's part of a line, with the names of its columns.
+pub(super) fn value_fields(row: &Row) -> [(&'static str, Field); 12] {
+    [
+        ("trial", Field::Count(row.trial as u64)),
+        ("seed", Field::Count(row.seed)),
+        ("true_delay_s", Field::Number(Some(row.true_delay_s))),
+        ("outcome", Field::Text(row.outcome.name().to_owned())),
+        ("raw_s", Field::Number(row.raw_s)),
+        ("delay_s", Field::Number(row.delay_s)),
+        ("std_s", Field::Number(row.std_s)),
+        ("lo_s", Field::Number(row.lo_s)),
+        ("hi_s", Field::Number(row.hi_s)),
+        ("error_samples", Field::Number(row.error_samples)),
+        ("bound_samples", Field::Number(row.bound_samples)),
+        ("time_s", Field::Number(Some(row.time_s))),
     ]
+}
+
+/// A file that takes estimates one at a time and holds few of them.
+pub(super) trait Sink {
+    /// One line: the cell's fields, then the estimate's.
+    fn write(&mut self, key: &[(&'static str, Field)], values: &[(&'static str, Field)]) -> crate::Result<()>;
+    /// Gives the file its name, once all is written.
+    fn finish(self: Box<Self>) -> crate::Result<()>;
+}
+
+/// `estimates.csv`.
+pub(super) struct CsvSink {
+    path: PathBuf,
+    file: csv::Writer<tempfile::NamedTempFile>,
+    headed: bool,
+}
+
+impl CsvSink {
+    pub(super) fn new(path: PathBuf) -> crate::Result<Self> {
+        let file = temporary(&path)?;
+        Ok(Self { path, file: csv::Writer::from_writer(file), headed: false })
+    }
+}
+
+impl Sink for CsvSink {
+    fn write(&mut self, key: &[(&'static str, Field)], values: &[(&'static str, Field)]) -> crate::Result<()> {
+        let wrong = |e: csv::Error| crate::Error::io(&self.path, e.into());
+        if !self.headed {
+            self.file.write_record(key.iter().chain(values).map(|f| f.0)).map_err(wrong)?;
+            self.headed = true;
+        }
+        self.file.write_record(key.iter().chain(values).map(|f| f.1.to_string())).map_err(wrong)
+    }
+
+    fn finish(self: Box<Self>) -> crate::Result<()> {
+        let file = self.file.into_inner().map_err(|e| crate::Error::io(&self.path, std::io::Error::other(e.to_string())))?;
+        file.persist(&self.path).map(|_| ()).map_err(|e| crate::Error::io(&self.path, e.error))
+    }
+}
+
+/// A file without a name of its own beside `path`; missing folders are made.
+pub(super) fn temporary(path: &Path) -> crate::Result<tempfile::NamedTempFile> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).and_then(|()| tempfile::NamedTempFile::new_in(folder)).map_err(|e| crate::Error::io(path, e))
 }

@@ -7,6 +7,8 @@ mod error;
 mod estimates;
 mod feedback;
 mod injected;
+#[cfg(feature = "parquet")]
+mod parquet;
 mod plan;
 mod plants;
 mod published;

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 
 use super::StudyError;
 use super::cell::{Layout, Slot};
-use super::estimates::{COLUMNS, Row, key_fields, of_record, read_part, value_fields, write_part};
+use super::estimates::{CsvSink, Row, Sink, key_fields, of_record, read_part, value_fields, write_part};
 use super::plan::{Delay, Plan};
 use super::results::{Cell, FORMAT, Kept, Score, Study};
 use super::tally::{Tally, kept};
@@ -80,7 +80,7 @@ impl<'a> Runner<'a> {
         (block.end - block.first) * self.layout.of(block.setting).len()
     }
 
-    /// Runs what is not done yet and writes `DIR/study.json` and `DIR/estimates.csv`. Finished blocks are kept in `DIR/parts` until then: a run that was stopped goes on
+    /// Runs what is not done yet and writes `DIR/study.json` and `DIR/estimates.csv` (`.parquet` too with that feature). Finished blocks are kept in `DIR/parts` until then: a run that was stopped goes on
     /// where it was with `resume`. The same to the bit for any number of threads, run times apart.
     ///
     /// # Errors
@@ -150,30 +150,19 @@ impl<'a> Runner<'a> {
     fn gather(&self, folder: &Path, parts: &Path) -> crate::Result<Study> {
         let scoring = &self.plan.scoring;
         let mut cells: Vec<Cell> = self.layout.slots.iter().map(|s| self.cell(*s)).collect();
-        let keys: Vec<Vec<String>> = cells.iter().map(key_fields).collect();
+        let keys: Vec<_> = cells.iter().map(key_fields).collect();
         let mut tallies = vec![Tally::default(); cells.len()];
-        let mut failed = None;
-        write_atomic(&folder.join("estimates.csv"), |out| {
-            let mut csv = csv::Writer::from_writer(out);
-            csv.write_record(COLUMNS)?;
-            for number in 0..self.blocks.len() {
-                let mut rows = || -> crate::Result<()> {
-                    for row in read_part(&part(parts, number))? {
-                        let row = row?;
-                        let Some((tally, key)) = tallies.get_mut(row.cell).zip(keys.get(row.cell)) else { continue };
-                        tally.add(&row, scoring, self.layout.settings[self.layout.slots[row.cell].setting].sample_time);
-                        csv.write_record(key.iter().chain(&value_fields(&row))).map_err(|e| crate::Error::io(parts, e.into()))?;
-                    }
-                    Ok(())
-                };
-                if let Err(e) = rows() {
-                    failed = Some(e);
-                    return Err(std::io::Error::other("a block that cannot be read"));
-                }
+        let mut sinks = sinks(folder)?;
+        for number in 0..self.blocks.len() {
+            for row in read_part(&part(parts, number))? {
+                let row = row?;
+                let Some((tally, key)) = tallies.get_mut(row.cell).zip(keys.get(row.cell)) else { continue };
+                tally.add(&row, scoring, self.layout.settings[self.layout.slots[row.cell].setting].sample_time);
+                let values = value_fields(&row);
+                sinks.iter_mut().try_for_each(|s| s.write(key, &values))?;
             }
-            csv.flush()
-        })
-        .map_err(|e| failed.take().unwrap_or(e))?;
+        }
+        sinks.into_iter().try_for_each(Sink::finish)?;
         for (cell, tally) in cells.iter_mut().zip(&tallies) {
             cell.trials = tally.trials;
             cell.rms_samples = tally.rms();
@@ -283,6 +272,15 @@ impl<'a> Runner<'a> {
             kept: Vec::new(),
         }
     }
+}
+
+/// The files that every estimate goes to.
+fn sinks(folder: &Path) -> crate::Result<Vec<Box<dyn Sink>>> {
+    Ok(vec![
+        Box::new(CsvSink::new(folder.join("estimates.csv"))?),
+        #[cfg(feature = "parquet")]
+        Box::new(super::parquet::ParquetSink::new(folder.join("estimates.parquet"))?),
+    ])
 }
 
 fn part(parts: &Path, number: usize) -> PathBuf {
