@@ -1,27 +1,7 @@
 //! Tables of accuracy studies.
 
 use super::Table;
-use crate::study::{Cell, InjectedCell, Plan, Standing, Statistic, Study};
-
-/// One row per method and delay.
-#[must_use]
-pub fn table(cells: &[InjectedCell]) -> Table {
-    let headings = ["method", "injected (s)", "records", "no answer", "bias (samples)", "RMS error (samples)", "truth in 95 % interval"];
-    let mut table = Table::new(&headings, &[0]);
-    let number = |v: Option<f64>| v.map_or_else(|| "–".to_owned(), |v| format!("{v:.2}"));
-    for c in cells {
-        table.row(vec![
-            c.method.clone(),
-            format!("{:.3}", c.delay_s),
-            c.trials.to_string(),
-            c.flagged.to_string(),
-            number(c.bias_samples),
-            number(c.rms_samples),
-            c.coverage95.map_or_else(|| "–".to_owned(), |v| format!("{:.0} %", 100.0 * v)),
-        ]);
-    }
-    table
-}
+use crate::study::{Cell, Plan, Standing, Statistic, Study};
 
 /// How one number of a table is shown.
 fn number(value: Option<f64>) -> String {
@@ -234,11 +214,65 @@ pub fn page(study: &Study, plan: &Plan) -> String {
     if plan.scoring.kept_percent.len() > 1 {
         text += &format!("## Mean RMS error with the worst answers left out\n\n{}\n", scores(study).markdown());
     }
+    if let Some(table) = growth(study) {
+        text += &format!("## Growth of the time\n\n{}\n", table.markdown());
+    }
     for grid in &plan.grids {
         let (told, table) = cells(study, &grid.name);
         text += &format!("## Cells of {}\n\nIn all of them: {told}.\n\n{}\n", grid.name, table.markdown());
     }
     text
+}
+
+/// How the time of an estimate grows: the exponent p of its power law in the samples of a record and in the delays searched, least squares of logarithms over the cells
+/// of a grid in which one of them varies; `None` where none does.
+#[must_use]
+pub fn growth(study: &Study) -> Option<Table> {
+    let mut table = Table::new(&["grid", "method", "grows with", "from", "to", "time there", "exponent"], &[0, 1, 2]);
+    let mut any = false;
+    for group in groups(study) {
+        let Some(first) = group.first() else { continue };
+        let axes: [(&str, fn(&Cell) -> usize); 2] = [("samples", |c| c.samples), ("delays searched", |c| c.max_delay)];
+        for (axis, of) in axes {
+            let mut at: Vec<usize> = group.iter().map(|c| of(c)).collect();
+            at.sort_unstable();
+            at.dedup();
+            let (Some(&from), Some(&to)) = (at.first(), at.last()) else { continue };
+            if from == to {
+                continue;
+            }
+            #[allow(clippy::cast_precision_loss)]
+            let points: Vec<[f64; 2]> =
+                group.iter().filter_map(|c| Some([(of(c) as f64).ln(), c.time_per_estimate_s.filter(|t| *t > 0.0)?.ln()])).collect();
+            let times = |which: usize| {
+                let there: Vec<f64> = group.iter().filter(|c| of(c) == which).filter_map(|c| c.time_per_estimate_s).collect();
+                #[allow(clippy::cast_precision_loss)]
+                let count = there.len() as f64;
+                time((!there.is_empty()).then(|| there.iter().sum::<f64>() / count))
+            };
+            any = true;
+            table.row(vec![
+                first.grid.clone(),
+                first.method_text(),
+                axis.to_owned(),
+                format!("{from}: {}", times(from)),
+                to.to_string(),
+                times(to),
+                slope(&points).map_or_else(|| "–".to_owned(), |p| format!("{p:.2}")),
+            ]);
+        }
+    }
+    any.then_some(table)
+}
+
+/// The slope of the straight line through the points.
+fn slope(points: &[[f64; 2]]) -> Option<f64> {
+    #[allow(clippy::cast_precision_loss)]
+    let n = points.len() as f64;
+    let mean = |i: usize| points.iter().map(|p| p[i]).sum::<f64>() / n;
+    let (x, y) = (mean(0), mean(1));
+    let spread: f64 = points.iter().map(|p| (p[0] - x).powi(2)).sum();
+    (spread > 0.0).then(|| points.iter().map(|p| (p[0] - x) * (p[1] - y)).sum::<f64>() / spread)
 }
 
 /// Scores by the share of answers kept.

@@ -38,6 +38,12 @@ pub enum StudyError {
         /// What is wrong, and the remedy.
         detail: String,
     },
+    /// The operating system gives no threads, or one stopped.
+    #[error("no worker thread: {detail}")]
+    Threads {
+        /// What it said.
+        detail: String,
+    },
     /// A record that cannot be made.
     #[error("plan {plan}, {setting}: {source}")]
     Record {

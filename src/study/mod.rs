@@ -6,7 +6,6 @@ mod common;
 mod error;
 mod estimates;
 mod feedback;
-mod injected;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod plan;
@@ -19,7 +18,6 @@ mod tally;
 
 pub use common::{Common, MethodRow, Score as CommonScore};
 pub use error::StudyError;
-pub use injected::{Cell as InjectedCell, Injected};
 pub use plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, PLANS, Place, Plan, Scoring, Signal, Truth};
 pub use plants::{PLANTS, Plant, PlantEntry};
 pub use published::{Beside, Published, Standing, Statistic, Which};

@@ -10,8 +10,15 @@ use super::StudyError;
 use super::published::Published;
 use crate::delay::Detrend;
 
+/// Plans of this folder, by name.
+macro_rules! shipped {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("plans/", $name, ".toml")))),*]
+    };
+}
+
 /// The plans that ship with the program: name and text.
-pub const PLANS: &[(&str, &str)] = &[("thesis", include_str!("plans/thesis.toml")), ("bjorklund", include_str!("plans/bjorklund.toml"))];
+pub const PLANS: &[(&str, &str)] = shipped!["thesis", "bjorklund", "cost"];
 
 const FORMAT: &str = "deadtime/plan@1";
 

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 use serde_json::{Map, Value};
@@ -100,7 +101,7 @@ impl<'a> Runner<'a> {
             }
         };
         tell(0);
-        pending.par_iter().try_for_each(|&(number, block)| -> crate::Result<()> {
+        shared_out(&pending, |&(number, block)| {
             write_part(&part(&parts, number), &self.block(block)?)?;
             tell(self.size(block));
             Ok(())
@@ -272,6 +273,32 @@ impl<'a> Runner<'a> {
             kept: Vec::new(),
         }
     }
+}
+
+/// Hands the items out to as many workers as there are threads, in order, until one fails.
+///
+/// Each worker is a pool of one thread: what a method would do in parallel it does there one after the other, so that its run time is its own, and no other estimate's.
+fn shared_out<T: Sync>(items: &[T], work: impl Fn(&T) -> crate::Result<()> + Sync) -> crate::Result<()> {
+    let next = AtomicUsize::new(0);
+    let failed = AtomicBool::new(false);
+    let worker = || -> crate::Result<()> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|e| StudyError::Threads { detail: e.to_string() })?;
+        while !failed.load(Ordering::Relaxed)
+            && let Some(item) = items.get(next.fetch_add(1, Ordering::Relaxed))
+        {
+            pool.install(|| work(item)).inspect_err(|_| failed.store(true, Ordering::Relaxed))?;
+        }
+        Ok(())
+    };
+    let workers = rayon::current_num_threads().min(items.len());
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
+        let ended = |w: std::thread::ScopedJoinHandle<'_, crate::Result<()>>| {
+            w.join().unwrap_or_else(|_| Err(StudyError::Threads { detail: "a worker stopped".to_owned() }.into()))
+        };
+        // All are waited for; the first error is told.
+        workers.into_iter().map(ended).collect::<Vec<_>>().into_iter().collect()
+    })
 }
 
 /// The files that every estimate goes to.
