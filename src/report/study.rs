@@ -228,12 +228,12 @@ pub fn page(study: &Study, plan: &Plan) -> String {
 /// of a grid in which one of them varies; `None` where none does.
 #[must_use]
 pub fn growth(study: &Study) -> Option<Table> {
-    let mut table = Table::new(&["grid", "method", "grows with", "from", "to", "time there", "exponent"], &[0, 1, 2]);
+    let mut table = Table::new(&["grid", "method", "grows with", "from", "time", "to", "time", "exponent"], &[0, 1, 2]);
     let mut any = false;
     for group in groups(study) {
         let Some(first) = group.first() else { continue };
-        let axes: [(&str, fn(&Cell) -> usize); 2] = [("samples", |c| c.samples), ("delays searched", |c| c.max_delay)];
-        for (axis, of) in axes {
+        for axis in ["samples", "delays searched"] {
+            let of = |c: &Cell| if axis == "samples" { c.samples } else { c.max_delay };
             let mut at: Vec<usize> = group.iter().map(|c| of(c)).collect();
             at.sort_unstable();
             at.dedup();
@@ -255,7 +255,8 @@ pub fn growth(study: &Study) -> Option<Table> {
                 first.grid.clone(),
                 first.method_text(),
                 axis.to_owned(),
-                format!("{from}: {}", times(from)),
+                from.to_string(),
+                times(from),
                 to.to_string(),
                 times(to),
                 slope(&points).map_or_else(|| "–".to_owned(), |p| format!("{p:.2}")),
