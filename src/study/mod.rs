@@ -1,5 +1,6 @@
 //! Accuracy on delays that were injected and so are known.
 
+mod aim;
 mod bound;
 mod cell;
 mod common;
@@ -15,6 +16,7 @@ mod run;
 mod setting;
 mod tally;
 
+pub use aim::{Aim, Measure, Reached};
 pub use common::{Common, MethodRow, Score as CommonScore};
 pub use error::StudyError;
 pub use injected::{Cell as InjectedCell, Injected};
