@@ -12,7 +12,13 @@ use super::published::Published;
 use crate::delay::{Detrend, METHODS, Scope};
 
 /// The plans that ship with the program: name and text.
-pub const PLANS: &[(&str, &str)] = &[("thesis", include_str!("plans/thesis.toml")), ("bjorklund", include_str!("plans/bjorklund.toml"))];
+pub const PLANS: &[(&str, &str)] = &[
+    ("thesis", include_str!("plans/thesis.toml")),
+    ("bjorklund", include_str!("plans/bjorklund.toml")),
+    ("twin", include_str!("plans/twin.toml")),
+    ("subsample", include_str!("plans/subsample.toml")),
+    ("unrelated", include_str!("plans/unrelated.toml")),
+];
 
 const FORMAT: &str = "deadtime/plan@1";
 
