@@ -664,7 +664,7 @@ fn option_structs_survive_the_way_through_json_with_other_values() {
     there_and_back(Area2 { taps: 40 });
     there_and_back(Area3 { taps: 40 });
     there_and_back(Moment { taps: 40 });
-    there_and_back(Oestruc { nb: 2, nf: 4, initial: Initial::Estimated, max_samples: 17 });
+    there_and_back(Oestruc { nb: 2, nf: 4, initial: Initial::Estimated, max_samples: 17, always_answers: true });
     let threshold = Threshold { taps: 9, h_std: 3.5, family_wise: Some(0.05), records: Records::Averaged, prewindow: Prewindow::Rest };
     there_and_back(threshold);
     there_and_back(Step(threshold));
@@ -677,7 +677,7 @@ fn option_structs_survive_the_way_through_json_with_other_values() {
     let start = Some(0.25);
     there_and_back(P3dz(Process { poles: Poles::Any, initial: Initial::Estimated, initial_delay_s: start, max_samples: 17 }));
     for selection in [Selection::Largest, Selection::ProductSum, Selection::LargestProduct] {
-        there_and_back(StateLeastSquares { selection });
+        there_and_back(StateLeastSquares { selection, ..StateLeastSquares::default() });
     }
 }
 

@@ -101,7 +101,9 @@ fn two_inputs(noise: f64) -> Experiment {
 }
 
 fn delays(selection: Selection, noise: f64) -> Vec<f64> {
-    let answers = StateLeastSquares { selection }.estimate(&two_inputs(noise), &Search { max_delay: 15, ..Search::default() }).unwrap();
+    let answers = StateLeastSquares { selection, ..StateLeastSquares::default() }
+        .estimate(&two_inputs(noise), &Search { max_delay: 15, ..Search::default() })
+        .unwrap();
     answers.iter().map(|a| a.estimate.delay_s.unwrap()).collect()
 }
 

@@ -8,7 +8,7 @@ use anyhow::bail;
 use super::progress::Bar;
 use super::write_json;
 use crate::file::write_atomic;
-use crate::report::study::{aims, page, published, scores, summary};
+use crate::report::study::{LAYOUT, aims, layouts, page, published, scores, summary};
 use crate::study::{Plan, Progress, Runner};
 
 /// Study how accurate methods are, on delays that were injected and so are known
@@ -63,6 +63,9 @@ impl Study {
         say!("{}", summary(&study).to_string().trim_end());
         if let Some(table) = published(&study, &plan) {
             say!("\nBeside published numbers:\n\n{}", table.to_string().trim_end());
+        }
+        for (told, table) in layouts(&study, &plan) {
+            say!("\n{told}. {LAYOUT}\n\n{}", table.to_string().trim_end());
         }
         if let Some(table) = scores(&study) {
             say!("\nMean over the cells of the RMS error in samples, the worst answers left out:\n\n{}", table.to_string().trim_end());

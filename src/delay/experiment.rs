@@ -302,6 +302,12 @@ impl Experiment {
         Ok(Self { sample_time, inputs: inputs.to_vec(), outputs: outputs.to_vec(), recordings, model: None, events: Vec::new() })
     }
 
+    /// Every recording begins with ten samples at least without any motion of the inputs.
+    pub(super) fn begins_at_rest(&self) -> bool {
+        let still = |u: &Vec<f64>| u.len() >= REST && u.iter().take(REST).all(|v| *v == u[0]);
+        self.recordings.iter().all(|r| r.inputs.iter().all(still))
+    }
+
     /// The same experiment measured from where it rested, if every recording begins at rest (all inputs still for at least ten samples): inputs from their first
     /// value, outputs from their mean up to the first motion. `None` where one does not.
     #[must_use]

@@ -1,7 +1,9 @@
 //! Tables of accuracy studies.
 
+use std::collections::BTreeMap;
+
 use super::Table;
-use crate::study::{Cell, Measure, Plan, Score, Standing, Statistic, Study};
+use crate::study::{Cell, Grid, Measure, Plan, Score, Standing, Statistic, Study, Which};
 
 /// How one number of a table is shown.
 fn number(value: Option<f64>) -> String {
@@ -124,11 +126,59 @@ pub fn summary(study: &Study) -> Table {
     table
 }
 
+/// One row per method of a grid, and per value of all keys of `by` but the last, whose values are the columns: means over the cells of their root mean square errors,
+/// with the share of records without an answer.
+#[must_use]
+pub fn by(study: &Study, grid: &str, by: &str) -> Table {
+    let of = |key: &str, cell: &Cell| match KEYS.iter().find(|(_, name, _)| *name == key).map(|(_, _, of)| of(cell)) {
+        Some(value) if !value.is_empty() => value,
+        _ => "none".to_owned(),
+    };
+    let mut keys: Vec<&str> = by.split_whitespace().collect();
+    let column = keys.pop().unwrap_or_default();
+    let (mut columns, mut rows): (Vec<String>, Vec<Vec<String>>) = (Vec::new(), Vec::new());
+    let mut groups: BTreeMap<(usize, usize), Vec<&Cell>> = BTreeMap::new();
+    for cell in study.cells.iter().filter(|c| c.grid == grid) {
+        let row: Vec<String> = keys.iter().map(|k| of(k, cell)).chain([cell.method_text()]).collect();
+        groups.entry((place(&mut rows, row), place(&mut columns, of(column, cell)))).or_default().push(cell);
+    }
+    let headings: Vec<&str> = keys.iter().copied().chain(["method"]).chain(columns.iter().map(String::as_str)).collect();
+    let mut table = Table::new(&headings, &(0..=keys.len()).collect::<Vec<_>>());
+    // Rows with equal leading keys stand together.
+    let mut order: Vec<usize> = (0..rows.len()).collect();
+    let first = |r: usize| rows.iter().position(|other| other[..keys.len()] == rows[r][..keys.len()]);
+    order.sort_by_key(|&r| (first(r), r));
+    for at in order {
+        let texts = (0..columns.len()).map(|c| groups.get(&(at, c)).map_or_else(|| "–".to_owned(), |cells| errors(cells)));
+        table.row(rows[at].iter().cloned().chain(texts).collect());
+    }
+    table
+}
+
+/// The place of a value in a list that it is added to where it is new.
+fn place<T: PartialEq>(list: &mut Vec<T>, value: T) -> usize {
+    list.iter().position(|v| *v == value).unwrap_or_else(|| {
+        list.push(value);
+        list.len() - 1
+    })
+}
+
+/// Mean of root mean square errors, and the share of records without an answer where there are any.
+#[allow(clippy::cast_precision_loss)]
+fn errors(cells: &[&Cell]) -> String {
+    let rms: Vec<f64> = cells.iter().filter_map(|c| c.rms_samples).collect();
+    let mean = (!rms.is_empty()).then(|| rms.iter().sum::<f64>() / rms.len() as f64);
+    let [flagged, trials] = [cells.iter().map(|c| c.flagged).sum::<usize>(), cells.iter().map(|c| c.trials).sum()];
+    // Rounding is not an error of a method.
+    let shown = number(mean.map(|m| if m < 1e-6 { 0.0 } else { m }));
+    if flagged == 0 { shown } else { format!("{shown} ({:.0} %)", 100.0 * flagged as f64 / trials.max(1) as f64) }
+}
+
 /// One row per cell of a grid; keys that are the same in all of them are told in the sentence before.
 #[must_use]
 pub fn cells(study: &Study, grid: &str) -> (String, Table) {
     let members: Vec<&Cell> = study.cells.iter().filter(|c| c.grid == grid).collect();
-    let columns: Vec<(&str, Vec<String>)> = KEYS.iter().map(|(name, of)| (*name, members.iter().map(|c| of(c)).collect())).collect();
+    let columns: Vec<(&str, Vec<String>)> = KEYS.iter().map(|(name, _, of)| (*name, members.iter().map(|c| of(c)).collect())).collect();
     let (varying, fixed): (Vec<_>, Vec<_>) = columns.into_iter().partition(|(_, values)| values.iter().any(|v| Some(v) != values.first()));
     let told: Vec<String> =
         fixed.iter().filter_map(|(name, values)| values.first().filter(|v| !v.is_empty()).map(|v| format!("{name} {v}"))).collect();
@@ -155,25 +205,25 @@ pub fn cells(study: &Study, grid: &str) -> (String, Table) {
 
 type KeyText = fn(&Cell) -> String;
 
-/// The keys of a cell as columns.
-const KEYS: &[(&str, KeyText)] = &[
-    ("plant", |c| c.plant.clone()),
-    ("input", |c| c.input.clone()),
-    ("output", |c| c.output.clone()),
-    ("c2d", |c| c.c2d.clone()),
-    ("excitation", |c| c.excitation.clone()),
-    ("SNR", |c| c.snr.map(|v| v.to_string()).unwrap_or_default()),
-    ("noise", |c| c.noise.clone()),
-    ("loop", |c| c.loops.name().to_owned()),
-    ("controller", |c| c.controller.clone().unwrap_or_default()),
-    ("from", |c| c.place.name().to_owned()),
-    ("delay (s)", |c| c.delay_s.to_string()),
-    ("samples", |c| c.samples.to_string()),
-    ("sample time (s)", |c| c.sample_time_s.to_string()),
-    ("longest delay (samples)", |c| c.max_delay.to_string()),
-    ("truth", |c| c.truth.name().to_owned()),
-    ("method", Cell::method_text),
-    ("trials", |c| c.trials.to_string()),
+/// The keys of a cell as columns: heading, key of a plan.
+const KEYS: &[(&str, &str, KeyText)] = &[
+    ("plant", "plant", |c| c.plant.clone()),
+    ("input", "input", |c| c.input.clone()),
+    ("output", "output", |c| c.output.clone()),
+    ("c2d", "c2d", |c| c.c2d.clone()),
+    ("excitation", "excitation", |c| c.excitation.clone()),
+    ("SNR", "snr", |c| c.snr.map(|v| v.to_string()).unwrap_or_default()),
+    ("noise", "noise", |c| c.noise.clone()),
+    ("loop", "loop", |c| c.loops.name().to_owned()),
+    ("controller", "controller", |c| c.controller.clone().unwrap_or_default()),
+    ("from", "place", |c| c.place.name().to_owned()),
+    ("delay (s)", "delay_s", |c| c.delay_s.to_string()),
+    ("samples", "samples", |c| c.samples.to_string()),
+    ("sample time (s)", "sample_time_s", |c| c.sample_time_s.to_string()),
+    ("longest delay (samples)", "max_delay", |c| c.max_delay.to_string()),
+    ("truth", "truth", |c| c.truth.name().to_owned()),
+    ("method", "method", Cell::method_text),
+    ("trials", "trials", |c| c.trials.to_string()),
 ];
 
 /// Every published number of a plan beside ours; `None` where the plan has none.
@@ -187,18 +237,21 @@ pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
         let what = match p.statistic {
             Statistic::RmsSamples => format!("RMS (samples), {} % kept", p.kept_percent),
             Statistic::MeanRawS => "mean raw delay (s)".to_owned(),
+            Statistic::StdRawS => "its standard deviation (s)".to_owned(),
             Statistic::Failed => "failed".to_owned(),
         };
         let (theirs, ours) = match p.statistic {
             Statistic::Failed => ("always".to_owned(), share(beside.ours)),
-            _ => (number(p.value), number(beside.ours)),
+            _ => (number(p.value), beside.ours.map_or_else(|| "no answer".to_owned(), |v| number(Some(v)))),
         };
         let standing = match beside.standing {
             Standing::Matching => "matching".to_owned(),
             Standing::Differing => "differing".to_owned(),
             Standing::NotReproducible => format!("not reproducible: {}", p.not_reproducible.as_deref().unwrap_or("")),
         };
-        table.row(vec![p.source.clone(), p.cells.to_string(), what, theirs, ours, standing]);
+        // A grid that is named as the source says nothing more.
+        let grid = p.cells.grid.clone().filter(|g| *g != p.source);
+        table.row(vec![p.source.clone(), Which { grid, ..p.cells.clone() }.to_string(), what, theirs, ours, standing]);
     }
     any.then_some(table)
 }
@@ -214,6 +267,9 @@ pub fn page(study: &Study, plan: &Plan) -> String {
     if let Some(table) = published(study, plan) {
         text += &format!("## Beside published numbers\n\n{}\n", table.markdown());
     }
+    for (told, table) in layouts(study, plan) {
+        text += &format!("## {told}\n\n{LAYOUT}\n\n{}\n", table.markdown());
+    }
     if let Some(table) = scores(study) {
         text += &format!("## Mean RMS error with the worst answers left out\n\n{}\n", table.markdown());
     }
@@ -225,6 +281,21 @@ pub fn page(study: &Study, plan: &Plan) -> String {
         text += &format!("## Cells of {}\n\nIn all of them: {told}.\n\n{}\n", grid.name, table.markdown());
     }
     text
+}
+
+/// What the numbers of [`layouts`] are.
+pub const LAYOUT: &str = "RMS error in samples, mean over the cells; in brackets the share of records without an answer.";
+
+/// Every table that the plan's grids ask for with `by`, and its heading.
+#[must_use]
+pub fn layouts(study: &Study, plan: &Plan) -> Vec<(String, Table)> {
+    let each = |grid: &Grid| {
+        grid.by
+            .iter()
+            .map(|keys| (format!("{} by {}", grid.name, keys.replace(' ', ", ")), by(study, &grid.name, keys)))
+            .collect::<Vec<_>>()
+    };
+    plan.grids.iter().flat_map(each).collect()
 }
 
 /// How the time of an estimate grows: the exponent p of its power law in the samples of a record and in the delays searched, least squares of logarithms over the cells
@@ -301,7 +372,7 @@ pub fn aims(study: &Study, plan: &Plan) -> Option<Table> {
                 reached.method.to_owned(),
                 wanted.clone(),
                 shown(reached.value),
-                reached.cell.map(place).unwrap_or_default(),
+                reached.cell.map(whereabouts).unwrap_or_default(),
                 if reached.met { "met" } else { "missed" }.to_owned(),
             ]);
         }
@@ -310,7 +381,7 @@ pub fn aims(study: &Study, plan: &Plan) -> Option<Table> {
 }
 
 /// A cell in a few words.
-fn place(cell: &Cell) -> String {
+fn whereabouts(cell: &Cell) -> String {
     let snr = cell.snr.map(|v| format!(", SNR {v}")).unwrap_or_default();
     let noise = if cell.noise == "white" { String::new() } else { format!(", {}", cell.noise) };
     format!("{}, {}{snr}{noise}", cell.plant, cell.excitation)

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::StudyError;
 use super::aim::Aim;
-use super::published::Published;
+use super::published::{Published, spread};
 use crate::delay::{Detrend, METHODS, Scope};
 
 /// Plans of this folder, by name.
@@ -19,7 +19,7 @@ macro_rules! shipped {
 }
 
 /// The plans that ship with the program: name and text.
-pub const PLANS: &[(&str, &str)] = shipped!["thesis", "bjorklund", "twin", "subsample", "unrelated", "cost"];
+pub const PLANS: &[(&str, &str)] = shipped!["thesis", "thesis_delays", "bjorklund", "twin", "subsample", "unrelated", "cost"];
 
 const FORMAT: &str = "deadtime/plan@1";
 
@@ -262,6 +262,8 @@ pub struct Grid {
     pub detrend: Detrend,
     /// Samples of response that methods take off: those of the plant (`true`), or the one that is assumed without a model.
     pub known_degree: bool,
+    /// Tables of root mean square errors: keys apart by spaces, the values of the last one as columns, methods and those of the others as rows.
+    pub by: Vec<String>,
 }
 
 /// A list, or one value that stands for a list of one.
@@ -341,10 +343,13 @@ struct Keys {
     trials: Option<usize>,
     detrend: Option<Detrend>,
     known_degree: Option<bool>,
+    by: Option<Many<String>>,
 }
 
 /// Keys of the head; every other key of the file is one of a cell.
 const HEAD: [&str; 9] = ["format", "name", "about", "seed", "excitations", "noises", "controllers", "published", "aims"];
+/// Keys of cells that tables can be laid out by.
+const BY: [&str; 10] = ["plant", "output", "c2d", "excitation", "snr", "noise", "loop", "delay_s", "samples", "place"];
 /// Records of a setting where a plan does not say.
 const TRIALS: usize = 100;
 
@@ -383,6 +388,9 @@ impl Plan {
                 .collect::<Result<_, _>>()?,
             Some(_) => return Err(wrong("`grids` is a list of tables: write [[grids]]".to_owned())),
         };
+        if let Some(entries) = keys.remove("published") {
+            keys.insert("published".to_owned(), spread(entries).map_err(&wrong)?);
+        }
         let (head, shared): (toml::Table, toml::Table) = keys.into_iter().partition(|(k, _)| HEAD.contains(&k.as_str()));
         let head: Head = read(head).map_err(&wrong)?;
         if head.format != FORMAT {
@@ -534,7 +542,11 @@ impl Grid {
             trials: keys.trials.unwrap_or(TRIALS),
             detrend: keys.detrend.unwrap_or_default(),
             known_degree: keys.known_degree.unwrap_or(true),
+            by: keys.by.map(Vec::from).unwrap_or_default(),
         };
+        if let Some(key) = grid.by.iter().flat_map(|b| b.split_whitespace()).find(|k| !BY.contains(k)) {
+            return Err(format!("`by` names `{key}`: there are {}", BY.join(", ")));
+        }
         if grid.trials == 0 || grid.samples.contains(&0) || grid.max_delay.contains(&0) {
             return Err("`trials`, `samples` and `max_delay` are 1 or more".to_owned());
         }

@@ -73,6 +73,12 @@ pub const PLANTS: &[PlantEntry] = &[
     plant!("slow2b", "Björklund's G1b, half of slow2", rational(&[0.05], &[[0.1, 0.0], [1.0, 0.0]])),
     plant!("fast2b", "Björklund's G2b, half of fast2", rational(&[5.0], &[[1.0, 0.0], [10.0, 0.0]])),
     plant!("unrelated", "an output that does not follow its input: noise alone", silent()),
+    plant!("pole_1.00", "1/(s(s + 0.5)): sampled every second, a pole at z = 1", pole(1.0)),
+    plant!("pole_1.02", "1/((s − ln 1.02)(s + 0.5)): sampled every second, a pole at z = 1.02", pole(1.02)),
+    plant!("pole_1.05", "the same at z = 1.05", pole(1.05)),
+    plant!("pole_1.10", "the same at z = 1.1", pole(1.1)),
+    plant!("pole_1.20", "the same at z = 1.2", pole(1.2)),
+    plant!("pole_1.30", "the same at z = 1.3", pole(1.3)),
     PlantEntry {
         name: "random10",
         summary: "ten real poles and complex pairs drawn anew for every trial, rates around 1 rad/s, one system in ten with an integrator",
@@ -107,6 +113,11 @@ fn single(model: Result<StateSpace<Continuous>, ModelError>) -> Result<Plant, Mo
 fn silent() -> Result<Plant, ModelError> {
     let one = |v: f64| DMatrix::from_element(1, 1, v);
     single(StateSpace::continuous(one(-1.0), one(1.0), one(0.0), one(0.0)))
+}
+
+/// A lag of 2 s and a pole that stands at `z` when sampled every second.
+fn pole(z: f64) -> Result<Plant, ModelError> {
+    rational(&[1.0], &[[-z.ln(), 0.0], [0.5, 0.0]])
 }
 
 /// Numerator coefficients, highest power first, over factors: [a, 0] is s + a, [a, b] is (s + a)² + b².

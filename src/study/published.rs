@@ -1,5 +1,7 @@
 //! Published numbers, to stand beside ours.
 
+use std::collections::BTreeSet;
+
 use serde::{Deserialize, Serialize};
 
 use super::plan::{Loop, Place};
@@ -24,7 +26,7 @@ pub struct Published {
     /// How far ours may be from it to count as matching, in its unit; default half a unit of its last digit.
     #[serde(default)]
     pub tolerance: Option<f64>,
-    /// Why it cannot come out, where that is known.
+    /// Why it cannot come out but by chance, where that is known.
     #[serde(default)]
     pub not_reproducible: Option<String>,
 }
@@ -41,6 +43,8 @@ pub enum Statistic {
     RmsSamples,
     /// Mean of the raw answers, s.
     MeanRawS,
+    /// Standard deviation of the raw answers, s.
+    StdRawS,
     /// That the method failed every time.
     Failed,
 }
@@ -59,7 +63,7 @@ pub struct Which {
     #[serde(rename = "loop")]
     pub loops: Option<Loop>,
     pub place: Option<Place>,
-    /// The method with its options, as the plan writes it.
+    /// The method with its options.
     pub method: Option<String>,
 }
 
@@ -71,7 +75,7 @@ pub enum Standing {
     Matching,
     /// Outside.
     Differing,
-    /// It is known not to come out.
+    /// It is known not to come out but by chance.
     NotReproducible,
 }
 
@@ -99,7 +103,7 @@ impl Which {
             && self.snr.is_none_or(|s| cell.snr == Some(s))
             && self.loops.is_none_or(|l| l == cell.loops)
             && self.place.is_none_or(|p| p == cell.place)
-            && is(&self.method, &cell.method_text())
+            && self.method.as_deref().is_none_or(|m| words(m) == words(&cell.method_text()))
     }
 }
 
@@ -110,6 +114,39 @@ impl std::fmt::Display for Which {
         let more = [grid.clone(), loops.map(|l| l.name().to_owned()), place.map(|p| format!("from {}", p.name()))];
         f.write_str(&words.into_iter().chain(more).flatten().collect::<Vec<_>>().join(", "))
     }
+}
+
+/// A method and its options, in whatever order these are written.
+fn words(text: &str) -> BTreeSet<&str> {
+    text.split_whitespace().collect()
+}
+
+/// Keys of an entry itself; what else stands in a table of `each` is a key of its cells.
+const OWN: [&str; 6] = ["source", "statistic", "kept_percent", "value", "tolerance", "not_reproducible"];
+
+/// An entry with a list `each` of tables stands for one entry per table: the entry with the table's keys in place of its own or of its cells'.
+pub(super) fn spread(entries: toml::Value) -> Result<toml::Value, String> {
+    let toml::Value::Array(entries) = entries else { return Err("`published` is a list of tables: write [[published]]".to_owned()) };
+    let mut all = Vec::with_capacity(entries.len());
+    for entry in entries {
+        let toml::Value::Table(mut shared) = entry else { return Err("`published` holds tables: write [[published]]".to_owned()) };
+        let Some(each) = shared.remove("each") else {
+            all.push(toml::Value::Table(shared));
+            continue;
+        };
+        let toml::Value::Array(each) = each else { return Err("published.each is a list of tables".to_owned()) };
+        for one in each {
+            let toml::Value::Table(one) = one else { return Err("published.each is a list of tables".to_owned()) };
+            let (own, of_cells): (toml::Table, toml::Table) = one.into_iter().partition(|(key, _)| OWN.contains(&key.as_str()));
+            let mut entry = shared.clone();
+            entry.extend(own);
+            if let toml::Value::Table(cells) = entry.entry("cells").or_insert_with(|| toml::Table::new().into()) {
+                cells.extend(of_cells);
+            }
+            all.push(toml::Value::Table(entry));
+        }
+    }
+    Ok(toml::Value::Array(all))
 }
 
 impl Published {
@@ -130,13 +167,15 @@ impl Published {
         let ours = match self.statistic {
             Statistic::RmsSamples => mean(&|c| c.kept.iter().find(|k| k.percent == self.kept_percent)?.rms_samples),
             Statistic::MeanRawS => mean(&|c| c.mean_raw_s),
+            Statistic::StdRawS => mean(&|c| c.std_raw_s),
             Statistic::Failed => mean(&|c| Some(c.flagged as f64 / c.trials.max(1) as f64)),
         };
         let wanted = if self.statistic == Statistic::Failed { Some(1.0) } else { self.value };
         let near = ours.zip(wanted).is_some_and(|(a, b)| (a - b).abs() <= self.tolerance.unwrap_or(NEAR * b.abs()));
         let standing = match (near, &self.not_reproducible) {
-            (true, _) => Standing::Matching,
-            (false, Some(_)) => Standing::NotReproducible,
+            // That chance comes near is no reproduction.
+            (_, Some(_)) => Standing::NotReproducible,
+            (true, None) => Standing::Matching,
             (false, None) => Standing::Differing,
         };
         Some(Beside { published: self, ours, standing })

@@ -67,7 +67,7 @@ pub struct OePosterior {
 
 impl Default for OePosterior {
     fn default() -> Self {
-        let Oestruc { nb, nf, initial, max_samples } = Oestruc::default();
+        let Oestruc { nb, nf, initial, max_samples, .. } = Oestruc::default();
         Self { nb, nf, initial, center: Center::Mean, max_samples }
     }
 }

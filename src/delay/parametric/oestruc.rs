@@ -2,13 +2,13 @@
 //!
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, y(t) = B(q)/F(q) u(t − nk) + e(t).
 
-use super::profile::{Profile, check, profile};
+use super::profile::{Profile, check, profile, shortened};
 use crate::delay::method::WHOLE;
 use crate::delay::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, PairEstimate, Scope, Search, Start,
     Suits, every_pair, posterior,
 };
-use crate::identify::{Initial, OutputError};
+use crate::identify::{Initial, OutputError, Record};
 use crate::registry::entry;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
@@ -46,11 +46,13 @@ pub struct Oestruc {
     pub initial: Initial,
     /// Longest part of a record that is used, samples; default 100 000, beyond which the loss says nothing new.
     pub max_samples: usize,
+    /// As published: the delay of the smallest loss in the window as it is given, whatever the data say of it; default no. For comparison only.
+    pub always_answers: bool,
 }
 
 impl Default for Oestruc {
     fn default() -> Self {
-        Self { nb: 1, nf: 2, initial: Initial::Zero, max_samples: 100_000 }
+        Self { nb: 1, nf: 2, initial: Initial::Zero, max_samples: 100_000, always_answers: false }
     }
 }
 
@@ -83,14 +85,37 @@ impl DelayEstimator for Oestruc {
         every_pair(experiment, search, |records, max_delay, bias| {
             let Profile { posterior, note, .. } = match profile(NAME, orders, self.max_samples, records, max_delay)? {
                 Ok(profile) => profile,
+                Err(answer) if self.always_answers => return Ok(self.anyway(answer, orders, records, max_delay, bias, experiment)),
                 Err(answer) => return Ok(answer),
             };
             #[allow(clippy::cast_precision_loss)]
             let raw = posterior.best as f64;
             let [from, to] = posterior.ends;
             let interval = posterior::first_coefficient(from, to, bias);
-            let at_edge = posterior.best == max_delay;
+            let at_edge = posterior.best == max_delay && !self.always_answers;
             Ok(DelayEstimate::counted(raw, posterior.std, interval, at_edge, bias, experiment.sample_time).noting(note))
         })
+    }
+}
+
+impl Oestruc {
+    /// The delay of the smallest loss in place of an answer without one; where there is no finite loss, that answer.
+    fn anyway(
+        &self,
+        answer: DelayEstimate,
+        orders: OutputError,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+    ) -> DelayEstimate {
+        let fits = orders.scan(&shortened(records, self.max_samples).0, max_delay);
+        let losses = fits.iter().enumerate().filter_map(|(nk, fit)| fit.as_ref().map(|f| (nk, f.loss))).filter(|(_, v)| v.is_finite());
+        let Some((best, _)) = losses.min_by(|a, b| a.1.total_cmp(&b.1)) else { return answer };
+        #[allow(clippy::cast_precision_loss)]
+        let (raw, window) = (best as f64, max_delay as f64);
+        // Nothing speaks for it: as uncertain as a delay anywhere in the window.
+        let std = window * posterior::RESOLUTION.sqrt();
+        DelayEstimate::counted(raw, std, [0.0, window], false, bias, experiment.sample_time).noting(answer.note)
     }
 }

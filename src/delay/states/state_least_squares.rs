@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::delay::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, PlantModel,
-    Recording, Scope, Search, Start, Suits, posterior,
+    Prewindow, Recording, Scope, Search, Start, Suits, posterior,
 };
 use crate::identify::lag_matrix;
 use crate::model::c2d::{Hold, transition};
@@ -22,7 +22,8 @@ pub enum Selection {
     Largest,
     /// Σ γᵢtᵢ, the published formula, which gathers the noise of every coefficient.
     ProductSum,
-    /// max γᵢtᵢ, the thesis' algorithm 3.9: rounding noise where the delay is 0, and the wrong lag under noise. For comparison only.
+    /// max γᵢtᵢ, the thesis' algorithm 3.9: rounding noise where the delay is 0, and the wrong lag under noise. For comparison only. Its raw delay is this, that of the
+    /// others the published formula.
     LargestProduct,
 }
 
@@ -40,6 +41,8 @@ pub enum Selection {
 pub struct StateLeastSquares {
     /// How the delay is read from the coefficients; default the largest one.
     pub selection: Selection,
+    /// What is known of the inputs before a record; default auto. Of the states nothing need be known.
+    pub prewindow: Prewindow,
 }
 
 const NAME: &str = "state_least_squares";
@@ -232,6 +235,18 @@ impl StateLeastSquares {
     }
 
     fn window(&self, experiment: &Experiment, max_delay: usize) -> Result<Vec<DelayEstimate>, DelayError> {
+        if self.prewindow != Prewindow::Rest {
+            let answers = self.within(experiment, max_delay)?;
+            let singular = answers.iter().any(|a| a.outcome == Outcome::Singular);
+            if self.prewindow == Prewindow::None || !singular || !experiment.begins_at_rest() {
+                return Ok(answers);
+            }
+        }
+        self.within(&behind_rest(experiment, max_delay + 1), max_delay)
+    }
+
+    /// The same over the samples that see no input before the record.
+    fn within(&self, experiment: &Experiment, max_delay: usize) -> Result<Vec<DelayEstimate>, DelayError> {
         let plant = Plant::new(experiment)?;
         let (n, m) = plant.b.shape();
         let lags = max_delay + 1;
@@ -315,12 +330,13 @@ impl StateLeastSquares {
                     format!("this input moves nearly with the others (smallest angle between their lags {:.2}°): the noise decides between them", angles[j])
                 });
                 let finite = std.is_finite();
+                let raw = if self.selection == Selection::LargestProduct { product } else { sum };
                 DelayEstimate {
                     outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
                     delay_s: Some(ts.to_seconds(delay)),
                     std_s: finite.then(|| ts.to_seconds(std)),
                     ci95_s: finite.then(|| [delay - 1.96 * std, delay + 1.96 * std].map(|d| ts.to_seconds(d.max(0.0)))),
-                    raw_delay_s: Some(ts.to_seconds(sum)),
+                    raw_delay_s: Some(ts.to_seconds(raw)),
                     degree_bias_samples: 0.0,
                     contradicted: false,
                     note: Some(note),
@@ -342,6 +358,20 @@ fn rows<'a>(recording: &'a Recording, a: &DMatrix<f64>) -> Rows<'a> {
     let x = DMatrix::from_fn(recording.states.len(), samples, |i, k| recording.states[i][k]);
     let z = x.columns(1, samples - 1) - a * x.columns(0, samples - 1);
     Rows { z, u: recording.inputs.iter().map(|u| &u[..samples - 1]).collect() }
+}
+
+/// Every recording behind `samples` of rest: inputs at their first value where the record begins at rest, else at zero. No equation is made of those samples' states.
+fn behind_rest(experiment: &Experiment, samples: usize) -> Experiment {
+    let rests = experiment.begins_at_rest();
+    let behind = |level: f64, x: &[f64]| -> Vec<f64> { std::iter::repeat_n(level, samples).chain(x.iter().copied()).collect() };
+    let recordings = (experiment.recordings.iter())
+        .map(|r| Recording {
+            inputs: r.inputs.iter().map(|u| behind(u.first().copied().filter(|_| rests).unwrap_or(0.0), u)).collect(),
+            outputs: Vec::new(),
+            states: r.states.iter().map(|x| behind(0.0, x)).collect(),
+        })
+        .collect();
+    Experiment { recordings, ..experiment.clone() }
 }
 
 /// The recordings that have samples behind the first one.
