@@ -24,7 +24,7 @@ pub fn table(cells: &[InjectedCell]) -> Table {
 }
 
 /// How one number of a table is shown.
-fn number(value: Option<f64>) -> String {
+pub(super) fn number(value: Option<f64>) -> String {
     value.map_or_else(|| "–".to_owned(), |v| significant(v, 3))
 }
 
@@ -46,7 +46,7 @@ fn between(ends: Option<[f64; 2]>) -> String {
     ends.map_or_else(|| "–".to_owned(), |[a, b]| format!("{} … {}", significant(a, 3), significant(b, 3)))
 }
 
-fn share(value: Option<f64>) -> String {
+pub(super) fn share(value: Option<f64>) -> String {
     value.map_or_else(|| "–".to_owned(), |v| format!("{:.1} %", 100.0 * v))
 }
 

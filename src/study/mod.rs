@@ -6,6 +6,7 @@ mod common;
 mod error;
 mod estimates;
 mod feedback;
+mod gate;
 mod injected;
 mod plan;
 mod plants;
@@ -17,6 +18,7 @@ mod tally;
 
 pub use common::{Common, MethodRow, Score as CommonScore};
 pub use error::StudyError;
+pub use gate::{Finding, Gate, GateGroup, GateReport, Measured};
 pub use injected::{Cell as InjectedCell, Injected};
 pub use plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, PLANS, Place, Plan, Scoring, Signal, Truth};
 pub use plants::{PLANTS, Plant, PlantEntry};

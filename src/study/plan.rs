@@ -11,7 +11,11 @@ use super::published::Published;
 use crate::delay::Detrend;
 
 /// The plans that ship with the program: name and text.
-pub const PLANS: &[(&str, &str)] = &[("thesis", include_str!("plans/thesis.toml")), ("bjorklund", include_str!("plans/bjorklund.toml"))];
+pub const PLANS: &[(&str, &str)] = &[
+    ("thesis", include_str!("plans/thesis.toml")),
+    ("bjorklund", include_str!("plans/bjorklund.toml")),
+    ("ci", include_str!("plans/ci.toml")),
+];
 
 const FORMAT: &str = "deadtime/plan@1";
 
