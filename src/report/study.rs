@@ -6,7 +6,7 @@ use super::Table;
 use crate::study::{Cell, Grid, Measure, Plan, Score, Standing, Statistic, Study, Which};
 
 /// How one number of a table is shown.
-fn number(value: Option<f64>) -> String {
+pub(super) fn number(value: Option<f64>) -> String {
     value.map_or_else(|| "–".to_owned(), |v| significant(v, 3))
 }
 
@@ -28,7 +28,7 @@ fn between(ends: Option<[f64; 2]>) -> String {
     ends.map_or_else(|| "–".to_owned(), |[a, b]| format!("{} … {}", significant(a, 3), significant(b, 3)))
 }
 
-fn share(value: Option<f64>) -> String {
+pub(super) fn share(value: Option<f64>) -> String {
     value.map_or_else(|| "–".to_owned(), |v| format!("{:.1} %", 100.0 * v))
 }
 

@@ -44,6 +44,12 @@ pub enum StudyError {
         /// What it said.
         detail: String,
     },
+    /// Two studies that cannot be compared.
+    #[error("{detail}")]
+    Gate {
+        /// What is wrong with which of them, and the remedy.
+        detail: String,
+    },
     /// A record that cannot be made.
     #[error("plan {plan}, {setting}: {source}")]
     Record {

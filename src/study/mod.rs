@@ -7,6 +7,7 @@ mod common;
 mod error;
 mod estimates;
 mod feedback;
+mod gate;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod plan;
@@ -20,6 +21,7 @@ mod tally;
 pub use aim::{Aim, Measure, Reached};
 pub use common::{Common, MethodRow, Score as CommonScore};
 pub use error::StudyError;
+pub use gate::{Finding, Gate, GateGroup, GateReport, Measured};
 pub use plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, PLANS, Place, Plan, Scoring, Signal, Truth};
 pub use plants::{PLANTS, Plant, PlantEntry};
 pub use published::{Beside, Published, Standing, Statistic, Which};

@@ -19,7 +19,7 @@ macro_rules! shipped {
 }
 
 /// The plans that ship with the program: name and text.
-pub const PLANS: &[(&str, &str)] = shipped!["thesis", "thesis_delays", "bjorklund", "twin", "subsample", "unrelated", "cost"];
+pub const PLANS: &[(&str, &str)] = shipped!["thesis", "thesis_delays", "bjorklund", "twin", "subsample", "unrelated", "cost", "ci"];
 
 const FORMAT: &str = "deadtime/plan@1";
 

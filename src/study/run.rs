@@ -166,6 +166,7 @@ impl<'a> Runner<'a> {
         sinks.into_iter().try_for_each(Sink::finish)?;
         for (cell, tally) in cells.iter_mut().zip(&tallies) {
             cell.trials = tally.trials;
+            cell.scored = tally.scored;
             cell.rms_samples = tally.rms();
             cell.rms_ci95_samples = tally.rms_ci95();
             cell.bias_samples = tally.bias();
@@ -173,6 +174,7 @@ impl<'a> Runner<'a> {
             cell.std_raw_s = tally.std_raw_s();
             cell.flagged = tally.flagged;
             cell.unflagged_wrong = tally.wrong;
+            cell.intervals = tally.intervals;
             cell.coverage95 = tally.coverage95();
             cell.bound_rms_samples = tally.bound_rms();
             cell.time_per_estimate_s = tally.time_s();
@@ -259,7 +261,10 @@ impl<'a> Runner<'a> {
                 Value::Object(options) => options.clone(),
                 _ => Map::new(),
             },
+            definition: setting.definition.clone(),
+            repeatable: setting.repeatable,
             trials: 0,
+            scored: 0,
             rms_samples: None,
             rms_ci95_samples: None,
             bias_samples: None,
@@ -267,6 +272,7 @@ impl<'a> Runner<'a> {
             std_raw_s: None,
             flagged: 0,
             unflagged_wrong: 0,
+            intervals: 0,
             coverage95: None,
             bound_rms_samples: None,
             time_per_estimate_s: None,

@@ -12,15 +12,15 @@ pub(super) struct Tally {
     pub(super) trials: usize,
     pub(super) flagged: usize,
     pub(super) wrong: usize,
+    pub(super) intervals: usize,
     /// Errors that count, and Σe, Σe², Σe⁴.
-    count: f64,
+    pub(super) scored: usize,
     sum: f64,
     square: f64,
     fourth: f64,
     largest: f64,
     /// Raw answers: count, mean, Σ(raw − mean)², updated as Welford (1962), doi:10.1080/00401706.1962.10490022: equal answers have a spread of exactly 0.
     raw: [f64; 3],
-    intervals: f64,
     holding: f64,
     bound: [f64; 2],
     time_s: f64,
@@ -45,7 +45,7 @@ impl Tally {
         if let (Some(lo), Some(hi)) = (row.lo_s, row.hi_s) {
             let slack = ROUNDING * ts;
             let holds = lo - slack <= row.true_delay_s && row.true_delay_s <= hi + slack;
-            self.intervals += 1.0;
+            self.intervals += 1;
             self.holding += f64::from(u8::from(holds));
             held = Some(holds);
         }
@@ -62,7 +62,7 @@ impl Tally {
         }
         if let Some(e) = row.error_samples {
             self.wrong += usize::from(row.delay_s.is_some() && e.abs() > scoring.wrong_samples && held != Some(true));
-            self.count += 1.0;
+            self.scored += 1;
             self.sum += e;
             self.square += e * e;
             self.fourth += e.powi(4);
@@ -73,13 +73,18 @@ impl Tally {
         }
     }
 
+    #[allow(clippy::cast_precision_loss)]
+    fn count(&self) -> f64 {
+        self.scored as f64
+    }
+
     pub(super) fn rms(&self) -> Option<f64> {
-        (self.count > 0.0).then(|| (self.square / self.count).sqrt())
+        (self.scored > 0).then(|| (self.square / self.count()).sqrt())
     }
 
     /// Mean square error and the standard deviation of that mean.
     fn mean_square(&self) -> Option<[f64; 2]> {
-        let n = self.count;
+        let n = self.count();
         (n > 1.0).then(|| {
             let mean = self.square / n;
             [mean, ((self.fourth / n - mean * mean).max(0.0) / (n - 1.0)).sqrt()]
@@ -90,7 +95,7 @@ impl Tally {
     /// have been missed by 3.7 chances in n.
     pub(super) fn rms_ci95(&self) -> Option<[f64; 2]> {
         let [mean, std] = self.mean_square()?;
-        let unseen = if self.square == 0.0 { UNSEEN / self.count } else { 0.0 };
+        let unseen = if self.square == 0.0 { UNSEEN / self.count() } else { 0.0 };
         Some([(mean - Z * std).max(0.0).sqrt(), (mean + Z * std + unseen).sqrt()])
     }
 
@@ -102,7 +107,7 @@ impl Tally {
     }
 
     pub(super) fn bias(&self) -> Option<f64> {
-        (self.count > 0.0).then(|| self.sum / self.count)
+        (self.scored > 0).then(|| self.sum / self.count())
     }
 
     pub(super) fn mean_raw_s(&self) -> Option<f64> {
@@ -114,8 +119,9 @@ impl Tally {
         (n > 1.0).then(|| (squares / (n - 1.0)).sqrt())
     }
 
+    #[allow(clippy::cast_precision_loss)]
     pub(super) fn coverage95(&self) -> Option<f64> {
-        (self.intervals > 0.0).then(|| self.holding / self.intervals)
+        (self.intervals > 0).then(|| self.holding / self.intervals as f64)
     }
 
     pub(super) fn bound_rms(&self) -> Option<f64> {
