@@ -8,7 +8,7 @@ use anyhow::bail;
 use super::progress::Bar;
 use super::write_json;
 use crate::file::write_atomic;
-use crate::report::study::{LAYOUT, aims, layouts, page, published, scores, summary};
+use crate::report::study::{aims, layouts, page, published, scores, standings, summary};
 use crate::study::{Plan, Progress, Runner};
 
 /// Study how accurate methods are, on delays that were injected and so are known
@@ -62,10 +62,10 @@ impl Study {
         say!("{}: {}\n", plan.name, plan.about);
         say!("{}", summary(&study).to_string().trim_end());
         if let Some(table) = published(&study, &plan) {
-            say!("\nBeside published numbers:\n\n{}", table.to_string().trim_end());
+            say!("\nBeside published numbers, {}:\n\n{}", standings(&study, &plan), table.to_string().trim_end());
         }
         for (told, table) in layouts(&study, &plan) {
-            say!("\n{told}. {LAYOUT}\n\n{}", table.to_string().trim_end());
+            say!("\n{told}:\n\n{}", table.to_string().trim_end());
         }
         if let Some(table) = scores(&study) {
             say!("\nMean over the cells of the RMS error in samples, the worst answers left out:\n\n{}", table.to_string().trim_end());

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::Table;
-use crate::study::{Cell, Grid, Measure, Plan, Score, Standing, Statistic, Study, Which};
+use crate::study::{Cell, Delay, Grid, Layout, Measure, Plan, Score, Shown, Standing, Statistic, Study, Which};
 
 /// How one number of a table is shown.
 pub(super) fn number(value: Option<f64>) -> String {
@@ -91,18 +91,6 @@ pub fn summary(study: &Study) -> Table {
         #[allow(clippy::cast_precision_loss)]
         let of_all =
             |count: &dyn Fn(&Cell) -> usize| share(Some(group.iter().map(|c| count(c)).sum::<usize>() as f64 / trials.max(1) as f64));
-        let mean = |value: &dyn Fn(&Cell) -> Option<f64>| {
-            let some: Vec<f64> = group.iter().filter_map(|c| value(c)).collect();
-            #[allow(clippy::cast_precision_loss)]
-            let count = some.len() as f64;
-            (!some.is_empty()).then(|| some.iter().sum::<f64>() / count)
-        };
-        // Where the data hardly tell the delay the bound is hundreds of samples: one such cell would be all of a mean.
-        let median = |value: &dyn Fn(&Cell) -> Option<f64>| {
-            let mut some: Vec<f64> = group.iter().filter_map(|c| value(c)).collect();
-            some.sort_by(f64::total_cmp);
-            some.get(some.len() / 2).copied()
-        };
         #[allow(clippy::cast_precision_loss)]
         let total = group.iter().map(|c| c.time_per_estimate_s.unwrap_or(0.0) * c.trials as f64).sum::<f64>();
         table.row(vec![
@@ -111,46 +99,48 @@ pub fn summary(study: &Study) -> Table {
             first.method_text(),
             group.len().to_string(),
             trials.to_string(),
-            number(mean(&|c| c.rms_samples)),
+            number(mean(&group, |c| c.rms_samples)),
             between(score.and_then(|s| s.ci95_samples)),
-            number(mean(&|c| c.bias_samples)),
+            number(mean(&group, |c| c.bias_samples)),
             of_all(&|c| c.flagged),
             of_all(&|c| c.unflagged_wrong),
-            share(mean(&|c| c.coverage95)),
-            number(median(&|c| c.bound_rms_samples)),
-            number(median(&|c| Some(c.rms_samples? / c.bound_rms_samples?))),
-            time(mean(&|c| c.time_per_estimate_s)),
+            share(mean(&group, |c| c.coverage95)),
+            number(median(&group, |c| c.bound_rms_samples)),
+            number(median(&group, |c| Some(c.rms_samples? / c.bound_rms_samples?))),
+            time(mean(&group, |c| c.time_per_estimate_s)),
             time(Some(total)),
         ]);
     }
     table
 }
 
-/// One row per method of a grid, and per value of all keys of `by` but the last, whose values are the columns: means over the cells of their root mean square errors,
-/// with the share of records without an answer.
+/// A table that a plan asks for with `by`.
 #[must_use]
-pub fn by(study: &Study, grid: &str, by: &str) -> Table {
+pub fn by(study: &Study, grid: &str, layout: &Layout) -> Table {
     let of = |key: &str, cell: &Cell| match KEYS.iter().find(|(_, name, _)| *name == key).map(|(_, _, of)| of(cell)) {
         Some(value) if !value.is_empty() => value,
         _ => "none".to_owned(),
     };
-    let mut keys: Vec<&str> = by.split_whitespace().collect();
-    let column = keys.pop().unwrap_or_default();
+    let Some((column, keys)) = layout.keys.split_last() else { return Table::new(&[], &[]) };
     let (mut columns, mut rows): (Vec<String>, Vec<Vec<String>>) = (Vec::new(), Vec::new());
     let mut groups: BTreeMap<(usize, usize), Vec<&Cell>> = BTreeMap::new();
     for cell in study.cells.iter().filter(|c| c.grid == grid) {
         let row: Vec<String> = keys.iter().map(|k| of(k, cell)).chain([cell.method_text()]).collect();
         groups.entry((place(&mut rows, row), place(&mut columns, of(column, cell)))).or_default().push(cell);
     }
-    let headings: Vec<&str> = keys.iter().copied().chain(["method"]).chain(columns.iter().map(String::as_str)).collect();
+    let headings: Vec<&str> = keys.iter().map(String::as_str).chain(["method"]).chain(columns.iter().map(String::as_str)).collect();
     let mut table = Table::new(&headings, &(0..=keys.len()).collect::<Vec<_>>());
     // Rows with equal leading keys stand together.
     let mut order: Vec<usize> = (0..rows.len()).collect();
     let first = |r: usize| rows.iter().position(|other| other[..keys.len()] == rows[r][..keys.len()]);
     order.sort_by_key(|&r| (first(r), r));
     for at in order {
-        let texts = (0..columns.len()).map(|c| groups.get(&(at, c)).map_or_else(|| "–".to_owned(), |cells| errors(cells)));
-        table.row(rows[at].iter().cloned().chain(texts).collect());
+        let texts: Vec<String> =
+            (0..columns.len()).map(|c| groups.get(&(at, c)).map_or_else(|| "–".to_owned(), |g| shown(layout.shown, g))).collect();
+        // What no method of this name has, such as a bound, makes no row.
+        if layout.shown == Shown::Rms || texts.iter().any(|t| t != "–") {
+            table.row(rows[at].iter().cloned().chain(texts).collect());
+        }
     }
     table
 }
@@ -163,15 +153,49 @@ fn place<T: PartialEq>(list: &mut Vec<T>, value: T) -> usize {
     })
 }
 
-/// Mean of root mean square errors, and the share of records without an answer where there are any.
 #[allow(clippy::cast_precision_loss)]
-fn errors(cells: &[&Cell]) -> String {
-    let rms: Vec<f64> = cells.iter().filter_map(|c| c.rms_samples).collect();
-    let mean = (!rms.is_empty()).then(|| rms.iter().sum::<f64>() / rms.len() as f64);
-    let [flagged, trials] = [cells.iter().map(|c| c.flagged).sum::<usize>(), cells.iter().map(|c| c.trials).sum()];
+fn mean(cells: &[&Cell], value: impl Fn(&Cell) -> Option<f64>) -> Option<f64> {
+    let some: Vec<f64> = cells.iter().filter_map(|c| value(c)).collect();
+    (!some.is_empty()).then(|| some.iter().sum::<f64>() / some.len() as f64)
+}
+
+/// Where the data hardly tell the delay a bound is hundreds of samples: one such cell would be all of a mean.
+fn median(cells: &[&Cell], value: impl Fn(&Cell) -> Option<f64>) -> Option<f64> {
+    let mut some: Vec<f64> = cells.iter().filter_map(|c| value(c)).collect();
+    some.sort_by(f64::total_cmp);
+    some.get(some.len() / 2).copied()
+}
+
+/// One number of a [`Layout`].
+#[allow(clippy::cast_precision_loss)]
+fn shown(what: Shown, cells: &[&Cell]) -> String {
     // Rounding is not an error of a method.
-    let shown = number(mean.map(|m| if m < 1e-6 { 0.0 } else { m }));
-    if flagged == 0 { shown } else { format!("{shown} ({:.0} %)", 100.0 * flagged as f64 / trials.max(1) as f64) }
+    let settled = |v: f64| if v.abs() < 1e-6 { 0.0 } else { v };
+    let trials: usize = cells.iter().map(|c| c.trials).sum();
+    let of_all = |count: fn(&Cell) -> usize| 100.0 * cells.iter().map(|c| count(c)).sum::<usize>() as f64 / trials.max(1) as f64;
+    match what {
+        Shown::Rms => {
+            let rms = number(mean(cells, |c| c.rms_samples).map(settled));
+            let flagged = of_all(|c| c.flagged);
+            if flagged == 0.0 { rms } else { format!("{rms} ({flagged:.0} %)") }
+        }
+        Shown::Wrong => format!("{:.0} %", of_all(|c| c.unflagged_wrong)),
+        Shown::Bias => number(mean(cells, |c| c.bias_samples).map(settled)),
+        Shown::Slope => number(slope(cells).map(settled)),
+        Shown::Bound => number(median(cells, |c| c.bound_rms_samples)),
+        Shown::Predicted => number(median(cells, |c| c.predicted_rms_samples)),
+    }
+}
+
+/// The slope of the mean answers over the injected delays; `None` below two different ones.
+fn slope(cells: &[&Cell]) -> Option<f64> {
+    let points = cells.iter().filter_map(|c| match c.delay_s {
+        Delay::Same(s) => Some([s / c.sample_time_s, c.bias_samples?]),
+        _ => None,
+    });
+    let points: Vec<[f64; 2]> = points.collect();
+    // The answer is the delay and its error.
+    inclination(&points).map(|error| 1.0 + error)
 }
 
 /// One row per cell of a grid; keys that are the same in all of them are told in the sentence before.
@@ -256,6 +280,19 @@ pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
     any.then_some(table)
 }
 
+/// How many of a plan's published numbers stand how beside ours.
+#[must_use]
+pub fn standings(study: &Study, plan: &Plan) -> String {
+    let all: Vec<Standing> = plan.published.iter().filter_map(|p| p.beside(study)).map(|b| b.standing).collect();
+    let count = |standing: Standing| all.iter().filter(|s| **s == standing).count();
+    format!(
+        "{} matching, {} differing, {} not reproducible",
+        count(Standing::Matching),
+        count(Standing::Differing),
+        count(Standing::NotReproducible)
+    )
+}
+
 /// The page `tables.md`: what was run, the summary, the published numbers, the scores, every cell.
 #[must_use]
 pub fn page(study: &Study, plan: &Plan) -> String {
@@ -265,10 +302,14 @@ pub fn page(study: &Study, plan: &Plan) -> String {
         text += &format!("## Aims\n\n{}\n", table.markdown());
     }
     if let Some(table) = published(study, plan) {
-        text += &format!("## Beside published numbers\n\n{}\n", table.markdown());
+        text += &format!("## Beside published numbers\n\n{}.\n\n{}\n", standings(study, plan), table.markdown());
     }
-    for (told, table) in layouts(study, plan) {
-        text += &format!("## {told}\n\n{LAYOUT}\n\n{}\n", table.markdown());
+    let tables = layouts(study, plan);
+    if !tables.is_empty() {
+        text += "## Laid out by keys\n\n";
+    }
+    for (told, table) in tables {
+        text += &format!("{told}.\n\n{}\n", table.markdown());
     }
     if let Some(table) = scores(study) {
         text += &format!("## Mean RMS error with the worst answers left out\n\n{}\n", table.markdown());
@@ -283,19 +324,23 @@ pub fn page(study: &Study, plan: &Plan) -> String {
     text
 }
 
-/// What the numbers of [`layouts`] are.
-pub const LAYOUT: &str = "RMS error in samples, mean over the cells; in brackets the share of records without an answer.";
-
-/// Every table that the plan's grids ask for with `by`, and its heading.
+/// Every table that the plan's grids ask for with `by`, and what its numbers are.
 #[must_use]
 pub fn layouts(study: &Study, plan: &Plan) -> Vec<(String, Table)> {
-    let each = |grid: &Grid| {
-        grid.by
-            .iter()
-            .map(|keys| (format!("{} by {}", grid.name, keys.replace(' ', ", ")), by(study, &grid.name, keys)))
-            .collect::<Vec<_>>()
+    let told = |grid: &Grid, layout: &Layout| {
+        let what = match layout.shown {
+            Shown::Rms => "RMS error (samples), mean over the cells; in brackets the share of records without an answer",
+            Shown::Wrong => {
+                "share of records with an answer that is off by more than `wrong_samples` and whose interval leaves out the truth"
+            }
+            Shown::Bias => "mean error (samples)",
+            Shown::Slope => "growth of the mean answer with the injected delay: 1 follows it, 0 is a constant",
+            Shown::Bound => "Cramér-Rao bound (samples), median over the cells",
+            Shown::Predicted => "standard deviation predicted before estimating (samples), median over the cells",
+        };
+        format!("{} by {}: {what}", grid.name, layout.keys.join(", "))
     };
-    plan.grids.iter().flat_map(each).collect()
+    plan.grids.iter().flat_map(|g| g.by.iter().map(move |l| (told(g, l), by(study, &g.name, l)))).collect()
 }
 
 /// How the time of an estimate grows: the exponent p of its power law in the samples of a record and in the delays searched, least squares of logarithms over the cells
@@ -333,7 +378,7 @@ pub fn growth(study: &Study) -> Option<Table> {
                 times(from),
                 to.to_string(),
                 times(to),
-                slope(&points).map_or_else(|| "–".to_owned(), |p| format!("{p:.2}")),
+                inclination(&points).map_or_else(|| "–".to_owned(), |p| format!("{p:.2}")),
             ]);
         }
     }
@@ -341,7 +386,7 @@ pub fn growth(study: &Study) -> Option<Table> {
 }
 
 /// The slope of the straight line through the points.
-fn slope(points: &[[f64; 2]]) -> Option<f64> {
+fn inclination(points: &[[f64; 2]]) -> Option<f64> {
     #[allow(clippy::cast_precision_loss)]
     let n = points.len() as f64;
     let mean = |i: usize| points.iter().map(|p| p[i]).sum::<f64>() / n;

@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use super::StudyError;
 use super::cell::{Layout, Slot};
-use super::plan::{Place, Plan, Scoring, Truth};
+use super::plan::{Place, Plan, Scoring, Shown, Truth};
 use super::results::Cell;
 use super::setting::{Record, Setting};
-use crate::delay::{DelayEstimate, Detrend, Experiment, Outcome, PairEstimate, Scope, Search, Start};
+use crate::delay::{DelayEstimate, Detrend, Experiment, Outcome, PairEstimate, Scope, Search, Start, richness};
 use crate::file::write_atomic;
 
 /// One estimate.
@@ -30,6 +30,8 @@ pub(super) struct Row {
     /// As the plan scores it.
     pub(super) error_samples: Option<f64>,
     pub(super) bound_samples: Option<f64>,
+    /// Predicted before estimating, where the plan shows it.
+    pub(super) predicted_samples: Option<f64>,
     pub(super) time_s: f64,
 }
 
@@ -58,13 +60,21 @@ pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usiz
             let answers = chosen.estimator.estimate(views.of(chosen.method.scope, chosen.method.start), &search);
             let time_s = clock.elapsed().as_secs_f64();
             let answers = answers.unwrap_or_default();
+            let asked = chosen.method.scope == Scope::Pair && grid.by.iter().any(|l| l.shown == Shown::Predicted);
+            let predicted = |slot: Slot| {
+                let pair = slot.output.filter(|_| asked)?;
+                let view = views.of(chosen.method.scope, chosen.method.start);
+                let expected = richness(view, &search, slot.input, pair, &[chosen.method]).ok()?.into_iter().next()??;
+                Some(expected.std_s / setting.sample_time.seconds())
+            };
             let mine: Vec<&(usize, Slot)> = slots.iter().filter(|(_, s)| s.method == method).collect();
             #[allow(clippy::cast_precision_loss)]
             let each_s = time_s / mine.len().max(1) as f64;
             rows.extend(mine.into_iter().map(|&(cell, slot)| {
                 let of_slot = |p: &&PairEstimate| p.input == slot.input && (slot.output.is_none() || p.output == slot.output);
                 let estimate = answers.iter().find(of_slot).map(|p| &p.estimate);
-                row(cell, slot, trial, &record, estimate, each_s, setting, (grid.truth, &grid.scoring))
+                let row = row(cell, slot, trial, &record, estimate, each_s, setting, (grid.truth, &grid.scoring));
+                Row { predicted_samples: predicted(slot), ..row }
             }));
         }
     }
@@ -137,6 +147,7 @@ fn row(
         hi_s: found.and_then(|e| e.ci95_s).map(|i| i[1]),
         error_samples,
         bound_samples: slot.output.filter(|_| slot.place == Place::U).and_then(|o| *record.bound_samples.get(o)?),
+        predicted_samples: None,
         time_s,
     }
 }
@@ -206,7 +217,7 @@ pub(super) fn key_fields(cell: &Cell) -> Vec<(&'static str, Field)> {
 }
 
 /// The estimate's part of a line, with the names of its columns.
-pub(super) fn value_fields(row: &Row) -> [(&'static str, Field); 12] {
+pub(super) fn value_fields(row: &Row) -> [(&'static str, Field); 13] {
     [
         ("trial", Field::Count(row.trial as u64)),
         ("seed", Field::Count(row.seed)),
@@ -219,6 +230,7 @@ pub(super) fn value_fields(row: &Row) -> [(&'static str, Field); 12] {
         ("hi_s", Field::Number(row.hi_s)),
         ("error_samples", Field::Number(row.error_samples)),
         ("bound_samples", Field::Number(row.bound_samples)),
+        ("predicted_samples", Field::Number(row.predicted_samples)),
         ("time_s", Field::Number(Some(row.time_s))),
     ]
 }

@@ -22,7 +22,7 @@ pub use aim::{Aim, Measure, Reached};
 pub use common::{Common, MethodRow, Score as CommonScore};
 pub use error::StudyError;
 pub use gate::{Finding, Gate, GateGroup, GateReport, Measured};
-pub use plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, PLANS, Place, Plan, Scoring, Signal, Truth};
+pub use plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Layout, Loop, PLANS, Place, Plan, Scoring, Shown, Signal, Truth};
 pub use plants::{PLANTS, Plant, PlantEntry};
 pub use published::{Beside, Published, Standing, Statistic, Which};
 pub use results::{Cell, FORMAT, Kept, Score, Study};

@@ -19,7 +19,19 @@ macro_rules! shipped {
 }
 
 /// The plans that ship with the program: name and text.
-pub const PLANS: &[(&str, &str)] = shipped!["thesis", "thesis_delays", "bjorklund", "twin", "subsample", "unrelated", "cost", "ci"];
+pub const PLANS: &[(&str, &str)] = shipped![
+    "thesis",
+    "thesis_delays",
+    "unstable",
+    "richness",
+    "thresholding",
+    "bjorklund",
+    "twin",
+    "subsample",
+    "unrelated",
+    "cost",
+    "ci"
+];
 
 const FORMAT: &str = "deadtime/plan@1";
 
@@ -262,8 +274,56 @@ pub struct Grid {
     pub detrend: Detrend,
     /// Samples of response that methods take off: those of the plant (`true`), or the one that is assumed without a model.
     pub known_degree: bool,
-    /// Tables of root mean square errors: keys apart by spaces, the values of the last one as columns, methods and those of the others as rows.
-    pub by: Vec<String>,
+    /// Tables beside the list of all cells.
+    pub by: Vec<Layout>,
+}
+
+/// A table of one statistic, `KEY …` or `STATISTIC: KEY …`: the values of the last key as columns, those of the others and the methods as rows.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String")]
+pub struct Layout {
+    /// What is shown.
+    pub shown: Shown,
+    /// Keys of cells, one at least.
+    pub keys: Vec<String>,
+}
+
+/// What a [`Layout`] shows of the cells that share a place in it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Shown {
+    /// Mean of their root mean square errors, and the share of records without an answer.
+    Rms,
+    /// Share of their records with an answer that is wrong without saying so (see [`Scoring`]).
+    Wrong,
+    /// Mean of their biases.
+    Bias,
+    /// By how much the mean answer grows with the injected delay: 1 where a method follows it, 0 where it is a constant.
+    Slope,
+    /// Median of their Cramér-Rao bounds.
+    Bound,
+    /// Median of the standard deviations that [`crate::delay::richness`] predicts before estimating.
+    Predicted,
+}
+
+impl TryFrom<String> for Layout {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        let (shown, keys) = match text.split_once(':') {
+            None => (Shown::Rms, text.as_str()),
+            Some((name, keys)) => {
+                let shown = serde_json::from_value(name.trim().into());
+                (shown.map_err(|_| format!("`by` shows `{name}`: there are rms, wrong, bias, slope, bound, predicted"))?, keys)
+            }
+        };
+        let keys: Vec<String> = keys.split_whitespace().map(str::to_owned).collect();
+        match keys.iter().find(|k| !BY.contains(&k.as_str())) {
+            Some(key) => Err(format!("`by` names `{key}`: there are {}", BY.join(", "))),
+            None if keys.is_empty() => Err("`by` names no key".to_owned()),
+            None => Ok(Self { shown, keys }),
+        }
+    }
 }
 
 /// A list, or one value that stands for a list of one.
@@ -343,7 +403,7 @@ struct Keys {
     trials: Option<usize>,
     detrend: Option<Detrend>,
     known_degree: Option<bool>,
-    by: Option<Many<String>>,
+    by: Option<Vec<Layout>>,
 }
 
 /// Keys of the head; every other key of the file is one of a cell.
@@ -542,11 +602,8 @@ impl Grid {
             trials: keys.trials.unwrap_or(TRIALS),
             detrend: keys.detrend.unwrap_or_default(),
             known_degree: keys.known_degree.unwrap_or(true),
-            by: keys.by.map(Vec::from).unwrap_or_default(),
+            by: keys.by.unwrap_or_default(),
         };
-        if let Some(key) = grid.by.iter().flat_map(|b| b.split_whitespace()).find(|k| !BY.contains(k)) {
-            return Err(format!("`by` names `{key}`: there are {}", BY.join(", ")));
-        }
         if grid.trials == 0 || grid.samples.contains(&0) || grid.max_delay.contains(&0) {
             return Err("`trials`, `samples` and `max_delay` are 1 or more".to_owned());
         }

@@ -112,6 +112,9 @@ pub struct Cell {
     pub coverage95: Option<f64>,
     /// Root mean square of the records' Cramér-Rao bounds, samples.
     pub bound_rms_samples: Option<f64>,
+    /// Root mean square of the standard deviations predicted before estimating, samples; `None` where the plan does not show them.
+    #[serde(default)]
+    pub predicted_rms_samples: Option<f64>,
     /// Mean processor time of an estimate on one core, s; no part of the result.
     pub time_per_estimate_s: Option<f64>,
     /// Root mean square error with the worst of the method's answers in this grid left out, in the order of the plan's `kept_percent`.

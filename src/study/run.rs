@@ -177,6 +177,7 @@ impl<'a> Runner<'a> {
             cell.intervals = tally.intervals;
             cell.coverage95 = tally.coverage95();
             cell.bound_rms_samples = tally.bound_rms();
+            cell.predicted_rms_samples = tally.predicted_rms();
             cell.time_per_estimate_s = tally.time_s();
         }
         let scores = self.scores(&mut cells, &tallies);
@@ -275,6 +276,7 @@ impl<'a> Runner<'a> {
             intervals: 0,
             coverage95: None,
             bound_rms_samples: None,
+            predicted_rms_samples: None,
             time_per_estimate_s: None,
             kept: Vec::new(),
         }

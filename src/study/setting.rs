@@ -427,7 +427,7 @@ fn hash(text: &str) -> u64 {
 
 /// Digest of what stands behind the names of a key in this plan, and of what else its answers hang on.
 fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> crate::Result<String> {
-    let Scoring { invalid_samples, wrong_samples, .. } = plan.scoring;
+    let Scoring { invalid_samples, wrong_samples, .. } = grid.scoring;
     let noise = plan.noises.get(&key.noise);
     let controller = key.controller.as_ref().and_then(|c| plan.controllers.get(c));
     let listed = PLANTS.iter().any(|p| p.name == key.plant);

@@ -23,6 +23,7 @@ pub(super) struct Tally {
     raw: [f64; 3],
     holding: f64,
     bound: [f64; 2],
+    predicted: [f64; 2],
     time_s: f64,
     /// |e| in bins of 1.6 %: count and Σe². Whole samples have bins of their own.
     bins: BTreeMap<u64, [f64; 2]>,
@@ -56,9 +57,11 @@ impl Tally {
             *mean += off / *count;
             *squares += off * (raw - *mean);
         }
-        if let Some(bound) = row.bound_samples {
-            self.bound[0] += 1.0;
-            self.bound[1] += bound * bound;
+        for (sums, value) in [(&mut self.bound, row.bound_samples), (&mut self.predicted, row.predicted_samples)] {
+            if let Some(value) = value {
+                sums[0] += 1.0;
+                sums[1] += value * value;
+            }
         }
         if let Some(e) = row.error_samples {
             self.wrong += usize::from(row.delay_s.is_some() && e.abs() > scoring.wrong_samples && held != Some(true));
@@ -126,6 +129,10 @@ impl Tally {
 
     pub(super) fn bound_rms(&self) -> Option<f64> {
         (self.bound[0] > 0.0).then(|| (self.bound[1] / self.bound[0]).sqrt())
+    }
+
+    pub(super) fn predicted_rms(&self) -> Option<f64> {
+        (self.predicted[0] > 0.0).then(|| (self.predicted[1] / self.predicted[0]).sqrt())
     }
 
     #[allow(clippy::cast_precision_loss)]
