@@ -1,7 +1,7 @@
 //! Tables of accuracy studies.
 
 use super::Table;
-use crate::study::{Cell, Plan, Standing, Statistic, Study};
+use crate::study::{Cell, Measure, Plan, Score, Standing, Statistic, Study};
 
 /// How one number of a table is shown.
 fn number(value: Option<f64>) -> String {
@@ -208,11 +208,14 @@ pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
 pub fn page(study: &Study, plan: &Plan) -> String {
     let mut text = format!("# {}\n\n{}\n\n", plan.name, plan.about);
     text += &format!("Seed {}; {}.\n\n## Methods\n\n{}\n", study.seed, study.program, summary(study).markdown());
+    if let Some(table) = aims(study, plan) {
+        text += &format!("## Aims\n\n{}\n", table.markdown());
+    }
     if let Some(table) = published(study, plan) {
         text += &format!("## Beside published numbers\n\n{}\n", table.markdown());
     }
-    if plan.scoring.kept_percent.len() > 1 {
-        text += &format!("## Mean RMS error with the worst answers left out\n\n{}\n", scores(study).markdown());
+    if let Some(table) = scores(study) {
+        text += &format!("## Mean RMS error with the worst answers left out\n\n{}\n", table.markdown());
     }
     if let Some(table) = growth(study) {
         text += &format!("## Growth of the time\n\n{}\n", table.markdown());
@@ -275,9 +278,46 @@ fn slope(points: &[[f64; 2]]) -> Option<f64> {
     (spread > 0.0).then(|| points.iter().map(|p| (p[0] - x) * (p[1] - y)).sum::<f64>() / spread)
 }
 
-/// Scores by the share of answers kept.
+/// Every aim of a plan beside what was reached; `None` where the plan has none of these cells.
 #[must_use]
-pub fn scores(study: &Study) -> Table {
+pub fn aims(study: &Study, plan: &Plan) -> Option<Table> {
+    let mut table = Table::new(&["aim", "method", "wanted", "ours", "furthest off", ""], &[0, 1, 4, 5]);
+    let mut any = false;
+    for aim in &plan.aims {
+        let shown = |v: f64| match aim.measure {
+            Measure::RmsSamples | Measure::RmsOverBound => number(Some(v)),
+            Measure::Flagged | Measure::Coverage95 => share(Some(v)),
+        };
+        let wanted = match (aim.at_least, aim.at_most) {
+            (Some(a), Some(b)) => format!("{} … {}", shown(a), shown(b)),
+            (Some(a), None) => format!("≥ {}", shown(a)),
+            (_, b) => format!("≤ {}", b.map_or_else(String::new, shown)),
+        };
+        for reached in aim.reached(study) {
+            any = true;
+            table.row(vec![
+                aim.aim.clone(),
+                reached.method.to_owned(),
+                wanted.clone(),
+                shown(reached.value),
+                reached.cell.map(place).unwrap_or_default(),
+                if reached.met { "met" } else { "missed" }.to_owned(),
+            ]);
+        }
+    }
+    any.then_some(table)
+}
+
+/// A cell in a few words.
+fn place(cell: &Cell) -> String {
+    let snr = cell.snr.map(|v| format!(", SNR {v}")).unwrap_or_default();
+    let noise = if cell.noise == "white" { String::new() } else { format!(", {}", cell.noise) };
+    format!("{}, {}{snr}{noise}", cell.plant, cell.excitation)
+}
+
+/// Scores by the share of answers kept; `None` where all are kept.
+#[must_use]
+pub fn scores(study: &Study) -> Option<Table> {
     let mut shares: Vec<f64> = Vec::new();
     for score in &study.scores {
         if !shares.contains(&score.kept_percent) {
@@ -287,11 +327,12 @@ pub fn scores(study: &Study) -> Table {
     let names: Vec<String> = shares.iter().map(|s| format!("{s} % kept")).collect();
     let headings: Vec<&str> = ["grid", "from", "method"].into_iter().chain(names.iter().map(String::as_str)).collect();
     let mut table = Table::new(&headings, &[0, 1, 2]);
-    for chunk in study.scores.chunks(shares.len().max(1)) {
-        let Some(first) = chunk.first() else { continue };
+    let same = |a: &Score, b: &Score| a.grid == b.grid && a.place == b.place && a.method == b.method && a.options == b.options;
+    for of_one in study.scores.chunk_by(same) {
+        let Some(first) = of_one.first() else { continue };
         let mut row = vec![first.grid.clone(), first.place.name().to_owned(), first.method_text()];
-        row.extend(chunk.iter().map(|s| number(s.mean_rms_samples)));
+        row.extend(shares.iter().map(|&s| number(of_one.iter().find(|k| k.kept_percent == s).and_then(|k| k.mean_rms_samples))));
         table.row(row);
     }
-    table
+    (shares.len() > 1).then_some(table)
 }

@@ -64,7 +64,7 @@ pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usiz
             rows.extend(mine.into_iter().map(|&(cell, slot)| {
                 let of_slot = |p: &&PairEstimate| p.input == slot.input && (slot.output.is_none() || p.output == slot.output);
                 let estimate = answers.iter().find(of_slot).map(|p| &p.estimate);
-                row(cell, slot, trial, &record, estimate, each_s, setting, (grid.truth, &plan.scoring))
+                row(cell, slot, trial, &record, estimate, each_s, setting, (grid.truth, &grid.scoring))
             }));
         }
     }
@@ -114,20 +114,15 @@ fn row(
     let found = estimate.filter(|e| e.outcome.has_delay());
     #[allow(clippy::cast_precision_loss)]
     let degree = slot.output.and_then(|o| record.degree.get(o)?.get(slot.input)).copied().unwrap_or(0) as f64;
-    let error_samples = match truth {
+    let off = found.and_then(|e| match truth {
         // The raw answer less what its method takes off is not cut off at 0.
-        Truth::Raw => {
-            let off = found.and_then(|e| Some(e.raw_delay_s? / ts - e.degree_bias_samples - true_delay_s / ts));
-            let raw_truth = true_delay_s / ts + degree;
-            match scoring.invalid_samples {
-                None => off,
-                Some(invalid) => Some(off.filter(|off| off + raw_truth > 0.0 && off + raw_truth < invalid).unwrap_or(invalid - raw_truth)),
-            }
-        }
-        Truth::Delay => {
-            let off = found.and_then(|e| Some((e.delay_s? - true_delay_s) / ts));
-            scoring.invalid_samples.map_or(off, |invalid| Some(off.unwrap_or(invalid - true_delay_s / ts)))
-        }
+        Truth::Raw => Some(e.raw_delay_s? / ts - e.degree_bias_samples - true_delay_s / ts),
+        Truth::Delay => Some((e.delay_s? - true_delay_s) / ts),
+    });
+    let raw_truth = true_delay_s / ts + degree;
+    let error_samples = match scoring.invalid_samples {
+        None => off.or(scoring.missing_off_samples),
+        Some(invalid) => Some(off.filter(|off| off + raw_truth > 0.0 && off + raw_truth < invalid).unwrap_or(invalid - raw_truth)),
     };
     Row {
         cell,

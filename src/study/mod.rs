@@ -1,5 +1,6 @@
 //! Accuracy on delays that were injected and so are known.
 
+mod aim;
 mod bound;
 mod cell;
 mod common;
@@ -16,6 +17,7 @@ mod run;
 mod setting;
 mod tally;
 
+pub use aim::{Aim, Measure, Reached};
 pub use common::{Common, MethodRow, Score as CommonScore};
 pub use error::StudyError;
 pub use plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, PLANS, Place, Plan, Scoring, Signal, Truth};

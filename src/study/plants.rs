@@ -70,6 +70,7 @@ pub const PLANTS: &[PlantEntry] = &[
     plant!("gain", "Björklund's G9, a dead time alone", rational(&[1.0], &[])),
     plant!("slow2b", "Björklund's G1b, half of slow2", rational(&[0.05], &[[0.1, 0.0], [1.0, 0.0]])),
     plant!("fast2b", "Björklund's G2b, half of fast2", rational(&[5.0], &[[1.0, 0.0], [10.0, 0.0]])),
+    plant!("unrelated", "an output that does not follow its input: noise alone", silent()),
     PlantEntry {
         name: "random10",
         summary: "ten real poles and complex pairs drawn anew for every trial, time constants from 0.3 to 30 s, half of them with an integrator",
@@ -98,6 +99,12 @@ fn whole() -> Plant {
 
 fn single(model: Result<StateSpace<Continuous>, ModelError>) -> Result<Plant, ModelError> {
     Ok(Plant { model: PlantModel::Continuous(model?), inputs: vec!["u".to_owned()], outputs: vec!["y".to_owned()] })
+}
+
+/// 0/(s + 1).
+fn silent() -> Result<Plant, ModelError> {
+    let one = |v: f64| nalgebra::DMatrix::from_element(1, 1, v);
+    single(StateSpace::continuous(one(-1.0), one(1.0), one(0.0), one(0.0)))
 }
 
 /// Numerator coefficients, highest power first, over factors: [a, 0] is s + a, [a, b] is (s + a)² + b².

@@ -149,7 +149,6 @@ impl<'a> Runner<'a> {
 
     /// Reads all blocks in order, one row at a time, and writes what came of them.
     fn gather(&self, folder: &Path, parts: &Path) -> crate::Result<Study> {
-        let scoring = &self.plan.scoring;
         let mut cells: Vec<Cell> = self.layout.slots.iter().map(|s| self.cell(*s)).collect();
         let keys: Vec<_> = cells.iter().map(key_fields).collect();
         let mut tallies = vec![Tally::default(); cells.len()];
@@ -158,7 +157,8 @@ impl<'a> Runner<'a> {
             for row in read_part(&part(parts, number))? {
                 let row = row?;
                 let Some((tally, key)) = tallies.get_mut(row.cell).zip(keys.get(row.cell)) else { continue };
-                tally.add(&row, scoring, self.layout.settings[self.layout.slots[row.cell].setting].sample_time);
+                let setting = &self.layout.settings[self.layout.slots[row.cell].setting];
+                tally.add(&row, &self.plan.grids[setting.grid].scoring, setting.sample_time);
                 let values = value_fields(&row);
                 sinks.iter_mut().try_for_each(|s| s.write(key, &values))?;
             }
@@ -199,9 +199,9 @@ impl<'a> Runner<'a> {
             groups.entry((grid, slot.place as u8, slot.method)).or_default().push(number);
         }
         let mut scores = Vec::new();
-        for members in groups.values() {
+        for ((grid, ..), members) in &groups {
             let of: Vec<&Tally> = members.iter().map(|&m| &tallies[m]).collect();
-            for &percent in &self.plan.scoring.kept_percent {
+            for &percent in &self.plan.grids[*grid].scoring.kept_percent {
                 let rms = kept(&of, percent);
                 for (&member, rms) in members.iter().zip(&rms) {
                     cells[member].kept.push(Kept { percent, rms_samples: *rms });
