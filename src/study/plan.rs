@@ -19,7 +19,7 @@ macro_rules! shipped {
 }
 
 /// The plans that ship with the program: name and text.
-pub const PLANS: &[(&str, &str)] = shipped!["thesis", "bjorklund", "cost"];
+pub const PLANS: &[(&str, &str)] = shipped!["thesis", "bjorklund", "twin", "subsample", "unrelated", "cost"];
 
 const FORMAT: &str = "deadtime/plan@1";
 
