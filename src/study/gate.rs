@@ -314,8 +314,9 @@ impl Gate {
             }
             #[allow(clippy::cast_precision_loss)]
             let z = sums.values().map(|[sum, count]| sum / count).sum::<f64>() / (sums.len() as f64).sqrt();
-            let mean = |of: &dyn Fn(&Pair) -> Option<f64>| average(known.iter().filter_map(|&i| of(pairs[i])));
-            let total = |of: &dyn Fn(&Pair) -> usize| known.iter().map(|&i| of(pairs[i])).sum::<usize>();
+            let answered = || pairs.iter().filter(|p| p.before.rms_samples.is_some() && p.after.rms_samples.is_some());
+            let mean = |of: &dyn Fn(&Pair) -> Option<f64>| average(answered().filter_map(|p| of(p)));
+            let total = |of: &dyn Fn(&Pair) -> usize| answered().map(|p| of(p)).sum::<usize>();
             if let (Some(b), Some(a)) = (mean(&|p| p.before.rms_samples), mean(&|p| p.after.rms_samples)) {
                 let (before, after) = ((Some(b), total(&|p| scored(p.before))), (Some(a), total(&|p| scored(p.after))));
                 tests.push(Tested {
@@ -328,13 +329,14 @@ impl Gate {
         for measured in SHARES {
             let of = |p: &Pair| shares(p).into_iter().find(|(m, _)| *m == measured).map(|(_, c)| c);
             let all: Vec<(usize, Counts)> =
-                (0..pairs.len()).filter_map(|i| Some((clusters[i], of(pairs[i])?))).filter(|(_, c)| c.can_differ()).collect();
-            if all.len() > 1 {
+                (0..pairs.len()).filter_map(|i| Some((clusters[i], of(pairs[i])?))).filter(|(_, c)| c.all.iter().all(|n| *n > 0)).collect();
+            let open: Vec<&(usize, Counts)> = all.iter().filter(|(_, c)| c.can_differ()).collect();
+            if open.len() > 1 {
                 let mut sizes: BTreeMap<usize, u32> = BTreeMap::new();
-                all.iter().for_each(|(cluster, _)| *sizes.entry(*cluster).or_default() += 1);
+                open.iter().for_each(|(cluster, _)| *sizes.entry(*cluster).or_default() += 1);
                 let largest = sizes.values().max().copied().unwrap_or(1);
-                let counts: Vec<Counts> = all.into_iter().map(|(_, c)| c).collect();
-                let p = stratified(&counts, f64::from(largest));
+                let p = stratified(&open.iter().map(|(_, c)| *c).collect::<Vec<Counts>>(), f64::from(largest));
+                let counts: Vec<Counts> = all.iter().map(|(_, c)| *c).collect();
                 tests.push(self.share(frame, None, measured, &counts, p));
             }
         }
