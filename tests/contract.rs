@@ -650,7 +650,7 @@ fn option_structs_survive_the_way_through_json_with_other_values() {
     for cost in [Cost::Products, Cost::Regression] {
         there_and_back(Elnaggar { cost });
     }
-    for center in [Center::Mean, Center::Median] {
+    for center in [Center::Mean, Center::Median, Center::Mode] {
         there_and_back(OePosterior { nb: 2, nf: 1, initial: Initial::Estimated, center, max_samples: 17 });
     }
     there_and_back(SamplingZero { initial: Initial::Estimated, max_samples: 17 });

@@ -123,20 +123,39 @@ proptest! {
     fn gain_sign_and_sample_time_of_a_noisy_record_change_nothing(
         plant in simple_plant(), delay in 0..=15_usize, seed in 0..10_000_u64, on_u in gain(), on_y in gain(), seconds in 1e-4..100.0_f64,
     ) {
-        let u = rbs(300, 1.0, seed);
-        let (clean, bias) = plant.respond(&u, delay);
-        let y = sum(&clean, &white(300, 0.02 * std_dev(&clean), seed + 1));
-        let changed = Experiment::siso(ts(seconds), times(&u, on_u), times(&y, on_y));
-        let plain = Experiment::siso(ts(TS), u, y);
-        for method in promising(Law::Gain).filter(|m| m.promises(Law::Sign)) {
-            let (a, b) = (answer(method, &plain, &search(bias)), answer(method, &changed, &search(bias)));
-            prop_assert_eq!(a.outcome, b.outcome, "{}: {:?} {:?}", method.entry.name, a, b);
-            let apart = |x: Option<f64>, y: Option<f64>| x.map(|v| v / TS).unwrap_or(-1.0) - y.map(|v| v / seconds).unwrap_or(-1.0);
-            prop_assert!(apart(a.delay_s, b.delay_s).abs() < 1e-6_f64.max(0.01 * method.tolerance), "{}: {:?} {:?}", method.entry.name, a, b);
-            // The ends of an interval that is searched for are known to a share of the tolerance, and not even so where the plant is not of the method's kind.
-            prop_assert!(a.contradicted || apart(a.std_s, b.std_s).abs() < 1e-4_f64.max(0.02 * method.tolerance), "{}: {:?} {:?}", method.entry.name, a, b);
-        }
+        gain_sign_and_sample_time_change_nothing(&plant, delay, seed, [on_u, on_y], seconds);
     }
+}
+
+/// Every method that promises it gives a record the same answer, in samples, when the channels are scaled by `gains` and a sample lasts `seconds`.
+fn gain_sign_and_sample_time_change_nothing(plant: &Plant, delay: usize, seed: u64, gains: [f64; 2], seconds: f64) {
+    let u = rbs(300, 1.0, seed);
+    let (clean, bias) = plant.respond(&u, delay);
+    let y = sum(&clean, &white(300, 0.02 * std_dev(&clean), seed + 1));
+    let changed = Experiment::siso(ts(seconds), times(&u, gains[0]), times(&y, gains[1]));
+    let plain = Experiment::siso(ts(TS), u, y);
+    for method in promising(Law::Gain).filter(|m| m.promises(Law::Sign)) {
+        let (a, b) = (answer(method, &plain, &search(bias)), answer(method, &changed, &search(bias)));
+        assert_eq!(a.outcome, b.outcome, "{}: {a:?} {b:?}", method.entry.name);
+        let apart = |x: Option<f64>, y: Option<f64>| x.map(|v| v / TS).unwrap_or(-1.0) - y.map(|v| v / seconds).unwrap_or(-1.0);
+        // A fit whose own leftovers say that the plant is not of its kind may stop anywhere along a valley of nearly equal costs (5 of 4000 such records).
+        let holds = |apart: f64, tolerance: f64| a.contradicted || apart.abs() < tolerance;
+        assert!(holds(apart(a.delay_s, b.delay_s), 1e-6_f64.max(0.01 * method.tolerance)), "{}: {a:?} {b:?}", method.entry.name);
+        // The ends of an interval that is searched for are known to a share of the tolerance.
+        assert!(holds(apart(a.std_s, b.std_s), 1e-4_f64.max(0.02 * method.tolerance)), "{}: {a:?} {b:?}", method.entry.name);
+    }
+}
+
+#[test]
+fn of_delays_that_fit_alike_the_gain_does_not_choose() {
+    // A pole that dies away within a sample adds to the dead time: delays from 8.0000 to 8.0018 samples have one cost, and rounding once chose among them.
+    let plant = Plant::First { b: -0.05, pole: 0.6101976027082096 };
+    gain_sign_and_sample_time_change_nothing(&plant, 8, 805, [-9.872049108546365, -13.23525408153079], 1e-4);
+    // Here the interval's end is a cliff behind a plain, and the search for it once ran out of steps.
+    gain_sign_and_sample_time_change_nothing(&Plant::First { b: 1.0, pole: 0.03436561152277906 }, 6, 3637, [15.9, -5.6], 90.6);
+    // Here a direct path's neighbour was once fitted from a pole too fast to show.
+    let plant = Plant::First { b: 10.513232238453124, pole: 0.013292616674143498 };
+    gain_sign_and_sample_time_change_nothing(&plant, 2, 2546, [13.840696468561141, -11.079315290646536], 48.58889781943347);
 }
 
 #[test]

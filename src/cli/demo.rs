@@ -4,17 +4,15 @@ use std::path::{Path, PathBuf};
 
 use super::estimate::{Feedback, Job, chosen};
 use super::write_json;
-use crate::delay::{Class, DelayEstimator, Detrend, METHODS, Method, Scope};
+use crate::delay::{Class, Detrend, METHODS, Method, Scope};
 use crate::diagnose::{GapOptions, diagnose};
 use crate::file::write_atomic;
 use crate::log;
 use crate::model::{ModelDocument, ModelFile};
 use crate::report::diagnosis::{ranking, summary};
 use crate::report::html::page;
-use crate::report::study::table;
-use crate::signal::excitation::Rbs;
-use crate::study::Injected;
-use crate::time::SampleTime;
+use crate::report::study::{cells, page as study_page};
+use crate::study::{Plan, Runner};
 
 /// Run the main job on a simulated UAV flight that ships with the program
 #[derive(Debug, clap::Args)]
@@ -32,6 +30,8 @@ const FLIGHT: &str = include_str!("../../examples/uav_flight.csv");
 const MODEL: &str = include_str!("../../examples/uav_lateral_stabilised.toml");
 /// The dead time that the flight was simulated with, s.
 const TRUTH_S: f64 = 0.13;
+/// What the accuracy study is of; the model file stands in the folder that is written to.
+const PLAN: &str = include_str!("../study/plans/demo.toml");
 /// Records per injected delay in the accuracy study.
 const TRIALS: usize = 40;
 
@@ -76,27 +76,18 @@ impl Demo {
             "\n2. Which method may be trusted to say so? The same vehicle again, {TRIALS} records for each of four delays that are injected and"
         );
         say!("   so are known; output p, 600 samples, the same noise; of each class of methods the one that is trusted most.\n");
-        let study = Injected {
-            plant: model.continuous()?,
-            output: 0,
-            sample_time: SampleTime::new(0.02)?,
-            samples: 600,
-            excitation: Rbs { band: [0.0, 0.3], levels: [-0.01, 0.01] },
-            snr: 100.0,
-            delays_s: vec![0.0, 0.06, 0.13, 0.205],
-            trials: TRIALS,
-            seed: self.seed,
-        };
-        let estimators: Vec<(&str, Box<dyn DelayEstimator>)> =
-            most_trusted().map(|m| Ok((m.entry.name, m.entry.with(serde_json::json!({}))?))).collect::<anyhow::Result<_>>()?;
-        let borrowed: Vec<(&str, &dyn DelayEstimator)> = estimators.iter().map(|(n, e)| (*n, e.as_ref())).collect();
-        let cells = study.run(&borrowed)?;
-        let accuracy = table(&cells);
+        let mut plan = Plan::parse("demo", PLAN, &self.out)?;
+        plan.seed = self.seed;
+        plan.grids.iter_mut().for_each(|g| {
+            g.trials = TRIALS;
+            g.method = most_trusted().map(|m| m.entry.name.to_owned()).collect();
+        });
+        let folder = self.out.join("accuracy");
+        let study = Runner::new(&plan)?.run(&folder, true, &|_| ())?;
+        let (_, accuracy) = cells(&study, &plan.name);
         say!("{}", accuracy.to_string().trim_end_matches('\n'));
-        write_atomic(&file("accuracy.md"), |out| out.write_all(accuracy.markdown().as_bytes()))?;
-        say!(
-            "\n   Bias and RMS error are in samples of 0.02 s, over the records that got an answer. A method to trust has a small error, and"
-        );
+        write_atomic(&folder.join("tables.md"), |out| out.write_all(study_page(&study, &plan).as_bytes()))?;
+        say!("\n   Errors are in samples of 0.02 s, over the records that got an answer. A method to trust has a small error, and");
         say!("   an interval that holds the truth about as often as it promises.");
 
         say!(
@@ -115,7 +106,7 @@ impl Demo {
         write_atomic(&file("report.html"), |out| out.write_all(page(&found).as_bytes()))?;
 
         say!(
-            "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy.md, diagnosis.json, report.html, model_with_effects.toml.",
+            "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy/ (the study), diagnosis.json, report.html, model_with_effects.toml.",
             self.out.display()
         );
         say!("Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE");

@@ -16,6 +16,7 @@ mod estimate;
 mod events;
 mod excite;
 mod gap;
+mod gate;
 mod list;
 mod methods;
 mod progress;
@@ -55,6 +56,7 @@ enum Command {
     Excite(excite::Excite),
     Check(check::Check),
     Gap(gap::Gap),
+    Gate(gate::Gate),
     #[command(subcommand)]
     Blind(blind::Blind),
     List(list::List),
@@ -80,6 +82,7 @@ impl Cli {
             Command::Excite(c) => c.run(json),
             Command::Check(c) => c.run(json),
             Command::Gap(c) => c.run(json),
+            Command::Gate(c) => c.run(json),
             Command::Blind(c) => c.run(json),
             Command::List(c) => c.run(json),
             Command::Methods(c) => c.run(json),

@@ -8,7 +8,7 @@ use anyhow::bail;
 use super::progress::Bar;
 use super::write_json;
 use crate::file::write_atomic;
-use crate::report::study::{layouts, page, published, scores, standings, summary};
+use crate::report::study::{aims, layouts, page, published, scores, standings, summary};
 use crate::study::{Plan, Progress, Runner};
 
 /// Study how accurate methods are, on delays that were injected and so are known
@@ -22,6 +22,12 @@ pub(super) struct Study {
     /// Folder for study.json, estimates.csv and tables.md; default study-PLAN
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Only this grid of the plan (again for further ones)
+    #[arg(long, value_name = "NAME")]
+    grid: Vec<String>,
+    /// Only this method of the plan (again for further ones)
+    #[arg(long, value_name = "NAME")]
+    method: Vec<String>,
     /// Records of each setting; default: as the plan says
     #[arg(long, value_name = "N")]
     trials: Option<usize>,
@@ -36,6 +42,7 @@ pub(super) struct Study {
 impl Study {
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let mut plan = Plan::open(&self.plan)?;
+        plan.only(&self.grid, &self.method)?;
         if let Some(trials) = self.trials {
             if trials == 0 {
                 bail!("--trials 0: give at least 1");
@@ -60,11 +67,11 @@ impl Study {
         for (told, table) in layouts(&study, &plan) {
             say!("\n{told}:\n\n{}", table.to_string().trim_end());
         }
-        if plan.scoring.kept_percent.len() > 1 {
-            say!(
-                "\nMean over the cells of the RMS error in samples, the worst answers left out:\n\n{}",
-                scores(&study).to_string().trim_end()
-            );
+        if let Some(table) = scores(&study) {
+            say!("\nMean over the cells of the RMS error in samples, the worst answers left out:\n\n{}", table.to_string().trim_end());
+        }
+        if let Some(table) = aims(&study, &plan) {
+            say!("\nAims:\n\n{}", table.to_string().trim_end());
         }
         say!("\n{} estimates. Written to {}: study.json, estimates.csv, tables.md.", runner.estimates(), folder.display());
         Ok(())

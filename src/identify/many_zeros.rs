@@ -1,11 +1,11 @@
 //! Output-error models of few poles and so many numerator coefficients that a search over each would be slow.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::polynomial::{filter, is_stable, stabilised};
 use super::regression::{Record, Regression, dot};
 
-/// y(t) = B(q)/F(q) u(t) + e(t): Steiglitz and McBride's iteration (ARX on signals filtered by the last 1/F), then Gauss and Newton's on the simulation error.
+/// y(t) = B(q)/F(q) u(t) + e(t): Steiglitz and McBride's iteration (ARX on signals filtered by the last 1/F), then Levenberg and Marquardt's on the simulation error.
 ///
 /// Each step of either is one regression of O(N·(nf + nb)). Records are taken to begin at rest, and their first nb − 1 samples are left out of the error.
 ///
@@ -21,12 +21,14 @@ pub(crate) struct ManyZeros {
 
 /// Iterations of Steiglitz and McBride, which only have to find the valley.
 const ITERATIONS: usize = 10;
-/// Steps of Gauss and Newton; near the minimum each takes a large factor off the error.
-const STEPS: usize = 30;
+/// Steps of Levenberg and Marquardt; near the minimum each takes a large factor off the error, but along a pole that a zero all but cancels they are short.
+const STEPS: usize = 100;
 /// A relative change that ends either.
 const STILL: f64 = 1e-13;
-/// Halvings of a step that does not lower the error.
-const HALVINGS: usize = 6;
+/// Damping, as a share of the Gram matrix's diagonal, that counts as none.
+const LEAST_DAMPING: f64 = 1e-12;
+/// Damping at which a step that still does not lower the error is rounding's.
+const MOST_DAMPING: f64 = 1e6;
 
 /// A model simulated on every record.
 struct Simulated {
@@ -65,27 +67,27 @@ impl ManyZeros {
             }
         }
         let mut at = simulate(records, regression, &f, &b);
-        let mut inverse = inverse(regression, &at.gradients)?;
+        let mut damping = LEAST_DAMPING;
         for _ in 0..STEPS {
-            let step = &inverse * slope(regression, &at);
-            let trial = (0..HALVINGS).find_map(|halving| {
-                let share = 0.5_f64.powi(i32::try_from(halving).ok()?);
-                let trial_f: Vec<f64> = f.iter().zip(&step).map(|(f, s)| f - share * s).collect();
-                let trial_b = &b + step.rows(nf, nb) * share;
-                if !is_stable(&trial_f) {
-                    return None;
-                }
-                let there = simulate(records, regression, &trial_f, &trial_b);
-                (there.cost < at.cost).then_some((trial_f, trial_b, there))
-            });
-            let Some((next_f, next_b, there)) = trial else { break };
-            let done = at.cost - there.cost <= STILL * at.cost;
+            let (gram, slope) = (gram(regression, &at.gradients)?, slope(regression, &at));
+            let mut trial = None;
+            while trial.is_none() && damping < MOST_DAMPING {
+                let there = damped(&gram, damping).map(|c| c.solve(&slope)).and_then(|step| {
+                    let next_f: Vec<f64> = f.iter().zip(&step).map(|(f, s)| f - s).collect();
+                    let next_b = &b + step.rows(nf, nb);
+                    is_stable(&next_f).then(|| (simulate(records, regression, &next_f, &next_b), next_f, next_b))
+                });
+                trial = there.filter(|(there, ..)| there.cost < at.cost);
+                damping = if trial.is_some() { (0.1 * damping).max(LEAST_DAMPING) } else { 10.0 * damping };
+            }
+            let Some((there, next_f, next_b)) = trial else { break };
+            let done = at.cost - there.cost <= STILL * at.cost && damping <= LEAST_DAMPING;
             (f, b, at) = (next_f, next_b, there);
-            inverse = self::inverse(regression, &at.gradients)?;
             if done {
                 break;
             }
         }
+        let inverse = inverse(regression, &at.gradients)?;
         let rows: usize = records.iter().map(|r| r.len().saturating_sub(regression.first_row())).sum();
         #[allow(clippy::cast_precision_loss)]
         let variance = at.cost / rows.saturating_sub(nf + nb).max(1) as f64;
@@ -125,11 +127,21 @@ fn slope(regression: Regression, at: &Simulated) -> DVector<f64> {
     slope
 }
 
+/// The Gram matrix of the gradients.
+fn gram(regression: Regression, gradients: &[Record]) -> Option<DMatrix<f64>> {
+    let columns = regression.columns();
+    regression.gram(gradients).map(|(gram, _)| gram.view((0, 0), (columns, columns)).into_owned())
+}
+
+fn damped(gram: &DMatrix<f64>, damping: f64) -> Option<Cholesky<f64, Dyn>> {
+    let mut gram = gram.clone();
+    gram.set_diagonal(&(gram.diagonal() * (1.0 + damping)));
+    gram.cholesky()
+}
+
 /// The inverse Gram matrix of the gradients.
 fn inverse(regression: Regression, gradients: &[Record]) -> Option<DMatrix<f64>> {
-    let columns = regression.columns();
-    let (gram, _) = regression.gram(gradients)?;
-    match gram.view((0, 0), (columns, columns)).into_owned().cholesky() {
+    match gram(regression, gradients)?.cholesky() {
         Some(factor) => Some(factor.inverse()),
         // Poles that the data do not ask for make columns that repeat others.
         None => regression.factor(gradients).solve().map(|s| s.inverse),

@@ -6,8 +6,10 @@ pub mod checks;
 pub mod diagnosis;
 pub mod effects;
 pub mod estimate;
+pub mod gate;
 pub mod html;
 pub mod isolability;
+pub mod junit;
 pub mod methods;
 #[cfg(feature = "cli")]
 pub mod picture;

@@ -3,30 +3,10 @@
 use std::collections::BTreeMap;
 
 use super::Table;
-use crate::study::{Cell, Delay, Grid, InjectedCell, Layout, Plan, Shown, Standing, Statistic, Study, Which};
-
-/// One row per method and delay.
-#[must_use]
-pub fn table(cells: &[InjectedCell]) -> Table {
-    let headings = ["method", "injected (s)", "records", "no answer", "bias (samples)", "RMS error (samples)", "truth in 95 % interval"];
-    let mut table = Table::new(&headings, &[0]);
-    let number = |v: Option<f64>| v.map_or_else(|| "–".to_owned(), |v| format!("{v:.2}"));
-    for c in cells {
-        table.row(vec![
-            c.method.clone(),
-            format!("{:.3}", c.delay_s),
-            c.trials.to_string(),
-            c.flagged.to_string(),
-            number(c.bias_samples),
-            number(c.rms_samples),
-            c.coverage95.map_or_else(|| "–".to_owned(), |v| format!("{:.0} %", 100.0 * v)),
-        ]);
-    }
-    table
-}
+use crate::study::{Cell, Delay, Grid, Layout, Measure, Plan, Score, Shown, Standing, Statistic, Study, Which};
 
 /// How one number of a table is shown.
-fn number(value: Option<f64>) -> String {
+pub(super) fn number(value: Option<f64>) -> String {
     value.map_or_else(|| "–".to_owned(), |v| significant(v, 3))
 }
 
@@ -48,7 +28,7 @@ fn between(ends: Option<[f64; 2]>) -> String {
     ends.map_or_else(|| "–".to_owned(), |[a, b]| format!("{} … {}", significant(a, 3), significant(b, 3)))
 }
 
-fn share(value: Option<f64>) -> String {
+pub(super) fn share(value: Option<f64>) -> String {
     value.map_or_else(|| "–".to_owned(), |v| format!("{:.1} %", 100.0 * v))
 }
 
@@ -214,13 +194,8 @@ fn slope(cells: &[&Cell]) -> Option<f64> {
         _ => None,
     });
     let points: Vec<[f64; 2]> = points.collect();
-    #[allow(clippy::cast_precision_loss)]
-    let count = points.len().max(1) as f64;
-    let middle = points.iter().fold([0.0; 2], |m, p| [m[0] + p[0] / count, m[1] + p[1] / count]);
-    let [square, product] =
-        points.iter().map(|p| [p[0] - middle[0], p[1] - middle[1]]).fold([0.0; 2], |s, [d, e]| [s[0] + d * d, s[1] + d * e]);
     // The answer is the delay and its error.
-    (square > 1e-9).then(|| 1.0 + product / square)
+    inclination(&points).map(|error| 1.0 + error)
 }
 
 /// One row per cell of a grid; keys that are the same in all of them are told in the sentence before.
@@ -323,6 +298,9 @@ pub fn standings(study: &Study, plan: &Plan) -> String {
 pub fn page(study: &Study, plan: &Plan) -> String {
     let mut text = format!("# {}\n\n{}\n\n", plan.name, plan.about);
     text += &format!("Seed {}; {}.\n\n## Methods\n\n{}\n", study.seed, study.program, summary(study).markdown());
+    if let Some(table) = aims(study, plan) {
+        text += &format!("## Aims\n\n{}\n", table.markdown());
+    }
     if let Some(table) = published(study, plan) {
         text += &format!("## Beside published numbers\n\n{}.\n\n{}\n", standings(study, plan), table.markdown());
     }
@@ -333,8 +311,11 @@ pub fn page(study: &Study, plan: &Plan) -> String {
     for (told, table) in tables {
         text += &format!("{told}.\n\n{}\n", table.markdown());
     }
-    if plan.scoring.kept_percent.len() > 1 {
-        text += &format!("## Mean RMS error with the worst answers left out\n\n{}\n", scores(study).markdown());
+    if let Some(table) = scores(study) {
+        text += &format!("## Mean RMS error with the worst answers left out\n\n{}\n", table.markdown());
+    }
+    if let Some(table) = growth(study) {
+        text += &format!("## Growth of the time\n\n{}\n", table.markdown());
     }
     for grid in &plan.grids {
         let (told, table) = cells(study, &grid.name);
@@ -362,9 +343,98 @@ pub fn layouts(study: &Study, plan: &Plan) -> Vec<(String, Table)> {
     plan.grids.iter().flat_map(|g| g.by.iter().map(move |l| (told(g, l), by(study, &g.name, l)))).collect()
 }
 
-/// Scores by the share of answers kept.
+/// How the time of an estimate grows: the exponent p of its power law in the samples of a record and in the delays searched, least squares of logarithms over the cells
+/// of a grid in which one of them varies; `None` where none does.
 #[must_use]
-pub fn scores(study: &Study) -> Table {
+pub fn growth(study: &Study) -> Option<Table> {
+    let mut table = Table::new(&["grid", "method", "grows with", "from", "time", "to", "time", "exponent"], &[0, 1, 2]);
+    let mut any = false;
+    for group in groups(study) {
+        let Some(first) = group.first() else { continue };
+        for axis in ["samples", "delays searched"] {
+            let of = |c: &Cell| if axis == "samples" { c.samples } else { c.max_delay };
+            let mut at: Vec<usize> = group.iter().map(|c| of(c)).collect();
+            at.sort_unstable();
+            at.dedup();
+            let (Some(&from), Some(&to)) = (at.first(), at.last()) else { continue };
+            if from == to {
+                continue;
+            }
+            #[allow(clippy::cast_precision_loss)]
+            let points: Vec<[f64; 2]> =
+                group.iter().filter_map(|c| Some([(of(c) as f64).ln(), c.time_per_estimate_s.filter(|t| *t > 0.0)?.ln()])).collect();
+            let times = |which: usize| {
+                let there: Vec<f64> = group.iter().filter(|c| of(c) == which).filter_map(|c| c.time_per_estimate_s).collect();
+                #[allow(clippy::cast_precision_loss)]
+                let count = there.len() as f64;
+                time((!there.is_empty()).then(|| there.iter().sum::<f64>() / count))
+            };
+            any = true;
+            table.row(vec![
+                first.grid.clone(),
+                first.method_text(),
+                axis.to_owned(),
+                from.to_string(),
+                times(from),
+                to.to_string(),
+                times(to),
+                inclination(&points).map_or_else(|| "–".to_owned(), |p| format!("{p:.2}")),
+            ]);
+        }
+    }
+    any.then_some(table)
+}
+
+/// The slope of the straight line through the points.
+fn inclination(points: &[[f64; 2]]) -> Option<f64> {
+    #[allow(clippy::cast_precision_loss)]
+    let n = points.len() as f64;
+    let mean = |i: usize| points.iter().map(|p| p[i]).sum::<f64>() / n;
+    let (x, y) = (mean(0), mean(1));
+    let spread: f64 = points.iter().map(|p| (p[0] - x).powi(2)).sum();
+    (spread > 0.0).then(|| points.iter().map(|p| (p[0] - x) * (p[1] - y)).sum::<f64>() / spread)
+}
+
+/// Every aim of a plan beside what was reached; `None` where the plan has none of these cells.
+#[must_use]
+pub fn aims(study: &Study, plan: &Plan) -> Option<Table> {
+    let mut table = Table::new(&["aim", "method", "wanted", "ours", "furthest off", ""], &[0, 1, 4, 5]);
+    let mut any = false;
+    for aim in &plan.aims {
+        let shown = |v: f64| match aim.measure {
+            Measure::RmsSamples | Measure::RmsOverBound => number(Some(v)),
+            Measure::Flagged | Measure::Coverage95 => share(Some(v)),
+        };
+        let wanted = match (aim.at_least, aim.at_most) {
+            (Some(a), Some(b)) => format!("{} … {}", shown(a), shown(b)),
+            (Some(a), None) => format!("≥ {}", shown(a)),
+            (_, b) => format!("≤ {}", b.map_or_else(String::new, shown)),
+        };
+        for reached in aim.reached(study) {
+            any = true;
+            table.row(vec![
+                aim.aim.clone(),
+                reached.method.to_owned(),
+                wanted.clone(),
+                shown(reached.value),
+                reached.cell.map(whereabouts).unwrap_or_default(),
+                if reached.met { "met" } else { "missed" }.to_owned(),
+            ]);
+        }
+    }
+    any.then_some(table)
+}
+
+/// A cell in a few words.
+fn whereabouts(cell: &Cell) -> String {
+    let snr = cell.snr.map(|v| format!(", SNR {v}")).unwrap_or_default();
+    let noise = if cell.noise == "white" { String::new() } else { format!(", {}", cell.noise) };
+    format!("{}, {}{snr}{noise}", cell.plant, cell.excitation)
+}
+
+/// Scores by the share of answers kept; `None` where all are kept.
+#[must_use]
+pub fn scores(study: &Study) -> Option<Table> {
     let mut shares: Vec<f64> = Vec::new();
     for score in &study.scores {
         if !shares.contains(&score.kept_percent) {
@@ -374,11 +444,12 @@ pub fn scores(study: &Study) -> Table {
     let names: Vec<String> = shares.iter().map(|s| format!("{s} % kept")).collect();
     let headings: Vec<&str> = ["grid", "from", "method"].into_iter().chain(names.iter().map(String::as_str)).collect();
     let mut table = Table::new(&headings, &[0, 1, 2]);
-    for chunk in study.scores.chunks(shares.len().max(1)) {
-        let Some(first) = chunk.first() else { continue };
+    let same = |a: &Score, b: &Score| a.grid == b.grid && a.place == b.place && a.method == b.method && a.options == b.options;
+    for of_one in study.scores.chunk_by(same) {
+        let Some(first) = of_one.first() else { continue };
         let mut row = vec![first.grid.clone(), first.place.name().to_owned(), first.method_text()];
-        row.extend(chunk.iter().map(|s| number(s.mean_rms_samples)));
+        row.extend(shares.iter().map(|&s| number(of_one.iter().find(|k| k.kept_percent == s).and_then(|k| k.mean_rms_samples))));
         table.row(row);
     }
-    table
+    (shares.len() > 1).then_some(table)
 }

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use super::StudyError;
-use super::plan::{Delay, Grid, Loop, Place, Plan};
+use super::plan::{Delay, Grid, Loop, Place, Plan, spelt_out};
 use super::setting::{Key, Setting};
 use crate::delay::{DelayEstimator, METHODS, Method, Scope};
 use crate::registry;
@@ -43,8 +43,8 @@ impl Layout {
         let wrong = |detail: String| StudyError::Plan { plan: plan.name.clone(), detail };
         let (mut settings, mut methods) = (Vec::new(), Vec::new());
         for (number, grid) in plan.grids.iter().enumerate() {
-            let chosen = grid.method.iter().map(|text| choose(text)).collect::<crate::Result<Vec<_>>>()?;
-            let chosen: Vec<Chosen> = chosen.into_iter().flatten().collect();
+            let chosen =
+                grid.method.iter().flat_map(|text| spelt_out(text)).map(|text| choose(&text)).collect::<crate::Result<Vec<_>>>()?;
             let states = chosen.iter().any(|c| c.method.scope == Scope::States);
             for key in keys(grid) {
                 for &max_delay in &grid.max_delay {
@@ -95,22 +95,16 @@ impl Layout {
     }
 }
 
-/// `all`, or `NAME KEY=VALUE …`.
-fn choose(text: &str) -> crate::Result<Vec<Chosen>> {
-    let ready = |method: &'static Method, options: Value| -> crate::Result<Chosen> {
-        Ok(Chosen { method, estimator: method.entry.with(options.clone())?, options })
-    };
-    let empty = || Value::Object(serde_json::Map::new());
-    if text == "all" {
-        return METHODS.iter().filter(|m| m.scope == Scope::Pair).map(|m| ready(m, empty())).collect();
-    }
+/// `NAME KEY=VALUE …`.
+fn choose(text: &str) -> crate::Result<Chosen> {
     let mut words = text.split_whitespace();
     let name = words.next().unwrap_or_default();
     let Some(method) = METHODS.iter().find(|m| m.entry.name == name && m.scope != Scope::Events) else {
         let known = METHODS.iter().filter(|m| m.scope != Scope::Events).map(|m| m.entry.name).collect();
         return Err(registry::RegistryError::Unknown { kind: "method", name: name.to_owned(), known }.into());
     };
-    Ok(vec![ready(method, registry::options(words)?)?])
+    let options = registry::options(words)?;
+    Ok(Chosen { method, estimator: method.entry.with(options.clone())?, options })
 }
 
 /// Every combination of a grid's lists that makes a record of its own, the last list running fastest.

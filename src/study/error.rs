@@ -38,6 +38,18 @@ pub enum StudyError {
         /// What is wrong, and the remedy.
         detail: String,
     },
+    /// The operating system gives no threads, or one stopped.
+    #[error("no worker thread: {detail}")]
+    Threads {
+        /// What it said.
+        detail: String,
+    },
+    /// Two studies that cannot be compared.
+    #[error("{detail}")]
+    Gate {
+        /// What is wrong with which of them, and the remedy.
+        detail: String,
+    },
     /// A record that cannot be made.
     #[error("plan {plan}, {setting}: {source}")]
     Record {

@@ -1,8 +1,8 @@
 //! Every single estimate: how it is made, and the files it is kept in.
 
-use std::path::Path;
-use std::time::Instant;
+use std::path::{Path, PathBuf};
 
+use cpu_time::ThreadTime;
 use serde::{Deserialize, Serialize};
 
 use super::StudyError;
@@ -55,7 +55,8 @@ pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usiz
                 bias: record.degree.clone(),
                 ..Search::default()
             };
-            let clock = Instant::now();
+            // The worker's thread does nothing else meanwhile.
+            let clock = ThreadTime::now();
             let answers = chosen.estimator.estimate(views.of(chosen.method.scope, chosen.method.start), &search);
             let time_s = clock.elapsed().as_secs_f64();
             let answers = answers.unwrap_or_default();
@@ -72,7 +73,7 @@ pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usiz
             rows.extend(mine.into_iter().map(|&(cell, slot)| {
                 let of_slot = |p: &&PairEstimate| p.input == slot.input && (slot.output.is_none() || p.output == slot.output);
                 let estimate = answers.iter().find(of_slot).map(|p| &p.estimate);
-                let row = row(cell, slot, trial, &record, estimate, each_s, setting, (grid.truth, &plan.scoring));
+                let row = row(cell, slot, trial, &record, estimate, each_s, setting, (grid.truth, &grid.scoring));
                 Row { predicted_samples: predicted(slot), ..row }
             }));
         }
@@ -123,20 +124,15 @@ fn row(
     let found = estimate.filter(|e| e.outcome.has_delay());
     #[allow(clippy::cast_precision_loss)]
     let degree = slot.output.and_then(|o| record.degree.get(o)?.get(slot.input)).copied().unwrap_or(0) as f64;
-    let error_samples = match truth {
+    let off = found.and_then(|e| match truth {
         // The raw answer less what its method takes off is not cut off at 0.
-        Truth::Raw => {
-            let off = found.and_then(|e| Some(e.raw_delay_s? / ts - e.degree_bias_samples - true_delay_s / ts));
-            let raw_truth = true_delay_s / ts + degree;
-            match scoring.invalid_samples {
-                None => off,
-                Some(invalid) => Some(off.filter(|off| off + raw_truth > 0.0 && off + raw_truth < invalid).unwrap_or(invalid - raw_truth)),
-            }
-        }
-        Truth::Delay => {
-            let off = found.and_then(|e| Some((e.delay_s? - true_delay_s) / ts));
-            scoring.invalid_samples.map_or(off, |invalid| Some(off.unwrap_or(invalid - true_delay_s / ts)))
-        }
+        Truth::Raw => Some(e.raw_delay_s? / ts - e.degree_bias_samples - true_delay_s / ts),
+        Truth::Delay => Some((e.delay_s? - true_delay_s) / ts),
+    });
+    let raw_truth = true_delay_s / ts + degree;
+    let error_samples = match scoring.invalid_samples {
+        None => off.or(scoring.missing_off_samples),
+        Some(invalid) => Some(off.filter(|off| off + raw_truth > 0.0 && off + raw_truth < invalid).unwrap_or(invalid - raw_truth)),
     };
     Row {
         cell,
@@ -177,81 +173,108 @@ pub(super) fn read_part(path: &Path) -> crate::Result<impl Iterator<Item = crate
     Ok(reader.into_deserialize().map(move |row| row.map_err(|e| wrong(e).into())))
 }
 
-/// Columns of `estimates.csv`: the cell's key, then the estimate.
-pub(super) const COLUMNS: [&str; 31] = [
-    "grid",
-    "plant",
-    "input",
-    "output",
-    "c2d",
-    "excitation",
-    "snr",
-    "noise",
-    "loop",
-    "controller",
-    "place",
-    "injected",
-    "samples",
-    "sample_time_s",
-    "max_delay",
-    "truth",
-    "method",
-    "options",
-    "trial",
-    "seed",
-    "true_delay_s",
-    "outcome",
-    "raw_s",
-    "delay_s",
-    "std_s",
-    "lo_s",
-    "hi_s",
-    "error_samples",
-    "bound_samples",
-    "predicted_samples",
-    "time_s",
-];
+/// A value of `estimates.csv` or `estimates.parquet`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Field {
+    Text(String),
+    Count(u64),
+    Number(Option<f64>),
+}
 
-/// The cell's part of a line.
-pub(super) fn key_fields(cell: &Cell) -> Vec<String> {
+impl std::fmt::Display for Field {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Text(text) => f.write_str(text),
+            Self::Count(count) => count.fmt(f),
+            Self::Number(number) => number.map_or(Ok(()), |v| v.fmt(f)),
+        }
+    }
+}
+
+/// The cell's part of a line, with the names of its columns.
+pub(super) fn key_fields(cell: &Cell) -> Vec<(&'static str, Field)> {
+    let text = |text: &str| Field::Text(text.to_owned());
     vec![
-        cell.grid.clone(),
-        cell.plant.clone(),
-        cell.input.clone(),
-        cell.output.clone(),
-        cell.c2d.clone(),
-        cell.excitation.clone(),
-        cell.snr.map(|v| v.to_string()).unwrap_or_default(),
-        cell.noise.clone(),
-        cell.loops.name().to_owned(),
-        cell.controller.clone().unwrap_or_default(),
-        cell.place.name().to_owned(),
-        cell.delay_s.to_string(),
-        cell.samples.to_string(),
-        cell.sample_time_s.to_string(),
-        cell.max_delay.to_string(),
-        cell.truth.name().to_owned(),
-        cell.method.clone(),
-        cell.options.iter().map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" "),
+        ("grid", text(&cell.grid)),
+        ("plant", text(&cell.plant)),
+        ("input", text(&cell.input)),
+        ("output", text(&cell.output)),
+        ("c2d", text(&cell.c2d)),
+        ("excitation", text(&cell.excitation)),
+        ("snr", Field::Number(cell.snr)),
+        ("noise", text(&cell.noise)),
+        ("loop", text(cell.loops.name())),
+        ("controller", text(cell.controller.as_deref().unwrap_or_default())),
+        ("place", text(cell.place.name())),
+        ("injected", text(&cell.delay_s.to_string())),
+        ("samples", Field::Count(cell.samples as u64)),
+        ("sample_time_s", Field::Number(Some(cell.sample_time_s))),
+        ("max_delay", Field::Count(cell.max_delay as u64)),
+        ("truth", text(cell.truth.name())),
+        ("method", text(&cell.method)),
+        ("options", text(&cell.options.iter().map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" "))),
     ]
 }
 
-/// The estimate's part of a line.
-pub(super) fn value_fields(row: &Row) -> Vec<String> {
-    let number = |v: Option<f64>| v.map(|v| v.to_string()).unwrap_or_default();
-    vec![
-        row.trial.to_string(),
-        row.seed.to_string(),
-        row.true_delay_s.to_string(),
-        row.outcome.name().to_owned(),
-        number(row.raw_s),
-        number(row.delay_s),
-        number(row.std_s),
-        number(row.lo_s),
-        number(row.hi_s),
-        number(row.error_samples),
-        number(row.bound_samples),
-        number(row.predicted_samples),
-        row.time_s.to_string(),
+/// The estimate's part of a line, with the names of its columns.
+pub(super) fn value_fields(row: &Row) -> [(&'static str, Field); 13] {
+    [
+        ("trial", Field::Count(row.trial as u64)),
+        ("seed", Field::Count(row.seed)),
+        ("true_delay_s", Field::Number(Some(row.true_delay_s))),
+        ("outcome", Field::Text(row.outcome.name().to_owned())),
+        ("raw_s", Field::Number(row.raw_s)),
+        ("delay_s", Field::Number(row.delay_s)),
+        ("std_s", Field::Number(row.std_s)),
+        ("lo_s", Field::Number(row.lo_s)),
+        ("hi_s", Field::Number(row.hi_s)),
+        ("error_samples", Field::Number(row.error_samples)),
+        ("bound_samples", Field::Number(row.bound_samples)),
+        ("predicted_samples", Field::Number(row.predicted_samples)),
+        ("time_s", Field::Number(Some(row.time_s))),
     ]
+}
+
+/// A file that takes estimates one at a time and holds few of them.
+pub(super) trait Sink {
+    /// One line: the cell's fields, then the estimate's.
+    fn write(&mut self, key: &[(&'static str, Field)], values: &[(&'static str, Field)]) -> crate::Result<()>;
+    /// Gives the file its name, once all is written.
+    fn finish(self: Box<Self>) -> crate::Result<()>;
+}
+
+/// `estimates.csv`.
+pub(super) struct CsvSink {
+    path: PathBuf,
+    file: csv::Writer<tempfile::NamedTempFile>,
+    headed: bool,
+}
+
+impl CsvSink {
+    pub(super) fn new(path: PathBuf) -> crate::Result<Self> {
+        let file = temporary(&path)?;
+        Ok(Self { path, file: csv::Writer::from_writer(file), headed: false })
+    }
+}
+
+impl Sink for CsvSink {
+    fn write(&mut self, key: &[(&'static str, Field)], values: &[(&'static str, Field)]) -> crate::Result<()> {
+        let wrong = |e: csv::Error| crate::Error::io(&self.path, e.into());
+        if !self.headed {
+            self.file.write_record(key.iter().chain(values).map(|f| f.0)).map_err(wrong)?;
+            self.headed = true;
+        }
+        self.file.write_record(key.iter().chain(values).map(|f| f.1.to_string())).map_err(wrong)
+    }
+
+    fn finish(self: Box<Self>) -> crate::Result<()> {
+        let file = self.file.into_inner().map_err(|e| crate::Error::io(&self.path, std::io::Error::other(e.to_string())))?;
+        file.persist(&self.path).map(|_| ()).map_err(|e| crate::Error::io(&self.path, e.error))
+    }
+}
+
+/// A file without a name of its own beside `path`; missing folders are made.
+pub(super) fn temporary(path: &Path) -> crate::Result<tempfile::NamedTempFile> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).and_then(|()| tempfile::NamedTempFile::new_in(folder)).map_err(|e| crate::Error::io(path, e))
 }

@@ -109,3 +109,72 @@ fn bounded(closed: Closed, sample_time: SampleTime) -> crate::Result<Closed> {
     #[allow(clippy::cast_precision_loss)]
     explodes.map_or(Ok(closed), |sample| Err(SimulateError::Explodes { time_s: sample_time.to_seconds(sample as f64) }.into()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plant(delay: usize) -> StateSpace<Sampled> {
+        let m = DMatrix::from_row_slice;
+        let (a, b, c) = (m(2, 2, &[1.5, -0.7, 1.0, 0.0]), m(2, 1, &[1.0, 0.0]), m(1, 2, &[0.3, 0.2]));
+        let sys = StateSpace::sampled(a, b, c, DMatrix::zeros(1, 1), SampleTime::new(1.0).unwrap()).unwrap();
+        sys.with_input_delay(vec![delay]).unwrap()
+    }
+
+    #[test]
+    fn a_loop_is_that_of_its_difference_equations() {
+        // y(t) = 1.5y(t−1) − 0.7y(t−2) + 0.3u(t−1−d) + 0.2u(t−2−d) + noise's share, u(t) = u(t−1) + 0.1e(t) − 0.08e(t−1), written out as sums.
+        let controller = Controller { numerator: vec![0.2, -0.16], denominator: vec![2.0, -2.0] };
+        for delay in [0, 3] {
+            let reference: Vec<f64> = (0..60).map(|t| if t % 20 < 10 { 1.0 } else { -0.5 }).collect();
+            let noise: Vec<f64> = (0..60).map(|t| 0.05 * f64::from((t * 7919 % 13) - 6)).collect();
+            let got = through(&plant(delay), &controller, &reference, &noise).unwrap();
+            let (mut u, mut clean, mut e) = (Vec::<f64>::new(), Vec::<f64>::new(), Vec::<f64>::new());
+            for t in 0..60_usize {
+                let at = |x: &[f64], lag: usize| if t >= lag { x[t - lag] } else { 0.0 };
+                let y = 1.5 * at(&clean, 1) - 0.7 * at(&clean, 2) + 0.3 * at(&u, 1 + delay) + 0.2 * at(&u, 2 + delay);
+                e.push(reference[t] - y - noise[t]);
+                u.push(at(&u, 1) + 0.1 * e[t] - 0.08 * at(&e, 1));
+                clean.push(y);
+                assert!((got.y[0][t] - y - noise[t]).abs() < 1e-12 && (got.u[0][t] - u[t]).abs() < 1e-12, "{delay} {t}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_plant_that_answers_within_the_sample_closes_an_algebraic_loop() {
+        let gain = StateSpace::sampled(
+            DMatrix::zeros(0, 0),
+            DMatrix::zeros(0, 1),
+            DMatrix::zeros(1, 0),
+            DMatrix::from_element(1, 1, 2.0),
+            SampleTime::new(1.0).unwrap(),
+        );
+        let controller = Controller { numerator: vec![0.5], denominator: vec![1.0] };
+        // u = 0.5·(r − 2u): u = r/4.
+        let got = through(&gain.unwrap(), &controller, &[1.0, 2.0], &[0.0, 0.0]).unwrap();
+        assert_eq!(got.u[0], [0.25, 0.5]);
+    }
+
+    #[test]
+    fn state_feedback_holds_a_plant_that_diverges_whatever_the_delay() {
+        let m = DMatrix::from_row_slice;
+        let unstable =
+            StateSpace::sampled(m(1, 1, &[1.2]), m(1, 1, &[1.0]), m(1, 1, &[1.0]), DMatrix::zeros(1, 1), SampleTime::new(0.1).unwrap())
+                .unwrap();
+        for delay in [0, 1, 7] {
+            let sys = unstable.clone().with_input_delay(vec![delay]).unwrap();
+            let got = of_states(&sys, &[vec![1.0; 300]]).unwrap();
+            assert!(got.y[0].iter().all(|y| y.abs() < 200.0), "{delay}");
+            // x(t+1) = 1.2x(t) + u(t − d).
+            for t in delay..299 {
+                assert!((got.x[0][t + 1] - 1.2 * got.x[0][t] - got.u[0][t - delay]).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn a_filter_is_its_difference_equation() {
+        assert_eq!(filtered(&[2.0, 1.0], &[2.0, -1.0], &[1.0, 0.0, 0.0, 4.0]), [1.0, 1.0, 0.5, 4.25]);
+    }
+}

@@ -1,12 +1,15 @@
 //! Accuracy on delays that were injected and so are known.
 
+mod aim;
 mod bound;
 mod cell;
 mod common;
 mod error;
 mod estimates;
 mod feedback;
-mod injected;
+mod gate;
+#[cfg(feature = "parquet")]
+mod parquet;
 mod plan;
 mod plants;
 mod published;
@@ -15,9 +18,10 @@ mod run;
 mod setting;
 mod tally;
 
+pub use aim::{Aim, Measure, Reached};
 pub use common::{Common, MethodRow, Score as CommonScore};
 pub use error::StudyError;
-pub use injected::{Cell as InjectedCell, Injected};
+pub use gate::{Finding, Gate, GateGroup, GateReport, Measured};
 pub use plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Layout, Loop, PLANS, Place, Plan, Scoring, Shown, Signal, Truth};
 pub use plants::{PLANTS, Plant, PlantEntry};
 pub use published::{Beside, Published, Standing, Statistic, Which};

@@ -1,23 +1,36 @@
 //! What a study runs: `deadtime/plan@1`, a TOML file whose keys are those of a cell, with lists.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::StudyError;
+use super::aim::Aim;
 use super::published::{Published, spread};
-use crate::delay::Detrend;
+use crate::delay::{Detrend, METHODS, Scope};
+
+/// Plans of this folder, by name.
+macro_rules! shipped {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("plans/", $name, ".toml")))),*]
+    };
+}
 
 /// The plans that ship with the program: name and text.
-pub const PLANS: &[(&str, &str)] = &[
-    ("thesis", include_str!("plans/thesis.toml")),
-    ("thesis_delays", include_str!("plans/thesis_delays.toml")),
-    ("unstable", include_str!("plans/unstable.toml")),
-    ("richness", include_str!("plans/richness.toml")),
-    ("thresholding", include_str!("plans/thresholding.toml")),
-    ("bjorklund", include_str!("plans/bjorklund.toml")),
+pub const PLANS: &[(&str, &str)] = shipped![
+    "thesis",
+    "thesis_delays",
+    "unstable",
+    "richness",
+    "thresholding",
+    "bjorklund",
+    "twin",
+    "subsample",
+    "unrelated",
+    "cost",
+    "ci"
 ];
 
 const FORMAT: &str = "deadtime/plan@1";
@@ -37,12 +50,12 @@ pub struct Plan {
     pub noises: BTreeMap<String, Colour>,
     /// Named controllers.
     pub controllers: BTreeMap<String, Controller>,
-    /// How answers are scored.
-    pub scoring: Scoring,
     /// The products.
     pub grids: Vec<Grid>,
     /// Published numbers, to stand beside ours.
     pub published: Vec<Published>,
+    /// Numbers to be reached.
+    pub aims: Vec<Aim>,
     /// The folder that file names of the plan count from.
     #[serde(skip)]
     pub folder: PathBuf,
@@ -101,15 +114,18 @@ pub struct Controller {
 pub struct Scoring {
     /// Shares of all answers of a method, the worst left out, for which the root mean square is averaged over a grid's cells; percent.
     pub kept_percent: Vec<f64>,
-    /// A missing answer, or a raw one that is not above 0 and below this, counts as this, samples (Björklund: 20); absent: only answers count.
+    /// A missing answer, or one that, samples of response included, is not above 0 and below this, counts as this, samples (Björklund: 20); absent: see
+    /// `missing_off_samples`.
     pub invalid_samples: Option<f64>,
+    /// A missing answer counts as this far off, samples; absent: only answers count.
+    pub missing_off_samples: Option<f64>,
     /// An answer further off than this whose interval leaves out the truth is wrong without saying so; samples.
     pub wrong_samples: f64,
 }
 
 impl Default for Scoring {
     fn default() -> Self {
-        Self { kept_percent: vec![100.0], invalid_samples: None, wrong_samples: 1.0 }
+        Self { kept_percent: vec![100.0], invalid_samples: None, missing_off_samples: None, wrong_samples: 1.0 }
     }
 }
 
@@ -250,6 +266,8 @@ pub struct Grid {
     pub method: Vec<String>,
     /// What answers are compared with.
     pub truth: Truth,
+    /// How answers are scored.
+    pub scoring: Scoring,
     /// Records of a setting.
     pub trials: usize,
     /// What is taken off the channels.
@@ -350,9 +368,9 @@ struct Head {
     #[serde(default)]
     controllers: BTreeMap<String, Controller>,
     #[serde(default)]
-    scoring: Scoring,
-    #[serde(default)]
     published: Vec<Published>,
+    #[serde(default)]
+    aims: Vec<Aim>,
 }
 
 fn one() -> u64 {
@@ -381,6 +399,7 @@ struct Keys {
     output: Option<Many<String>>,
     method: Option<Many<String>>,
     truth: Option<Truth>,
+    scoring: Option<Scoring>,
     trials: Option<usize>,
     detrend: Option<Detrend>,
     known_degree: Option<bool>,
@@ -388,7 +407,7 @@ struct Keys {
 }
 
 /// Keys of the head; every other key of the file is one of a cell.
-const HEAD: [&str; 9] = ["format", "name", "about", "seed", "excitations", "noises", "controllers", "scoring", "published"];
+const HEAD: [&str; 9] = ["format", "name", "about", "seed", "excitations", "noises", "controllers", "published", "aims"];
 /// Keys of cells that tables can be laid out by.
 const BY: [&str; 10] = ["plant", "output", "c2d", "excitation", "snr", "noise", "loop", "delay_s", "samples", "place"];
 /// Records of a setting where a plan does not say.
@@ -462,23 +481,47 @@ impl Plan {
             excitations: head.excitations,
             noises: head.noises,
             controllers: head.controllers,
-            scoring: head.scoring,
             grids,
             published: head.published,
+            aims: head.aims,
             folder: folder.to_owned(),
         };
         plan.check().map_err(wrong)?;
         Ok(plan)
     }
 
+    /// Leaves out all grids and methods but these; an empty list leaves out none. A method is named with the options that the plan gives it, or without: then with any.
+    ///
+    /// # Errors
+    /// [`StudyError::Plan`] for one that the plan does not have, with those that it has.
+    pub fn only(&mut self, grids: &[String], methods: &[String]) -> Result<(), StudyError> {
+        let wrong = |what: &str, name: &str, mut known: Vec<String>| {
+            let mut seen = BTreeSet::new();
+            known.retain(|k| seen.insert(k.clone()));
+            let detail = format!("there is no {what} `{name}` in it; there are: {}", known.join(", "));
+            StudyError::Plan { plan: self.name.clone(), detail }
+        };
+        let fits = |wanted: &str, method: &str| wanted == method || Some(wanted) == method.split_whitespace().next();
+        if let Some(unknown) = grids.iter().find(|g| !self.grids.iter().any(|grid| grid.name == **g)) {
+            return Err(wrong("grid", unknown, self.grids.iter().map(|g| g.name.clone()).collect()));
+        }
+        let mut left: Vec<Grid> = self.grids.iter().filter(|g| grids.is_empty() || grids.contains(&g.name)).cloned().collect();
+        if !methods.is_empty() {
+            left.iter_mut().for_each(|g| g.method = g.method.iter().flat_map(|m| spelt_out(m)).collect());
+            if let Some(unknown) = methods.iter().find(|m| !left.iter().flat_map(|g| &g.method).any(|of| fits(m, of))) {
+                return Err(wrong("method", unknown, left.into_iter().flat_map(|g| g.method).collect()));
+            }
+            left.iter_mut().for_each(|g| g.method.retain(|of| methods.iter().any(|m| fits(m, of))));
+            left.retain(|g| !g.method.is_empty());
+        }
+        self.grids = left;
+        Ok(())
+    }
+
     /// Numbers that cannot be; names are looked up where they are used, and settings are tried, before anything runs.
     fn check(&self) -> Result<(), String> {
-        let Scoring { kept_percent, invalid_samples, wrong_samples } = &self.scoring;
-        if kept_percent.is_empty() || kept_percent.iter().any(|k| !(*k > 0.0 && *k <= 100.0)) {
-            return Err("scoring.kept_percent: give numbers above 0 and up to 100".to_owned());
-        }
-        if invalid_samples.is_some_and(|v| !(v.is_finite() && v > 0.0)) || !(wrong_samples.is_finite() && *wrong_samples >= 0.0) {
-            return Err("scoring: invalid_samples is above 0, wrong_samples 0 or more".to_owned());
+        if let Some(aim) = self.aims.iter().find(|a| a.at_most.is_none() && a.at_least.is_none()) {
+            return Err(format!("aims: `{}` has no limit: give at_most or at_least", aim.aim));
         }
         for (name, controller) in &self.controllers {
             let coefficients = controller.numerator.iter().chain(&controller.denominator);
@@ -495,6 +538,14 @@ impl Plan {
             }
         }
         Ok(())
+    }
+}
+
+/// `all` as the names that it stands for.
+pub(super) fn spelt_out(method: &str) -> Vec<String> {
+    match method {
+        "all" => METHODS.iter().filter(|m| m.scope == Scope::Pair).map(|m| m.entry.name.to_owned()).collect(),
+        other => vec![other.to_owned()],
     }
 }
 
@@ -547,6 +598,7 @@ impl Grid {
             output: keys.output.map(Vec::from).unwrap_or_default(),
             method: must(keys.method, "method", "name methods (`deadtime list methods`), or `all`")?,
             truth: keys.truth.unwrap_or(Truth::Delay),
+            scoring: keys.scoring.unwrap_or_default(),
             trials: keys.trials.unwrap_or(TRIALS),
             detrend: keys.detrend.unwrap_or_default(),
             known_degree: keys.known_degree.unwrap_or(true),
@@ -558,6 +610,25 @@ impl Grid {
         if grid.place.contains(&Place::R) && grid.loops.iter().any(|l| *l != Loop::Closed) {
             return Err("`place` r: only a closed loop has a reference beside u".to_owned());
         }
+        grid.scoring.check()?;
         Ok(grid)
+    }
+}
+
+impl Scoring {
+    fn check(&self) -> Result<(), String> {
+        let Self { kept_percent, invalid_samples, missing_off_samples, wrong_samples } = self;
+        if kept_percent.is_empty() || kept_percent.iter().any(|k| !(*k > 0.0 && *k <= 100.0)) {
+            return Err("scoring.kept_percent: give numbers above 0 and up to 100".to_owned());
+        }
+        let beyond = |v: &f64| !(v.is_finite() && *v > 0.0);
+        if [invalid_samples, missing_off_samples].into_iter().flatten().any(beyond) || !(wrong_samples.is_finite() && *wrong_samples >= 0.0)
+        {
+            return Err("scoring: invalid_samples and missing_off_samples are above 0, wrong_samples 0 or more".to_owned());
+        }
+        if invalid_samples.is_some() && missing_off_samples.is_some() {
+            return Err("scoring: invalid_samples says already what a missing answer counts; leave out missing_off_samples".to_owned());
+        }
+        Ok(())
     }
 }

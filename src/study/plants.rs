@@ -1,7 +1,9 @@
 //! Plants of published studies, by name.
 
+use nalgebra::DMatrix;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 
 use crate::delay::PlantModel;
 use crate::model::uav::{self, Dynamics};
@@ -70,6 +72,7 @@ pub const PLANTS: &[PlantEntry] = &[
     plant!("gain", "Björklund's G9, a dead time alone", rational(&[1.0], &[])),
     plant!("slow2b", "Björklund's G1b, half of slow2", rational(&[0.05], &[[0.1, 0.0], [1.0, 0.0]])),
     plant!("fast2b", "Björklund's G2b, half of fast2", rational(&[5.0], &[[1.0, 0.0], [10.0, 0.0]])),
+    plant!("unrelated", "an output that does not follow its input: noise alone", silent()),
     plant!("pole_1.00", "1/(s(s + 0.5)): sampled every second, a pole at z = 1", pole(1.0)),
     plant!("pole_1.02", "1/((s − ln 1.02)(s + 0.5)): sampled every second, a pole at z = 1.02", pole(1.02)),
     plant!("pole_1.05", "the same at z = 1.05", pole(1.05)),
@@ -78,7 +81,7 @@ pub const PLANTS: &[PlantEntry] = &[
     plant!("pole_1.30", "the same at z = 1.3", pole(1.3)),
     PlantEntry {
         name: "random10",
-        summary: "ten real poles and complex pairs drawn anew for every trial, time constants from 0.3 to 30 s, half of them with an integrator",
+        summary: "ten real poles and complex pairs drawn anew for every trial, rates around 1 rad/s, one system in ten with an integrator",
         random: true,
         build: random,
     },
@@ -106,6 +109,12 @@ fn single(model: Result<StateSpace<Continuous>, ModelError>) -> Result<Plant, Mo
     Ok(Plant { model: PlantModel::Continuous(model?), inputs: vec!["u".to_owned()], outputs: vec!["y".to_owned()] })
 }
 
+/// 0/(s + 1).
+fn silent() -> Result<Plant, ModelError> {
+    let one = |v: f64| DMatrix::from_element(1, 1, v);
+    single(StateSpace::continuous(one(-1.0), one(1.0), one(0.0), one(0.0)))
+}
+
 /// A lag of 2 s and a pole that stands at `z` when sampled every second.
 fn pole(z: f64) -> Result<Plant, ModelError> {
     rational(&[1.0], &[[-z.ln(), 0.0], [0.5, 0.0]])
@@ -130,51 +139,31 @@ fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Ten poles in parallel branches. Björklund (2003), p. 111, does not say how his were drawn; these are ours.
+/// Ten poles in parallel. Björklund (2003), p. 111, says of his that they are stable or integrating, which is what the manual of MATLAB says of its `rss`; so they are drawn
+/// as there: an integrator in one of ten systems, about half of the other poles in pairs, rates log-normal around 1 rad/s, frequencies around 3 rad/s, input and output matrices
+/// normal. Ours have no direct path and no repeated poles.
 fn random(rng: &mut ChaCha8Rng) -> Result<Plant, ModelError> {
-    let integrates = rng.random_bool(0.5);
-    let mut factors = Vec::new();
-    let mut left = if integrates { 9 } else { 10 };
-    while left > 0 {
-        let rate = (rng.random_range((1.0_f64 / 30.0).ln()..(1.0_f64 / 0.3).ln())).exp();
-        if left > 1 && rng.random_bool(0.5) {
-            let damping = rng.random_range(0.3..1.0_f64);
-            factors.push([rate * damping, rate * (1.0 - damping * damping).sqrt()]);
-            left -= 2;
-        } else {
-            factors.push([rate, 0.0]);
-            left -= 1;
-        }
-    }
-    branches(rng, &factors, integrates)
-}
-
-/// The sum of one branch per factor, of random static gain and sign.
-fn branches(rng: &mut ChaCha8Rng, factors: &[[f64; 2]], integrates: bool) -> Result<Plant, ModelError> {
-    use nalgebra::DMatrix;
-    let order: usize = factors.iter().map(|f| if f[1] == 0.0 { 1 } else { 2 }).sum::<usize>() + usize::from(integrates);
-    let (mut a, mut b, mut c) = (DMatrix::zeros(order, order), DMatrix::zeros(order, 1), DMatrix::zeros(1, order));
-    let mut gain = || if rng.random_bool(0.5) { rng.random_range(0.2..1.0) } else { -rng.random_range(0.2..1.0) };
-    let mut at = 0;
-    for &[re, im] in factors {
-        if im == 0.0 {
-            a[(at, at)] = -re;
-            b[(at, 0)] = re;
-            c[(0, at)] = gain();
+    const ORDER: usize = 10;
+    let (mut a, b, c) =
+        (DMatrix::zeros(ORDER, ORDER), DMatrix::from_fn(ORDER, 1, |_, _| normal(rng)), DMatrix::from_fn(1, ORDER, |_, _| normal(rng)));
+    // The first pole stays at 0 in one of ten.
+    let mut at = usize::from(rng.random_bool(0.1));
+    while at < ORDER {
+        let rate = normal(rng).exp();
+        a[(at, at)] = -rate;
+        // A third of the draws are pairs: half of the poles.
+        if at + 1 < ORDER && rng.random_bool(1.0 / 3.0) {
+            let frequency = 3.0 * normal(rng).exp();
+            a[(at + 1, at + 1)] = -rate;
+            a[(at, at + 1)] = frequency;
+            a[(at + 1, at)] = -frequency;
             at += 1;
-        } else {
-            let square = re * re + im * im;
-            a[(at, at + 1)] = 1.0;
-            a[(at + 1, at)] = -square;
-            a[(at + 1, at + 1)] = -2.0 * re;
-            b[(at + 1, 0)] = square;
-            c[(0, at)] = gain();
-            at += 2;
         }
-    }
-    if integrates {
-        b[(at, 0)] = 0.1;
-        c[(0, at)] = gain();
+        at += 1;
     }
     single(StateSpace::continuous(a, b, c, DMatrix::zeros(1, 1)))
+}
+
+fn normal(rng: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(rng)
 }

@@ -31,7 +31,7 @@ pub struct Published {
     pub not_reproducible: Option<String>,
 }
 
-fn whole() -> f64 {
+pub(super) fn whole() -> f64 {
     100.0
 }
 

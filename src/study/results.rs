@@ -78,8 +78,17 @@ pub struct Cell {
     pub method: String,
     /// Options that differ from its defaults.
     pub options: Map<String, Value>,
+    /// Digest of what the names of this cell stand for in its plan, and of how answers are scored: cells of one key are comparable where it is the same.
+    #[serde(default)]
+    pub definition: String,
+    /// Every record is the same, whatever the seed: no noise, and nothing drawn.
+    #[serde(default)]
+    pub repeatable: bool,
     /// Records.
     pub trials: usize,
+    /// Records whose error counts: those with an answer, or all where missing answers count.
+    #[serde(default)]
+    pub scored: usize,
     /// Root mean square error over the answers (over all records where missing answers count), samples.
     pub rms_samples: Option<f64>,
     /// Its 95 % interval.
@@ -96,6 +105,9 @@ pub struct Cell {
     pub flagged: usize,
     /// Answers that are off by more than the plan's `wrong_samples` and whose interval leaves out the truth.
     pub unflagged_wrong: usize,
+    /// Answers with an interval.
+    #[serde(default)]
+    pub intervals: usize,
     /// Share of the intervals that hold the truth.
     pub coverage95: Option<f64>,
     /// Root mean square of the records' Cramér-Rao bounds, samples.
@@ -103,7 +115,7 @@ pub struct Cell {
     /// Root mean square of the standard deviations predicted before estimating, samples; `None` where the plan does not show them.
     #[serde(default)]
     pub predicted_rms_samples: Option<f64>,
-    /// Mean time of an estimate, s; no part of the result.
+    /// Mean processor time of an estimate on one core, s; no part of the result.
     pub time_per_estimate_s: Option<f64>,
     /// Root mean square error with the worst of the method's answers in this grid left out, in the order of the plan's `kept_percent`.
     #[serde(default)]
@@ -153,6 +165,22 @@ impl Cell {
         text(&self.method, &self.options)
     }
 
+    /// Its results with nine digits, without run time and shares kept.
+    fn brief(&self) -> Self {
+        Self {
+            rms_samples: self.rms_samples.map(nine_digits),
+            rms_ci95_samples: self.rms_ci95_samples.map(|i| i.map(nine_digits)),
+            bias_samples: self.bias_samples.map(nine_digits),
+            mean_raw_s: self.mean_raw_s.map(nine_digits),
+            std_raw_s: self.std_raw_s.map(nine_digits),
+            coverage95: self.coverage95.map(nine_digits),
+            bound_rms_samples: self.bound_rms_samples.map(nine_digits),
+            time_per_estimate_s: None,
+            kept: Vec::new(),
+            ..self.clone()
+        }
+    }
+
     /// What tells this cell from every other one of a study.
     #[must_use]
     pub fn key(&self) -> String {
@@ -169,6 +197,14 @@ impl Cell {
 }
 
 impl Score {
+    fn brief(&self) -> Self {
+        Self {
+            mean_rms_samples: self.mean_rms_samples.map(nine_digits),
+            ci95_samples: self.ci95_samples.map(|i| i.map(nine_digits)),
+            ..self.clone()
+        }
+    }
+
     /// The method with its options, as plans write them.
     #[must_use]
     pub fn method_text(&self) -> String {
@@ -179,6 +215,19 @@ impl Score {
 fn text(method: &str, options: &Map<String, Value>) -> String {
     let options = options.iter().map(|(k, v)| format!(" {k}={}", v.as_str().map_or_else(|| v.to_string(), str::to_owned)));
     method.to_owned() + &options.collect::<String>()
+}
+
+fn nine_digits(value: f64) -> f64 {
+    format!("{value:.8e}").parse().unwrap_or(value)
+}
+
+/// Members that readers fill in themselves: what is not known, and empty lists.
+fn without_blanks(value: Value) -> Value {
+    let blank = |v: &Value| v.is_null() || v.as_array().is_some_and(Vec::is_empty);
+    match value {
+        Value::Object(members) => members.into_iter().filter(|(_, v)| !blank(v)).collect(),
+        other => other,
+    }
 }
 
 impl Study {
@@ -195,6 +244,30 @@ impl Study {
             return Err(wrong(format!("format is `{}`; this program reads `{FORMAT}`", study.format)).into());
         }
         Ok(study)
+    }
+
+    /// Writes what a repository keeps to compare later runs with: `study.json`, or the file given, without run times and shares kept, nine digits of every result (what processors
+    /// agree on), one line per cell.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn write_baseline(&self, path: &Path) -> crate::Result<()> {
+        let path = if path.extension().is_some() { path.to_owned() } else { path.join("study.json") };
+        let lines = |list: &mut dyn Iterator<Item = serde_json::Result<Value>>| -> serde_json::Result<String> {
+            Ok(list.map(|v| v.map(|v| format!("    {}", without_blanks(v)))).collect::<serde_json::Result<Vec<_>>>()?.join(",\n"))
+        };
+        let text = |v: &str| Value::from(v).to_string();
+        let whole = || -> serde_json::Result<String> {
+            let cells = lines(&mut self.cells.iter().map(|c| serde_json::to_value(c.brief())))?;
+            let scores = lines(&mut self.scores.iter().map(|s| serde_json::to_value(s.brief())))?;
+            let (format, plan, about, program) = (text(&self.format), text(&self.plan), text(&self.about), text(&self.program));
+            Ok(format!(
+                "{{ \"format\": {format}, \"plan\": {plan}, \"about\": {about}, \"seed\": {}, \"program\": {program},\n  \"cells\": [\n{cells}\n  ],\n  \"scores\": [\n{scores}\n  ]\n}}",
+                self.seed
+            ))
+        };
+        let whole = whole().map_err(|e| StudyError::Results { path: path.clone(), detail: e.to_string() })?;
+        write_atomic(&path, |out| writeln!(out, "{whole}"))
     }
 
     /// Writes `study.json`.

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 use serde_json::{Map, Value};
@@ -11,7 +12,7 @@ use sha2::{Digest, Sha256};
 
 use super::StudyError;
 use super::cell::{Layout, Slot};
-use super::estimates::{COLUMNS, Row, key_fields, of_record, read_part, value_fields, write_part};
+use super::estimates::{CsvSink, Row, Sink, key_fields, of_record, read_part, value_fields, write_part};
 use super::plan::{Delay, Plan};
 use super::results::{Cell, FORMAT, Kept, Score, Study};
 use super::tally::{Tally, kept};
@@ -80,7 +81,7 @@ impl<'a> Runner<'a> {
         (block.end - block.first) * self.layout.of(block.setting).len()
     }
 
-    /// Runs what is not done yet and writes `DIR/study.json` and `DIR/estimates.csv`. Finished blocks are kept in `DIR/parts` until then: a run that was stopped goes on
+    /// Runs what is not done yet and writes `DIR/study.json` and `DIR/estimates.csv` (`.parquet` too with that feature). Finished blocks are kept in `DIR/parts` until then: a run that was stopped goes on
     /// where it was with `resume`. The same to the bit for any number of threads, run times apart.
     ///
     /// # Errors
@@ -100,7 +101,7 @@ impl<'a> Runner<'a> {
             }
         };
         tell(0);
-        pending.par_iter().try_for_each(|&(number, block)| -> crate::Result<()> {
+        shared_out(&pending, |&(number, block)| {
             write_part(&part(&parts, number), &self.block(block)?)?;
             tell(self.size(block));
             Ok(())
@@ -148,34 +149,24 @@ impl<'a> Runner<'a> {
 
     /// Reads all blocks in order, one row at a time, and writes what came of them.
     fn gather(&self, folder: &Path, parts: &Path) -> crate::Result<Study> {
-        let scoring = &self.plan.scoring;
         let mut cells: Vec<Cell> = self.layout.slots.iter().map(|s| self.cell(*s)).collect();
-        let keys: Vec<Vec<String>> = cells.iter().map(key_fields).collect();
+        let keys: Vec<_> = cells.iter().map(key_fields).collect();
         let mut tallies = vec![Tally::default(); cells.len()];
-        let mut failed = None;
-        write_atomic(&folder.join("estimates.csv"), |out| {
-            let mut csv = csv::Writer::from_writer(out);
-            csv.write_record(COLUMNS)?;
-            for number in 0..self.blocks.len() {
-                let mut rows = || -> crate::Result<()> {
-                    for row in read_part(&part(parts, number))? {
-                        let row = row?;
-                        let Some((tally, key)) = tallies.get_mut(row.cell).zip(keys.get(row.cell)) else { continue };
-                        tally.add(&row, scoring, self.layout.settings[self.layout.slots[row.cell].setting].sample_time);
-                        csv.write_record(key.iter().chain(&value_fields(&row))).map_err(|e| crate::Error::io(parts, e.into()))?;
-                    }
-                    Ok(())
-                };
-                if let Err(e) = rows() {
-                    failed = Some(e);
-                    return Err(std::io::Error::other("a block that cannot be read"));
-                }
+        let mut sinks = sinks(folder)?;
+        for number in 0..self.blocks.len() {
+            for row in read_part(&part(parts, number))? {
+                let row = row?;
+                let Some((tally, key)) = tallies.get_mut(row.cell).zip(keys.get(row.cell)) else { continue };
+                let setting = &self.layout.settings[self.layout.slots[row.cell].setting];
+                tally.add(&row, &self.plan.grids[setting.grid].scoring, setting.sample_time);
+                let values = value_fields(&row);
+                sinks.iter_mut().try_for_each(|s| s.write(key, &values))?;
             }
-            csv.flush()
-        })
-        .map_err(|e| failed.take().unwrap_or(e))?;
+        }
+        sinks.into_iter().try_for_each(Sink::finish)?;
         for (cell, tally) in cells.iter_mut().zip(&tallies) {
             cell.trials = tally.trials;
+            cell.scored = tally.scored;
             cell.rms_samples = tally.rms();
             cell.rms_ci95_samples = tally.rms_ci95();
             cell.bias_samples = tally.bias();
@@ -183,6 +174,7 @@ impl<'a> Runner<'a> {
             cell.std_raw_s = tally.std_raw_s();
             cell.flagged = tally.flagged;
             cell.unflagged_wrong = tally.wrong;
+            cell.intervals = tally.intervals;
             cell.coverage95 = tally.coverage95();
             cell.bound_rms_samples = tally.bound_rms();
             cell.predicted_rms_samples = tally.predicted_rms();
@@ -210,9 +202,9 @@ impl<'a> Runner<'a> {
             groups.entry((grid, slot.place as u8, slot.method)).or_default().push(number);
         }
         let mut scores = Vec::new();
-        for members in groups.values() {
+        for ((grid, ..), members) in &groups {
             let of: Vec<&Tally> = members.iter().map(|&m| &tallies[m]).collect();
-            for &percent in &self.plan.scoring.kept_percent {
+            for &percent in &self.plan.grids[*grid].scoring.kept_percent {
                 let rms = kept(&of, percent);
                 for (&member, rms) in members.iter().zip(&rms) {
                     cells[member].kept.push(Kept { percent, rms_samples: *rms });
@@ -270,7 +262,10 @@ impl<'a> Runner<'a> {
                 Value::Object(options) => options.clone(),
                 _ => Map::new(),
             },
+            definition: setting.definition.clone(),
+            repeatable: setting.repeatable,
             trials: 0,
+            scored: 0,
             rms_samples: None,
             rms_ci95_samples: None,
             bias_samples: None,
@@ -278,6 +273,7 @@ impl<'a> Runner<'a> {
             std_raw_s: None,
             flagged: 0,
             unflagged_wrong: 0,
+            intervals: 0,
             coverage95: None,
             bound_rms_samples: None,
             predicted_rms_samples: None,
@@ -285,6 +281,41 @@ impl<'a> Runner<'a> {
             kept: Vec::new(),
         }
     }
+}
+
+/// Hands the items out to as many workers as there are threads, in order, until one fails.
+///
+/// Each worker is a pool of one thread: what a method would do in parallel it does there one after the other, so that its run time is its own, and no other estimate's.
+fn shared_out<T: Sync>(items: &[T], work: impl Fn(&T) -> crate::Result<()> + Sync) -> crate::Result<()> {
+    let next = AtomicUsize::new(0);
+    let failed = AtomicBool::new(false);
+    let worker = || -> crate::Result<()> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|e| StudyError::Threads { detail: e.to_string() })?;
+        while !failed.load(Ordering::Relaxed)
+            && let Some(item) = items.get(next.fetch_add(1, Ordering::Relaxed))
+        {
+            pool.install(|| work(item)).inspect_err(|_| failed.store(true, Ordering::Relaxed))?;
+        }
+        Ok(())
+    };
+    let workers = rayon::current_num_threads().min(items.len());
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
+        let ended = |w: std::thread::ScopedJoinHandle<'_, crate::Result<()>>| {
+            w.join().unwrap_or_else(|_| Err(StudyError::Threads { detail: "a worker stopped".to_owned() }.into()))
+        };
+        // All are waited for; the first error is told.
+        workers.into_iter().map(ended).collect::<Vec<_>>().into_iter().collect()
+    })
+}
+
+/// The files that every estimate goes to.
+fn sinks(folder: &Path) -> crate::Result<Vec<Box<dyn Sink>>> {
+    Ok(vec![
+        Box::new(CsvSink::new(folder.join("estimates.csv"))?),
+        #[cfg(feature = "parquet")]
+        Box::new(super::parquet::ParquetSink::new(folder.join("estimates.parquet"))?),
+    ])
 }
 
 fn part(parts: &Path, number: usize) -> PathBuf {

@@ -9,7 +9,7 @@ use rand_chacha::rand_core::SeedableRng;
 use sha2::{Digest, Sha256};
 
 use super::bound::bound_samples;
-use super::plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, Place, Plan, Signal};
+use super::plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, Place, Plan, Scoring, Signal};
 use super::plants::{PLANTS, Plant, PlantEntry};
 use super::{StudyError, feedback};
 use crate::delay::{Detrend, Experiment, PlantModel, Recording};
@@ -78,6 +78,10 @@ pub(super) struct Setting {
     known_degree: bool,
     /// The states are measured too, for methods that look at them.
     states: bool,
+    /// Digest of what the names of the key stand for, and of how answers are scored.
+    pub(super) definition: String,
+    /// Every record is the same: no noise, and nothing drawn.
+    pub(super) repeatable: bool,
 }
 
 /// What a trial measured, and what is known of it.
@@ -149,6 +153,7 @@ impl Setting {
             Some(signal) => signal.clone(),
             None => Signal { signal: key.excitation.clone(), options: serde_json::Map::new(), draw: Draw::EachTrial },
         };
+        let definition = definition(plan, grid, &key, &signal)?;
         let (entry, more) = named(EXCITATIONS, "excitation", &signal.signal)?;
         let mut options = signal.options;
         options.extend(more.as_object().cloned().unwrap_or_default());
@@ -181,7 +186,7 @@ impl Setting {
             ))
             .into());
         }
-        Ok(Self {
+        let mut setting = Self {
             grid: number,
             max_delay,
             trials: grid.trials,
@@ -197,8 +202,23 @@ impl Setting {
             detrend: grid.detrend,
             known_degree: grid.known_degree,
             states,
+            definition,
+            repeatable: false,
             key,
-        })
+        };
+        setting.repeatable = setting.is_repeatable()?;
+        Ok(setting)
+    }
+
+    fn is_repeatable(&self) -> crate::Result<bool> {
+        let fixed = match &self.source {
+            Source::Listed(entry) => !entry.random,
+            Source::File(_) => true,
+        };
+        let quiet = self.key.snr.is_infinite() && self.colour.innovation_std.is_none_or(|std| std == 0.0);
+        let chosen = !matches!(self.key.delay, Delay::Drawn(_));
+        let drive = |seed| self.drive(&mut ChaCha8Rng::seed_from_u64(seed));
+        Ok(fixed && quiet && chosen && drive(0)? == drive(1)?)
     }
 
     /// The seed of a record: a hash of the plan's seed, of what the record is of and of its number, so that no other record of a plan moves it.
@@ -400,8 +420,21 @@ fn spread(x: &[f64]) -> f64 {
     (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()
 }
 
+/// 53 bits of SHA-256: a seed reads alike wherever numbers are doubles.
 fn hash(text: &str) -> u64 {
-    Sha256::digest(text.as_bytes()).iter().take(8).fold(0, |seed, byte| (seed << 8) | u64::from(*byte))
+    Sha256::digest(text.as_bytes()).iter().take(8).fold(0, |seed, byte| (seed << 8) | u64::from(*byte)) >> 11
+}
+
+/// Digest of what stands behind the names of a key in this plan, and of what else its answers hang on.
+fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> crate::Result<String> {
+    let Scoring { invalid_samples, wrong_samples, .. } = grid.scoring;
+    let noise = plan.noises.get(&key.noise);
+    let controller = key.controller.as_ref().and_then(|c| plan.controllers.get(c));
+    let listed = PLANTS.iter().any(|p| p.name == key.plant);
+    let path = plan.folder.join(&key.plant);
+    let file = if listed { String::new() } else { std::fs::read_to_string(&path).map_err(|e| crate::Error::io(&path, e))? };
+    let all = serde_json::json!([signal, noise, controller, file, grid.detrend, grid.known_degree, invalid_samples, wrong_samples]);
+    Ok(format!("{:016x}", hash(&all.to_string())))
 }
 
 fn source(name: &str, folder: &Path) -> crate::Result<(Source, Vec<String>, Vec<String>)> {

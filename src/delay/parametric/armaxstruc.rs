@@ -146,7 +146,7 @@ impl Armaxstruc {
             let note = format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input");
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
-        if posterior.set > delays / 2 {
+        if posterior.is_flat() {
             return Ok(DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set)));
         }
         // The most probable number of coefficients at the most probable delay.

@@ -210,7 +210,7 @@ pub(super) fn answer(scan: &ArxScan, nb: usize, max_delay: usize, bias: usize, e
     if let Some(note) = posterior::unseen_by(scan, nb) {
         return DelayEstimate::without(Outcome::NotVisible, note);
     }
-    if posterior.set > delays / 2 {
+    if posterior.is_flat() {
         return DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set));
     }
     #[allow(clippy::cast_precision_loss)]

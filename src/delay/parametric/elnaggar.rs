@@ -100,7 +100,7 @@ impl DelayEstimator for Elnaggar {
                 ));
             };
             let delays = max_delay + 1;
-            if posterior.set > delays / 2 {
+            if posterior.is_flat() {
                 return Ok(DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set)));
             }
             let best = posterior.best;

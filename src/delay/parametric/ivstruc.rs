@@ -137,12 +137,17 @@ impl Ivstruc {
             let note = format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input");
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
+        // A noise model of few poles takes what is slow or comes in jumps for a response: the ARX model's many must see the input too.
+        let exact = losses[best] <= posterior::ROUNDING * power;
+        if let Some(note) = (!exact).then(|| posterior::unseen(records, max_delay)).flatten() {
+            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+        }
+        // Its noise model takes over what no delay of the window explains, and then hardly a loss differs: half of the delays is enough to be called flat.
         if posterior.set > delays / 2 || posterior.ties > 1 {
             let same = posterior.set.max(posterior.ties);
             return Ok(DelayEstimate::without(Outcome::Flat, format!("{same} of {delays} delays fit equally well")));
         }
         // A loss that is zero but for rounding changes with rounding from round to round.
-        let exact = losses[best] <= posterior::ROUNDING * power;
         if let Some(fit) = fits[best].as_ref().filter(|f| !f.converged && !exact) {
             let note = format!(
                 "the rounds did not settle at nk = {best}, poles at |z| up to {:.4}: an unstable plant, feedback, or too small a model",

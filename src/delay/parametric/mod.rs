@@ -4,6 +4,7 @@ pub(super) mod armaxstruc;
 pub(super) mod arxstruc;
 pub(super) mod delayest;
 pub(super) mod elnaggar;
+mod evidence;
 pub(super) mod ivstruc;
 pub(super) mod met1struc;
 pub(super) mod oe_posterior;

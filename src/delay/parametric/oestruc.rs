@@ -2,7 +2,7 @@
 //!
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, y(t) = B(q)/F(q) u(t − nk) + e(t).
 
-use super::profile::{Profile, check, profile, shortened};
+use super::profile::{Profile, Weighing, check, profile, shortened};
 use crate::delay::method::WHOLE;
 use crate::delay::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, PairEstimate, Scope, Search, Start,
@@ -83,7 +83,7 @@ impl DelayEstimator for Oestruc {
         let orders = OutputError { nb: self.nb, nf: self.nf, initial: self.initial };
         check(NAME, &orders, self.max_samples)?;
         every_pair(experiment, search, |records, max_delay, bias| {
-            let Profile { posterior, note, .. } = match profile(NAME, orders, self.max_samples, records, max_delay)? {
+            let Profile { posterior, note, .. } = match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best)? {
                 Ok(profile) => profile,
                 Err(answer) if self.always_answers => return Ok(self.anyway(answer, orders, records, max_delay, bias, experiment)),
                 Err(answer) => return Ok(answer),

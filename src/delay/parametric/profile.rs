@@ -1,7 +1,9 @@
 //! What the losses of an output-error scan say, for every method that reads its delay from one.
 
+use super::evidence::log_evidence;
 use crate::delay::posterior::{self, Posterior};
 use crate::delay::{DelayError, DelayEstimate, Outcome};
+use crate::fit::Stopped;
 use crate::identify::{Initial, MAX_OE_ORDER, OeFit, OutputError, Record, largest_pole, power};
 
 /// An output-error scan against which nothing speaks.
@@ -16,6 +18,15 @@ pub(super) struct Profile {
     pub(super) records: Vec<Record>,
     /// What a reader must know.
     pub(super) note: Option<String>,
+}
+
+/// What makes a delay probable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Weighing {
+    /// The loss of its best model.
+    Best,
+    /// The losses of all models, by how plausible their poles are; of orders without a prior the best one's.
+    Average,
 }
 
 /// Options out of their range.
@@ -51,6 +62,9 @@ pub(super) fn model(records: &[Record], residuals: &[f64]) -> Vec<f64> {
     measured.zip(residuals).map(|(y, e)| y - e).collect()
 }
 
+/// Noise of which so many samples say no more than one is slow.
+const SLOW: f64 = 4.0;
+
 /// The scan of `orders`, or the answer that takes its place: nothing moves, nothing is seen, many delays fit alike, no minimum.
 pub(super) fn profile(
     name: &'static str,
@@ -58,6 +72,7 @@ pub(super) fn profile(
     max_samples: usize,
     records: &[Record],
     max_delay: usize,
+    weighing: Weighing,
 ) -> Result<Result<Profile, DelayEstimate>, DelayError> {
     let parameters = orders.nb + orders.nf;
     let needed = max_delay + orders.nb + 3 * parameters;
@@ -69,6 +84,7 @@ pub(super) fn profile(
     let fits = orders.scan(&records, max_delay);
     let losses: Vec<f64> = fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect();
     let power = power(&records);
+    let floor = posterior::ROUNDING * power;
     let without = |outcome, note: String| Ok(Err(DelayEstimate::without(outcome, note)));
     let smallest = losses.iter().copied().filter(|v| v.is_finite()).min_by(f64::total_cmp);
     let Some(at) = smallest.and_then(|v| losses.iter().position(|&l| l == v)) else {
@@ -78,9 +94,14 @@ pub(super) fn profile(
     // Residuals of rounding size are correlated as rounding happens to be, which says nothing of how much the data know.
     #[allow(clippy::cast_precision_loss)]
     let samples = residuals.len() as f64;
-    let exact = losses[at] <= posterior::ROUNDING * power;
+    let exact = losses[at] <= floor;
     let independent = if exact { samples } else { posterior::effective_samples(&residuals) };
-    let Some(posterior) = posterior::posterior(&losses, power, independent) else {
+    let averaged = (weighing == Weighing::Average).then(|| log_evidence(&orders, &records, &fits, floor, samples, independent)).flatten();
+    let posterior = match averaged {
+        Some(logs) => posterior::from_logs(&logs, losses.iter().filter(|&&v| v <= floor).count()),
+        None => posterior::posterior(&losses, power, independent),
+    };
+    let Some(posterior) = posterior else {
         return without(Outcome::Singular, "no delay has a finite loss: the numbers overflow; scale the channels".to_owned());
     };
     let best = posterior.best;
@@ -88,25 +109,32 @@ pub(super) fn profile(
     let counting = if exact { independent } else { posterior::samples_under(&model(&records, &residuals), &residuals) };
     let gain = counting * (power / losses[best].max(f64::MIN_POSITIVE)).ln();
     let free = parameters + if orders.initial == Initial::Estimated { orders.nf } else { 0 };
-    // A pole pair may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
+    // A pole pair may settle on any band: of N/2 narrow ones, of half as many that are twice as wide, and so on, N in all. These are tries too.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let tried = delays + if orders.nf >= 2 { (counting / 2.0) as usize } else { 0 };
+    let tried = delays + if orders.nf >= 2 { counting as usize } else { 0 };
     if gain < posterior::visible_gain(free, tried) {
         let note = format!("no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input");
         return without(Outcome::NotVisible, note);
     }
+    // Under noise as slow as this two things that have nothing to do with each other drift alike: the whitened view of an ARX model must see the input too.
+    let complete = records.iter().all(|r| r.present.is_none());
+    if let Some(note) = (complete && !exact && SLOW * independent < samples).then(|| posterior::unseen(&records, max_delay)).flatten() {
+        return without(Outcome::NotVisible, note);
+    }
     // An output-error model that fits exactly does so for as many delays as it has numerator coefficients; more mean that the data do not tell them apart.
-    if posterior.set > delays / 2 || posterior.ties > orders.nb {
+    if posterior.is_flat() || posterior.ties > orders.nb {
         let same = posterior.set.max(posterior.ties);
         return without(Outcome::Flat, format!("{same} of {delays} delays fit equally well"));
     }
-    if let Some(fit) = fits[best].as_ref().filter(|f| !f.stopped.converged()) {
+    // A search that ends at the edge of stability leaves no model; where the data allow another delay that has one, that one is the answer.
+    let converged = |nk: &usize| fits[*nk].as_ref().is_some_and(|fit| fit.stopped.converged());
+    let Some(settled) = posterior.order[..posterior.set].iter().copied().find(converged) else {
+        let (stopped, pole) = fits[best].as_ref().map_or((Stopped::Undefined, f64::NAN), |fit| (fit.stopped, largest_pole(&fit.f)));
         let note = format!(
-            "the optimiser stopped without a minimum ({:?}) at nk = {best}, poles at |z| up to {:.4}: an unstable or integrating plant, or feedback",
-            fit.stopped,
-            largest_pole(&fit.f)
+            "the optimiser stopped without a minimum ({stopped:?}) at nk = {best}, poles at |z| up to {pole:.4}: an unstable or integrating plant, or feedback"
         );
         return without(Outcome::NotConverged, note);
-    }
+    };
+    let posterior = Posterior { best: settled, ..posterior };
     Ok(Ok(Profile { fits, posterior, per_independent: samples / independent, records, note }))
 }

@@ -4,7 +4,7 @@
 
 use nalgebra::DVector;
 
-use super::profile::{Profile, check, profile};
+use super::profile::{Profile, Weighing, check, profile};
 use crate::delay::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
     Search, Start, Suits, every_pair, posterior,
@@ -84,7 +84,7 @@ impl DelayEstimator for SamplingZero {
         let orders = OutputError { nb: 2, nf: 1, initial: self.initial };
         check(NAME, &orders, self.max_samples)?;
         every_pair(experiment, search, |records, max_delay, bias| {
-            let profile = match profile(NAME, orders, self.max_samples, records, max_delay)? {
+            let profile = match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best)? {
                 Ok(profile) => profile,
                 Err(answer) => return Ok(answer),
             };

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::chain::{Chain, INPUT, LEAST_LAG, LEAST_RATIO, MOST_RATIO, REAL_RATIO, Row, Shape};
 use crate::delay::bound;
-use crate::fit::{Fit, LevenbergMarquardt, Normal, polish};
+use crate::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
 use crate::identify::{Initial, Record, dot, lag_vector};
 
 /// A delay of `lag` − `g` samples, g between 0 and 1: the states of `lag` samples ago, `g` of a sample later.
@@ -254,8 +254,8 @@ impl<'a> Problem<'a> {
     }
 
     /// Descends over poles and delay together, from one interval into the next where the cost falls on.
-    pub(super) fn descend(&self, theta: &[f64], place: Place) -> Option<Found> {
-        let mut best = self.within(theta, place, COARSE)?;
+    fn descend(&self, theta: &[f64], place: Place, tolerance: f64) -> Option<Found> {
+        let mut best = self.within(theta, place, tolerance)?;
         loop {
             let Place { lag, g } = best.place;
             if self.shape.whole() {
@@ -268,7 +268,7 @@ impl<'a> Problem<'a> {
             } else {
                 return Some(best);
             };
-            match self.within(&best.theta, next, COARSE) {
+            match self.within(&best.theta, next, tolerance) {
                 // A whole sample is the end of one interval and the start of another: only a lower cost leads on.
                 Some(found) if found.cost < best.cost * (1.0 - 1e-9) => best = found,
                 _ => return Some(best),
@@ -299,14 +299,22 @@ impl<'a> Problem<'a> {
 
     /// The minimum to its last digits.
     pub(super) fn refine(&self, found: &Found) -> Found {
+        let found = self.descend(&found.theta, found.place, FINE).filter(|f| f.cost <= found.cost).unwrap_or_else(|| found.clone());
         let lag = found.place.lag;
         if lag == 0 || self.shape.whole() {
-            return self.at(&found.theta, found.place).unwrap_or_else(|| found.clone());
+            return found;
         }
         let start: Vec<f64> = found.theta.iter().copied().chain([found.place.g]).collect();
-        let fit = self.search(true, FINE).minimise(&start, |p| self.joint(p, lag));
+        let Some(normal) = self.joint(&start, lag) else { return found };
+        let fit = Fit { parameters: start, normal, stopped: Stopped::Step, iterations: 0, last_change: 0.0 };
         let fit = polish(fit, |p| self.joint(p, lag));
-        self.found(fit, lag).filter(|f| f.cost <= found.cost).unwrap_or_else(|| found.clone())
+        self.found(fit, lag).map_or(found.clone(), |f| Found { converged: found.converged, ..f })
+    }
+
+    /// The best poles at a fixed delay from every start of the table, besides `theta`: for shapes whose poles do not show beside another's delay.
+    pub(super) fn afresh(&self, theta: &[f64], place: Place) -> Option<Found> {
+        let starts = self.table().into_iter().chain([theta.to_vec()]);
+        starts.filter_map(|theta| self.at(&theta, place)).min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
     /// The lowest minima, best first: descents from where a table of poles fits best, over all delays.
@@ -345,7 +353,7 @@ impl<'a> Problem<'a> {
         let mut minima: Vec<Found> = Vec::new();
         for (_, row, at) in starts {
             let (theta, profile) = &table[row];
-            let Some(found) = self.descend(theta, profile[at].0) else { continue };
+            let Some(found) = self.descend(theta, profile[at].0, COARSE) else { continue };
             match minima.iter_mut().find(|m| (m.place.delay() - found.place.delay()).abs() < 0.25) {
                 Some(known) if known.cost <= found.cost => {}
                 Some(known) => *known = found,

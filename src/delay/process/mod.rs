@@ -239,7 +239,7 @@ impl Process {
         let problem = Problem::new(shape, self.poles == Poles::Real, self.initial, records, max_delay);
         let initial = self.initial_delay_s.map(|s| s / experiment.sample_time.seconds());
         let minima = problem.minima(initial);
-        let Some(best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite()) else {
+        let Some(mut best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite()) else {
             return Ok(DelayEstimate::without(
                 Outcome::NotRichEnough,
                 "the input is zero wherever a model could use it, or the numbers overflow",
@@ -260,6 +260,9 @@ impl Process {
         if problem.integrates(&best.theta) {
             let note = "the best model's time constant is as long as the record: an integrating or unstable plant, or feedback";
             return Ok(DelayEstimate::without(Outcome::NotConverged, note));
+        }
+        if !problem.whole() {
+            best = knowledge.middle(&problem, best);
         }
         let [from, to] = knowledge.interval(&problem, &best, &minima);
         let delay = best.place.delay();
@@ -392,14 +395,22 @@ impl Knowledge {
         self.independent * (self.floored(cost) / self.floored(self.cost)).ln() / (self.quantile * self.quantile)
     }
 
+    /// The middle of the delays that fit alike. A pole that dies away before the next sample only adds to the dead time, and a plant that settles within a sample
+    /// shows no more than that sample: there whole stretches of delays have one cost, and rounding would choose among them.
+    fn middle(&self, problem: &Problem<'_>, best: Found) -> Found {
+        let [before, after] = [-1.0, 1.0].map(|direction| self.reach(problem, &best, direction, ALIKE));
+        let place = Place::of(best.place.delay() + 0.5 * (after - before));
+        problem.at(&best.theta, place).filter(|f| self.unlikely(f.cost) <= ALIKE * ALIKE).unwrap_or(best)
+    }
+
     /// The delays that are as likely as the best, from first to last, samples.
     fn interval(&self, problem: &Problem<'_>, best: &Found, minima: &[Found]) -> [f64; 2] {
         let mut ends = [best.place.delay(); 2];
         let as_good = minima.iter().filter(|m| (m.place.delay() - best.place.delay()).abs() > 0.25 && self.unlikely(m.cost) < 1.0);
         for minimum in [best].into_iter().chain(as_good) {
             let at = minimum.place.delay();
-            ends[0] = ends[0].min(at - self.reach(problem, minimum, -1.0));
-            ends[1] = ends[1].max(at + self.reach(problem, minimum, 1.0));
+            ends[0] = ends[0].min(at - self.reach(problem, minimum, -1.0, 1.0));
+            ends[1] = ends[1].max(at + self.reach(problem, minimum, 1.0, 1.0));
         }
         if problem.whole() {
             // The jump came at any time since the sample before.
@@ -408,26 +419,24 @@ impl Knowledge {
         ends
     }
 
-    /// How far from a minimum the delay may move in one direction until it is unlikely: false position on the root of the likelihood ratio, which is a straight
-    /// line where the cost is a parabola.
-    fn reach(&self, problem: &Problem<'_>, from: &Found, direction: f64) -> f64 {
+    /// How far from a minimum the delay may move in one direction until it lacks likelihood, in a share `level` of the interval's: false position on the root of the
+    /// likelihood ratio, which is a straight line where the cost is a parabola, and halving where it is not.
+    fn reach(&self, problem: &Problem<'_>, from: &Found, direction: f64, level: f64) -> f64 {
         let at = from.place.delay();
         let limit = if direction > 0.0 { problem.longest() - at } else { at };
-        let root = |cost: f64| self.unlikely(cost).max(0.0).sqrt();
-        let (mut inner, mut outer) = ((0.0, root(from.cost)), None::<(f64, f64)>);
-        let mut theta = from.theta.clone();
+        let root = |cost: f64| self.unlikely(cost).max(0.0).sqrt() / level;
         if problem.whole() {
             let mut step = 0.0;
-            while step < limit {
-                match problem.at(&theta, Place::of(at + direction * (step + 1.0))) {
-                    Some(found) if root(found.cost) < 1.0 => theta = found.theta,
-                    _ => break,
-                }
+            let likely = |step: f64| problem.afresh(&from.theta, Place::of(at + direction * step)).is_some_and(|f| root(f.cost) < 1.0);
+            while step < limit && likely(step + 1.0) {
                 step += 1.0;
             }
             return step;
         }
-        let mut step = (self.quantile * self.std).clamp(RESOLVED, 0.5).min(limit);
+        let (mut inner, mut outer) = ((0.0, root(from.cost)), None::<(f64, f64)>);
+        let mut theta = from.theta.clone();
+        let mut step = (level * self.quantile * self.std).clamp(RESOLVED, 0.5).min(limit);
+        let mut widths = [f64::INFINITY; 2];
         for _ in 0..REACHES {
             let Some(found) = problem.at(&theta, Place::of(at + direction * step)) else { break };
             let here = (step, root(found.cost));
@@ -447,9 +456,11 @@ impl Knowledge {
                     if width <= ENDS * outer.0 {
                         return inner.0 + share * width;
                     }
+                    let slow = width > 0.5 * widths[0];
+                    widths = [widths[1], width];
                     // To either side of the crossing in turn, so that the bracket closes from both.
                     let beside = if here.1 < 1.0 { 1e-3 } else { -1e-3 };
-                    inner.0 + (share + beside).clamp(0.02, 0.98) * width
+                    inner.0 + if slow { 0.5 } else { (share + beside).clamp(0.02, 0.98) } * width
                 }
             };
         }
@@ -457,6 +468,8 @@ impl Knowledge {
     }
 }
 
+/// Share of the interval's lack of likelihood, as its root, that is none: a thousandth of a standard deviation.
+const ALIKE: f64 = 1e-3;
 /// Steps towards an end of the interval.
 const REACHES: usize = 40;
 /// To what share of itself the distance to an end is found.

@@ -173,6 +173,18 @@ impl<'a> Problem<'a> {
         Some((factor.inverse(), cost))
     }
 
+    /// The losses (Σ e²) of all delays for one F, good enough to rank starts; NaN where there is none.
+    pub(super) fn costs(&mut self, f: &[f64], max_delay: usize) -> Vec<f64> {
+        self.filter(f);
+        self.quick_costs(max_delay).unwrap_or_else(|| {
+            let cost = |nk| {
+                self.nk = nk;
+                self.project().map_or(f64::NAN, |(_, cost)| cost)
+            };
+            (0..=max_delay).map(cost).collect()
+        })
+    }
+
     /// The losses of all delays for filtered signals out of one correlation, good enough to rank starts; `None` but for one numerator coefficient, a start at
     /// rest and no sample missing.
     pub(super) fn quick_costs(&self, max_delay: usize) -> Option<Vec<f64>> {

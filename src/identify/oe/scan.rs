@@ -145,6 +145,14 @@ impl OutputError {
             .collect()
     }
 
+    /// Σ e²/samples for each of the given denominators and nk = 0 … `max_delay`, the numerator the best; good to rounding of the output's power, NaN where there is none.
+    #[must_use]
+    pub fn losses(&self, records: &[Record], max_delay: usize, denominators: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let mut problem = Problem::new(*self, records);
+        let samples = count(records);
+        denominators.iter().map(|f| problem.costs(f, max_delay).iter().map(|cost| cost / samples).collect()).collect()
+    }
+
     /// Starting denominators for every delay: the best of the table, and Steiglitz-McBride.
     fn seeds(&self, problem: &mut Problem<'_>, max_delay: usize) -> Vec<Vec<Vec<f64>>> {
         let mut ranked: Vec<Vec<(f64, Vec<f64>)>> = vec![Vec::new(); max_delay + 1];
@@ -152,15 +160,8 @@ impl OutputError {
             if self.nf == 0 || !is_stable(&f) {
                 continue;
             }
-            problem.filter(&f);
-            let quick = problem.quick_costs(max_delay);
-            for (nk, entries) in ranked.iter_mut().enumerate() {
-                problem.nk = nk;
-                let cost = match &quick {
-                    Some(costs) => Some(costs[nk]),
-                    None => problem.project().map(|(_, cost)| cost),
-                };
-                if let Some(cost) = cost.filter(|c| c.is_finite()) {
+            for (entries, cost) in ranked.iter_mut().zip(problem.costs(&f, max_delay)) {
+                if cost.is_finite() {
                     entries.push((cost, f.clone()));
                 }
             }

@@ -1,0 +1,109 @@
+//! What a plan is to reach, to stand beside what it did.
+
+use serde::{Deserialize, Serialize};
+
+use super::published::Which;
+use super::results::{Cell, Study};
+
+/// A number to be reached.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Aim {
+    /// What is to be reached, in words.
+    pub aim: String,
+    /// The cells.
+    pub cells: Which,
+    /// The methods, as the plan writes them.
+    pub method: Vec<String>,
+    /// The best of the methods is to reach it, rather than each.
+    #[serde(default)]
+    pub best: bool,
+    /// What is measured.
+    pub measure: Measure,
+    /// With `rms_samples`: the share of answers that is kept, percent; default 100.
+    #[serde(default = "super::published::whole")]
+    pub kept_percent: f64,
+    /// Every cell is to reach it, rather than their mean.
+    #[serde(default)]
+    pub each: bool,
+    /// Upper limit.
+    #[serde(default)]
+    pub at_most: Option<f64>,
+    /// Lower limit.
+    #[serde(default)]
+    pub at_least: Option<f64>,
+}
+
+/// What an aim is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Measure {
+    /// Root mean square error, samples.
+    RmsSamples,
+    /// The same over the bound.
+    RmsOverBound,
+    /// Share of records without an answer.
+    Flagged,
+    /// Share of intervals that hold the truth.
+    Coverage95,
+}
+
+/// How an aim was met.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reached<'a> {
+    /// The method.
+    pub method: &'a str,
+    /// The mean over the cells; with `each`, the value of the cell that is furthest off.
+    pub value: f64,
+    /// That cell.
+    pub cell: Option<&'a Cell>,
+    /// It is within the limits.
+    pub met: bool,
+}
+
+impl Aim {
+    /// What each method reached, or the best one; none where the study has none of the cells.
+    #[must_use]
+    pub fn reached<'a>(&'a self, study: &'a Study) -> Vec<Reached<'a>> {
+        let mut all: Vec<Reached> = self.method.iter().filter_map(|m| self.by(m, study)).collect();
+        if self.best {
+            all.sort_by(|a, b| self.excess(a.value).total_cmp(&self.excess(b.value)));
+            all.truncate(1);
+        }
+        all
+    }
+
+    fn by<'a>(&self, method: &'a str, study: &'a Study) -> Option<Reached<'a>> {
+        let cells: Vec<(&Cell, Option<f64>)> =
+            study.cells.iter().filter(|c| c.method_text() == method && self.cells.holds(c)).map(|c| (c, self.of(c))).collect();
+        let (cell, value) = if self.each {
+            // A cell without the number is as far off as can be.
+            let (cell, value) = (cells.into_iter().map(|(c, v)| (c, v.unwrap_or(f64::INFINITY))))
+                .max_by(|a, b| self.excess(a.1).total_cmp(&self.excess(b.1)))?;
+            (Some(cell), value)
+        } else {
+            let some: Vec<f64> = cells.into_iter().filter_map(|(_, v)| v).collect();
+            #[allow(clippy::cast_precision_loss)]
+            let count = some.len() as f64;
+            (None, (!some.is_empty()).then(|| some.iter().sum::<f64>() / count)?)
+        };
+        Some(Reached { method, value, cell, met: self.excess(value) <= 0.0 })
+    }
+
+    /// By how much a value misses the limits.
+    fn excess(&self, value: f64) -> f64 {
+        let above = self.at_most.map(|most| value - most);
+        let below = self.at_least.map(|least| least - value);
+        above.into_iter().chain(below).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    fn of(&self, cell: &Cell) -> Option<f64> {
+        match self.measure {
+            Measure::RmsSamples => cell.kept.iter().find(|k| k.percent == self.kept_percent)?.rms_samples,
+            Measure::RmsOverBound => Some(cell.rms_samples? / cell.bound_rms_samples?),
+            #[allow(clippy::cast_precision_loss)]
+            Measure::Flagged => Some(cell.flagged as f64 / cell.trials.max(1) as f64),
+            Measure::Coverage95 => cell.coverage95,
+        }
+    }
+}
