@@ -8,7 +8,7 @@ use crate::delay::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, PairEstimate, Scope, Search, Start,
     Suits, every_pair, posterior,
 };
-use crate::identify::{Initial, OutputError, Record};
+use crate::identify::{Initial, OeFit, OutputError, Record};
 use crate::registry::entry;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
@@ -83,16 +83,18 @@ impl DelayEstimator for Oestruc {
         let orders = OutputError { nb: self.nb, nf: self.nf, initial: self.initial };
         check(NAME, &orders, self.max_samples)?;
         every_pair(experiment, search, |records, max_delay, bias| {
-            let Profile { posterior, note, .. } = match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best)? {
+            let Profile { fits, posterior, note, .. } = match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best)? {
                 Ok(profile) => profile,
                 Err(answer) if self.always_answers => return Ok(self.anyway(answer, orders, records, max_delay, bias, experiment)),
                 Err(answer) => return Ok(answer),
             };
+            // The published rule does not ask whether the search for that delay's model came to an end.
+            let best = Some(&fits).filter(|_| self.always_answers).and_then(|f| smallest(f)).unwrap_or(posterior.best);
             #[allow(clippy::cast_precision_loss)]
-            let raw = posterior.best as f64;
+            let raw = best as f64;
             let [from, to] = posterior.ends;
             let interval = posterior::first_coefficient(from, to, bias);
-            let at_edge = posterior.best == max_delay && !self.always_answers;
+            let at_edge = best == max_delay && !self.always_answers;
             Ok(DelayEstimate::counted(raw, posterior.std, interval, at_edge, bias, experiment.sample_time).noting(note))
         })
     }
@@ -110,12 +112,17 @@ impl Oestruc {
         experiment: &Experiment,
     ) -> DelayEstimate {
         let fits = orders.scan(&shortened(records, self.max_samples).0, max_delay);
-        let losses = fits.iter().enumerate().filter_map(|(nk, fit)| fit.as_ref().map(|f| (nk, f.loss))).filter(|(_, v)| v.is_finite());
-        let Some((best, _)) = losses.min_by(|a, b| a.1.total_cmp(&b.1)) else { return answer };
+        let Some(best) = smallest(&fits) else { return answer };
         #[allow(clippy::cast_precision_loss)]
         let (raw, window) = (best as f64, max_delay as f64);
         // Nothing speaks for it: as uncertain as a delay anywhere in the window.
         let std = window * posterior::RESOLUTION.sqrt();
         DelayEstimate::counted(raw, std, [0.0, window], false, bias, experiment.sample_time).noting(answer.note)
     }
+}
+
+/// The delay of the smallest loss.
+fn smallest(fits: &[Option<OeFit>]) -> Option<usize> {
+    let losses = fits.iter().enumerate().filter_map(|(nk, fit)| fit.as_ref().map(|f| (nk, f.loss))).filter(|(_, v)| v.is_finite());
+    losses.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(nk, _)| nk)
 }
