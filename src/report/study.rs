@@ -270,7 +270,10 @@ pub fn published(study: &Study, plan: &Plan) -> Option<Table> {
         };
         let standing = match beside.standing {
             Standing::Matching => "matching".to_owned(),
-            Standing::Differing => "differing".to_owned(),
+            Standing::Differing => match (p.statistic, beside.ours.zip(p.value)) {
+                (Statistic::RmsSamples, Some((ours, theirs))) => format!("differing, {}", if ours < theirs { "lower" } else { "higher" }),
+                _ => "differing".to_owned(),
+            },
             Standing::NotReproducible => format!("not reproducible: {}", p.not_reproducible.as_deref().unwrap_or("")),
         };
         // A grid that is named as the source says nothing more.

@@ -107,3 +107,53 @@ impl Aim {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn study(cells: &[(&str, f64, f64, usize)]) -> Study {
+        let cell = |(method, rms, bound, flagged): &(&str, f64, f64, usize)| {
+            serde_json::json!({
+                "plant": "slow1", "input": "u", "output": "y", "c2d": "zoh", "excitation": "rbs", "snr": 100, "noise": "white", "loop": "open", "place": "u",
+                "delay_s": 1.0, "truth": "delay", "method": method, "options": {}, "trials": 10, "rms_samples": rms, "rms_ci95_samples": null,
+                "bias_samples": null, "flagged": flagged, "unflagged_wrong": 0, "coverage95": null, "bound_rms_samples": bound,
+                "time_per_estimate_s": null, "kept": [{ "percent": 100.0, "rms_samples": rms }, { "percent": 90.0, "rms_samples": 0.5 * rms }]
+            })
+        };
+        let cells: Vec<_> = cells.iter().map(cell).collect();
+        serde_json::from_value(serde_json::json!({ "format": "", "plan": "", "seed": 1, "program": "", "cells": cells })).unwrap()
+    }
+
+    fn aim(text: &str) -> Aim {
+        toml::from_str(&format!("aim = \"\"\ncells = {{}}\n{text}")).unwrap()
+    }
+
+    #[test]
+    fn means_worst_cells_and_best_methods() {
+        let study = study(&[("a", 1.0, 1.0, 0), ("a", 3.0, 1.0, 5), ("b", 1.5, 1.0, 10), ("b", 1.5, 2.0, 10)]);
+        let values = |text: &str| aim(text).reached(&study).iter().map(|r| (r.method.to_owned(), r.value, r.met)).collect::<Vec<_>>();
+        let both = "method = [\"a\", \"b\"]\n";
+        let of = |name: &str, value, met| (name.to_owned(), value, met);
+        assert_eq!(values(&format!("{both}measure = \"rms_samples\"\nat_most = 1.5")), [of("a", 2.0, false), of("b", 1.5, true)]);
+        assert_eq!(values(&format!("{both}best = true\nmeasure = \"rms_samples\"\nat_most = 1.5")), [of("b", 1.5, true)]);
+        assert_eq!(
+            values(&format!("{both}kept_percent = 90\nmeasure = \"rms_samples\"\nat_most = 1")),
+            [of("a", 1.0, true), of("b", 0.75, true)]
+        );
+        assert_eq!(
+            values(&format!("{both}each = true\nmeasure = \"rms_over_bound\"\nat_most = 1.2")),
+            [of("a", 3.0, false), of("b", 1.5, false)]
+        );
+        assert_eq!(
+            values(&format!("{both}each = true\nmeasure = \"flagged\"\nat_least = 0.99")),
+            [of("a", 0.0, false), of("b", 1.0, true)]
+        );
+        // No interval at all is no coverage.
+        assert_eq!(
+            values(&format!("{both}each = true\nmeasure = \"coverage95\"\nat_least = 0.9\nat_most = 0.97")).iter().filter(|v| v.2).count(),
+            0
+        );
+        assert!(values("method = [\"c\"]\nmeasure = \"flagged\"\nat_least = 0.9").is_empty());
+    }
+}

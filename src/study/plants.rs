@@ -167,3 +167,25 @@ fn random(rng: &mut ChaCha8Rng) -> Result<Plant, ModelError> {
 fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_chacha::rand_core::SeedableRng;
+
+    #[test]
+    fn random_systems_are_stable_or_integrate_and_have_ten_poles() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut integrators = 0;
+        for _ in 0..400 {
+            let PlantModel::Continuous(model) = random(&mut rng).unwrap().model else { panic!("sampled") };
+            assert_eq!(model.order(), 10);
+            let real: Vec<f64> = model.a().complex_eigenvalues().iter().map(|p| p.re).collect();
+            let at_zero = real.iter().filter(|re| re.abs() < 1e-12).count();
+            assert!(real.iter().all(|re| *re < 1e-12) && at_zero <= 1, "{real:?}");
+            integrators += at_zero;
+        }
+        // 40 expected; four standard deviations of a binomial count.
+        assert!((16..=64).contains(&integrators), "{integrators}");
+    }
+}

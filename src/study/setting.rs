@@ -481,3 +481,43 @@ fn fed_back(delayed: &StateSpace<Sampled>, bare: &StateSpace<Sampled>, k: &DMatr
     Ok(StateSpace::sampled(a, delayed.b().clone(), c, delayed.d().clone(), delayed.sample_time())?
         .with_input_delay(delayed.input_delay().to_vec())?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::cell::Layout;
+
+    /// Outputs of the first record of every setting of a grid.
+    fn outputs(plan: &mut Plan, grid: &str) -> Vec<Vec<f64>> {
+        plan.only(&[grid.to_owned()], &[]).unwrap();
+        let record = |s: &Setting| s.record(plan.seed, 0).unwrap().from[0].take().unwrap();
+        Layout::new(plan).unwrap().settings.iter().map(|s| record(s).recordings[0].outputs[0].values.clone()).collect()
+    }
+
+    fn power(x: impl Iterator<Item = f64>) -> f64 {
+        x.map(|v| v * v).sum()
+    }
+
+    #[test]
+    fn the_loops_have_the_published_ratios_of_power() {
+        let mut plan = Plan::open("bjorklund").unwrap();
+        let noisy = outputs(&mut plan, "closed");
+        plan.noises.values_mut().for_each(|n| n.innovation_std = Some(0.0));
+        let quiet = outputs(&mut plan, "closed");
+        assert_eq!(noisy.len(), 18);
+        // Björklund (2003), p. 75: 790 to 1147; 2000 samples of a noise tell its power to 5 %, a slow one's to 10 %.
+        for (noisy, quiet) in noisy.iter().zip(&quiet) {
+            let ratio = power(quiet.iter().copied()) / power(noisy.iter().zip(quiet).map(|(a, b)| a - b));
+            assert!(ratio > 0.85 * 790.0 && ratio < 1.15 * 1147.0, "{ratio}");
+        }
+    }
+
+    #[test]
+    fn the_unrelated_output_is_its_noise_whatever_the_input() {
+        let mut plan = Plan::open("unrelated").unwrap();
+        plan.noises.values_mut().for_each(|n| n.innovation_std = Some(0.0));
+        let silent = outputs(&mut plan, "unrelated");
+        assert_eq!(silent.len(), 9);
+        assert!(silent.iter().flatten().all(|y| *y == 0.0));
+    }
+}
