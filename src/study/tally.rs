@@ -198,6 +198,7 @@ mod tests {
             hi_s: Some(6.0 + error),
             error_samples: Some(error),
             bound_samples: Some(0.5),
+            predicted_samples: None,
             time_s: 0.1,
         }
     }
