@@ -118,37 +118,6 @@ fn rms(errors: &[f64]) -> f64 {
 }
 
 #[test]
-#[ignore = "a table to look at; run with --ignored --nocapture"]
-fn the_standard_benchmark_beside_the_published_numbers() {
-    let only = std::env::var("ONLY").unwrap_or_default();
-    for (name, published) in PUBLISHED.iter().filter(|(n, _)| only.is_empty() || only.split(',').any(|o| o == *n)) {
-        println!("{name}: RMS of all answers (published, 95 % kept), share answered, share of the intervals that hold the truth");
-        for (&(kind, snr), published) in CELLS.iter().zip(published) {
-            let answers = cell(name, kind, snr, 25);
-            let errors: Vec<f64> = answers.iter().map(|(_, e)| error(e)).collect();
-            let found: Vec<&DelayEstimate> = answers.iter().map(|(_, e)| e).filter(|e| e.delay_s.is_some()).collect();
-            let holds = |e: &DelayEstimate| e.ci95_s.is_some_and(|[a, b]| a <= 9.0 + 1e-9 && 9.0 <= b + 1e-9);
-            let held = found.iter().filter(|e| holds(e)).count() as f64 / found.len().max(1) as f64;
-            let by = |system: &str| {
-                let these: Vec<&(&str, DelayEstimate)> = answers.iter().filter(|(s, _)| *s == system).collect();
-                let some: Vec<f64> = these.iter().filter_map(|(_, e)| e.delay_s).map(|d| d - 9.0).collect();
-                let mean = some.iter().sum::<f64>() / some.len().max(1) as f64;
-                let width = these.iter().filter_map(|(_, e)| e.ci95_s).map(|[a, b]| b - a).sum::<f64>() / some.len().max(1) as f64;
-                let held = these.iter().map(|(_, e)| e).filter(|e| e.delay_s.is_some()).filter(|e| holds(e)).count();
-                format!("{system} {}/{} mean {mean:+.2} rms {:.2} width {width:.1} held {held}", some.len(), these.len(), rms(&some))
-            };
-            let input = ["rbs 10-30", "rbs 0-100", "steps"][kind];
-            println!(
-                "  {input:9} SNR {snr:3}: {:5.2} ({published:4}), {:4.2}, {held:4.2}   {}",
-                rms(&errors),
-                found.len() as f64 / errors.len() as f64,
-                ["slow2", "fast2", "real4", "cplx4"].map(by).join(" | ")
-            );
-        }
-    }
-}
-
-#[test]
 fn random_input_at_one_percent_noise_scores_as_published_or_better() {
     for (name, published) in PUBLISHED {
         for (&(kind, snr), published) in CELLS.iter().zip(published).filter(|((kind, snr), p)| *kind < 2 && *snr > 1.0 && p.is_finite()) {
