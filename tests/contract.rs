@@ -494,7 +494,7 @@ fn an_answer_has_a_delay_when_its_outcome_says_so_and_its_interval_holds_it() {
 
 #[test]
 fn noise_alone_is_not_taken_for_a_response() {
-    for method in METHODS.iter().filter(|m| m.scope == Scope::Pair && (m.promises(Law::Silence) || m.entry.name == "threshold_step")) {
+    for method in METHODS.iter().filter(|m| m.scope == Scope::Pair && m.promises(Law::Silence)) {
         let fooled = (0..100_u64).into_par_iter().filter(|seed| {
             let nothing = Experiment::siso(ts(TS), rbs(400, 1.0, 2 * seed), white(400, 1.0, 2 * seed + 1));
             run(method, &nothing)[0].estimate.outcome == Outcome::Found

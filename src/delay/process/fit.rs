@@ -137,6 +137,15 @@ impl<'a> Problem<'a> {
         theta.iter().enumerate().any(|(i, v)| Some(i) != self.shape.ratio() && *v >= self.upper[i] - 1e-6)
     }
 
+    /// The same with poles so fast that the longest record shows several of their time constants.
+    pub(super) fn of_seen_poles(mut self) -> Self {
+        let ratio = self.shape.ratio();
+        for (_, upper) in self.upper.iter_mut().enumerate().filter(|(i, _)| Some(*i) != ratio) {
+            *upper -= SEEN.ln();
+        }
+        self
+    }
+
     /// Model, residual and derivatives at these poles and this delay.
     pub(super) fn signals(&self, theta: &[f64], place: Place) -> Option<Signals> {
         let chain = Chain::new(self.shape, theta);
@@ -459,6 +468,8 @@ type Profile = Vec<(Place, f64)>;
 const COARSE: f64 = 1e-5;
 /// Tolerance of a search for the minimum itself.
 const FINE: f64 = 1e-8;
+/// Time constants that a record must be long to show the pole.
+const SEEN: f64 = 10.0;
 /// A fraction this near to a whole sample is at it.
 const EDGE: f64 = 1e-6;
 /// Descents; starts at every half sample besides found nothing lower in 94 of 96 random plants (tests/process.rs).

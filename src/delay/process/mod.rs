@@ -236,18 +236,17 @@ impl Process {
         } else {
             records
         };
-        let problem = Problem::new(shape, self.poles == Poles::Real, self.initial, records, max_delay);
+        let mut problem = Problem::new(shape, self.poles == Poles::Real, self.initial, records, max_delay);
         let initial = self.initial_delay_s.map(|s| s / experiment.sample_time.seconds());
-        let minima = problem.minima(initial);
+        let mut minima = problem.minima(initial);
         let Some(mut best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite()) else {
             return Ok(DelayEstimate::without(
                 Outcome::NotRichEnough,
                 "the input is zero wherever a model could use it, or the numbers overflow",
             ));
         };
-        let Some(knowledge) = Knowledge::of(&problem, &best) else {
-            return Ok(DelayEstimate::without(Outcome::Singular, "the model cannot be evaluated at its own minimum; scale the channels"));
-        };
+        let singular = || DelayEstimate::without(Outcome::Singular, "the model cannot be evaluated at its own minimum; scale the channels");
+        let Some(mut knowledge) = Knowledge::of(&problem, &best) else { return Ok(singular()) };
         let delays = max_delay + 1;
         let gain = knowledge.counting * (problem.power / knowledge.floored(best.cost)).ln();
         // A pair of poles may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
@@ -258,8 +257,19 @@ impl Process {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         if problem.integrates(&best.theta) {
-            let note = "the best model's time constant is as long as the record: an integrating or unstable plant, or feedback";
-            return Ok(DelayEstimate::without(Outcome::NotConverged, note));
+            // A pole beside a zero that all but cancels it may grow as slow as the record and follow its drift: two parameters of chance. A plant that integrates
+            // needs such a pole.
+            let needed = posterior::visible_gain(2, 1);
+            problem = problem.of_seen_poles();
+            minima = problem.minima(initial);
+            let seen = minima.first().map(|m| problem.refine(m)).filter(|m| knowledge.lacks(m.cost) < needed);
+            let Some(seen) = seen else {
+                let note = "the best model's time constant is as long as the record: an integrating or unstable plant, or feedback";
+                return Ok(DelayEstimate::without(Outcome::NotConverged, note));
+            };
+            best = seen;
+            let Some(known) = Knowledge::of(&problem, &best) else { return Ok(singular()) };
+            knowledge = known;
         }
         if !problem.whole() {
             best = knowledge.middle(&problem, best);
@@ -390,9 +400,14 @@ impl Knowledge {
         cost.max(self.floor).max(f64::MIN_POSITIVE)
     }
 
-    /// Twice the log-likelihood that a cost lacks, in units of what chance makes of it in one case of twenty.
+    /// Twice the log-likelihood that a cost lacks.
+    fn lacks(&self, cost: f64) -> f64 {
+        self.independent * (self.floored(cost) / self.floored(self.cost)).ln()
+    }
+
+    /// The same in units of what chance makes of it in one case of twenty.
     fn unlikely(&self, cost: f64) -> f64 {
-        self.independent * (self.floored(cost) / self.floored(self.cost)).ln() / (self.quantile * self.quantile)
+        self.lacks(cost) / (self.quantile * self.quantile)
     }
 
     /// The middle of the delays that fit alike. A pole that dies away before the next sample only adds to the dead time, and a plant that settles within a sample

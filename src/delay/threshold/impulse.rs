@@ -101,10 +101,16 @@ impl Threshold {
         }
         every_pair(experiment, search, |records, max_delay, bias| {
             let taps = self.taps.max(max_delay + 1);
-            Ok(match response(name, kind, records, taps, self.records, self.prewindow)? {
-                Ok(response) => self.crossing(&response, matches!(kind, Kind::Impulse), max_delay, bias, experiment),
-                Err(answer) => answer,
-            })
+            let response = match response(name, kind, records, taps, self.records, self.prewindow)? {
+                Ok(response) => response,
+                Err(answer) => return Ok(answer),
+            };
+            let impulse = matches!(kind, Kind::Impulse);
+            // The running sum gathers slow noise as it gathers a response; whether there is one at all is for a test that whitens it.
+            if let Some(note) = posterior::unseen(records, max_delay).filter(|_| !impulse) {
+                return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+            }
+            Ok(self.crossing(&response, impulse, max_delay, bias, experiment))
         })
     }
 

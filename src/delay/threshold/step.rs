@@ -28,13 +28,10 @@ pub(in crate::delay) const METHOD: Method = Method {
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "as `threshold`",
     blind_to: "as `threshold`; slow noise, which its running sum gathers",
-    exempt: &[
-        (
-            Law::Exact,
-            "the running sum gathers the errors of all coefficients before it, such as those of a response that outlives the taps",
-        ),
-        (Law::Silence, "the running sum gathers slow noise: 19 of 60 records of AR(0.9) noise gave a delay"),
-    ],
+    exempt: &[(
+        Law::Exact,
+        "the running sum gathers the errors of all coefficients before it, such as those of a response that outlives the taps",
+    )],
 };
 
 impl DelayEstimator for Step {
