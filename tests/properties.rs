@@ -160,7 +160,8 @@ fn of_delays_that_fit_alike_the_gain_does_not_choose() {
 
 #[test]
 fn delaying_a_noisy_output_moves_nearly_every_answer_by_as_much() {
-    let records = 100;
+    // The methods that read a phase keep the law on 97 of 100: so many records tell that from 95.
+    let records = 300;
     // Of the methods that are made for such records: random input on a plant with dynamics.
     for method in promising(Law::Shift).filter(|m| m.suits == Suits::Plant) {
         let moved = (0..records).filter(|&seed| {
@@ -184,7 +185,7 @@ fn delaying_a_noisy_output_moves_nearly_every_answer_by_as_much() {
         let moved = moved.count();
         println!("{}: {moved} of {records} answers moved with the output", method.entry.name);
         // arxstruc weighs numerators by Schwarz's criterion, which keeps a coefficient of pure noise in about 1 record of 100.
-        assert!(moved >= 95, "{}: only {moved} of {records}", method.entry.name);
+        assert!(100 * moved as u64 >= 95 * records, "{}: only {moved} of {records}", method.entry.name);
     }
 }
 
