@@ -11,7 +11,7 @@ use super::plan::{Place, Plan, Scoring, Shown, Truth};
 use super::results::Cell;
 use super::setting::{Record, Setting};
 use crate::delay::{DelayEstimate, Detrend, Experiment, Outcome, PairEstimate, Scope, Search, Start, richness};
-use crate::file::write_atomic;
+use crate::file::{named, temporary, write_atomic};
 
 /// One estimate.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -269,12 +269,6 @@ impl Sink for CsvSink {
 
     fn finish(self: Box<Self>) -> crate::Result<()> {
         let file = self.file.into_inner().map_err(|e| crate::Error::io(&self.path, std::io::Error::other(e.to_string())))?;
-        file.persist(&self.path).map(|_| ()).map_err(|e| crate::Error::io(&self.path, e.error))
+        named(file, &self.path)
     }
-}
-
-/// A file without a name of its own beside `path`; missing folders are made.
-pub(super) fn temporary(path: &Path) -> crate::Result<tempfile::NamedTempFile> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder).and_then(|()| tempfile::NamedTempFile::new_in(folder)).map_err(|e| crate::Error::io(path, e))
 }

@@ -10,7 +10,8 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
-use super::estimates::{Field, Sink, temporary};
+use super::estimates::{Field, Sink};
+use crate::file::{named, temporary};
 
 /// Rows that are held before they are written together.
 const GROUP: usize = 65_536;
@@ -130,6 +131,6 @@ impl Sink for ParquetSink {
         self.flush()?;
         let Some(writer) = self.writer.take() else { return Ok(()) };
         let file = writer.into_inner().map_err(|e| self.wrong(&e))?;
-        file.persist(&self.path).map(|_| ()).map_err(|e| crate::Error::io(&self.path, e.error))
+        named(file, &self.path)
     }
 }
