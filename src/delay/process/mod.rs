@@ -126,6 +126,13 @@ const NEARLY_FLAT: &[(Law, &str)] = &[
     INEXACT,
     (Law::Gain, "on plants without its zero or second pole delays within one sample fit alike, and rounding chooses among them"),
 ];
+const SECOND_POLE: &[(Law, &str)] = &[
+    INEXACT,
+    (
+        Law::Gain,
+        "where the plant has one pole the likelihood ends in a cliff on 1 record of 1500, and rounding moves that end of the interval",
+    ),
+];
 const THIRD_POLE: &[(Law, &str)] = &[
     INEXACT,
     (Law::Gain, "on plants of fewer poles the likelihood is flat along its third, and rounding moves the interval's ends by some per cent"),
@@ -148,7 +155,7 @@ process!(
     false,
     0.1,
     LAGS,
-    CONTINUOUS,
+    SECOND_POLE,
     "K/((1 + T₁s)(1 + T₂s))·e^(−τs)."
 );
 process!(
