@@ -123,18 +123,20 @@ proptest! {
     fn gain_sign_and_sample_time_of_a_noisy_record_change_nothing(
         plant in simple_plant(), delay in 0..=15_usize, seed in 0..10_000_u64, on_u in gain(), on_y in gain(), seconds in 1e-4..100.0_f64,
     ) {
-        gain_sign_and_sample_time_change_nothing(&plant, delay, seed, [on_u, on_y], seconds);
+        gain_sign_and_sample_time_change_nothing(&plant, delay, seed, [on_u, on_y], seconds, &[]);
     }
 }
 
 /// Every method that promises it gives a record the same answer, in samples, when the channels are scaled by `gains` and a sample lasts `seconds`.
-fn gain_sign_and_sample_time_change_nothing(plant: &Plant, delay: usize, seed: u64, gains: [f64; 2], seconds: f64) {
+/// Of the methods that promise the law, and of those of `besides`.
+fn gain_sign_and_sample_time_change_nothing(plant: &Plant, delay: usize, seed: u64, gains: [f64; 2], seconds: f64, besides: &[&str]) {
     let u = rbs(300, 1.0, seed);
     let (clean, bias) = plant.respond(&u, delay);
     let y = sum(&clean, &white(300, 0.02 * std_dev(&clean), seed + 1));
     let changed = Experiment::siso(ts(seconds), times(&u, gains[0]), times(&y, gains[1]));
     let plain = Experiment::siso(ts(TS), u, y);
-    for method in promising(Law::Gain).filter(|m| m.promises(Law::Sign)) {
+    let besides = besides.iter().map(|name| deadtime::delay::method(name).unwrap());
+    for method in promising(Law::Gain).filter(|m| m.promises(Law::Sign)).chain(besides) {
         let (a, b) = (answer(method, &plain, &search(bias)), answer(method, &changed, &search(bias)));
         assert_eq!(a.outcome, b.outcome, "{}: {a:?} {b:?}", method.entry.name);
         let apart = |x: Option<f64>, y: Option<f64>| x.map(|v| v / TS).unwrap_or(-1.0) - y.map(|v| v / seconds).unwrap_or(-1.0);
@@ -148,14 +150,15 @@ fn gain_sign_and_sample_time_change_nothing(plant: &Plant, delay: usize, seed: u
 
 #[test]
 fn of_delays_that_fit_alike_the_gain_does_not_choose() {
+    // p2d promises the law on all but 1 record of 1500, and these are mended ones.
     // A pole that dies away within a sample adds to the dead time: delays from 8.0000 to 8.0018 samples have one cost, and rounding once chose among them.
     let plant = Plant::First { b: -0.05, pole: 0.6101976027082096 };
-    gain_sign_and_sample_time_change_nothing(&plant, 8, 805, [-9.872049108546365, -13.23525408153079], 1e-4);
+    gain_sign_and_sample_time_change_nothing(&plant, 8, 805, [-9.872049108546365, -13.23525408153079], 1e-4, &["p2d"]);
     // Here the interval's end is a cliff behind a plain, and the search for it once ran out of steps.
-    gain_sign_and_sample_time_change_nothing(&Plant::First { b: 1.0, pole: 0.03436561152277906 }, 6, 3637, [15.9, -5.6], 90.6);
+    gain_sign_and_sample_time_change_nothing(&Plant::First { b: 1.0, pole: 0.03436561152277906 }, 6, 3637, [15.9, -5.6], 90.6, &["p2d"]);
     // Here a direct path's neighbour was once fitted from a pole too fast to show.
     let plant = Plant::First { b: 10.513232238453124, pole: 0.013292616674143498 };
-    gain_sign_and_sample_time_change_nothing(&plant, 2, 2546, [13.840696468561141, -11.079315290646536], 48.58889781943347);
+    gain_sign_and_sample_time_change_nothing(&plant, 2, 2546, [13.840696468561141, -11.079315290646536], 48.58889781943347, &["p2d"]);
 }
 
 #[test]
