@@ -50,6 +50,9 @@ pub enum Error {
         /// What the operating system said.
         source: std::io::Error,
     },
+    /// Nobody waits for the answer any more.
+    #[error("stopped before it was done")]
+    Stopped,
 }
 
 /// The crate's result type.

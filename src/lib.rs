@@ -12,10 +12,13 @@ pub mod fit;
 pub mod identify;
 pub mod log;
 pub mod model;
+#[cfg(feature = "python")]
+mod python;
 pub mod registry;
 pub mod report;
 pub mod signal;
 pub mod simulate;
+pub mod stop;
 pub mod study;
 pub mod time;
 

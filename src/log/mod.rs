@@ -125,7 +125,7 @@ impl Channel {
     }
 
     /// Its header in a CSV file: `name` or `name [unit]`.
-    fn header(&self) -> String {
+    pub(crate) fn header(&self) -> String {
         self.unit.as_ref().map_or_else(|| self.name.clone(), |unit| format!("{} [{unit}]", self.name))
     }
 

@@ -1,0 +1,13 @@
+"""Dead time between command and response, and the gap between simulator and reality, from a measured log.
+
+Signals are NumPy arrays in SI units, time is in seconds. Where a log is asked for, a `Log`, the path of a CSV file, a pandas or polars frame will do.
+"""
+
+from __future__ import annotations
+
+from . import errors
+from ._native import Log, __version__
+from .errors import DeadtimeError
+from .logs import as_log, as_logs, read, read_records
+
+__all__ = ["DeadtimeError", "Log", "__version__", "as_log", "as_logs", "errors", "read", "read_records"]

@@ -1,0 +1,77 @@
+//! Errors as Python exceptions: one class per kind, all of them in `deadtime.errors`.
+
+use pyo3::exceptions::PyKeyboardInterrupt;
+use pyo3::prelude::*;
+use pyo3::types::PyType;
+
+use crate::Error;
+
+/// The classes of `deadtime.errors`, beside their base `DeadtimeError`; a test holds them against the module.
+const CLASSES: [&str; 13] = [
+    "TimeError",
+    "LogError",
+    "ModelError",
+    "SignalError",
+    "SimulateError",
+    "GapError",
+    "EffectError",
+    "DelayError",
+    "DiagnosisError",
+    "BlindError",
+    "StudyError",
+    "RegistryError",
+    "FileError",
+];
+
+/// The class that stands for an error; `None` where nobody waits for the answer any more.
+fn class(error: &Error) -> Option<&'static str> {
+    Some(match error {
+        Error::Time(_) => "TimeError",
+        Error::Log(_) => "LogError",
+        Error::Model(_) => "ModelError",
+        Error::Signal(_) => "SignalError",
+        Error::Simulate(_) => "SimulateError",
+        Error::Gap(_) => "GapError",
+        Error::Effect(_) => "EffectError",
+        Error::Delay(_) => "DelayError",
+        Error::Diagnosis(_) => "DiagnosisError",
+        Error::Blind(_) => "BlindError",
+        Error::Study(_) => "StudyError",
+        Error::Registry(_) => "RegistryError",
+        Error::Io { .. } => "FileError",
+        Error::Stopped => return None,
+    })
+}
+
+/// An error as the exception of its kind. A file's keeps the operating system's number, so that `except FileNotFoundError` is not needed to tell why.
+pub(super) fn raise(py: Python<'_>, error: impl Into<Error>) -> PyErr {
+    let error = error.into();
+    let Some(name) = class(&error) else { return PyKeyboardInterrupt::new_err(()) };
+    let class = |name: &str| -> PyResult<Bound<'_, PyType>> { Ok(py.import("deadtime.errors")?.getattr(name)?.cast_into()?) };
+    match (class(name), &error) {
+        (Ok(class), Error::Io { path, source }) => PyErr::from_type(class, (source.raw_os_error(), os_message(source), path.clone())),
+        (Ok(class), _) => PyErr::from_type(class, error.to_string()),
+        (Err(missing), _) => missing,
+    }
+}
+
+/// The result of the crate as Python's.
+pub(super) trait OrRaise<T> {
+    fn or_raise(self, py: Python<'_>) -> PyResult<T>;
+}
+
+impl<T, E: Into<Error>> OrRaise<T> for Result<T, E> {
+    fn or_raise(self, py: Python<'_>) -> PyResult<T> {
+        self.map_err(|e| raise(py, e))
+    }
+}
+
+pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("ERROR_CLASSES", CLASSES)
+}
+
+/// What the operating system said, without the number that stands beside it.
+fn os_message(source: &std::io::Error) -> String {
+    let text = source.to_string();
+    text.split(" (os error").next().unwrap_or(&text).to_owned()
+}

@@ -1,0 +1,195 @@
+//! Measured logs: [`crate::log`].
+
+use std::path::PathBuf;
+
+use numpy::PyArray1;
+use pyo3::exceptions::PyKeyError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use super::convert::{Numbers, array1, vector};
+use super::error::OrRaise;
+use crate::log::{Channel, Log as Inner, read, read_records};
+use crate::time::SampleTime;
+
+/// A measured log: time stamps and named channels of as many samples.
+///
+/// Parameters
+/// ----------
+/// time : array, shape (N,)
+///     Time stamps, s, strictly increasing, perhaps uneven.
+/// channels : dict of str to array, shape (N,)
+///     Samples by channel. NaN marks a missing one, which only an output may have.
+/// units : dict of str to str, optional
+///     Units by channel.
+/// source : str
+///     What error messages call the log.
+///
+/// Raises
+/// ------
+/// LogError
+///     Time that does not increase, channels of other lengths, infinite samples.
+#[pyclass(frozen, module = "deadtime", name = "Log")]
+#[derive(Clone)]
+pub(super) struct Log(pub(super) Inner);
+
+#[pymethods]
+impl Log {
+    #[new]
+    #[pyo3(signature = (time, channels, units = None, source = "log"))]
+    fn new(
+        py: Python<'_>,
+        time: Numbers<'_>,
+        channels: &Bound<'_, PyDict>,
+        units: Option<&Bound<'_, PyDict>>,
+        source: &str,
+    ) -> PyResult<Self> {
+        let mut columns = Vec::with_capacity(channels.len());
+        for (name, samples) in channels {
+            let (name, samples): (String, Numbers<'_>) = (name.extract()?, samples.extract()?);
+            let unit: Option<String> = match units {
+                Some(units) => units.get_item(&name)?.map(|u| u.extract()).transpose()?.flatten(),
+                None => None,
+            };
+            let values = vector(&samples);
+            columns.push(if values.iter().any(|v| v.is_nan()) {
+                let present = values.iter().map(|v| !v.is_nan()).collect();
+                let values = values.into_iter().map(|v| if v.is_nan() { 0.0 } else { v }).collect();
+                Channel::partial(name, unit.as_deref(), values, present)
+            } else {
+                Channel::new(name, unit.as_deref(), values)
+            });
+        }
+        if let Some(units) = units {
+            for (name, _) in units {
+                if !channels.contains(&name)? {
+                    return Err(PyKeyError::new_err(format!("units: there is no channel {}", name.repr()?)));
+                }
+            }
+        }
+        Ok(Self(Inner::new(source, vector(&time), columns).or_raise(py)?))
+    }
+
+    /// The records of a CSV file (.csv or .csv.gz), one without `records`, else one per new value of that column.
+    #[staticmethod]
+    #[pyo3(signature = (path, records = None))]
+    fn _read(py: Python<'_>, path: PathBuf, records: Option<String>) -> PyResult<Vec<Self>> {
+        let logs = py.detach(|| match records {
+            Some(column) => read_records(&path, &column),
+            None => read(&path).map(|log| vec![log]),
+        });
+        Ok(logs.or_raise(py)?.into_iter().map(Self).collect())
+    }
+
+    /// Writes the log as CSV (.csv, or .csv.gz), under a temporary name until it is whole.
+    fn write_csv(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| self.0.write_csv(&path)).or_raise(py)
+    }
+
+    /// The part from `start` to `stop`, seconds from the log's first sample.
+    #[pyo3(signature = (start = None, stop = None))]
+    fn window(&self, py: Python<'_>, start: Option<f64>, stop: Option<f64>) -> PyResult<Self> {
+        Ok(Self(self.0.window(start, stop).or_raise(py)?))
+    }
+
+    /// The log on an even grid of this sample time, s: the channels named in `held` keep their value between samples, the others are interpolated.
+    #[pyo3(signature = (sample_time, held = Vec::new()))]
+    fn resample(&self, py: Python<'_>, sample_time: f64, held: Vec<String>) -> PyResult<Self> {
+        let held: Vec<&str> = held.iter().map(String::as_str).collect();
+        let sample_time = SampleTime::new(sample_time).or_raise(py)?;
+        Ok(Self(self.0.resample(sample_time, &held).or_raise(py)?))
+    }
+
+    /// The log with other channel names: `names` maps a new name to the one it replaces, as `--map NEW=OLD` does.
+    fn rename(&self, py: Python<'_>, names: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let map: Vec<(String, String)> = names.iter().map(|(new, old)| Ok((new.extract()?, old.extract()?))).collect::<PyResult<_>>()?;
+        Ok(Self(self.0.clone().rename(&map).or_raise(py)?))
+    }
+
+    /// What error messages call the log.
+    #[getter]
+    fn source(&self) -> &str {
+        self.0.source()
+    }
+
+    /// Time stamps, s, shape (N,): a copy.
+    #[getter]
+    fn time<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.time_s())
+    }
+
+    /// Names of the channels, in order.
+    #[getter]
+    fn channels(&self) -> Vec<String> {
+        self.0.names().map(str::to_owned).collect()
+    }
+
+    /// Units of those channels that have one.
+    #[getter]
+    fn units<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let units = PyDict::new(py);
+        for channel in self.0.channels() {
+            if let Some(unit) = channel.unit() {
+                units.set_item(channel.name(), unit)?;
+            }
+        }
+        Ok(units)
+    }
+
+    /// From the first sample to the last, s.
+    #[getter]
+    fn duration(&self) -> f64 {
+        self.0.duration_s()
+    }
+
+    /// The sample time, s, of a log on an even grid; None where it is uneven.
+    #[getter]
+    fn sample_time(&self) -> Option<f64> {
+        self.0.even_grid().ok().map(SampleTime::seconds)
+    }
+
+    /// A channel's samples, shape (N,), NaN where one is missing: a copy.
+    fn __getitem__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let channel = self.0.channel(name).map_err(|e| PyKeyError::new_err(e.to_string()))?;
+        let samples = channel.samples();
+        Ok(match samples.present {
+            None => PyArray1::from_slice(py, samples.values),
+            Some(_) => array1(py, (0..self.0.len()).map(|k| samples.get(k).unwrap_or(f64::NAN)).collect()),
+        })
+    }
+
+    fn __contains__(&self, name: &str) -> bool {
+        self.0.names().any(|n| n == name)
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.len()
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.0 == other.0
+    }
+
+    fn __repr__(&self) -> String {
+        let grid = self.sample_time().map_or_else(|| "uneven".to_owned(), |ts| format!("every {ts} s"));
+        let channels: Vec<String> = self.0.channels().map(Channel::header).collect();
+        format!("<Log {}: {} samples, {grid}, {:.6} s; {}>", self.0.source(), self.0.len(), self.0.duration_s(), channels.join(", "))
+    }
+
+    /// Pickles by its samples.
+    #[allow(clippy::type_complexity)]
+    fn __reduce__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>, Bound<'py, PyDict>, Bound<'py, PyDict>, String))> {
+        let (py, log) = (slf.py(), slf.get());
+        let channels = PyDict::new(py);
+        for name in log.0.names() {
+            channels.set_item(name, log.__getitem__(py, name)?)?;
+        }
+        Ok((slf.get_type().into_any(), (log.time(py), channels, log.units(py)?, log.0.source().to_owned())))
+    }
+}
+
+pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_class::<Log>()
+}
