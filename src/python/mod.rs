@@ -1,9 +1,11 @@
 //! The native half of the Python package: faces of the crate's types and functions, one file per mirrored module. They only delegate; what a person
 //! calls, with its defaults and its neighbours' types, stands in `python/deadtime`.
 
+mod blind;
 mod convert;
 mod error;
 mod log;
+mod study;
 mod work;
 
 use pyo3::prelude::*;
@@ -13,5 +15,7 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     error::add(m)?;
     log::add(m)?;
+    study::add(m)?;
+    blind::add(m)?;
     work::add(m)
 }
