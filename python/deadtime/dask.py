@@ -279,6 +279,8 @@ def _results(
 
     The scheduler itself gives the tasks of a worker that died to another one.
     """
+    from distributed.comm import CommClosedError
+
     token = uuid.uuid4().hex[:12]
     waiting = iter(tasks)
     done = distributed.as_completed(loop=client.loop, raise_errors=False)
@@ -315,7 +317,7 @@ def _results(
                 error = future.exception()
                 if isinstance(error, distributed.KilledWorker):
                     raise StudyError(f"{prefix}, task {task}: workers died on it again and again, the last one {error.last_worker}") from error
-                if not isinstance(error, FileError | distributed.CommClosedError) or tries[task] >= TRIES:
+                if not isinstance(error, FileError | CommClosedError) or tries[task] >= TRIES:
                     raise error
                 submit(task)
             elif tries[task] < TRIES:
