@@ -4,6 +4,7 @@
 mod convert;
 mod error;
 mod log;
+mod model;
 mod work;
 
 use pyo3::prelude::*;
@@ -13,5 +14,6 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     error::add(m)?;
     log::add(m)?;
+    model::add(m)?;
     work::add(m)
 }
