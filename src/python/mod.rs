@@ -5,6 +5,8 @@ mod convert;
 mod error;
 mod log;
 mod model;
+mod simulate;
+mod state_space;
 mod work;
 
 use pyo3::prelude::*;
@@ -15,5 +17,7 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     error::add(m)?;
     log::add(m)?;
     model::add(m)?;
+    simulate::add(m)?;
+    state_space::add(m)?;
     work::add(m)
 }
