@@ -6,6 +6,7 @@ mod command;
 mod convert;
 mod error;
 mod log;
+mod model;
 mod work;
 
 use pyo3::prelude::*;
@@ -17,5 +18,6 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     command::add(m)?;
     error::add(m)?;
     log::add(m)?;
+    model::add(m)?;
     work::add(m)
 }
