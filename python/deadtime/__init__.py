@@ -6,8 +6,20 @@ Signals are NumPy arrays in SI units, time is in seconds. Where a log is asked f
 from __future__ import annotations
 
 from . import errors
-from ._native import Log, __version__
+from ._native import Log, Model, __version__
 from .errors import DeadtimeError
 from .logs import as_log, as_logs, read, read_records
+from .models import as_model
 
-__all__ = ["DeadtimeError", "Log", "__version__", "as_log", "as_logs", "errors", "read", "read_records"]
+__all__ = [
+    "DeadtimeError",
+    "Log",
+    "Model",
+    "__version__",
+    "as_log",
+    "as_logs",
+    "as_model",
+    "errors",
+    "read",
+    "read_records",
+]
