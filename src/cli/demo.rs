@@ -10,8 +10,7 @@ use crate::diagnose::{GapOptions, diagnose};
 use crate::file::write_atomic;
 use crate::log;
 use crate::model::{ModelDocument, ModelFile};
-use crate::report::diagnosis::{ranking, summary};
-use crate::report::html::page;
+use crate::report::diagnosis::{ranking, save, summary};
 use crate::report::study::{cells, page as study_page};
 use crate::stop::Stop;
 use crate::study::{Plan, Runner};
@@ -105,9 +104,7 @@ impl Demo {
             say!("   {line}");
         }
         say!("\n{}", ranking(&found.diagnosis, 6).to_string().trim_end());
-        found.diagnosis.write(&file("diagnosis.json"))?;
-        found.model.write(&file("model_with_effects.toml"))?;
-        write_atomic(&file("report.html"), |out| out.write_all(page(&found).as_bytes()))?;
+        save(&found, &self.out)?;
 
         say!(
             "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy/ (the study), diagnosis.json, report.html, model_with_effects.toml.",
