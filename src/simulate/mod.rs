@@ -12,15 +12,17 @@ mod nonlinear;
 pub mod ode;
 mod piecewise;
 pub mod plan;
+mod response;
 mod run;
 mod sampled;
 mod system;
 mod walk;
 
 pub use black_box::{Face, Remembered, Simulator, Start};
-pub use lsim::{Options, Prehistory, Response, lsim, lsim_sampled, lsim_uneven};
+pub use lsim::{Options, Prehistory, Response, lsim, lsim_at, lsim_sampled, lsim_sampled_at, lsim_uneven};
 pub use piecewise::{Piece, Piecewise};
 pub use plan::{Drops, Mode, Plan, Source, Term, Tolerance};
+pub use response::{impulse_response, impulse_response_sampled, step_response, step_response_sampled};
 pub use run::Commands;
 pub use system::{Dynamics, Matrices, Port, System};
 pub use walk::{Correction, Measured, Run};
@@ -65,6 +67,18 @@ pub enum SimulateError {
         sample: usize,
         /// The value.
         value: f64,
+    },
+    /// Time stamps off the grid of a sampled model.
+    #[error(
+        "time is {time_s} s at sample {sample}, where the model's sample time asks for {due_s} s; resample, or leave the time stamps out"
+    )]
+    Grid {
+        /// Sample, counted from 0.
+        sample: usize,
+        /// Time there.
+        time_s: f64,
+        /// Time on the model's grid.
+        due_s: f64,
     },
     /// Time stamps that do not increase.
     #[error("time goes from {before_s} s to {after_s} s at sample {sample}; it must increase")]
