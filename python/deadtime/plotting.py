@@ -128,7 +128,7 @@ def study(result: Study) -> Figure:
         limits = [c["bound_rms_samples"] for c in cells if c["bound_rms_samples"]]
         held = [100 * c["coverage95"] for c in cells if c["coverage95"] is not None]
         axes[0].plot(rms, [row] * len(rms), "o", color="C0", alpha=0.5, label="RMS error" if row == 0 else None)
-        axes[0].plot(limits, [row] * len(bounds), "|", color="C3", markersize=12, label="Cramér-Rao bound" if row == 0 else None)
+        axes[0].plot(limits, [row] * len(limits), "|", color="C3", markersize=12, label="Cramér-Rao bound" if row == 0 else None)
         for axis, values in ((axes[0], rms), (axes[1], held)):
             if values:
                 axis.plot([sorted(values)[len(values) // 2]], [row], "D", color="black", markersize=5)
