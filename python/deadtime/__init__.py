@@ -5,7 +5,7 @@ Signals are NumPy arrays in SI units, time is in seconds. Where a log is asked f
 
 from __future__ import annotations
 
-from . import errors
+from . import blind, errors
 from ._native import Log, Model, StateSpace, TransferFunction, __version__
 from .errors import DeadtimeError
 from .logs import as_log, as_logs, read, read_records
@@ -26,32 +26,13 @@ from .models import (
     to_scipy,
     uav,
 )
+from .studies import GateResult, Plan, Study, gate, plans, plants, read_study, study
 
-__all__ = [
-    "DeadtimeError",
-    "Log",
-    "Model",
-    "StateSpace",
-    "TransferFunction",
-    "__version__",
-    "as_log",
-    "as_logs",
-    "as_model",
-    "as_system",
-    "c2d",
-    "conversions",
-    "d2c",
-    "dare",
-    "dlqr",
-    "effects",
-    "errors",
-    "impulse_response",
-    "lsim",
-    "read",
-    "read_records",
-    "simulate",
-    "step_response",
-    "to_control",
-    "to_scipy",
-    "uav",
-]
+__all__ = ["DeadtimeError", "__version__", "blind", "errors"]
+# Logs.
+__all__ += ["Log", "as_log", "as_logs", "read", "read_records"]
+# Models.
+__all__ += ["Model", "StateSpace", "TransferFunction", "as_model", "as_system", "c2d", "conversions", "d2c", "dare", "dlqr", "effects"]
+__all__ += ["impulse_response", "lsim", "simulate", "step_response", "to_control", "to_scipy", "uav"]
+# Studies.
+__all__ += ["GateResult", "Plan", "Study", "gate", "plans", "plants", "read_study", "study"]

@@ -13,7 +13,6 @@ mod c2d;
 mod check;
 mod demo;
 mod estimate;
-mod events;
 mod excite;
 mod gap;
 mod gate;

@@ -1,6 +1,7 @@
 //! The native half of the Python package: faces of the crate's types and functions, one file per mirrored module. They only delegate; what a person
 //! calls, with its defaults and its neighbours' types, stands in `python/deadtime`.
 
+mod blind;
 #[cfg(feature = "cli")]
 mod command;
 mod convert;
@@ -10,6 +11,7 @@ mod log;
 mod model;
 mod simulate;
 mod state_space;
+mod study;
 mod work;
 
 use pyo3::prelude::*;
@@ -25,5 +27,9 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     model::add(m)?;
     simulate::add(m)?;
     state_space::add(m)?;
-    work::add(m)
+    study::add(m)?;
+    blind::add(m)?;
+    work::add(m)?;
+    // The list of names that `add` keeps is for `import *`, which nobody does here.
+    m.delattr("__all__")
 }
