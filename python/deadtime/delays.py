@@ -346,7 +346,7 @@ class Estimates:
         key = (pair.input, pair.output)
         if key not in self._responses:
             between = pair.output != "*" and bool(self._logs)
-            self._responses[key] = impulse_response(self._logs, *key, detrend=self._detrend) if between else None
+            self._responses[key] = estimate_impulse_response(self._logs, *key, detrend=self._detrend) if between else None
         return self._responses[key]
 
     def plot(self) -> Figure:
@@ -361,7 +361,7 @@ class Estimates:
         """
         from . import plotting
 
-        return plotting.estimates(self)
+        return plotting.plot_estimates(self)
 
 
 
@@ -599,7 +599,7 @@ def predict_precision(
     return dict(pair["methods"])
 
 
-def impulse_response(
+def estimate_impulse_response(
     log: LogLike | Iterable[LogLike], input: str, output: str, *, detrend: Detrend = "mean"
 ) -> _Response | None:
     """The impulse response from one channel to another by least squares, as the method `threshold` estimates it.

@@ -10,8 +10,7 @@ use crate::diagnose::{GapOptions, diagnose};
 use crate::file::write_atomic;
 use crate::log;
 use crate::model::{ModelDocument, ModelFile};
-use crate::report::diagnosis::{ranking, summary};
-use crate::report::html::page;
+use crate::report::diagnosis::{ranking, save, summary};
 use crate::report::study::{cells, page as study_page};
 use crate::stop::Stop;
 use crate::study::{Plan, Runner};
@@ -87,7 +86,7 @@ impl Demo {
             g.method = most_trusted().map(|m| m.entry.name.to_owned()).collect();
         });
         let folder = self.out.join("accuracy");
-        let study = Runner::new(&plan)?.run(&folder, true, &|_| ())?;
+        let study = Runner::new(&plan)?.run(&folder, true, &Stop::default(), &|_| ())?;
         let (_, accuracy) = cells(&study, &plan.name);
         say!("{}", accuracy.to_string().trim_end_matches('\n'));
         write_atomic(&folder.join("tables.md"), |out| out.write_all(study_page(&study, &plan).as_bytes()))?;
@@ -105,9 +104,7 @@ impl Demo {
             say!("   {line}");
         }
         say!("\n{}", ranking(&found.diagnosis, 6).to_string().trim_end());
-        found.diagnosis.write(&file("diagnosis.json"))?;
-        found.model.write(&file("model_with_effects.toml"))?;
-        write_atomic(&file("report.html"), |out| out.write_all(page(&found).as_bytes()))?;
+        save(&found, &self.out)?;
 
         say!(
             "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy/ (the study), diagnosis.json, report.html, model_with_effects.toml.",

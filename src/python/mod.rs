@@ -1,16 +1,24 @@
 //! The native half of the Python package: faces of the crate's types and functions, one file per mirrored module. They only delegate; what a person
 //! calls, with its defaults and its neighbours' types, stands in `python/deadtime`.
 
+mod blind;
+mod bound;
 mod bound;
 #[cfg(feature = "cli")]
 mod command;
 mod convert;
 mod delay;
+mod delay;
 mod error;
+mod file;
 mod file;
 mod log;
 mod model;
 mod signal;
+mod signal;
+mod simulate;
+mod state_space;
+mod study;
 mod work;
 
 use pyo3::prelude::*;
@@ -22,10 +30,18 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     command::add(m)?;
     bound::add(m)?;
     delay::add(m)?;
+    bound::add(m)?;
+    delay::add(m)?;
     error::add(m)?;
+    file::add(m)?;
     file::add(m)?;
     log::add(m)?;
     model::add(m)?;
+    signal::add(m)?;
+    simulate::add(m)?;
+    state_space::add(m)?;
+    study::add(m)?;
+    blind::add(m)?;
     signal::add(m)?;
     work::add(m)
 }

@@ -7,8 +7,11 @@ use pyo3::types::PyDict;
 
 use super::convert::object;
 use super::error::{OrRaise, raise};
+use super::state_space::{Either, StateSpace};
 use crate::effect::Applied;
-use crate::model::{EffectEntry, ModelDocument};
+use crate::model::uav::{self, Dynamics};
+use crate::model::{Channel, EffectEntry, ModelDocument, ModelError, ModelFile, Operating, State};
+use crate::registry::RegistryError;
 use crate::simulate::System;
 
 /// What error messages call a model that comes from no file.
@@ -60,6 +63,90 @@ impl Model {
         options.set_item("default", plain)?;
         let text: String = py.import("json")?.call_method("dumps", (data,), Some(&options))?.extract()?;
         Self::from_json(py, &text, source)
+    }
+
+    /// A simulator from a linear system: one of ours, of python-control or of scipy.
+    ///
+    /// Parameters
+    /// ----------
+    /// system : StateSpace, TransferFunction, or what `deadtime.as_system` takes
+    ///     The system.
+    /// inputs, outputs, states : list of str, optional
+    ///     Names, as the log's columns are called. Without them the system's own labels, where python-control gives some, else u, y, x with a number
+    ///     where there are several.
+    /// name : str, optional
+    ///     The model's name.
+    /// units : dict of str to str, optional
+    ///     Units by name of an input, output or state.
+    /// operating : dict of str to float or "mean", optional
+    ///     Where the system was linearised, by input and output: it acts on u − operating and gives y − operating.
+    /// initial : array_like, shape (n,), optional
+    ///     The state when a log starts; 0 without it.
+    /// initial_std : array_like, shape (n,), optional
+    ///     How far `initial` is trusted, 0: exactly. Without it the start is unknown.
+    /// sample_time : float, optional
+    ///     s, as `deadtime.as_system` takes it.
+    #[staticmethod]
+    #[pyo3(signature = (system, inputs = None, outputs = None, states = None, *, name = None, units = None, operating = None, initial = None, initial_std = None, sample_time = None))]
+    #[allow(clippy::too_many_arguments)]
+    fn from_system(
+        py: Python<'_>,
+        system: &Bound<'_, PyAny>,
+        inputs: Option<&Bound<'_, PyAny>>,
+        outputs: Option<&Bound<'_, PyAny>>,
+        states: Option<&Bound<'_, PyAny>>,
+        name: Option<&str>,
+        units: Option<&Bound<'_, PyAny>>,
+        operating: Option<&Bound<'_, PyAny>>,
+        initial: Option<&Bound<'_, PyAny>>,
+        initial_std: Option<&Bound<'_, PyAny>>,
+        sample_time: Option<f64>,
+    ) -> PyResult<Self> {
+        let file = py.import("deadtime.models")?.getattr("_file_of_system")?;
+        let data = file.call1((system, inputs, outputs, states, name, units, operating, initial, initial_std, sample_time))?;
+        Self::from_dict(py, &data, NO_FILE)
+    }
+
+    /// A nonlinear simulator from its equations.
+    ///
+    /// Parameters
+    /// ----------
+    /// derivatives : dict of str to str
+    ///     dx/dt of each state, in the order of the states: expressions in states, inputs, parameters and `time` (s).
+    /// outputs : dict of str to str
+    ///     Each output, in the same names.
+    /// inputs : list of str
+    ///     Names of the inputs.
+    /// parameters : dict of str to float, optional
+    ///     Named numbers, which a diagnosis may find wrong.
+    /// name : str
+    ///     The model's name.
+    /// units : dict of str to str, optional
+    ///     Units by name of an input, output, state or parameter.
+    /// initial : dict of str to float, optional
+    ///     States when a log starts; 0 without it.
+    /// initial_std : dict of str to float, optional
+    ///     How far these are trusted, 0: exactly. A state without one has an unknown start.
+    /// input_delay : dict of str to float, optional
+    ///     Delays of inputs, s.
+    #[staticmethod]
+    #[pyo3(signature = (derivatives, outputs, inputs, parameters = None, *, name = NO_FILE, units = None, initial = None, initial_std = None, input_delay = None))]
+    #[allow(clippy::too_many_arguments)]
+    fn from_equations(
+        py: Python<'_>,
+        derivatives: &Bound<'_, PyAny>,
+        outputs: &Bound<'_, PyAny>,
+        inputs: &Bound<'_, PyAny>,
+        parameters: Option<&Bound<'_, PyAny>>,
+        name: &str,
+        units: Option<&Bound<'_, PyAny>>,
+        initial: Option<&Bound<'_, PyAny>>,
+        initial_std: Option<&Bound<'_, PyAny>>,
+        input_delay: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let file = py.import("deadtime.models")?.getattr("_file_of_equations")?;
+        let data = file.call1((derivatives, outputs, inputs, parameters, name, units, initial, initial_std, input_delay))?;
+        Self::from_dict(py, &data, name)
     }
 
     /// The keys of the model file, as dicts, lists and numbers.
@@ -161,6 +248,22 @@ impl Model {
         object(py, &effects)
     }
 
+    /// The linear system of a model of kind `lti`, without its effects and operating points.
+    ///
+    /// Raises
+    /// ------
+    /// ModelError
+    ///     The model is one of equations.
+    fn system(&self, py: Python<'_>) -> PyResult<StateSpace> {
+        match &self.0 {
+            ModelDocument::Lti(file) if file.is_sampled() => Ok(StateSpace(Either::Sampled(file.sampled().or_raise(py)?))),
+            ModelDocument::Lti(file) => Ok(StateSpace(Either::Continuous(file.continuous().or_raise(py)?))),
+            ModelDocument::Equations(file) => {
+                Err(raise(py, ModelError::NotLinear { path: file.name.clone().into(), kind: "equations".to_owned() }))
+            }
+        }
+    }
+
     fn __eq__(&self, other: &Self) -> bool {
         self.0 == other.0
     }
@@ -193,6 +296,26 @@ impl Model {
     }
 }
 
+/// The quadrotor of the thesis: one of its four dynamics, or the whole.
+#[pyfunction]
+fn _uav(py: Python<'_>, name: Option<&str>) -> PyResult<Model> {
+    let (name, sys, parts) = match name {
+        None => ("uav", uav::model(), Dynamics::ALL.to_vec()),
+        Some(name) => match Dynamics::ALL.into_iter().find(|d| d.name() == name) {
+            Some(dynamics) => (dynamics.name(), dynamics.model(), vec![dynamics]),
+            None => {
+                let known = Dynamics::ALL.iter().map(|d| d.name()).collect();
+                return Err(raise(py, RegistryError::Unknown { kind: "dynamics", name: name.to_owned(), known }));
+            }
+        },
+    };
+    let channel = |name: &str, unit: &str| Channel { name: name.to_owned(), unit: Some(unit.to_owned()), operating: Operating::default() };
+    let inputs = parts.iter().map(|d| channel(d.input(), "1")).collect();
+    let states = parts.iter().flat_map(|d| d.states()).map(|(n, u)| State { name: (*n).to_owned(), unit: Some((*u).to_owned()) }).collect();
+    let outputs = parts.iter().flat_map(|d| d.outputs()).map(|(n, u)| channel(n, u)).collect();
+    Ok(Model(ModelDocument::Lti(ModelFile::from_continuous(name, &sys, inputs, states, outputs).or_raise(py)?)))
+}
+
 /// A model from the text of its file, for pickle.
 #[pyfunction]
 fn _model(py: Python<'_>, text: &str, source: &str) -> PyResult<Model> {
@@ -201,5 +324,6 @@ fn _model(py: Python<'_>, text: &str, source: &str) -> PyResult<Model> {
 
 pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<Model>()?;
+    m.add_function(wrap_pyfunction!(_uav, m)?)?;
     m.add_function(wrap_pyfunction!(_model, m)?)
 }

@@ -264,7 +264,7 @@ def test_an_impulse_response_is_the_convolution_s() -> None:
     h = numpy.zeros(71)
     h[[3, 4, 5]] = 1.0, 0.5, -0.25
     y = numpy.convolve(u, h)[:4000] + 0.01 * rng.standard_normal(4000)
-    found = deadtime.impulse_response({"time": TS * numpy.arange(4000), "u": u, "y": y}, "u", "y", detrend="none")
+    found = deadtime.estimate_impulse_response({"time": TS * numpy.arange(4000), "u": u, "y": y}, "u", "y", detrend="none")
     assert found is not None
     lag, response, std = found
     assert numpy.allclose(lag, TS * numpy.arange(71))
