@@ -20,19 +20,6 @@ from .delays import (
     methods,
     predict_precision,
 )
-from .delays import (
-    Estimate,
-    Estimates,
-    Method,
-    Pair,
-    Verdict,
-    estimate,
-    estimate_delay,
-    estimate_events,
-    estimate_impulse_response,
-    methods,
-    predict_precision,
-)
 from .errors import DeadtimeError
 from .logs import as_log, as_logs, read, read_records
 from .models import (
@@ -51,7 +38,6 @@ from .models import (
     uav,
 )
 from .signals import Excitation, add_noise, excitations, excite
-from .signals import Excitation, add_noise, excitations, excite
 from .studies import GateResult, Plan, Study, gate, plans, plants, read_study, study
 
 __all__ = ["DeadtimeError", "__version__", "blind", "bounds", "errors"]
@@ -65,10 +51,5 @@ __all__ += ["lsim", "step_response", "to_control", "to_scipy", "uav"]
 # Dead time.
 __all__ += ["Estimate", "Estimates", "Method", "Pair", "Verdict", "estimate", "estimate_delay", "estimate_events", "estimate_impulse_response"]
 __all__ += ["methods", "predict_precision"]
-# Signals.
-__all__ += ["Excitation", "add_noise", "excitations", "excite"]
-# Estimates.
-__all__ += ["Estimate", "Estimates", "Method", "Pair", "Verdict", "bounds", "estimate", "estimate_delay", "estimate_events"]
-__all__ += ["estimate_impulse_response", "methods", "predict_precision"]
 # Studies.
 __all__ += ["GateResult", "Plan", "Study", "gate", "plans", "plants", "read_study", "study"]

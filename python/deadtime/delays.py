@@ -361,7 +361,7 @@ class Estimates:
         """
         from . import plotting
 
-        return plotting.plot_estimates(self)
+        return plotting.estimates(self)
 
 
 

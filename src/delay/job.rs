@@ -206,8 +206,7 @@ impl Job {
                 }
                 let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
                 // What has no prediction has none; why it cannot be used at all each method says itself.
-                let predicted =
-                    richness(seen.from_start(Start::Rest), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
+                let predicted = richness(seen.from_start(Start::Rest), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
                 let answer = |(ready, predicted): (&&Ready, Option<Richness>)| -> Result<Answer> {
                     self.stop.check()?;
                     let clock = Instant::now();

@@ -449,7 +449,8 @@ impl Part {
         header.check_length(lines)?;
         let row = lines.row;
         let file = || self.source.clone();
-        let not_a_number = |channel: &str, cell| LogError::NotANumber { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
+        let not_a_number =
+            |channel: &str, cell| LogError::NotANumber { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
         let not_finite =
             |channel: &str, cell| LogError::NotFinite { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
         let time = lines.cell(0);

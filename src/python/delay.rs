@@ -165,7 +165,8 @@ fn choice<T: DeserializeOwned>(option: &str, word: &str) -> PyResult<T> {
 
 /// Options as they are written in Python, a dict per method.
 fn by_method(options: &Bound<'_, PyAny>) -> PyResult<BTreeMap<String, Value>> {
-    serde_json::from_value(from_python(options)?).map_err(|e| PyValueError::new_err(format!("options: {e}; give a dict of options for each method")))
+    serde_json::from_value(from_python(options)?)
+        .map_err(|e| PyValueError::new_err(format!("options: {e}; give a dict of options for each method")))
 }
 
 /// The linear model that estimation knows how to use.

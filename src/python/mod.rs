@@ -3,18 +3,14 @@
 
 mod blind;
 mod bound;
-mod bound;
 #[cfg(feature = "cli")]
 mod command;
 mod convert;
 mod delay;
-mod delay;
 mod error;
-mod file;
 mod file;
 mod log;
 mod model;
-mod signal;
 mod signal;
 mod simulate;
 mod state_space;
@@ -30,14 +26,10 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     command::add(m)?;
     bound::add(m)?;
     delay::add(m)?;
-    bound::add(m)?;
-    delay::add(m)?;
     error::add(m)?;
-    file::add(m)?;
     file::add(m)?;
     log::add(m)?;
     model::add(m)?;
-    signal::add(m)?;
     simulate::add(m)?;
     state_space::add(m)?;
     study::add(m)?;

@@ -42,9 +42,7 @@ fn _of_channel(py: Python<'_>, channel: &str, values: Numbers<'_>, sample_time: 
 /// The list of excitations, in order.
 #[pyfunction]
 fn _excitations(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
-    let line = |e: &crate::registry::Entry<dyn crate::signal::Excitation>| {
-        json!({ "name": e.name, "summary": e.summary, "options": (e.defaults)() })
-    };
+    let line = |e: &crate::registry::Entry<dyn crate::signal::Excitation>| json!({ "name": e.name, "summary": e.summary, "options": (e.defaults)() });
     object(py, &EXCITATIONS.iter().map(line).collect::<Vec<_>>())
 }
 
