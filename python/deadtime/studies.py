@@ -285,9 +285,9 @@ class Study:
         ImportError
             matplotlib is not installed: `pip install deadtime[plot]`.
         """
-        from .plotting import plot_study
+        from . import plotting
 
-        return plot_study(self)
+        return plotting.study(self)
 
     def __str__(self) -> str:
         return self._native.text(self._plan).rstrip()
@@ -383,7 +383,7 @@ class GateResult:
 
     def save(self, path: PathLike) -> None:
         """Writes `deadtime/gate@1`."""
-        _native._write_whole(path, (self.to_json() + "\n").encode())
+        _native._write_text(path, self.to_json() + "\n")
 
     def junit(self) -> str:
         """JUnit XML: a suite per grid, a case per method."""

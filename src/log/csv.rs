@@ -10,7 +10,7 @@ use std::path::Path;
 
 use flate2::bufread::MultiGzDecoder;
 
-use super::{Channel, Log, LogError, Rows, Unusable, time_follows};
+use super::{Channel, Log, LogError, Origin, Place, Rows, Unusable, time_follows};
 use crate::error::Error;
 use crate::file::write_atomic;
 
@@ -96,8 +96,10 @@ pub fn read_events_from(source: &str, bytes: impl Read, columns: [&str; 2]) -> R
             let time = match parse(cell) {
                 Cell::Missing => continue,
                 Cell::Number(time) => time,
-                Cell::NotFinite => return Err(LogError::NotFinite { file: file(), row, channel, text: shown(cell) }.into()),
-                Cell::Text => return Err(LogError::NotANumber { file: file(), row, channel, text: shown(cell) }.into()),
+                Cell::NotFinite => {
+                    return Err(LogError::NotFinite { file: file(), place: Place::Row(row), channel, text: shown(cell) }.into());
+                }
+                Cell::Text => return Err(LogError::NotANumber { file: file(), place: Place::Row(row), channel, text: shown(cell) }.into()),
             };
             if let Some(&before) = events.times.last().filter(|before| **before >= time) {
                 return Err(LogError::EventOrder { file: file(), row, channel, before, time }.into());
@@ -211,7 +213,8 @@ fn push_number(line: &mut String, x: f64) {
 }
 
 /// Splits a header `name [unit]` or `name`.
-pub(super) fn name_and_unit(header: &str) -> (&str, Option<&str>) {
+#[must_use]
+pub fn name_and_unit(header: &str) -> (&str, Option<&str>) {
     let header = header.trim();
     match header.strip_suffix(']').and_then(|rest| rest.rsplit_once(" [")) {
         Some((name, unit)) if !unit.trim().is_empty() => (name.trim(), Some(unit.trim())),
@@ -438,7 +441,7 @@ impl Column {
 impl Part {
     fn new(source: String, header: &Header) -> Self {
         let columns = header.columns.iter().map(|_| Column::default()).collect();
-        Self { source, time_s: Vec::new(), columns, rows: Rows::default() }
+        Self { source, time_s: Vec::new(), columns, rows: Rows::new(Origin::File) }
     }
 
     /// Adds the current line as a sample.
@@ -446,8 +449,10 @@ impl Part {
         header.check_length(lines)?;
         let row = lines.row;
         let file = || self.source.clone();
-        let not_a_number = |channel: &str, cell| LogError::NotANumber { file: file(), row, channel: channel.into(), text: shown(cell) };
-        let not_finite = |channel: &str, cell| LogError::NotFinite { file: file(), row, channel: channel.into(), text: shown(cell) };
+        let not_a_number =
+            |channel: &str, cell| LogError::NotANumber { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
+        let not_finite =
+            |channel: &str, cell| LogError::NotFinite { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
         let time = lines.cell(0);
         let time_s = match parse(time) {
             Cell::Number(time_s) => time_s,
@@ -455,7 +460,7 @@ impl Part {
             Cell::NotFinite => return Err(not_finite("time", time)),
             Cell::Text => return Err(not_a_number("time", time)),
         };
-        time_follows(&self.source, || row, self.time_s.last().copied(), time_s)?;
+        time_follows(&self.source, || Place::Row(row), self.time_s.last().copied(), time_s)?;
         self.rows.note(self.time_s.len(), row);
         self.time_s.push(time_s);
         let places = self.columns.iter_mut().zip(&header.columns).enumerate();

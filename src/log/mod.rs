@@ -8,7 +8,7 @@ mod grid;
 #[cfg(test)]
 mod tests;
 
-pub use self::csv::{EventTimes, read, read_events, read_records};
+pub use self::csv::{EventTimes, name_and_unit, read, read_events, read_records};
 pub use self::error::LogError;
 
 use std::collections::HashSet;
@@ -51,29 +51,82 @@ struct Unusable {
     error: LogError,
 }
 
-/// Which line of the file a sample came from: from sample `.0` on, lines count up from `.1`. Nothing stored: from line 2, below a header.
-#[derive(Debug, Clone, Default, PartialEq)]
-struct Rows(Vec<(usize, usize)>);
+/// Where a sample stands, for messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// The line of a file, as an editor counts it: the header is row 1.
+    Row(usize),
+    /// The sample of a log that was made in memory, counted from 0.
+    Sample(usize),
+}
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Row(row) => write!(f, "row {row}"),
+            Self::Sample(sample) => write!(f, "sample {sample}"),
+        }
+    }
+}
+
+/// Where a log's samples came from: from sample `.0` of a mark on, lines of the file (or samples of the numbers in memory) count up from its `.1`.
+#[derive(Debug, Clone, Default)]
+struct Rows {
+    origin: Origin,
+    marks: Vec<(usize, usize)>,
+}
+
+/// Logs of the same samples are equal wherever these stood.
+impl PartialEq for Rows {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+/// What a log was made of.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Origin {
+    /// Numbers in memory: without a mark sample 0 is the first.
+    #[default]
+    Memory,
+    /// A file: without a mark the first sample stands in line 2, below a header.
+    File,
+}
 
 impl Rows {
+    fn new(origin: Origin) -> Self {
+        Self { origin, marks: Vec::new() }
+    }
+
     fn of(&self, sample: usize) -> usize {
-        let after = self.0.partition_point(|&(first, _)| first <= sample);
-        let (first, row) = after.checked_sub(1).and_then(|i| self.0.get(i)).copied().unwrap_or((0, 2));
+        let after = self.marks.partition_point(|&(first, _)| first <= sample);
+        let start = match self.origin {
+            Origin::Memory => 0,
+            Origin::File => 2,
+        };
+        let (first, row) = after.checked_sub(1).and_then(|i| self.marks.get(i)).copied().unwrap_or((0, start));
         row + (sample - first)
+    }
+
+    fn place(&self, sample: usize) -> Place {
+        match self.origin {
+            Origin::Memory => Place::Sample(self.of(sample)),
+            Origin::File => Place::Row(self.of(sample)),
+        }
     }
 
     /// Notes the line of `sample`; samples come in order.
     fn note(&mut self, sample: usize, row: usize) {
         if self.of(sample) != row {
-            self.0.push((sample, row));
+            self.marks.push((sample, row));
         }
     }
 
     /// The lines of the samples `from..to` of this log, counted from 0.
     fn cut(&self, from: usize, to: usize) -> Self {
-        let mut rows = Self::default();
+        let mut rows = Self::new(self.origin);
         rows.note(0, self.of(from));
-        for &(first, row) in self.0.iter().filter(|(first, _)| (from + 1..to).contains(first)) {
+        for &(first, row) in self.marks.iter().filter(|(first, _)| (from + 1..to).contains(first)) {
             rows.note(first - from, row);
         }
         rows
@@ -106,6 +159,13 @@ impl Channel {
         Self { name: name.into(), unit: unit.map(Into::into), values, present: Some(present) }
     }
 
+    /// A channel whose column is headed `name` or `name [unit]`. [`Log::new`] checks it.
+    #[must_use]
+    pub fn headed(header: &str, values: Vec<f64>, present: Option<Vec<bool>>) -> Self {
+        let (name, unit) = name_and_unit(header);
+        Self { name: name.into(), unit: unit.map(Into::into), values, present }
+    }
+
     /// Its name.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -132,7 +192,7 @@ impl Channel {
     /// Checks name, lengths and numbers; missing values become 0 and a mark that marks nothing goes.
     fn checked(mut self, file: &str, samples: usize, rows: &Rows) -> Result<Self, LogError> {
         let header = self.header();
-        let (name, unit) = csv::name_and_unit(&header);
+        let (name, unit) = name_and_unit(&header);
         let one_line = !header.chars().any(|c| c.is_control() && c != '\t');
         if name != self.name || unit != self.unit.as_deref() || name.is_empty() || name == "time" || !one_line {
             return Err(LogError::BadName { file: file.into(), channel: header });
@@ -155,7 +215,7 @@ impl Channel {
         match self.values.iter().position(|value| !value.is_finite()) {
             Some(i) => {
                 let text = self.values.get(i).map_or_else(String::new, f64::to_string);
-                Err(LogError::NotFinite { file: file.into(), row: rows.of(i), channel: self.name, text })
+                Err(LogError::NotFinite { file: file.into(), place: rows.place(i), channel: self.name, text })
             }
             None => Ok(self),
         }
@@ -165,7 +225,7 @@ impl Channel {
 impl Log {
     /// A log from numbers in memory. `source` names it in errors and results (a file's name, say), `time_s` in seconds.
     ///
-    /// Rows in errors count as in the CSV file that [`Log::write_csv`] would write: the first sample is row 2.
+    /// Errors name the sample, counted from 0.
     ///
     /// # Errors
     /// [`LogError`] when there is no sample, time does not increase, a number is not finite, lengths differ,
@@ -183,13 +243,27 @@ impl Log {
         Self::assemble(source.into(), time_s, channels, Vec::new(), Rows::default())
     }
 
+    /// The log with a column that is there but holds something else than numbers: `text` at `sample` is the first. Whoever asks for it is told.
+    ///
+    /// # Errors
+    /// [`LogError::DuplicateChannel`].
+    pub fn without_numbers(mut self, name: impl Into<String>, sample: usize, text: impl Into<String>) -> Result<Self, LogError> {
+        let (name, file) = (name.into(), self.source.clone());
+        let error = LogError::NotANumber { file, place: self.rows.place(sample), channel: name.clone(), text: text.into() };
+        self.unusable.push(Unusable { name, error });
+        Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows)
+    }
+
     fn assemble(source: String, time_s: Vec<f64>, channels: Vec<Channel>, unusable: Vec<Unusable>, rows: Rows) -> Result<Self, LogError> {
         if time_s.is_empty() {
-            return Err(LogError::NoSamples { file: source });
+            return Err(match rows.origin {
+                Origin::Memory => LogError::Nothing { file: source },
+                Origin::File => LogError::NoSamples { file: source },
+            });
         }
         let mut before_s = None;
         for (i, &now_s) in time_s.iter().enumerate() {
-            time_follows(&source, || rows.of(i), before_s, now_s)?;
+            time_follows(&source, || rows.place(i), before_s, now_s)?;
             before_s = Some(now_s);
         }
         let channels = channels.into_iter().map(|channel| channel.checked(&source, time_s.len(), &rows)).collect::<Result<Vec<_>, _>>()?;
@@ -265,11 +339,11 @@ impl Log {
         }
     }
 
-    /// The line of the file that a sample came from, for messages; the header is row 1. After [`Log::resample`], the line of the
+    /// Where a sample came from, for messages: the line of the file, or the sample that was given. After [`Log::resample`], that of the
     /// logged sample at or before it.
     #[must_use]
-    pub fn row(&self, sample: usize) -> usize {
-        self.rows.of(sample)
+    pub fn place(&self, sample: usize) -> Place {
+        self.rows.place(sample)
     }
 
     /// A channel by its name.
@@ -303,7 +377,7 @@ impl Log {
             None => Ok(&channel.values),
             Some(i) => Err(LogError::MissingInput {
                 file: self.source.clone(),
-                row: self.rows.of(i),
+                place: self.rows.place(i),
                 channel: name.into(),
                 time_s: self.time_s.get(i).copied().unwrap_or(0.0),
             }),
@@ -364,16 +438,16 @@ impl Log {
 }
 
 /// Checks one time stamp against the one before it.
-fn time_follows(file: &str, row: impl Fn() -> usize, before_s: Option<f64>, time_s: f64) -> Result<(), LogError> {
+fn time_follows(file: &str, place: impl Fn() -> Place, before_s: Option<f64>, time_s: f64) -> Result<(), LogError> {
     if !time_s.is_finite() {
-        return Err(LogError::NotFinite { file: file.into(), row: row(), channel: "time".into(), text: time_s.to_string() });
+        return Err(LogError::NotFinite { file: file.into(), place: place(), channel: "time".into(), text: time_s.to_string() });
     }
     if time_s.abs() > TIME_LIMIT_S {
-        return Err(LogError::TimeRange { file: file.into(), row: row(), time_s });
+        return Err(LogError::TimeRange { file: file.into(), place: place(), time_s });
     }
     match before_s {
-        Some(before_s) if time_s == before_s => Err(LogError::TimeStandsStill { file: file.into(), row: row(), time_s }),
-        Some(before_s) if time_s < before_s => Err(LogError::TimeRunsBack { file: file.into(), row: row(), before_s, time_s }),
+        Some(before_s) if time_s == before_s => Err(LogError::TimeStandsStill { file: file.into(), place: place(), time_s }),
+        Some(before_s) if time_s < before_s => Err(LogError::TimeRunsBack { file: file.into(), place: place(), before_s, time_s }),
         _ => Ok(()),
     }
 }

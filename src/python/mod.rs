@@ -2,9 +2,19 @@
 //! calls, with its defaults and its neighbours' types, stands in `python/deadtime`.
 
 mod blind;
+mod bound;
+#[cfg(feature = "cli")]
+mod command;
 mod convert;
+mod delay;
+mod effect;
 mod error;
+mod file;
 mod log;
+mod model;
+mod signal;
+mod simulate;
+mod state_space;
 mod study;
 mod work;
 
@@ -13,9 +23,21 @@ use pyo3::prelude::*;
 #[pymodule(name = "_native")]
 fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    error::add(m)?;
-    log::add(m)?;
-    study::add(m)?;
     blind::add(m)?;
-    work::add(m)
+    bound::add(m)?;
+    #[cfg(feature = "cli")]
+    command::add(m)?;
+    delay::add(m)?;
+    effect::add(m)?;
+    error::add(m)?;
+    file::add(m)?;
+    log::add(m)?;
+    model::add(m)?;
+    signal::add(m)?;
+    simulate::add(m)?;
+    state_space::add(m)?;
+    study::add(m)?;
+    work::add(m)?;
+    // The list of names that `add` keeps is for `import *`, which nobody does here.
+    m.delattr("__all__")
 }

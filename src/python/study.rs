@@ -454,12 +454,6 @@ impl Tasks {
     }
 }
 
-/// Writes a file as a whole: under a temporary name, then renamed.
-#[pyfunction]
-fn _write_whole(py: Python<'_>, path: PathBuf, bytes: &[u8]) -> PyResult<()> {
-    py.detach(|| write_atomic(&path, |out| out.write_all(bytes))).or_raise(py)
-}
-
 /// What a gate found, as the crate holds it.
 #[pyclass(frozen, module = "deadtime._native", name = "GateReport")]
 struct GateReport(study::GateReport);
@@ -523,6 +517,5 @@ pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(_plans, m)?)?;
     m.add_function(wrap_pyfunction!(_plants, m)?)?;
     m.add_function(wrap_pyfunction!(_study, m)?)?;
-    m.add_function(wrap_pyfunction!(_estimates, m)?)?;
-    m.add_function(wrap_pyfunction!(_write_whole, m)?)
+    m.add_function(wrap_pyfunction!(_estimates, m)?)
 }
