@@ -77,7 +77,8 @@ impl RunCases {
             Outcome::Kept => eprintln!("{id}: done before"),
             Outcome::Failed(error) => eprintln!("{id}: {error}"),
         };
-        let summary = run(&self.cases, &self.out, &RunOptions { jobs: self.jobs, existing, ..RunOptions::default() }, &diagnose, &progress)?;
+        let summary =
+            run(&self.cases, &self.out, &RunOptions { jobs: self.jobs, existing, ..RunOptions::default() }, &diagnose, &progress)?;
         let failed: Vec<String> = summary.failed().map(|(id, error)| format!("{id}: {error}")).collect();
         let done = summary.cases.len() - failed.len();
         write_json(json, &serde_json::json!({ "cases": summary.cases.len(), "done": done, "failed": failed }))?;

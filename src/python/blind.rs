@@ -53,8 +53,7 @@ fn _blind_run(
         let gap = GapOptions { seed, ..GapOptions::default() };
         let options = RunOptions { jobs, existing: existing(fresh), stop: stop.clone() };
         let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis);
-        let progress =
-            |id: &str, outcome: &Outcome| news.lock().unwrap_or_else(PoisonError::into_inner).push(told(id, outcome));
+        let progress = |id: &str, outcome: &Outcome| news.lock().unwrap_or_else(PoisonError::into_inner).push(told(id, outcome));
         run(&cases, &verdicts, &options, &diagnose, &progress)
     })?;
     Ok(summary.cases.iter().map(|(id, outcome)| told(id, outcome)).collect())
@@ -68,7 +67,15 @@ fn _blind_cases(py: Python<'_>, cases: PathBuf) -> PyResult<Vec<String>> {
 
 /// Diagnoses one case, as `_blind_run` does each.
 #[pyfunction]
-fn _blind_case(py: Python<'_>, case: PathBuf, id: String, verdicts: PathBuf, fresh: bool, seed: u64, threads: Option<usize>) -> PyResult<Told> {
+fn _blind_case(
+    py: Python<'_>,
+    case: PathBuf,
+    id: String,
+    verdicts: PathBuf,
+    fresh: bool,
+    seed: u64,
+    threads: Option<usize>,
+) -> PyResult<Told> {
     long(py, threads, move |_| {
         let gap = GapOptions { seed, ..GapOptions::default() };
         let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis);

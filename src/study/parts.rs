@@ -190,7 +190,9 @@ impl Tasks {
             );
         }
         if !resume {
-            return refused("holds parts of this study; resume=True goes on where it was, removing its tasks.json and estimates starts anew");
+            return refused(
+                "holds parts of this study; resume=True goes on where it was, removing its tasks.json and estimates starts anew",
+            );
         }
         Ok(Some(Self { folder: folder.to_owned(), stamp: saved.stamp, ends: saved.ends }))
     }
@@ -201,7 +203,9 @@ impl Tasks {
     /// [`StudyError::Folder`] where these tasks do not hold every block once; [`crate::Error::Io`].
     pub fn new(runner: &Runner, folder: &Path, ends: Vec<usize>) -> crate::Result<Self> {
         if !tile(&ends, runner.blocks()) {
-            return Err(StudyError::Folder { folder: folder.to_owned(), detail: "the tasks do not hold every block once".to_owned() }.into());
+            return Err(
+                StudyError::Folder { folder: folder.to_owned(), detail: "the tasks do not hold every block once".to_owned() }.into()
+            );
         }
         let (path, parts) = (folder.join(TASKS), folder.join(ESTIMATES));
         std::fs::create_dir_all(&parts).map_err(|e| crate::Error::io(&parts, e))?;

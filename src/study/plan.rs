@@ -599,7 +599,8 @@ impl Grid {
             keys.insert("grid".to_owned(), self.name.as_str().into());
             let ratio = |r: &f64| if r.is_finite() { toml::Value::from(*r) } else { "inf".into() };
             keys.insert("snr".to_owned(), toml::Value::Array(self.snr.iter().map(ratio).collect()));
-            let layout = |l: &Layout| Ok(format!("{}: {}", toml::Value::try_from(l.shown)?.as_str().unwrap_or_default(), l.keys.join(" ")).into());
+            let layout =
+                |l: &Layout| Ok(format!("{}: {}", toml::Value::try_from(l.shown)?.as_str().unwrap_or_default(), l.keys.join(" ")).into());
             keys.insert("by".to_owned(), toml::Value::Array(self.by.iter().map(layout).collect::<Result<_, toml::ser::Error>>()?));
         }
         Ok(value)
