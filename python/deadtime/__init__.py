@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from . import errors
 from ._native import Log, Model, StateSpace, TransferFunction, __version__
+from .diagnosis import Diagnosis, Inspection, Isolability, check, gap, isolability
 from .errors import DeadtimeError
 from .logs import as_log, as_logs, read, read_records
 from .models import (
@@ -27,6 +28,9 @@ from .models import (
 
 __all__ = [
     "DeadtimeError",
+    "Diagnosis",
+    "Inspection",
+    "Isolability",
     "Log",
     "Model",
     "StateSpace",
@@ -37,12 +41,15 @@ __all__ = [
     "as_model",
     "as_system",
     "c2d",
+    "check",
     "conversions",
     "d2c",
     "dare",
     "dlqr",
     "errors",
+    "gap",
     "impulse_response",
+    "isolability",
     "lsim",
     "read",
     "read_records",

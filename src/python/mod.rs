@@ -4,6 +4,7 @@
 #[cfg(feature = "cli")]
 mod command;
 mod convert;
+mod diagnose;
 mod error;
 mod log;
 mod model;
@@ -18,6 +19,7 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     #[cfg(feature = "cli")]
     command::add(m)?;
+    diagnose::add(m)?;
     error::add(m)?;
     log::add(m)?;
     model::add(m)?;
