@@ -29,7 +29,7 @@ pub enum Error {
     Effect(#[from] crate::effect::EffectError),
     /// An estimation that cannot be set up.
     #[error(transparent)]
-    Delay(#[from] crate::delay::DelayError),
+    Delay(crate::delay::DelayError),
     /// A diagnosis that cannot be read or written.
     #[error(transparent)]
     Diagnosis(#[from] crate::diagnose::DiagnosisError),
@@ -57,6 +57,15 @@ pub enum Error {
 
 /// The crate's result type.
 pub type Result<T> = std::result::Result<T, Error>;
+
+impl From<crate::delay::DelayError> for Error {
+    fn from(error: crate::delay::DelayError) -> Self {
+        match error {
+            crate::delay::DelayError::Stopped => Self::Stopped,
+            other => Self::Delay(other),
+        }
+    }
+}
 
 impl Error {
     /// Wraps an operating-system error with the file it is about.

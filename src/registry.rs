@@ -61,6 +61,12 @@ pub fn find<'a, T: ?Sized>(entries: &'a [Entry<T>], kind: &'static str, name: &s
 }
 
 impl<T: ?Sized> Entry<T> {
+    /// Name, summary, and options with their defaults.
+    #[must_use]
+    pub fn data(&self) -> Value {
+        serde_json::json!({ "name": self.name, "summary": self.summary, "options": (self.defaults)() })
+    }
+
     /// Builds the entry with the given options over its defaults.
     ///
     /// # Errors

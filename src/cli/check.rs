@@ -8,6 +8,7 @@ use crate::diagnose::inspect;
 use crate::log::Log;
 use crate::model::ModelDocument;
 use crate::report::checks::text;
+use crate::stop::Stop;
 
 /// Check a model and logs before diagnosing: names, units, time stamps, signs, axes, clocks, stuck and clipped channels, excitation
 #[derive(Debug, clap::Args)]
@@ -31,7 +32,7 @@ impl Check {
         for path in &self.log {
             logs.extend(self.reading.read(path, &held)?);
         }
-        let found = inspect(&document, &logs)?;
+        let found = inspect(&document, &logs, &Stop::default())?;
         write_json(json, &found)?;
         say!("{}", text(&found).trim_end());
         Ok(())

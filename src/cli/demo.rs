@@ -1,17 +1,18 @@
 //! `deadtime demo`: the main job on a simulated flight that ships with the program.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::estimate::{Feedback, Job, chosen};
+use super::estimate::draw;
 use super::write_json;
-use crate::delay::{Class, Detrend, METHODS, Method, Scope};
+use crate::delay::{Class, Detrend, Feedback, Job, METHODS, Method, Scope, chosen};
 use crate::diagnose::{GapOptions, diagnose};
 use crate::file::write_atomic;
 use crate::log;
 use crate::model::{ModelDocument, ModelFile};
-use crate::report::diagnosis::{ranking, summary};
-use crate::report::html::page;
+use crate::report::diagnosis::{ranking, save, summary};
 use crate::report::study::{cells, page as study_page};
+use crate::stop::Stop;
 use crate::study::{Plan, Runner};
 
 /// Run the main job on a simulated UAV flight that ships with the program
@@ -54,18 +55,20 @@ impl Demo {
             logs: vec![log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?],
             inputs: vec!["r".to_owned()],
             outputs: vec!["p".to_owned(), "ay".to_owned()],
-            methods: chosen(&["all".to_owned()], &[], &[Scope::Pair, Scope::States])?,
+            methods: chosen(&["all".to_owned()], &BTreeMap::new(), &[Scope::Pair, Scope::States])?,
             model: Some(model.clone()),
             max_delay_s: None,
             degree_bias: None,
             detrend: Detrend::Mean,
             feedback: Feedback::Auto,
+            resampled: false,
+            stop: Stop::default(),
         };
-        let (report, preamble) = job.run()?;
-        say!("{preamble}");
+        let report = job.run()?;
+        say!("{}", report.preamble());
         say!("{}", report.text(false).trim_end());
         write_json(Some(&file("estimate.json")), &report)?;
-        job.draw(&report, &file("estimate.svg"))?;
+        draw(&job, &report, &file("estimate.svg"))?;
         write_json(json, &report)?;
         say!(
             "\n   The truth is {TRUTH_S} s, six samples and a half. Methods that count samples can only come to within one; the one that knows the"
@@ -101,9 +104,7 @@ impl Demo {
             say!("   {line}");
         }
         say!("\n{}", ranking(&found.diagnosis, 6).to_string().trim_end());
-        found.diagnosis.write(&file("diagnosis.json"))?;
-        found.model.write(&file("model_with_effects.toml"))?;
-        write_atomic(&file("report.html"), |out| out.write_all(page(&found).as_bytes()))?;
+        save(&found, &self.out)?;
 
         say!(
             "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy/ (the study), diagnosis.json, report.html, model_with_effects.toml.",

@@ -6,11 +6,9 @@ use super::progress::Bar;
 use super::source::Reading;
 use super::write_json;
 use crate::diagnose::{GapOptions, Mode, diagnose, isolability};
-use crate::file::write_atomic;
 use crate::log::Log;
 use crate::model::ModelDocument;
-use crate::report::diagnosis::{ranking, summary};
-use crate::report::html::page;
+use crate::report::diagnosis::{ranking, save, summary};
 use crate::report::isolability::text as isolability_text;
 
 /// Diagnose the gap between a model and logs of the real machine: where it lies, which unmodelled effect causes it, how far it shrinks
@@ -74,6 +72,7 @@ impl Gap {
             }),
             longest_delay_s: self.max_delay,
             seed: self.seed,
+            ..GapOptions::default()
         };
         let Some(out) = self.out.as_deref().filter(|_| !self.isolability) else {
             let found = isolability(&document, &logs, &options)?;
@@ -85,16 +84,14 @@ impl Gap {
         let found = diagnose(&document, &logs, &holdout, &options, &|stage| bar.show(stage.begins_at(), &stage));
         bar.end();
         let found = found?;
-        found.diagnosis.write(&out.join("diagnosis.json"))?;
-        found.model.write(&out.join("model_with_effects.toml"))?;
-        write_atomic(&out.join("report.html"), |out| out.write_all(page(&found).as_bytes()))?;
+        let written = save(&found, out)?;
         write_json(json, &found.diagnosis)?;
         say!("{}", summary(&found.diagnosis));
         for caveat in &found.caveats {
             say!("Caveat: {caveat}.");
         }
         say!("\n{}", ranking(&found.diagnosis, self.rows).to_string().trim_end());
-        say!("\nWritten to {}: diagnosis.json, report.html, model_with_effects.toml.", out.display());
+        say!("\nWritten to {}: {}.", out.display(), written.join(", "));
         Ok(())
     }
 }

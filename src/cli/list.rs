@@ -78,10 +78,10 @@ fn print(text: &str) -> anyhow::Result<()> {
 impl List {
     fn entries(&self) -> anyhow::Result<Vec<Value>> {
         Ok(match self.what {
-            What::Methods => METHODS.iter().map(|m| fields(&m.entry)).collect(),
+            What::Methods => METHODS.iter().map(|m| m.entry.data()).collect(),
             What::Effects => effects::lines_data(&effect::table()),
-            What::Excitations => EXCITATIONS.iter().map(fields).collect(),
-            What::Conversions => CONVERSIONS.iter().map(fields).collect(),
+            What::Excitations => EXCITATIONS.iter().map(Entry::data).collect(),
+            What::Conversions => CONVERSIONS.iter().map(Entry::data).collect(),
             What::Dynamics => Dynamics::ALL
                 .iter()
                 .map(|d| json!({ "name": d.name(), "states": d.states(), "input": d.input(), "outputs": d.outputs() }))
@@ -95,10 +95,6 @@ impl List {
 /// The shipped plans.
 fn plans() -> anyhow::Result<Vec<Plan>> {
     PLANS.iter().map(|(name, _)| Ok(Plan::open(name)?)).collect()
-}
-
-fn fields<T: ?Sized>(entry: &Entry<T>) -> Value {
-    json!({ "name": entry.name, "summary": entry.summary, "options": (entry.defaults)() })
 }
 
 fn describe<T: ?Sized>(entry: &Entry<T>) -> String {

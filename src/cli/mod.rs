@@ -13,7 +13,6 @@ mod c2d;
 mod check;
 mod demo;
 mod estimate;
-mod events;
 mod excite;
 mod gap;
 mod gate;
@@ -24,6 +23,7 @@ mod simulate;
 mod source;
 mod study;
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -89,6 +89,43 @@ impl Cli {
             Command::Study(c) => c.run(json),
         }
     }
+}
+
+/// Runs the program with the words that were typed, its own name first; errors go to standard error. The exit code.
+pub fn main(words: impl IntoIterator<Item = OsString>) -> u8 {
+    let ran = match Cli::try_parse_from(words) {
+        Ok(cli) => cli.run(),
+        // A wrong word, or a wish for help.
+        Err(told) => {
+            let _ = told.print();
+            return u8::try_from(told.exit_code()).unwrap_or(2);
+        }
+    };
+    let closed = |c: &(dyn std::error::Error + 'static)| {
+        c.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+    };
+    match ran {
+        Ok(()) => 0,
+        // Whoever read our output has seen enough.
+        Err(e) if e.chain().any(closed) => 0,
+        Err(e) => {
+            eprintln!("deadtime: {}", said(&e));
+            if e.is::<LimitNotMet>() { 1 } else { 2 }
+        }
+    }
+}
+
+/// The error and its causes, each said once: some messages already end with their cause.
+fn said(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(ToString::to_string).filter(|c| !c.is_empty()) {
+        if text.is_empty() {
+            text = cause;
+        } else if !text.ends_with(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
 }
 
 /// A gate or a requested limit that was not met: exit code 1.

@@ -1,5 +1,7 @@
 //! What keeps an estimation from being set up at all.
 
+use crate::time::TimeError;
+
 /// An estimation that cannot be set up.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -96,4 +98,68 @@ pub enum DelayError {
         /// Unit of the second.
         second: String,
     },
+    /// A channel named more than once.
+    #[error("`{channel}` is given twice: name every input and every output once")]
+    Twice {
+        /// The channel.
+        channel: String,
+    },
+    /// What is wrong with a log's channels.
+    #[error("{log}: {error}")]
+    In {
+        /// The log.
+        log: String,
+        /// What is wrong.
+        error: Box<DelayError>,
+    },
+    /// A search window of nothing, or of more than there is.
+    #[error("--max-delay {seconds}: give at least one sample ({step_s} s) and less than the log is long ({samples} samples)")]
+    MaxDelay {
+        /// The window asked for, s.
+        seconds: f64,
+        /// The sample time, s.
+        step_s: f64,
+        /// Samples of the longest record.
+        samples: usize,
+    },
+    /// A search window of nothing, for event times.
+    #[error("--max-delay 0: give a longer one")]
+    NoWindow,
+    /// A method that looks at something else than was given.
+    #[error("{method} looks at {}", if *events { "event times: give --events A,B" } else { "samples: give --input and --output" })]
+    WrongScope {
+        /// The method.
+        method: &'static str,
+        /// It looks at event times, and samples were given; or the other way round.
+        events: bool,
+    },
+    /// A sampled model of another sample time than the log's.
+    #[error("model {model} and log: {error}")]
+    ModelGrid {
+        /// The model.
+        model: String,
+        /// The two sample times.
+        error: TimeError,
+    },
+    /// A single event has no interval.
+    #[error("{log}: `{channel}` holds one event; at least two are needed")]
+    OneEvent {
+        /// The log.
+        log: String,
+        /// The channel.
+        channel: String,
+    },
+    /// Events between which no time passes that could be counted.
+    #[error("{log}: the intervals between events of `{channel}`: {error}")]
+    Intervals {
+        /// The log.
+        log: String,
+        /// The channel.
+        channel: String,
+        /// What is wrong with a hundredth of the typical one as a sample time.
+        error: TimeError,
+    },
+    /// Nobody waits for the answer any more.
+    #[error("stopped before it was done")]
+    Stopped,
 }

@@ -10,11 +10,13 @@ mod events;
 mod experiment;
 mod frequency;
 mod higher_order;
+mod job;
 mod laguerre;
 mod method;
 mod parametric;
 mod posterior;
 mod process;
+pub mod report;
 mod richness;
 mod states;
 mod threshold;
@@ -31,6 +33,7 @@ pub use events::{
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use frequency::{Arxdap, Firdap, Oedap, PhaseSlope};
 pub use higher_order::Bispectrum;
+pub use job::{EventsJob, Feedback, Job, Ready, chosen};
 pub use laguerre::{Fischer, Lagudap};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{
@@ -44,6 +47,8 @@ pub use verdict::{Verdict, distrust, verdict};
 
 pub use crate::identify::{Initial, Record};
 
+use crate::stop::Stop;
+
 /// How far to search, and what to take off the answer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Search {
@@ -56,15 +61,22 @@ pub struct Search {
     pub bias: Vec<Vec<usize>>,
     /// The bias of every other pair; default 1, a strictly proper plant behind a zero-order hold.
     pub default_bias: usize,
+    /// Looked at between pairs and inside long scans; default: never stops.
+    pub stop: Stop,
 }
 
 impl Default for Search {
     fn default() -> Self {
-        Self { min_delay: 0, max_delay: 35, bias: Vec::new(), default_bias: 1 }
+        Self { min_delay: 0, max_delay: 35, bias: Vec::new(), default_bias: 1, stop: Stop::default() }
     }
 }
 
 impl Search {
+    /// Goes on, unless the work is no longer wanted.
+    fn go_on(&self) -> Result<(), DelayError> {
+        if self.stop.is_set() { Err(DelayError::Stopped) } else { Ok(()) }
+    }
+
     /// Samples by which the input is given later, so that shorter delays are out of reach.
     fn skip(&self) -> usize {
         self.min_delay.min(self.max_delay.saturating_sub(1))
@@ -99,10 +111,12 @@ fn every_pair(
     let mut estimates = Vec::new();
     for output in 0..experiment.outputs.len() {
         for input in 0..experiment.inputs.len() {
+            search.go_on()?;
             let skip = search.skip();
             let records: Vec<Record> = experiment.pair(input, output)?.iter().map(|r| r.ahead(skip)).collect();
             let bias = search.bias(input, output);
             let mut estimate = method(&records, search.max_delay - skip, bias)?;
+            search.go_on()?;
             if estimate.outcome == Outcome::AtEdge
                 // A record too short for the wider window leaves the answer at the edge of the narrow one.
                 && let Ok(wider) = method(&records, 2 * search.max_delay - skip, bias)
@@ -126,11 +140,13 @@ fn every_output(
     experiment.check()?;
     let mut answers = Vec::new();
     for output in 0..experiment.outputs.len() {
+        search.go_on()?;
         let skip = search.skip();
         let moved = |input| Ok(experiment.pair(input, output)?.iter().map(|r| r.ahead(skip)).collect());
         let inputs = (0..experiment.inputs.len()).map(moved).collect::<Result<Vec<Vec<Record>>, DelayError>>()?;
         let bias: Vec<usize> = (0..inputs.len()).map(|input| search.bias(input, output)).collect();
         let mut estimates = method(&inputs, search.max_delay - skip, &bias)?;
+        search.go_on()?;
         if estimates.iter().any(|e| e.outcome == Outcome::AtEdge)
             && let Ok(wider) = method(&inputs, 2 * search.max_delay - skip, &bias)
         {

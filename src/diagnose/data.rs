@@ -1,10 +1,10 @@
 //! The logs of a diagnosis: what was commanded and measured, what is trained on and what is held back.
 
-use super::GapError;
+use super::{GapError, Subject};
 use crate::error::Result;
 use crate::log::{Channel, Log, LogError};
 use crate::model::{ModelDocument, Operating};
-use crate::simulate::{Commands, Measured, System};
+use crate::simulate::{Commands, Measured, Port, System};
 
 /// A span of a log, seconds from its first sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,8 +43,8 @@ impl Record {
     /// # Errors
     /// [`GapError`] for a sample time that does not fit or too few samples; [`crate::log::LogError`] for channels and units that do not fit or samples that
     /// are missing.
-    pub(super) fn new(log: &Log, document: &ModelDocument, system: &System) -> Result<Self> {
-        channels_fit(log, document)?;
+    pub(super) fn new(log: &Log, system: &System) -> Result<Self> {
+        channels_fit(log, &system.inputs, &system.outputs)?;
         if log.len() < SHORTEST {
             return Err(GapError::Short { log: log.source().to_owned(), needed: SHORTEST, got: log.len() }.into());
         }
@@ -62,7 +62,7 @@ impl Record {
             let present: Vec<bool> = (0..log.len()).map(|k| output.get(k).is_some()).collect();
             Ok(Measured { values, present: present.contains(&false).then_some(present) })
         };
-        let known = |name: &str| document.inputs().iter().chain(document.outputs()).any(|c| c.name == name);
+        let known = |name: &str| system.inputs.iter().chain(&system.outputs).any(|c| c.name == name);
         let further = |c: &Channel| {
             let samples = c.samples();
             (c.name().to_owned(), (0..log.len()).map(|k| samples.get(k).unwrap_or(f64::NAN)).collect())
@@ -73,8 +73,8 @@ impl Record {
             name: log.source().to_owned(),
             time_s: log.time_s().iter().map(|t| t - start).collect(),
             sample_time_s,
-            inputs: document.inputs().iter().map(|c| Ok(log.input(&c.name)?.to_vec())).collect::<Result<_>>()?,
-            measured: document.outputs().iter().map(|c| measured(&c.name)).collect::<Result<_>>()?,
+            inputs: system.inputs.iter().map(|c| Ok(log.input(&c.name)?.to_vec())).collect::<Result<_>>()?,
+            measured: system.outputs.iter().map(|c| measured(&c.name)).collect::<Result<_>>()?,
             context: log.channels().filter(|c| !known(c.name())).map(further).collect(),
             train: None,
             held: None,
@@ -99,8 +99,8 @@ impl Record {
 const SHORTEST: usize = 50;
 
 /// That a log has the model's channels, in its units.
-fn channels_fit(log: &Log, document: &ModelDocument) -> Result<()> {
-    for channel in document.inputs().iter().chain(document.outputs()) {
+pub(super) fn channels_fit(log: &Log, inputs: &[Port], outputs: &[Port]) -> Result<()> {
+    for channel in inputs.iter().chain(outputs) {
         match log.channel(&channel.name) {
             Err(found @ LogError::UnknownChannel { .. }) => {
                 return Err(GapError::Channel { found: found.into(), channel: channel.name.clone() }.into());
@@ -117,7 +117,9 @@ fn channels_fit(log: &Log, document: &ModelDocument) -> Result<()> {
 /// # Errors
 /// As [`Record::new`] of channels, and [`crate::model::ModelError`].
 pub(super) fn system(document: &ModelDocument, logs: &[Log]) -> Result<System> {
-    logs.iter().try_for_each(|log| channels_fit(log, document))?;
+    let subject = Subject::from(document);
+    let (inputs, outputs) = (subject.inputs(), subject.outputs());
+    logs.iter().try_for_each(|log| channels_fit(log, &inputs, &outputs))?;
     let asked = document.inputs().iter().chain(document.outputs()).any(|c| matches!(c.operating, Operating::Mean(_)));
     System::new(document, |name| {
         let (mut sum, mut count) = (0.0, 0.0);

@@ -43,6 +43,39 @@ pub enum GapError {
     /// No log to learn from.
     #[error("a diagnosis needs at least one log")]
     NoLogs,
+    /// A predictor of what nobody can reach into.
+    #[error(
+        "a simulator that is only called can only be simulated freely: a predictor corrects a state, and none is at hand; leave the prediction mode to the program"
+    )]
+    NoPredictor,
+    /// A simulator with more than one answer.
+    #[error(
+        "{log}: two equal calls of the simulator differ, `{output}` at sample {sample} is {first} and then {second}; \
+         begin afresh at every call, and fix the seed of whatever is random in it"
+    )]
+    NotRepeatable {
+        /// The log.
+        log: String,
+        /// The output.
+        output: String,
+        /// Sample, counted from 0.
+        sample: usize,
+        /// The first answer.
+        first: f64,
+        /// The second.
+        second: f64,
+    },
+    /// A simulator whose free run says nothing.
+    #[error(
+        "{log}: what a push at the start does to the simulator grows {factor:.0e}-fold over the log, so that no free run says anything; \
+         close the loop inside the simulator, or cut the logs into shorter ones"
+    )]
+    Unstable {
+        /// The log.
+        log: String,
+        /// By how much.
+        factor: f64,
+    },
     /// The nominal model cannot follow the log.
     #[error("{log}: the model cannot be simulated on it: {why}")]
     Nominal {

@@ -22,6 +22,8 @@ use crate::simulate::Commands;
 const SAMPLES: usize = 3000;
 /// A step for the rival's derivatives, relative to the size of its parameter.
 const STEP: f64 = 1e-4;
+/// The same of a black box, which may be rough; and for its start, relative to what moves an output.
+const CALLED_STEP: f64 = 1e-2;
 
 /// One experiment: its name, its commands and where the state starts.
 struct Trial {
@@ -86,6 +88,10 @@ pub(super) fn experiment(problem: &Problem<'_>, scales: &Scales, class: &[Applie
     let Some((time_s, trials)) = simulated else { return by_kind(class) };
     let expected = |trial: &Trial| Some((apart(problem, scales, &time_s, trial, own, rival)?, trial.words));
     let best = trials.iter().filter_map(expected).max_by(|a, b| a.0.total_cmp(&b.0));
+    // A simulator that only knows the runs it has recorded.
+    if best.is_none() && problem.system.is_black_box() {
+        return by_kind(class);
+    }
     let duration_s = time_s.last().copied().unwrap_or(0.0);
     match best {
         Some((gain, words)) if gain > SEARCH_WIDE => {
@@ -125,14 +131,16 @@ fn apart(problem: &Problem<'_>, scales: &Scales, time_s: &[f64], trial: &Trial, 
     };
     for j in (0..trial.start.len()).filter(|_| !trial.released) {
         let mut start = trial.start.clone();
-        let step = 1e-3 * scales.states.get(j).map_or(1.0, |s| s.std).max(1e-9);
+        let share = if problem.system.is_black_box() { CALLED_STEP } else { 1e-3 };
+        let step = share * scales.states.get(j).map_or(1.0, |s| s.std).max(1e-9);
         start[j] += step;
         take_out((simulate(rival, &start)? - &there) / step);
     }
     for e in 0..rival.len() {
         for i in (0..rival[e].values.len()).filter(|&i| rival[e].values[i].is_finite()) {
             let mut moved = rival.to_vec();
-            let step = STEP * moved[e].values[i].abs().max(1e-9);
+            let share = if problem.system.is_black_box() { CALLED_STEP } else { STEP };
+            let step = share * moved[e].values[i].abs().max(1e-9);
             moved[e].values[i] += step;
             take_out((simulate(&moved, &trial.start)? - &there) / step);
         }

@@ -99,9 +99,20 @@ impl Explanation {
         };
         let begin: Vec<f64> = free.iter().map(|&(e, i)| effects[e].values[i]).collect();
         let acting = Acting::from(&from);
+        let (mut lowest, mut steps) = (f64::INFINITY, vec![None; free.len()]);
         let found = search.minimise(&begin, |values| {
-            let slopes = slopes(problem, acting.with(&placed(effects, &free, values)), &free, scales)?;
-            Some(normal(problem, &slopes))
+            let there = placed(effects, &free, values);
+            let acting = acting.with(&there);
+            let residual = problem.whitened(acting)?;
+            let cost = problem.inner(&residual, &residual);
+            // Where the cost does not fall, nobody asks which way it falls.
+            if cost >= lowest {
+                let k = free.len();
+                return Some(Normal { cost, gradient: DVector::zeros(k), information: DMatrix::zeros(k, k) });
+            }
+            let normal = normal(problem, &slopes(problem, acting, residual, &free, scales, &mut steps)?);
+            lowest = cost;
+            Some(normal)
         });
         if found.normal.information.is_empty() {
             return None;
@@ -193,7 +204,7 @@ impl Explanation {
         for (e, i) in open {
             // Between the other limit and where the signal ends: all starts of the effect know sensible places.
             let applied = &best.effects[e];
-            let starts = applied.starts(problem.system, scales);
+            let starts = problem.first_guesses(applied, scales);
             let mut tried: Vec<(f64, Vec<Applied>)> = Vec::new();
             for place in starts.iter().filter_map(|s| s.get(i)).filter(|v| v.is_finite()) {
                 let mut moved = best.effects.clone();
@@ -219,7 +230,8 @@ impl Explanation {
 
     /// Residual and derivatives at the present values.
     pub(super) fn slopes(&self, problem: &Problem<'_>, scales: &Scales) -> Option<Slopes> {
-        slopes(problem, Acting::from(self), &self.free, scales)
+        let acting = Acting::from(self);
+        slopes(problem, acting, problem.whitened(acting)?, &self.free, scales, &mut vec![None; self.free.len()])
     }
 
     /// A parameter stands at the edge of what was searched.
@@ -238,16 +250,56 @@ fn placed(effects: &[Applied], free: &[(usize, usize)], values: &[f64]) -> Vec<A
     all
 }
 
-fn slopes(problem: &Problem<'_>, acting: Acting<'_>, free: &[(usize, usize)], scales: &Scales) -> Option<Slopes> {
-    let (effects, residual) = (acting.effects, problem.whitened(acting)?);
+/// `steps`: those that fitted a black box's resolution the last time.
+fn slopes(
+    problem: &Problem<'_>,
+    acting: Acting<'_>,
+    residual: Whitened,
+    free: &[(usize, usize)],
+    scales: &Scales,
+    steps: &mut [Option<f64>],
+) -> Option<Slopes> {
+    let effects = acting.effects;
     let mut columns = Vec::with_capacity(free.len());
-    for &(e, i) in free {
-        let h = step(&effects[e], i, scales);
-        let mut moved = effects.to_vec();
-        moved[e].values[i] += h;
-        columns.push(difference(&problem.whitened(acting.with(&moved))?, &residual, 1.0 / h));
+    for (&(e, i), known) in free.iter().zip(steps) {
+        let column = |h: f64| {
+            let mut moved = effects.to_vec();
+            moved[e].values[i] += h;
+            Some(difference(&problem.whitened(acting.with(&moved))?, &residual, 1.0 / h))
+        };
+        if !problem.calls(&effects[e]) {
+            columns.push(column(step(&effects[e], i, scales))?);
+            continue;
+        }
+        let p = &effects[e].parameters[i];
+        let inside = |h: f64| if effects[e].values[i] + h > p.upper { -h } else { h };
+        let mut h = known.unwrap_or_else(|| called_step(&effects[e], i, scales));
+        let mut found = column(inside(h))?;
+        // As large as the noise lets it show, and far above rounding.
+        let wanted = SHOWS.max(ABOVE_ROUNDING * problem.rounding());
+        let moved = h * problem.inner(&found, &found).max(0.0).sqrt();
+        let factor = if moved > 0.0 { (wanted / moved).clamp(1e-3, 10.0) } else { 10.0 };
+        if !(0.1..=4.0).contains(&factor) {
+            h *= factor;
+            found = column(inside(h))?;
+        }
+        *known = Some(h);
+        columns.push(found);
     }
     Some(Slopes { residual, columns })
+}
+
+/// The length by which a step moves a black box's whitened residual: less than a standard deviation of the parameter.
+const SHOWS: f64 = 0.3;
+/// The same in units of what rounding does.
+const ABOVE_ROUNDING: f64 = 30.0;
+
+/// A first step for a black box's numerical derivative.
+fn called_step(applied: &Applied, at: usize, scales: &Scales) -> f64 {
+    let (p, value) = (&applied.parameters[at], applied.values[at]);
+    let size = if p.nominal.is_finite() { (value - p.nominal).abs() } else { value.abs() };
+    let least = if p.unit == "s" { 0.02 * scales.sample_time_s } else { 1e-3 * value.abs() };
+    (1e-2 * size).max(least).max(1e-9)
 }
 
 fn normal(problem: &Problem<'_>, slopes: &Slopes) -> Normal {

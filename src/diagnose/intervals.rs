@@ -18,6 +18,8 @@ const SIZES: [f64; 7] = [0.0, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.1];
 const BLOCKS: usize = 12;
 /// A relative change of a nominal parameter for its derivative.
 const STEP: f64 = 1e-4;
+/// The same where it is a call of a black box, which may be rough.
+const CALLED_STEP: f64 = 1e-2;
 
 /// Standard deviations of an explanation's free parameters.
 pub(super) struct Estimate {
@@ -29,12 +31,13 @@ pub(super) struct Estimate {
 fn nominal_columns(problem: &Problem<'_>, explanation: &Explanation, residual: &Whitened) -> Vec<(Applied, Whitened)> {
     let Some(effect) = EFFECTS.iter().find(|e| e.name() == "parameter_error") else { return Vec::new() };
     let found: Vec<String> = explanation.effects.iter().map(Applied::key).collect();
+    let step = if problem.system.is_black_box() { CALLED_STEP } else { STEP };
     let column = |channel: String| {
         let mut applied = Applied::nominal(problem.system, *effect, &channel).ok().filter(|a| !found.contains(&a.key()))?;
-        let h = STEP * applied.values[0].abs();
+        let h = step * applied.values[0].abs();
         applied.values[0] += h;
         let moved: Vec<Applied> = explanation.effects.iter().cloned().chain([applied.clone()]).collect();
-        let column = difference(&problem.whitened(Acting::from(explanation).with(&moved))?, residual, 1.0 / STEP);
+        let column = difference(&problem.whitened(Acting::from(explanation).with(&moved))?, residual, 1.0 / step);
         applied.values[0] -= h;
         Some((applied, column))
     };

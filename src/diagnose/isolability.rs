@@ -8,16 +8,16 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::black_box::remembering;
 use super::data::Record;
 use super::diagnosis::Prediction;
 use super::experiment;
 use super::problem::{NOTHING, Problem, Whitened};
 use super::rank::SEARCH_WIDE as VISIBLE;
-use super::{GapOptions, Setup, nominal_fails, scales, screen, set_spans, shrink};
+use super::{GapOptions, Setup, Subject, nominal_fails, scales, screen, set_spans, shrink};
 use crate::effect::{Applied, Scales};
 use crate::error::Result;
 use crate::log::Log;
-use crate::model::ModelDocument;
 
 /// Cosines from which on two effects count as alike.
 const ALIKE: f64 = 0.95;
@@ -138,20 +138,28 @@ struct Candidate {
 ///
 /// # Errors
 /// As [`super::diagnose`].
-pub fn isolability(document: &ModelDocument, logs: &[Log], options: &GapOptions) -> Result<Isolability> {
-    let Setup { system, own, mut records, prediction, longest_delay_s, .. } = Setup::new(document, logs, &[], options)?;
+pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &GapOptions) -> Result<Isolability> {
+    let found = isolate(subject.into(), logs, options);
+    options.stop.check()?;
+    found
+}
+
+fn isolate(subject: Subject<'_>, logs: &[Log], options: &GapOptions) -> Result<Isolability> {
+    let (system, memory) = remembering(subject.system(logs)?, &options.stop);
+    let Setup { own, mut records, prediction, probed, longest_delay_s, .. } =
+        Setup::new(subject, &system, memory.as_ref(), logs, &[], options)?;
     // Nothing is held back: nothing is fitted.
-    set_spans(&mut records, logs.len(), true, longest_delay_s, prediction.settling_s);
-    let motion = scales::Motion::of(&system, &own, &records, &prediction)?;
-    let prior: Vec<f64> = system.initial_std.iter().zip(&motion.rms).map(|(std, rms)| std.unwrap_or(*rms)).collect();
+    set_spans(&mut records, logs.len(), true, longest_delay_s, prediction.settling_s, system.is_black_box());
+    let motion = scales::Motion::of(&system, &own, &records, &prediction, probed.as_ref())?;
+    let prior = motion.prior(&system);
     let noise = motion.innovations(&records);
-    let problem = Problem::new(&system, &records, &prediction, own, prior, &noise)?;
+    let problem = Problem::new(&system, &records, &prediction, own, prior, &noise, &options.stop)?;
     let residuals = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(&records))?;
     let scales = motion.scales(&system, &records, &residuals, longest_delay_s);
     let nominal = problem.whitened(NOTHING).ok_or_else(|| nominal_fails(&records))?;
 
     let limit = PLAUSIBLE * motion_size(&records, &noise);
-    let candidates: Vec<Candidate> = (screen::catalogue(&system).0.into_par_iter())
+    let candidates: Vec<Candidate> = (screen::catalogue(&system, probed.as_ref()).0.into_par_iter())
         .map(|applied| Candidate { signatures: signatures(&problem, &applied, &scales, &nominal, limit), applied })
         .collect();
     let visible = |c: &Candidate| c.signatures.iter().any(|s| s.strength >= VISIBLE);
@@ -169,7 +177,7 @@ pub fn isolability(document: &ModelDocument, logs: &[Log], options: &GapOptions)
     });
     Ok(Isolability {
         format: IsolabilityFormat::V1,
-        model: document.name().to_owned(),
+        model: subject.name().to_owned(),
         logs: logs.iter().map(|l| l.source().to_owned()).collect(),
         prediction: Prediction { mode: prediction.mode, why: prediction.why.clone() },
         alike_from: ALIKE,
@@ -211,7 +219,7 @@ fn change(problem: &Problem<'_>, applied: &Applied, values: &[f64], nominal: &Wh
 
 /// An effect at a few of its starts, made smaller until it is plausible.
 fn signatures(problem: &Problem<'_>, applied: &Applied, scales: &Scales, nominal: &Whitened, limit: f64) -> Vec<Signature> {
-    let mut starts = applied.starts(problem.system, scales);
+    let mut starts = problem.first_guesses(applied, scales);
     // Limits on both sides hold the directions of each alone.
     if starts.iter().any(|s| s.iter().all(|v| v.is_finite())) {
         starts.retain(|s| s.iter().all(|v| v.is_finite()));

@@ -1,5 +1,6 @@
 //! The gap between a simulator and a log: its size, its place, its cause, and how far it shrinks.
 
+mod black_box;
 mod caveats;
 mod checks;
 mod data;
@@ -24,11 +25,13 @@ mod scales;
 mod screen;
 mod search;
 mod shrink;
+mod subject;
 mod traces;
 mod trust;
 mod verdict;
 
 use std::path::Path;
+use std::sync::Arc;
 
 pub use caveats::Caveat;
 pub use checks::{ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect};
@@ -39,13 +42,16 @@ pub use diagnosis::{
 pub use error::GapError;
 pub use isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size, isolability};
 pub use progress::Stage;
+pub use subject::Subject;
 pub use traces::Trace;
 
 use crate::effect::Applied;
 use crate::error::Result;
 use crate::log::Log;
 use crate::model::ModelDocument;
-use crate::simulate::System;
+use crate::simulate::{Remembered, System};
+use crate::stop::Stop;
+use black_box::{Probed, remembering};
 use data::{Record, Span};
 use problem::{Acting, NOTHING, Problem};
 use shrink::{Errors, together};
@@ -65,11 +71,13 @@ pub struct GapOptions {
     pub longest_delay_s: Option<f64>,
     /// Seed of the bootstrap. Default 1.
     pub seed: u64,
+    /// A wish to stop, looked at before every prediction.
+    pub stop: Stop,
 }
 
 impl Default for GapOptions {
     fn default() -> Self {
-        Self { prediction: None, longest_delay_s: None, seed: 1 }
+        Self { prediction: None, longest_delay_s: None, seed: 1, stop: Stop::default() }
     }
 }
 
@@ -78,12 +86,16 @@ impl Default for GapOptions {
 pub struct Diagnosed {
     /// The diagnosis.
     pub diagnosis: Diagnosis,
-    /// The model with what was found added to its effects.
-    pub model: ModelDocument,
+    /// The model with what was found added to its effects; `None` for a simulator without a model file.
+    pub model: Option<ModelDocument>,
+    /// What was found to act.
+    pub effects: Vec<Applied>,
     /// What was measured and predicted, by output and then by log.
     pub traces: Vec<Trace>,
     /// What a reader has to know of the data.
     pub caveats: Vec<Caveat>,
+    /// How often a simulator that can only be called was called; `None` for a model file.
+    pub calls: Option<usize>,
 }
 
 /// As [`diagnose`], from files.
@@ -104,36 +116,65 @@ pub fn diagnose_files(model: &Path, logs: &[impl AsRef<Path>], holdout: &[impl A
 /// `progress` is told what is being done.
 ///
 /// # Errors
-/// [`GapError`] where model and logs do not fit, and the errors of models and logs.
-pub fn diagnose(
-    document: &ModelDocument,
+/// [`GapError`] where model and logs do not fit, the errors of models and logs, [`crate::Error::Stopped`].
+pub fn diagnose<'a>(
+    subject: impl Into<Subject<'a>>,
     logs: &[Log],
     holdout: &[Log],
     options: &GapOptions,
     progress: &dyn Fn(Stage),
 ) -> Result<Diagnosed> {
-    let setup = Setup::new(document, logs, holdout, options)?;
-    let Setup { system, own, records, prediction, holdouts, longest_delay_s, limit_s } = &setup;
-    let (longest_delay_s, limit_s) = (*longest_delay_s, *limit_s);
+    let begin = || {
+        let subject = subject.into();
+        let (system, memory) = remembering(subject.system(logs)?, &options.stop);
+        let mut found = search_and_judge(subject, &system, memory.as_ref(), logs, holdout, options, progress)?;
+        if let Some(memory) = memory {
+            let calls = memory.calls();
+            if let (failed, Some(why)) = memory.failures() {
+                found.caveats.push(Caveat::SimulatorFailed { failed, calls, why });
+            }
+            found.calls = Some(calls);
+        }
+        Ok(found)
+    };
+    let found = begin();
+    options.stop.check()?;
+    found
+}
+
+fn search_and_judge(
+    subject: Subject<'_>,
+    system: &System,
+    memory: Option<&Arc<Remembered>>,
+    logs: &[Log],
+    holdout: &[Log],
+    options: &GapOptions,
+    progress: &dyn Fn(Stage),
+) -> Result<Diagnosed> {
+    progress(Stage::Simulating);
+    let setup = Setup::new(subject, system, memory, logs, holdout, options)?;
+    let Setup { own, records, prediction, probed, holdouts, longest_delay_s, limit_s } = &setup;
+    let (longest_delay_s, limit_s, probed) = (*longest_delay_s, *limit_s, probed.as_ref());
     let outputs = system.outputs.len();
 
-    progress(Stage::Simulating);
-    let motion = scales::Motion::of(system, own, records, prediction)?;
-    let prior: Vec<f64> = system.initial_std.iter().zip(&motion.rms).map(|(std, rms)| std.unwrap_or(*rms)).collect();
+    let motion = scales::Motion::of(system, own, records, prediction, probed)?;
+    let prior = motion.prior(system);
     let smallest = motion.smallest.clone();
     let first_noise: Vec<f64> = motion.innovations(records);
-    let mut problem = Problem::new(system, records, prediction, own.clone(), prior, &first_noise)?;
+    let mut problem = Problem::new(system, records, prediction, own.clone(), prior, &first_noise, &options.stop)?;
+    problem.set_resolution(probed.map(|p| p.resolution.clone()).unwrap_or_default());
     let before = shrink::residuals(&problem, NOTHING).ok_or_else(|| nominal_fails(records))?;
     caveats::must_not_explode(system, records, &before)?;
     let scales = motion.scales(system, records, &before, longest_delay_s);
 
-    let (catalogue, left_out) = screen::catalogue(system);
+    let (catalogue, left_out) = screen::catalogue(system, probed);
     let found = search::search(&mut problem, catalogue.clone(), &scales, &smallest, progress).ok_or_else(|| nominal_fails(records))?;
 
     let longer_s = f64::min(LONGER * longest_delay_s, 0.5 * limit_s);
     if options.longest_delay_s.is_none() && longer_s > 1.2 * longest_delay_s && found.wants_longer_delays(&scales) {
         progress(Stage::Longer);
-        return diagnose(document, logs, holdout, &GapOptions { longest_delay_s: Some(longer_s), ..options.clone() }, progress);
+        let longer = GapOptions { longest_delay_s: Some(longer_s), ..options.clone() };
+        return search_and_judge(subject, system, memory, logs, holdout, &longer, progress);
     }
 
     progress(Stage::Judging);
@@ -153,13 +194,13 @@ pub fn diagnose(
     let shares = locate::output_shares(&each, &each_floor);
     let gap_output = |i: usize| GapOutput { name: system.outputs[i].name.clone(), before: each[i], floor: each_floor[i], share: shares[i] };
     let mut cause = rank::cause(&problem, &judged, &found, estimate.as_ref(), &scales, &hangs, |e| {
-        let residuals = shrink::residuals(&problem, e)?;
+        let residuals = shrink::trained(&problem, e)?;
         together(&Errors::of(records, &residuals, |r| r.train).nrmse())
     });
     cause.not_tried = left_out.into_iter().map(|(effect, why)| NotTried { effect: effect.to_owned(), why }).collect();
     let diagnosis = Diagnosis {
         format: DiagnosisFormat::V1,
-        model: document.name().to_owned(),
+        model: subject.name().to_owned(),
         logs: logs.iter().map(|l| l.source().to_owned()).collect(),
         holdout: holdouts.clone(),
         prediction: Prediction { mode: prediction.mode, why: prediction.why.clone() },
@@ -170,24 +211,31 @@ pub fn diagnose(
             outputs: (0..outputs).map(gap_output).collect(),
         },
         place: locate::locate(system, records, &before, floor, &shares, &problem.memory()),
-        checks: checks::all(system, own, records),
+        checks: checks::all(
+            system,
+            own,
+            records,
+            probed.map_or_else(|| prediction::Prediction::choose(system, records, None), |p| p.prediction()),
+        ),
         cause,
         shrink: shrink::shrink(system, records, &before, &with_found, &floor.floor, prediction.settling_s, options.seed),
     };
     let traces = traces::traces(&problem, judged.found.as_ref().map(Acting::from), &floor.floor);
-    let mut model = document.clone();
-    model.effects_mut().extend(judged.found.iter().flat_map(|e| &e.effects).map(Applied::to_entry));
-    Ok(Diagnosed { diagnosis, model, traces, caveats: caveats::caveats(system, records) })
+    let effects: Vec<Applied> = judged.found.into_iter().flat_map(|e| e.effects).collect();
+    let mut caveats = caveats::caveats(system, records);
+    caveats.extend(probed.iter().flat_map(|p| p.caveats.clone()));
+    Ok(Diagnosed { diagnosis, model: subject.with(effects.iter().map(Applied::to_entry)), effects, traces, caveats, calls: None })
 }
 
 /// What every diagnosis begins with: the simulator, its logs with what is trained on and what is held back, and how outputs are predicted.
 struct Setup {
-    system: System,
     /// Effects that belong to the simulator.
     own: Vec<Applied>,
     /// Training logs, then those held out.
     records: Vec<Record>,
     prediction: prediction::Prediction,
+    /// What was found out about a simulator that can only be called.
+    probed: Option<Probed>,
     holdouts: Vec<Holdout>,
     longest_delay_s: f64,
     /// No delay as long as this can be looked for.
@@ -195,21 +243,35 @@ struct Setup {
 }
 
 impl Setup {
-    fn new(document: &ModelDocument, logs: &[Log], holdout: &[Log], options: &GapOptions) -> Result<Self> {
+    fn new(
+        subject: Subject<'_>,
+        system: &System,
+        memory: Option<&Arc<Remembered>>,
+        logs: &[Log],
+        holdout: &[Log],
+        options: &GapOptions,
+    ) -> Result<Self> {
         if logs.is_empty() {
             return Err(GapError::NoLogs.into());
         }
-        let system = data::system(document, logs)?;
-        let own = document.effects().iter().map(|e| Applied::from_entry(&system, e)).collect::<std::result::Result<Vec<_>, _>>()?;
-        let mut records = logs.iter().chain(holdout).map(|log| Record::new(log, document, &system)).collect::<Result<Vec<_>>>()?;
-        let prediction = prediction::Prediction::choose(&system, &records, options.prediction);
+        if system.is_black_box() && options.prediction == Some(Mode::Predictor) {
+            return Err(GapError::NoPredictor.into());
+        }
+        let own = subject.effects().iter().map(|e| Applied::from_entry(system, e)).collect::<std::result::Result<Vec<_>, _>>()?;
+        let mut records = logs.iter().chain(holdout).map(|log| Record::new(log, system)).collect::<Result<Vec<_>>>()?;
+        let probed = black_box::probe(system, memory, &records)?;
+        let prediction = match &probed {
+            Some(probed) => probed.prediction(),
+            None => prediction::Prediction::choose(system, &records, options.prediction),
+        };
         let longest_delay_s = options.longest_delay_s.unwrap_or_else(|| longest_delay(&records, prediction.settling_s));
         let limit_s = records.iter().map(|r| 0.5 * r.duration_s()).fold(f64::INFINITY, f64::min);
         if !(0.0..limit_s).contains(&longest_delay_s) {
             return Err(GapError::LongestDelay { given_s: longest_delay_s, limit_s }.into());
         }
-        let holdouts = set_spans(&mut records, logs.len(), !holdout.is_empty(), longest_delay_s, prediction.settling_s);
-        Ok(Self { system, own, records, prediction, holdouts, longest_delay_s, limit_s })
+        let holdouts =
+            set_spans(&mut records, logs.len(), !holdout.is_empty(), longest_delay_s, prediction.settling_s, system.is_black_box());
+        Ok(Self { own, records, prediction, probed, holdouts, longest_delay_s, limit_s })
     }
 }
 
@@ -225,10 +287,12 @@ fn longest_delay(records: &[Record], settling_s: f64) -> f64 {
 }
 
 /// Sets what is trained on and what is held back; the held-out parts by name.
-fn set_spans(records: &mut [Record], training: usize, held_out: bool, start_s: f64, settling_s: f64) -> Vec<Holdout> {
+///
+/// What a black box does after the last sample is not known, and a clock that is ahead would show it: so much of its end carries no weight either.
+fn set_spans(records: &mut [Record], training: usize, held_out: bool, start_s: f64, settling_s: f64, black_box: bool) -> Vec<Holdout> {
     let mut holdouts = Vec::new();
     for (at, record) in records.iter_mut().enumerate() {
-        let end = record.duration_s();
+        let end = record.duration_s() - if black_box { start_s } else { 0.0 };
         let whole = Span { from_s: start_s, to_s: end };
         if at >= training {
             record.held = Some(whole);

@@ -116,10 +116,11 @@ fn something_beside(problem: &Problem<'_>, best: Option<&Explanation>, pool: &[S
         // A lattice in raw values need not promise anything.
         let traced = screened.applied.effect.leaves_residual() && !screened.starts.is_empty();
         let own = beside.first.effects.iter().any(|e| e.key() == screened.applied.key());
-        let starts = screened.applied.starts(problem.system, scales);
+        let starts = problem.first_guesses(&screened.applied, scales);
         let every = starts.len().div_ceil(GLANCES).max(1);
         let glance = |start: Vec<f64>| {
-            let share = if has_limit(&screened.applied) { 1.0 } else { 0.5 };
+            // The start itself is known already where anything else is a call.
+            let share = if has_limit(&screened.applied) || problem.calls(&screened.applied) { 1.0 } else { 0.5 };
             let there = problem.whitened(&[with(&screened.applied, &between(&screened.applied, &start, share))]);
             there.is_some_and(|there| beside.promise(problem, &difference(nominal, &there, 1.0)) > SEARCH_WIDE.max(PROMISING * beside.cost))
         };
@@ -146,11 +147,11 @@ fn with_seconds(
         .par_iter()
         .map(|screened| {
             let applied = &screened.applied;
-            let starts = applied.starts(problem.system, scales);
+            let starts = problem.first_guesses(applied, scales);
             let first = starts.first().map_or_else(|| applied.clone(), |start| with(applied, start));
             let mut best: Vec<(f64, Applied)> = beside.iter().map(|_| (0.0, first.clone())).collect();
             for start in starts {
-                for share in if has_limit(applied) { &[1.0][..] } else { &[NEAR, 1.0] } {
+                for share in if has_limit(applied) || problem.calls(applied) { &[1.0][..] } else { &[NEAR, 1.0] } {
                     let Some(there) = problem.whitened(&[with(applied, &between(applied, &start, *share))]) else { continue };
                     let signature = difference(nominal, &there, 1.0);
                     for (best, beside) in best.iter_mut().zip(&beside) {

@@ -35,6 +35,7 @@ fn sampled(system: &System, record: &Record, ts: SampleTime) -> Option<[DMatrix<
     match &system.dynamics {
         Dynamics::Sampled(matrices, _) => Some([matrices.a.clone(), matrices.b.clone(), matrices.c.clone()]),
         Dynamics::Linear(matrices) => continuous(matrices),
+        Dynamics::BlackBox(..) => None,
         Dynamics::Equations(equations, parameters) => {
             #[allow(clippy::cast_precision_loss)]
             let mean = |u: &Vec<f64>| u.iter().sum::<f64>() / u.len().max(1) as f64;

@@ -2,15 +2,17 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::GapError;
 use super::data::{Record, Span};
 use super::explanation::Explanation;
 use super::feedback;
 use super::lost::Lost;
 use super::noise::Noise;
 use super::prediction::Prediction;
-use crate::effect::{Applied, Chance};
+use crate::effect::{Applied, Chance, Scales, Site};
 use crate::simulate::plan::Tolerance;
-use crate::simulate::{Correction, Plan, System};
+use crate::simulate::{Correction, Plan, SimulateError, System};
+use crate::stop::Stop;
 
 /// The nuisances of one record, integrated out alike in all rivals: the initial state with a prior N(0, P) on its deviation, and commands that react to the
 /// noise of their own sample.
@@ -80,6 +82,9 @@ pub(super) struct Problem<'a> {
     starts: Vec<Start>,
     /// Integration steps allowed, per record.
     budgets: Vec<usize>,
+    /// Per output of a black box, what is no more than rounding.
+    resolution: Vec<f64>,
+    stop: Stop,
 }
 
 /// Far below the noise of any sensor; a rival on its way to infinity gives up early.
@@ -88,6 +93,11 @@ const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 
 const STEPS_PER_SAMPLE: usize = 10;
 const STEPS_OF_NOMINAL: usize = 4;
 
+/// A start of a black box is pushed by this part of its prior's standard deviation.
+const PUSHED: f64 = 0.2;
+/// First guesses of one effect that are tried where each is a call of a black box.
+const CALLED_STARTS: usize = 10;
+
 /// A whitened residual, one column of all samples and outputs per record.
 pub(super) type Whitened = Vec<DVector<f64>>;
 
@@ -95,7 +105,7 @@ impl<'a> Problem<'a> {
     /// With white noise of these standard deviations and this prior.
     ///
     /// # Errors
-    /// [`crate::simulate::SimulateError`] where the nominal model cannot be simulated.
+    /// [`GapError::Nominal`] where the nominal model cannot be simulated, [`crate::Error::Stopped`].
     pub(super) fn new(
         system: &'a System,
         records: &'a [Record],
@@ -103,14 +113,30 @@ impl<'a> Problem<'a> {
         own: Vec<Applied>,
         prior: Vec<f64>,
         noise_std: &[f64],
+        stop: &Stop,
     ) -> crate::Result<Self> {
         let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
         let plan = Applied::plan(system, &own, Chance::Mean)?;
-        let mut problem = Self { system, records, prediction, own, prior, noise: Vec::new(), starts: Vec::new(), budgets: Vec::new() };
+        let mut problem = Self {
+            system,
+            records,
+            prediction,
+            own,
+            prior,
+            noise: Vec::new(),
+            starts: Vec::new(),
+            budgets: Vec::new(),
+            resolution: Vec::new(),
+            stop: stop.clone(),
+        };
         for (at, record) in records.iter().enumerate() {
-            let scale: Vec<f64> = problem.prior.iter().map(|s| if *s > 0.0 { 1e-3 * s } else { 1.0 }).collect();
-            let all = system.sensitivity(&plan, record.commands(), &system.initial, &scale, problem.correction(at))?;
-            let steps = system.simulate(&plan, record.commands(), &system.initial, problem.correction(at))?.steps;
+            stop.check()?;
+            // What rounding adds to a start's response is then a small part of what the prior lets it do.
+            let share = if system.is_black_box() { PUSHED } else { 1e-3 };
+            let scale: Vec<f64> = problem.prior.iter().map(|s| share * s).collect();
+            let failed = |e: SimulateError| GapError::Nominal { log: record.name.clone(), why: e.to_string() };
+            let all = system.sensitivity(&plan, record.commands(), &system.initial, &scale, problem.correction(at)).map_err(failed)?;
+            let steps = system.simulate(&plan, record.commands(), &system.initial, problem.correction(at)).map_err(failed)?.steps;
             problem.budgets.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
             let shape = (record.time_s.len(), system.outputs.len());
             let mut raw: Vec<_> = free.iter().map(|&j| DMatrix::from_column_slice(shape.0, shape.1, all.column(j).as_slice())).collect();
@@ -121,6 +147,32 @@ impl<'a> Problem<'a> {
         }
         problem.set_noise(vec![Noise::white(noise_std); records.len()]);
         Ok(problem)
+    }
+
+    /// Takes note of what is rounding in the outputs of a black box.
+    pub(super) fn set_resolution(&mut self, resolution: Vec<f64>) {
+        self.resolution = resolution;
+    }
+
+    /// To try the effect a black box must be called: what comes after it costs nothing.
+    pub(super) fn calls(&self, applied: &Applied) -> bool {
+        self.system.is_black_box() && matches!(applied.effect.site(), Site::Input | Site::Dynamics)
+    }
+
+    /// First guesses of an effect's parameters, fewer where each is a call.
+    pub(super) fn first_guesses(&self, applied: &Applied, scales: &Scales) -> Vec<Vec<f64>> {
+        let all = applied.starts(self.system, scales);
+        let every = if self.calls(applied) { all.len().div_ceil(CALLED_STARTS).max(1) } else { 1 };
+        all.into_iter().step_by(every).collect()
+    }
+
+    /// The length of a whitened residual that rounding in a black box makes.
+    pub(super) fn rounding(&self) -> f64 {
+        let noise = self.noise_std();
+        let parts = self.resolution.iter().zip(&noise).map(|(r, s)| (r / s.max(f64::MIN_POSITIVE)).powi(2));
+        #[allow(clippy::cast_precision_loss)]
+        let samples = self.records.iter().filter(|r| r.train.is_some()).map(|r| r.time_s.len()).sum::<usize>() as f64;
+        (parts.sum::<f64>() * samples).sqrt()
     }
 
     /// Takes another noise model; one per record.
@@ -170,6 +222,9 @@ impl<'a> Problem<'a> {
 
     /// Predicted outputs of one record from the nominal start, samples × outputs.
     pub(super) fn predict<'e>(&self, record: usize, acting: impl Into<Acting<'e>>) -> Option<DMatrix<f64>> {
+        if self.stop.is_set() {
+            return None;
+        }
         let Acting { effects, lost } = acting.into();
         let known = lost.and_then(|l| l.sequences.get(record));
         let mut plan = self.plan(effects, known.map_or(Chance::Mean, |sequences| Chance::Known(sequences)))?;

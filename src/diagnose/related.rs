@@ -36,7 +36,7 @@ pub(super) fn shares(
     let others = catalogue.iter().filter(|a| acting.effects.iter().all(|e| e.key() != a.key()));
     let tried: Vec<Applied> = others
         .flat_map(|a| {
-            let starts = a.starts(problem.system, scales);
+            let starts = problem.first_guesses(a, scales);
             let every = starts.len().div_ceil(EACH).max(1);
             starts.into_iter().step_by(every).map(|start| with(a, &start)).collect::<Vec<_>>()
         })

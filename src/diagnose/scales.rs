@@ -3,6 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::GapError;
+use super::black_box::Probed;
 use super::data::Record;
 use super::locate;
 use super::noise::Noise;
@@ -16,7 +17,7 @@ pub(super) struct Motion {
     /// Predicted outputs from the nominal start, per record.
     predicted: Vec<DMatrix<f64>>,
     states: Vec<DMatrix<f64>>,
-    /// Rms motion of every state about its start.
+    /// Rms motion of every state about its start; of a black box what moves an output as far as that moves.
     pub(super) rms: Vec<f64>,
     /// Residuals smaller than this are no noise but rounding, per output.
     pub(super) smallest: Vec<f64>,
@@ -24,7 +25,13 @@ pub(super) struct Motion {
 
 impl Motion {
     /// Simulates the model as it is.
-    pub(super) fn of(system: &System, own: &[Applied], records: &[Record], prediction: &Prediction) -> Result<Self> {
+    pub(super) fn of(
+        system: &System,
+        own: &[Applied],
+        records: &[Record],
+        prediction: &Prediction,
+        probed: Option<&Probed>,
+    ) -> Result<Self> {
         let plan = Applied::plan(system, own, Chance::Mean)?;
         let (mut predicted, mut states) = (Vec::new(), Vec::new());
         for (at, record) in records.iter().enumerate() {
@@ -37,6 +44,10 @@ impl Motion {
         }
         let rms = (0..system.states.len())
             .map(|j| {
+                // Of a black box the motion is not known, only what a start does.
+                if let Some(probed) = probed {
+                    return probed.states[j];
+                }
                 let moved = states.iter().flat_map(|x| x.column(j).iter().map(|v| v - system.initial[j]).collect::<Vec<_>>());
                 let rms = root_mean_square(moved);
                 // A state that the commands never move: its start may still be off by as much as it is.
@@ -48,6 +59,12 @@ impl Motion {
             .map(|v| f64::max(v, 1e-12))
             .collect();
         Ok(Self { predicted, states, rms, smallest })
+    }
+
+    /// Standard deviations of the start: as the model says, else how far a state moves; 0 for one that moves nothing.
+    pub(super) fn prior(&self, system: &System) -> Vec<f64> {
+        let known = system.initial_std.iter().zip(&self.rms);
+        known.map(|(std, rms)| if *rms == 0.0 && system.is_black_box() { 0.0 } else { std.unwrap_or(*rms) }).collect()
     }
 
     /// What of every output's residual its own past does not predict: a first size of the noise.
@@ -85,8 +102,12 @@ impl Motion {
             inputs: (0..system.inputs.len())
                 .map(|j| spread(records.iter().map(|r| r.inputs[j].clone()).collect(), sample_time_s))
                 .collect(),
-            states: (0..system.states.len()).map(|j| spread(self.states.iter().map(|x| column(x, j)).collect(), sample_time_s)).collect(),
-            derivatives: (0..system.states.len()).map(derivative).collect(),
+            states: if system.is_black_box() {
+                self.rms.iter().map(|&rms| Spread { rms, std: rms, ..Spread::default() }).collect()
+            } else {
+                (0..system.states.len()).map(|j| spread(self.states.iter().map(|x| column(x, j)).collect(), sample_time_s)).collect()
+            },
+            derivatives: if system.is_black_box() { Vec::new() } else { (0..system.states.len()).map(derivative).collect() },
             outputs: (0..system.outputs.len()).map(|i| spread(measured(i), sample_time_s)).collect(),
             peaks_hz: locate::peaks_hz(records, residuals, system.outputs.len()),
         }

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::black_box::Probed;
 use super::explanation::{difference, with};
 use super::problem::{Problem, Whitened};
 use crate::effect::{Applied, EFFECTS, Scales, Site};
@@ -20,16 +21,31 @@ pub(super) struct Screened {
 }
 
 /// All candidates of a system, in the order of the effects' table, with the reasons for those that cannot act.
-pub(super) fn catalogue(system: &System) -> (Vec<Applied>, Vec<(&'static str, String)>) {
+pub(super) fn catalogue(system: &System, probed: Option<&Probed>) -> (Vec<Applied>, Vec<(&'static str, String)>) {
     let (mut all, mut left_out) = (Vec::new(), Vec::new());
     for effect in EFFECTS {
         if effect.site() == Site::Dynamics && system.is_sampled() {
             left_out.push((effect.name(), "the model is sampled".to_owned()));
             continue;
         }
-        let channels = effect.channels(system);
-        if channels.is_empty() {
+        if effect.needs_equations() && system.is_black_box() {
+            left_out.push((effect.name(), "the simulator is a black box: its equations cannot be changed".to_owned()));
+            continue;
+        }
+        let mut channels = effect.channels(system);
+        if channels.is_empty() && effect.site() == Site::Dynamics && system.is_black_box() {
+            left_out.push((effect.name(), "the simulator is a black box, and no parameter of it is named".to_owned()));
+        } else if channels.is_empty() {
             left_out.push((effect.name(), "the model has no channel for it".to_owned()));
+        }
+        let idle = probed.map_or(&[][..], |p| match effect.site() {
+            Site::Input => &p.idle_inputs,
+            Site::Dynamics => &p.idle_parameters,
+            Site::Output | Site::Clock => &[],
+        });
+        for channel in channels.extract_if(.., |channel| idle.contains(channel)) {
+            let what = if effect.site() == Site::Input { "input" } else { "parameter" };
+            left_out.push((effect.name(), format!("no output of the simulator depends on the {what} `{channel}`")));
         }
         all.extend(channels.iter().filter_map(|channel| Applied::nominal(system, effect, channel).ok()));
     }
@@ -67,7 +83,7 @@ pub(super) fn screen(problem: &Problem<'_>, catalogue: Vec<Applied>, scales: &Sc
         .into_par_iter()
         .map(|applied| {
             let mut tried: Vec<(f64, Vec<f64>)> = Vec::new();
-            let starts = applied.starts(problem.system, scales);
+            let starts = problem.first_guesses(&applied, scales);
             let evaluate = |values: &[f64]| problem.whitened(&[with(&applied, values)]);
             for (at, start) in starts.iter().enumerate() {
                 if let Some(there) = evaluate(start) {

@@ -81,6 +81,18 @@ pub(super) fn residuals<'e>(problem: &Problem<'_>, acting: impl Into<Acting<'e>>
         .collect()
 }
 
+/// The same of the training logs alone; of the others zeros, which nobody looks at.
+pub(super) fn trained<'e>(problem: &Problem<'_>, acting: impl Into<Acting<'e>>) -> Option<Vec<DMatrix<f64>>> {
+    let acting = acting.into();
+    (0..problem.records.len())
+        .map(|at| {
+            let record = &problem.records[at];
+            let Some(span) = record.train else { return Some(DMatrix::zeros(record.time_s.len(), record.measured.len())) };
+            Some(problem.residual(at, &problem.predict_from_posterior(at, acting, span)?))
+        })
+        .collect()
+}
+
 /// The section `shrink`. `block_s`: shorter stretches of the residual are not independent.
 pub(super) fn shrink(
     system: &System,

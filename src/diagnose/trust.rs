@@ -93,7 +93,7 @@ pub(super) fn hangs(
 /// How every candidate of one parameter moves the residual, small.
 fn signatures(problem: &Problem<'_>, nominal: &Whitened, catalogue: &[Applied], scales: &Scales) -> Vec<(Applied, Whitened)> {
     let one = |applied: &Applied| {
-        let start = applied.starts(problem.system, scales).into_iter().next().filter(|s| s.len() == 1)?;
+        let start = problem.first_guesses(applied, scales).into_iter().next().filter(|s| s.len() == 1)?;
         let there = problem.whitened(&[with(applied, &between(applied, &start, NEAR))])?;
         Some((applied.clone(), difference(nominal, &there, 1.0)))
     };

@@ -41,10 +41,13 @@ impl Applied {
     /// The effect at its nominal parameters: the identity.
     ///
     /// # Errors
-    /// [`EffectError::Channel`] or [`EffectError::Sampled`] where it cannot act there.
+    /// [`EffectError::Channel`], [`EffectError::Sampled`] or [`EffectError::BlackBox`] where it cannot act there.
     pub fn nominal(system: &System, effect: &'static dyn Effect, channel: &str) -> Result<Self, EffectError> {
         if system.is_sampled() && effect.site() == super::Site::Dynamics {
             return Err(EffectError::Sampled { effect: effect.name() });
+        }
+        if system.is_black_box() && effect.needs_equations() {
+            return Err(EffectError::BlackBox { effect: effect.name() });
         }
         let parameters = effect.parameters(system, channel)?;
         let values = parameters.iter().map(|p| p.nominal).collect();

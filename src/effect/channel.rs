@@ -92,6 +92,8 @@ pub fn depends(system: &System, to: usize, from: Source) -> bool {
         (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Source::State(j)) => matrices.a[(to, j)] != 0.0,
         (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Source::Input(j)) => matrices.b[(to, j)] != 0.0,
         (Dynamics::Equations(equations, _), Source::State(j)) => equations.derivative_depends(to, Wrt::States, j),
+        // Not known, so nothing can be said to be missing.
+        (Dynamics::BlackBox(..), _) => true,
         (Dynamics::Equations(equations, _), Source::Input(j)) => equations.derivative_depends(to, Wrt::Inputs, j),
     }
 }

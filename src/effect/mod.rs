@@ -116,6 +116,10 @@ pub trait Effect: Sync {
             Site::Clock => "`*`: all outputs",
         }
     }
+    /// It changes equations: a simulator that can only be called has none at hand.
+    fn needs_equations(&self) -> bool {
+        self.site() == Site::Dynamics
+    }
     /// The channels of this system that it can act on.
     fn channels(&self, system: &System) -> Vec<String>;
     /// Its parameters on this channel.
@@ -218,6 +222,12 @@ pub enum EffectError {
     /// A dynamics effect on a sampled model.
     #[error("{effect} acts on the dynamics of a continuous model; this one is sampled")]
     Sampled {
+        /// The effect.
+        effect: &'static str,
+    },
+    /// A dynamics effect on a simulator that can only be called.
+    #[error("{effect} acts on the equations of a model; this simulator can only be called")]
+    BlackBox {
         /// The effect.
         effect: &'static str,
     },

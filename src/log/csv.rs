@@ -10,7 +10,7 @@ use std::path::Path;
 
 use flate2::bufread::MultiGzDecoder;
 
-use super::{Channel, Log, LogError, Rows, Unusable, time_follows};
+use super::{Channel, Log, LogError, Origin, Place, Rows, Unusable, time_follows};
 use crate::error::Error;
 use crate::file::write_atomic;
 
@@ -96,7 +96,9 @@ pub fn read_events_from(source: &str, bytes: impl Read, columns: [&str; 2]) -> R
             let time = match parse(cell) {
                 Cell::Missing => continue,
                 Cell::Number(time) => time,
-                Cell::NotFinite => return Err(LogError::NotFinite { file: file(), row, channel, text: shown(cell) }.into()),
+                Cell::NotFinite => {
+                    return Err(LogError::NotFinite { file: file(), place: Place::Row(row), channel, text: shown(cell) }.into());
+                }
                 Cell::Text => return Err(LogError::NotANumber { file: file(), row, channel, text: shown(cell) }.into()),
             };
             if let Some(&before) = events.times.last().filter(|before| **before >= time) {
@@ -438,7 +440,7 @@ impl Column {
 impl Part {
     fn new(source: String, header: &Header) -> Self {
         let columns = header.columns.iter().map(|_| Column::default()).collect();
-        Self { source, time_s: Vec::new(), columns, rows: Rows::default() }
+        Self { source, time_s: Vec::new(), columns, rows: Rows::new(Origin::File) }
     }
 
     /// Adds the current line as a sample.
@@ -447,7 +449,8 @@ impl Part {
         let row = lines.row;
         let file = || self.source.clone();
         let not_a_number = |channel: &str, cell| LogError::NotANumber { file: file(), row, channel: channel.into(), text: shown(cell) };
-        let not_finite = |channel: &str, cell| LogError::NotFinite { file: file(), row, channel: channel.into(), text: shown(cell) };
+        let not_finite =
+            |channel: &str, cell| LogError::NotFinite { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
         let time = lines.cell(0);
         let time_s = match parse(time) {
             Cell::Number(time_s) => time_s,
@@ -455,7 +458,7 @@ impl Part {
             Cell::NotFinite => return Err(not_finite("time", time)),
             Cell::Text => return Err(not_a_number("time", time)),
         };
-        time_follows(&self.source, || row, self.time_s.last().copied(), time_s)?;
+        time_follows(&self.source, || Place::Row(row), self.time_s.last().copied(), time_s)?;
         self.rows.note(self.time_s.len(), row);
         self.time_s.push(time_s);
         let places = self.columns.iter_mut().zip(&header.columns).enumerate();

@@ -1,6 +1,9 @@
 //! What can be wrong with a log; every variant holds the facts, every message says what, where and what to do.
 
-/// A log that cannot be read or used. `file` is the log's source, `row` the line as an editor counts it (the header is row 1).
+use super::Place;
+
+/// A log that cannot be read or used. `file` is the log's source, `row` the line as an editor counts it (the header is row 1), `place` that line
+/// or, of numbers in memory, the sample counted from 0.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LogError {
@@ -10,7 +13,13 @@ pub enum LogError {
         /// The log.
         file: String,
     },
-    /// A header and nothing below it, or a log built from no samples.
+    /// No samples in memory.
+    #[error("{file}: no samples; a log has at least one")]
+    Nothing {
+        /// The log.
+        file: String,
+    },
+    /// A header and nothing below it.
     #[error("{file}: no samples below the header row; record or export at least one row")]
     NoSamples {
         /// The log.
@@ -160,12 +169,15 @@ pub enum LogError {
         text: String,
     },
     /// NaN, an infinity, or a number beyond the range of `f64`.
-    #[error("{file}, row {row}: channel `{channel}` holds `{text}`, which is no finite number; leave the cell empty for a missing sample")]
+    #[error(
+        "{file}, {place}: channel `{channel}` holds `{text}`, which is no finite number; {}",
+        place.either("leave the cell empty for a missing sample", "mark a missing sample as such")
+    )]
     NotFinite {
         /// The log.
         file: String,
-        /// The line.
-        row: usize,
+        /// Where.
+        place: Place,
         /// The column.
         channel: String,
         /// The cell, shortened if long.
@@ -180,39 +192,47 @@ pub enum LogError {
         row: usize,
     },
     /// A time stamp too large for arithmetic.
-    #[error("{file}, row {row}: channel `time` holds {time_s:e} s, beyond ±1e100 s; correct it or delete the row")]
+    #[error(
+        "{file}, {place}: channel `time` holds {time_s:e} s, beyond ±1e100 s; {}",
+        place.either("correct it or delete the row", "correct it or leave the sample out")
+    )]
     TimeRange {
         /// The log.
         file: String,
-        /// The line.
-        row: usize,
+        /// Where.
+        place: Place,
         /// The time stamp, in seconds.
         time_s: f64,
     },
     /// The same time stamp twice running.
-    #[error("{file}, row {row}: channel `time` stands still at {time_s} s; delete the repeated row, or log time with more digits")]
+    #[error(
+        "{file}, {place}: channel `time` stands still at {time_s} s; {}, or log time with more digits",
+        place.either("delete the repeated row", "leave the repeated sample out")
+    )]
     TimeStandsStill {
         /// The log.
         file: String,
-        /// The second of the two lines.
-        row: usize,
+        /// Where the second of the two is.
+        place: Place,
         /// Both time stamps, in seconds.
         time_s: f64,
     },
     /// A time stamp before its predecessor.
     #[error(
-        "{file}, row {row}: channel `time` runs back from {before_s} s to {time_s} s; sort the rows, or, if the file \
-         holds several records, \
-         name the column that tells them apart with `--records COLUMN`"
+        "{file}, {place}: channel `time` runs back from {before_s} s to {time_s} s; {}",
+        place.either(
+            "sort the rows, or, if the file holds several records, name the column that tells them apart with `--records COLUMN`",
+            "sort the samples by time, or, if they are of several records, make a log of each"
+        )
     )]
     TimeRunsBack {
         /// The log.
         file: String,
-        /// The line where time runs back.
-        row: usize,
+        /// Where time runs back.
+        place: Place,
         /// The time stamp before, in seconds.
         before_s: f64,
-        /// The time stamp in `row`, in seconds.
+        /// The time stamp there, in seconds.
         time_s: f64,
     },
     /// A row that belongs to no record.
@@ -239,15 +259,17 @@ pub enum LogError {
     },
     /// An input must be known at every sample.
     #[error(
-        "{file}, row {row}: input `{channel}` has no sample at {time_s} s; fill the cell, delete the row, or cut the \
-         log with `--from S --to S` \
-         (only outputs may miss samples)"
+        "{file}, {place}: input `{channel}` has no sample at {time_s} s; {} (only outputs may miss samples)",
+        place.either(
+            "fill the cell, delete the row, or cut the log with `--from S --to S`",
+            "fill it in, leave the sample out, or take another `window` of the log"
+        )
     )]
     MissingInput {
         /// The log.
         file: String,
-        /// The line of the first missing sample.
-        row: usize,
+        /// Where the first missing sample is.
+        place: Place,
         /// The input.
         channel: String,
         /// Its time as logged, in seconds.
@@ -273,15 +295,18 @@ pub enum LogError {
     },
     /// Time stamps off the straight line through all of them.
     #[error(
-        "{file}, row {row}: time is uneven: the stamp {time_s} s is {deviation_samples:.3} samples from the straight \
+        "{file}, {place}: time is uneven: the stamp {time_s} s is {deviation_samples:.3} samples from the straight \
          line through all stamps \
-         (at most 0.05 counts as even); put the log on an even grid with `--resample TS`, for instance `--resample {suggested_s}`"
+         (at most 0.05 counts as even); put the log on an even grid with `{0}{1}`, for instance `{0}{suggested_s}{2}`",
+        place.either("--resample ", "resample("),
+        place.either("TS", "sample_time)"),
+        place.either("", ")")
     )]
     UnevenTime {
         /// The log.
         file: String,
-        /// The line of the worst stamp.
-        row: usize,
+        /// Where the worst stamp is.
+        place: Place,
         /// The worst stamp as logged, in seconds.
         time_s: f64,
         /// Its distance from the line, in samples; positive when it is late.
@@ -341,6 +366,16 @@ pub enum LogError {
         /// The name.
         channel: String,
     },
+}
+
+impl Place {
+    /// What is to be said of a file, or of numbers in memory.
+    fn either(self, file: &'static str, memory: &'static str) -> &'static str {
+        match self {
+            Self::Row(_) => file,
+            Self::Sample(_) => memory,
+        }
+    }
 }
 
 /// Names in a message beyond this many are counted, not listed.

@@ -46,7 +46,7 @@ impl Log {
         let deviation_samples = worst_off_s / slope_s;
         let uneven = || LogError::UnevenTime {
             file: self.source.clone(),
-            row: self.rows.of(worst),
+            place: self.rows.place(worst),
             time_s: self.time_s.get(worst).copied().unwrap_or(start_s),
             deviation_samples,
             suggested_s: rounded(self.median_step_s(), 6),
@@ -99,7 +99,7 @@ impl Log {
         }
         let count = last as usize + 1;
         let slack_s = SAME_SAMPLES * ts;
-        let (mut time_s, mut places, mut rows) = (Vec::with_capacity(count), Vec::with_capacity(count), Rows::default());
+        let (mut time_s, mut places, mut rows) = (Vec::with_capacity(count), Vec::with_capacity(count), Rows::new(self.rows.origin));
         let mut i = 0;
         for k in 0..count {
             let t = start_s + k as f64 * ts;

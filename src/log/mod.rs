@@ -51,29 +51,82 @@ struct Unusable {
     error: LogError,
 }
 
-/// Which line of the file a sample came from: from sample `.0` on, lines count up from `.1`. Nothing stored: from line 2, below a header.
-#[derive(Debug, Clone, Default, PartialEq)]
-struct Rows(Vec<(usize, usize)>);
+/// Where a sample stands, for messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// The line of a file, as an editor counts it: the header is row 1.
+    Row(usize),
+    /// The sample of a log that was made in memory, counted from 0.
+    Sample(usize),
+}
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Row(row) => write!(f, "row {row}"),
+            Self::Sample(sample) => write!(f, "sample {sample}"),
+        }
+    }
+}
+
+/// Where a log's samples came from: from sample `.0` of a mark on, lines of the file (or samples of the numbers in memory) count up from its `.1`.
+#[derive(Debug, Clone, Default)]
+struct Rows {
+    origin: Origin,
+    marks: Vec<(usize, usize)>,
+}
+
+/// Logs of the same samples are equal wherever these stood.
+impl PartialEq for Rows {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+/// What a log was made of.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Origin {
+    /// Numbers in memory: without a mark sample 0 is the first.
+    #[default]
+    Memory,
+    /// A file: without a mark the first sample stands in line 2, below a header.
+    File,
+}
 
 impl Rows {
+    fn new(origin: Origin) -> Self {
+        Self { origin, marks: Vec::new() }
+    }
+
     fn of(&self, sample: usize) -> usize {
-        let after = self.0.partition_point(|&(first, _)| first <= sample);
-        let (first, row) = after.checked_sub(1).and_then(|i| self.0.get(i)).copied().unwrap_or((0, 2));
+        let after = self.marks.partition_point(|&(first, _)| first <= sample);
+        let start = match self.origin {
+            Origin::Memory => 0,
+            Origin::File => 2,
+        };
+        let (first, row) = after.checked_sub(1).and_then(|i| self.marks.get(i)).copied().unwrap_or((0, start));
         row + (sample - first)
+    }
+
+    fn place(&self, sample: usize) -> Place {
+        match self.origin {
+            Origin::Memory => Place::Sample(self.of(sample)),
+            Origin::File => Place::Row(self.of(sample)),
+        }
     }
 
     /// Notes the line of `sample`; samples come in order.
     fn note(&mut self, sample: usize, row: usize) {
         if self.of(sample) != row {
-            self.0.push((sample, row));
+            self.marks.push((sample, row));
         }
     }
 
     /// The lines of the samples `from..to` of this log, counted from 0.
     fn cut(&self, from: usize, to: usize) -> Self {
-        let mut rows = Self::default();
+        let mut rows = Self::new(self.origin);
         rows.note(0, self.of(from));
-        for &(first, row) in self.0.iter().filter(|(first, _)| (from + 1..to).contains(first)) {
+        for &(first, row) in self.marks.iter().filter(|(first, _)| (from + 1..to).contains(first)) {
             rows.note(first - from, row);
         }
         rows
@@ -155,7 +208,7 @@ impl Channel {
         match self.values.iter().position(|value| !value.is_finite()) {
             Some(i) => {
                 let text = self.values.get(i).map_or_else(String::new, f64::to_string);
-                Err(LogError::NotFinite { file: file.into(), row: rows.of(i), channel: self.name, text })
+                Err(LogError::NotFinite { file: file.into(), place: rows.place(i), channel: self.name, text })
             }
             None => Ok(self),
         }
@@ -165,7 +218,7 @@ impl Channel {
 impl Log {
     /// A log from numbers in memory. `source` names it in errors and results (a file's name, say), `time_s` in seconds.
     ///
-    /// Rows in errors count as in the CSV file that [`Log::write_csv`] would write: the first sample is row 2.
+    /// Errors name the sample, counted from 0.
     ///
     /// # Errors
     /// [`LogError`] when there is no sample, time does not increase, a number is not finite, lengths differ,
@@ -185,11 +238,14 @@ impl Log {
 
     fn assemble(source: String, time_s: Vec<f64>, channels: Vec<Channel>, unusable: Vec<Unusable>, rows: Rows) -> Result<Self, LogError> {
         if time_s.is_empty() {
-            return Err(LogError::NoSamples { file: source });
+            return Err(match rows.origin {
+                Origin::Memory => LogError::Nothing { file: source },
+                Origin::File => LogError::NoSamples { file: source },
+            });
         }
         let mut before_s = None;
         for (i, &now_s) in time_s.iter().enumerate() {
-            time_follows(&source, || rows.of(i), before_s, now_s)?;
+            time_follows(&source, || rows.place(i), before_s, now_s)?;
             before_s = Some(now_s);
         }
         let channels = channels.into_iter().map(|channel| channel.checked(&source, time_s.len(), &rows)).collect::<Result<Vec<_>, _>>()?;
@@ -265,11 +321,11 @@ impl Log {
         }
     }
 
-    /// The line of the file that a sample came from, for messages; the header is row 1. After [`Log::resample`], the line of the
+    /// Where a sample came from, for messages: the line of the file, or the sample that was given. After [`Log::resample`], that of the
     /// logged sample at or before it.
     #[must_use]
-    pub fn row(&self, sample: usize) -> usize {
-        self.rows.of(sample)
+    pub fn place(&self, sample: usize) -> Place {
+        self.rows.place(sample)
     }
 
     /// A channel by its name.
@@ -303,7 +359,7 @@ impl Log {
             None => Ok(&channel.values),
             Some(i) => Err(LogError::MissingInput {
                 file: self.source.clone(),
-                row: self.rows.of(i),
+                place: self.rows.place(i),
                 channel: name.into(),
                 time_s: self.time_s.get(i).copied().unwrap_or(0.0),
             }),
@@ -364,16 +420,16 @@ impl Log {
 }
 
 /// Checks one time stamp against the one before it.
-fn time_follows(file: &str, row: impl Fn() -> usize, before_s: Option<f64>, time_s: f64) -> Result<(), LogError> {
+fn time_follows(file: &str, place: impl Fn() -> Place, before_s: Option<f64>, time_s: f64) -> Result<(), LogError> {
     if !time_s.is_finite() {
-        return Err(LogError::NotFinite { file: file.into(), row: row(), channel: "time".into(), text: time_s.to_string() });
+        return Err(LogError::NotFinite { file: file.into(), place: place(), channel: "time".into(), text: time_s.to_string() });
     }
     if time_s.abs() > TIME_LIMIT_S {
-        return Err(LogError::TimeRange { file: file.into(), row: row(), time_s });
+        return Err(LogError::TimeRange { file: file.into(), place: place(), time_s });
     }
     match before_s {
-        Some(before_s) if time_s == before_s => Err(LogError::TimeStandsStill { file: file.into(), row: row(), time_s }),
-        Some(before_s) if time_s < before_s => Err(LogError::TimeRunsBack { file: file.into(), row: row(), before_s, time_s }),
+        Some(before_s) if time_s == before_s => Err(LogError::TimeStandsStill { file: file.into(), place: place(), time_s }),
+        Some(before_s) if time_s < before_s => Err(LogError::TimeRunsBack { file: file.into(), place: place(), before_s, time_s }),
         _ => Ok(()),
     }
 }

@@ -60,10 +60,10 @@ fn csv_reads_names_units_and_numbers() {
 #[test]
 fn rows_count_as_in_an_editor_behind_blank_lines_and_crlf() {
     let log = log("time,u\r\n0,1\r\n\r\n1,\r\n2,3\r\n");
-    assert_eq!((log.row(0), log.row(1), log.row(2)), (2, 4, 5));
+    assert_eq!([0, 1, 2].map(|k| log.place(k)), [2, 4, 5].map(Place::Row));
     says(&log.input("u").unwrap_err(), &["a.csv", "row 4", "`u`", "at 1 s", "fill the cell"]);
     says(&log.window(Some(1.0), None).unwrap().input("u").unwrap_err(), &["row 4"]);
-    assert_eq!(log.window(Some(2.0), None).unwrap().row(0), 5);
+    assert_eq!(log.window(Some(2.0), None).unwrap().place(0), Place::Row(5));
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn context_columns_of_text_load_and_are_refused_only_when_asked_for() {
     assert!(matches!(&text, LogError::NotANumber { row: 2, text, .. } if text == "hover"));
     says(&text, &["a.csv", "row 2", "`mode`", "`hover`", "correct it"]);
     let nan = log.output("v").unwrap_err();
-    assert!(matches!(&nan, LogError::NotFinite { row: 3, text, .. } if text == "nan"));
+    assert!(matches!(&nan, LogError::NotFinite { place: Place::Row(3), text, .. } if text == "nan"));
     says(&nan, &["a.csv", "row 3", "`v`", "`nan`", "leave the cell empty"]);
 }
 
@@ -166,11 +166,11 @@ fn text_in_time_is_refused() {
 fn nan_and_infinity_in_time_are_refused() {
     for text in ["NaN", "nan", "inf", "-Infinity", "1e999"] {
         let error = refusal(format!("time,u\n0,1\n{text},2\n"));
-        assert!(matches!(error, LogError::NotFinite { row: 3, .. }), "{error:?}");
+        assert!(matches!(error, LogError::NotFinite { place: Place::Row(3), .. }), "{error:?}");
         says(&error, &["a.csv", "row 3", "`time`", text]);
     }
     let error = refusal("time,u\n0,1\n1e200,2\n");
-    assert!(matches!(error, LogError::TimeRange { row: 3, .. }));
+    assert!(matches!(error, LogError::TimeRange { place: Place::Row(3), .. }));
     says(&error, &["a.csv", "row 3", "`time`", "1e200", "correct it"]);
 }
 
@@ -178,7 +178,7 @@ fn nan_and_infinity_in_time_are_refused() {
 fn nan_and_infinity_in_a_channel_are_refused() {
     for text in ["NaN", "nan", "inf", "-Infinity", "-1e999"] {
         let error = log(&format!("time,u\n0,1\n1,{text}\n")).input("u").unwrap_err();
-        assert!(matches!(error, LogError::NotFinite { row: 3, .. }), "{error:?}");
+        assert!(matches!(error, LogError::NotFinite { place: Place::Row(3), .. }), "{error:?}");
         says(&error, &["a.csv", "row 3", "`u`", text, "leave the cell empty"]);
     }
 }
@@ -201,14 +201,14 @@ fn empty_time_is_refused() {
 #[test]
 fn time_standing_still_is_refused() {
     let error = refusal("time,u\n0,1\n0.5,2\n0.50,3\n");
-    assert_eq!(error, LogError::TimeStandsStill { file: "a.csv".into(), row: 4, time_s: 0.5 });
+    assert_eq!(error, LogError::TimeStandsStill { file: "a.csv".into(), place: Place::Row(4), time_s: 0.5 });
     says(&error, &["a.csv", "row 4", "`time`", "0.5 s", "delete the repeated row"]);
 }
 
 #[test]
 fn time_running_back_is_refused_and_offers_records() {
     let error = refusal("time,u\n0,1\n0.5,2\n0.25,3\n");
-    assert_eq!(error, LogError::TimeRunsBack { file: "a.csv".into(), row: 4, before_s: 0.5, time_s: 0.25 });
+    assert_eq!(error, LogError::TimeRunsBack { file: "a.csv".into(), place: Place::Row(4), before_s: 0.5, time_s: 0.25 });
     says(&error, &["a.csv", "row 4", "`time`", "0.5 s", "0.25 s", "--records COLUMN"]);
 }
 
@@ -268,18 +268,39 @@ fn unknown_channel_lists_what_exists_and_suggests_the_nearest() {
 fn log_from_memory_is_checked() {
     let new = |time_s: &[f64], channels| Log::new("mem", time_s.to_vec(), channels).unwrap_err();
     let u = |values: &[f64]| Channel::new("u", None, values.to_vec());
-    assert!(matches!(new(&[], vec![]), LogError::NoSamples { .. }));
-    assert!(matches!(new(&[0.0, f64::NAN], vec![]), LogError::NotFinite { row: 3, .. }));
-    assert!(matches!(new(&[0.0, 0.0], vec![]), LogError::TimeStandsStill { row: 3, .. }));
+    assert!(matches!(new(&[], vec![]), LogError::Nothing { .. }));
+    assert!(matches!(new(&[0.0, f64::NAN], vec![]), LogError::NotFinite { place: Place::Sample(1), .. }));
+    assert!(matches!(new(&[0.0, 0.0], vec![]), LogError::TimeStandsStill { place: Place::Sample(1), .. }));
     assert!(matches!(new(&[0.0, 1.0], vec![u(&[1.0])]), LogError::Length { expected: 2, found: 1, .. }));
     assert!(matches!(new(&[0.0], vec![Channel::partial("u", None, vec![1.0], vec![])]), LogError::Length { found: 0, .. }));
-    assert!(matches!(new(&[0.0], vec![u(&[f64::INFINITY])]), LogError::NotFinite { row: 2, .. }));
+    assert!(matches!(new(&[0.0], vec![u(&[f64::INFINITY])]), LogError::NotFinite { place: Place::Sample(0), .. }));
     assert!(matches!(new(&[0.0], vec![u(&[1.0]), u(&[1.0])]), LogError::DuplicateChannel { .. }));
     for name in ["", "time", " u", "u [V]", "u\n", "u\r"] {
         let error = new(&[0.0], vec![Channel::new(name, None, vec![1.0])]);
         assert!(matches!(error, LogError::BadName { .. }), "{name:?}: {error:?}");
         says(&error, &["mem", "choose a name"]);
     }
+}
+
+#[test]
+fn errors_of_a_log_from_memory_count_samples_through_windows_and_resampling() {
+    let time_s = (0..6).map(f64::from).collect();
+    let gap = Channel::partial("u", None, vec![1.0; 6], vec![true, true, true, true, false, true]);
+    let log = Log::new("mem", time_s, vec![gap]).unwrap();
+    let cut = log.window(Some(2.0), None).unwrap();
+    for log in [&log, &cut] {
+        let error = log.input("u").unwrap_err();
+        assert!(matches!(error, LogError::MissingInput { place: Place::Sample(4), .. }), "{error:?}");
+        says(&error, &["mem, sample 4", "`window`"]);
+        assert!(!error.to_string().contains("row"), "{error}");
+    }
+    let fine = cut.resample(SampleTime::new(0.5).unwrap(), &[]).unwrap();
+    assert_eq!([0, 1, 2].map(|k| fine.place(k)), [2, 2, 3].map(Place::Sample));
+    says(&Log::new("mem", vec![0.0, 1.0, 0.5], vec![]).unwrap_err(), &["mem, sample 2", "a log of each"]);
+    says(
+        &Log::new("mem", vec![0.0, 1.0, 2.0, 4.0], vec![]).unwrap().even_grid().unwrap_err(),
+        &["sample ", "`resample(sample_time)`", "`resample(1"],
+    );
 }
 
 // Missing samples.
@@ -295,7 +316,7 @@ fn missing_output_sample_is_marked_and_never_nan() {
     assert_eq!(error, LogError::MissingThroughout { file: "a.csv".into(), channel: "z".into() });
     says(&error, &["a.csv", "`z`", "any row", "choose another"]);
     let error = log.input("y").unwrap_err();
-    assert_eq!(error, LogError::MissingInput { file: "a.csv".into(), row: 2, channel: "y".into(), time_s: 0.0 });
+    assert_eq!(error, LogError::MissingInput { file: "a.csv".into(), place: Place::Row(2), channel: "y".into(), time_s: 0.0 });
 }
 
 #[test]
@@ -316,18 +337,18 @@ fn even_grid_accepts_jitter_of_0_049_samples_and_refuses_0_06() {
     assert!((jittered(1000, 0.049).even_grid().unwrap().seconds() - 0.01).abs() < 1e-6);
     let error = jittered(1000, 0.06).even_grid().unwrap_err();
     assert!(matches!(error, LogError::UnevenTime { deviation_samples, .. } if (deviation_samples.abs() - 0.06).abs() < 1e-3));
-    says(&error, &["a.csv", "row", "samples from the straight line", "--resample 0.0"]);
+    says(&error, &["a.csv", "sample ", "samples from the straight line", "`resample(0.0"]);
 }
 
 #[test]
 fn even_grid_names_the_worst_row_and_offers_the_median_step() {
     let time_s = (0..101).map(|k| 0.01 * (f64::from(k) + if k == 50 { 0.4 } else { 0.0 })).collect();
     let error = Log::new("a.csv", time_s, vec![]).unwrap().even_grid().unwrap_err();
-    let LogError::UnevenTime { row, time_s, deviation_samples, suggested_s, .. } = &error else { panic!("{error:?}") };
-    assert_eq!((*row, *suggested_s), (52, 0.01));
+    let LogError::UnevenTime { place, time_s, deviation_samples, suggested_s, .. } = &error else { panic!("{error:?}") };
+    assert_eq!((*place, *suggested_s), (Place::Sample(50), 0.01));
     assert!((time_s - 0.504).abs() < 1e-12);
     assert!((deviation_samples - 0.4).abs() < 0.01);
-    says(&error, &["a.csv", "row 52", "0.504 s", "0.396", "--resample 0.01"]);
+    says(&error, &["a.csv", "sample 50", "0.504 s", "0.396", "`resample(0.01)`"]);
 }
 
 #[test]
@@ -375,7 +396,7 @@ fn window_counts_from_the_first_sample_and_includes_both_ends() {
     assert_eq!(cut.time_s(), [10.2, 10.3]);
     assert_eq!(cut.input("u").unwrap(), [2.0, 3.0]);
     assert_eq!(cut.output("y").unwrap().present, None);
-    assert_eq!((cut.row(0), cut.source()), (3, "a.csv"));
+    assert_eq!((cut.place(0), cut.source()), (Place::Row(3), "a.csv"));
     assert!(matches!(cut.channel("m"), Err(LogError::NotANumber { .. })));
     assert_eq!(log.window(None, None).unwrap(), log);
     assert_eq!(log.window(Some(0.25), None).unwrap().len(), 1);
@@ -401,7 +422,7 @@ fn resample_holds_inputs_and_interpolates_outputs() {
     assert_eq!(even.time_s(), [1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0]);
     assert_eq!(even.input("u").unwrap(), [10.0, 10.0, 20.0, 20.0, 20.0, 20.0, 30.0]);
     assert_eq!(even.input("y").unwrap(), [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0]);
-    assert_eq!((even.row(0), even.row(3), even.row(6)), (2, 3, 4));
+    assert_eq!([0, 3, 6].map(|k| even.place(k)), [2, 3, 4].map(Place::Row));
     assert_eq!(even.even_grid().unwrap().seconds(), 0.5);
 }
 
@@ -468,9 +489,9 @@ fn records_split_where_the_column_changes_and_time_may_start_afresh() {
     let [first, second] = records.as_slice() else { panic!("{records:?}") };
     assert_eq!((first.time_s(), second.time_s()), ([0.0, 0.02, 0.04].as_slice(), [0.0, 0.02].as_slice()));
     assert_eq!((first.output("angle").unwrap().present_count(), second.input("angle").unwrap()), (2, [0.0, 0.7].as_slice()));
-    assert_eq!((first.row(0), second.row(0), second.row(1)), (2, 5, 6));
+    assert_eq!([first.place(0), second.place(0), second.place(1)], [2, 5, 6].map(Place::Row));
     assert_eq!(second.input("rollout").unwrap(), [1.0, 1.0]);
-    assert!(matches!(refusal(SERVO), LogError::TimeRunsBack { row: 5, .. }));
+    assert!(matches!(refusal(SERVO), LogError::TimeRunsBack { place: Place::Row(5), .. }));
 }
 
 #[test]
@@ -495,7 +516,7 @@ fn records_refuse_what_names_no_record() {
     assert!(matches!(refused("time,r\n", "r"), LogError::NoSamples { .. }));
     assert!(matches!(refused("time,r\n0\n", "r"), LogError::RowLength { .. }));
     let error = refused("time,r\n1,7\n0,7\n", "r");
-    assert!(matches!(error, LogError::TimeRunsBack { row: 3, .. }));
+    assert!(matches!(error, LogError::TimeRunsBack { place: Place::Row(3), .. }));
     says(&error, &["a.csv#7", "row 3"]);
 }
 
@@ -619,6 +640,6 @@ fn ten_million_rows_load_and_keep_an_exact_grid() {
     let log = read_from("big.csv", Endless { rows, made: 0, text: b"time,u,y\n".to_vec(), read: 0 }).unwrap();
     assert_eq!(log.len() as u64, rows);
     assert_eq!(log.even_grid().unwrap().seconds(), 0.001);
-    assert_eq!(log.row(9_999_999), 10_000_001);
+    assert_eq!(log.place(9_999_999), Place::Row(10_000_001));
     assert_eq!(log.input("y").unwrap()[9_999_999], 4.9);
 }

@@ -107,6 +107,37 @@ impl StateSpace<Sampled> {
         self.domain.0
     }
 
+    /// The same model without delays: every sample of delay is a state of its own, with a pole at z = 0, behind the states of the model.
+    ///
+    /// # Errors
+    /// None for a model that could be built.
+    pub fn with_delays_as_states(&self) -> Result<Self, ModelError> {
+        let (n, m, p) = (self.order(), self.inputs(), self.outputs());
+        let total = n + self.input_delay.iter().sum::<usize>();
+        let (mut a, mut b) = (DMatrix::zeros(total, total), DMatrix::zeros(total, m));
+        let (mut c, mut d) = (DMatrix::zeros(p, total), DMatrix::zeros(p, m));
+        a.view_mut((0, 0), (n, n)).copy_from(&self.a);
+        c.view_mut((0, 0), (p, n)).copy_from(&self.c);
+        let mut at = n;
+        for (j, &delay) in self.input_delay.iter().enumerate() {
+            let (into_states, into_outputs) = (self.b.column(j), self.d.column(j));
+            if delay == 0 {
+                b.set_column(j, &into_states.clone_owned().resize_vertically(total, 0.0));
+                d.set_column(j, &into_outputs);
+                continue;
+            }
+            // The input enters the first cell of a chain, the last one drives the model.
+            b[(at, j)] = 1.0;
+            for i in at + 1..at + delay {
+                a[(i, i - 1)] = 1.0;
+            }
+            at += delay;
+            a.view_mut((0, at - 1), (n, 1)).copy_from(&into_states);
+            c.set_column(at - 1, &into_outputs);
+        }
+        Self::new(a, b, c, d, self.domain)
+    }
+
     /// The dead time and relative degree together: samples from a change of the input to the first change of the output, `None` if it never comes.
     #[must_use]
     pub fn first_response(&self, output: usize, input: usize) -> Option<usize> {
@@ -299,6 +330,24 @@ impl<T: TimeDomain> StateSpace<T> {
             column *= Complex::from_polar(1.0, -omega_rad_s * self.domain.delay_s(delay));
         }
         response
+    }
+
+    /// The response to a constant, p×m: infinite where the pair integrates it.
+    #[must_use]
+    pub fn dc_gain(&self) -> DMatrix<f64> {
+        let whole = self.frequency_response(0.0).map(|v| v.re);
+        if whole.iter().all(|v| v.is_finite()) {
+            return whole;
+        }
+        // A pole at the point belongs to some pairs only.
+        let point = self.domain.point(0.0);
+        DMatrix::from_fn(self.outputs(), self.inputs(), |i, j| match self.transfer_function(i, j) {
+            Err(_) => 0.0,
+            Ok(pair) => {
+                let pair = pair.cancelled(1e-9);
+                if pair.poles().iter().any(|p| (p - point).norm() <= 1e-12) { f64::INFINITY } else { pair.at(point).re }
+            }
+        })
     }
 
     /// The loop closed by u = r − K x, seen from r: A − B K, C − D K. K is m×n.

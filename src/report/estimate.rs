@@ -2,106 +2,40 @@
 
 use std::fmt::Write;
 
-use serde::Serialize;
-
 use super::{Table, seconds};
-use crate::delay::{Class, Condition, DelayEstimate, Finding, Method, Outcome, Verdict, distrust};
-
-/// One method's answer, as the file has it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Estimate {
-    /// The method.
-    pub method: String,
-    /// What came of it.
-    pub outcome: Outcome,
-    /// The dead time, s.
-    pub delay_s: Option<f64>,
-    /// Its standard deviation, s.
-    pub std_s: Option<f64>,
-    /// Its 95 % interval, s.
-    pub ci95_s: Option<[f64; 2]>,
-    /// What the method's original definition returns, s.
-    pub raw_delay_s: Option<f64>,
-    /// Samples taken off the raw value.
-    #[serde(serialize_with = "whole_if_it_is")]
-    pub degree_bias_samples: f64,
-    /// What a reader must know besides.
-    pub note: Option<String>,
-    /// The standard deviation that was to be expected of the method before it ran, s ([`crate::delay::richness`]).
-    pub predicted_std_s: Option<f64>,
-    /// Run time, s.
-    pub time_s: f64,
-    /// The heading it stands under.
-    #[serde(skip)]
-    pub class: Class,
-    /// What the record shows that the method does not withstand.
-    #[serde(skip)]
-    pub distrust: Vec<Condition>,
-    /// What the method leaves over contradicts its own model.
-    #[serde(skip)]
-    pub contradicted: bool,
-}
-
-impl Estimate {
-    /// An answer with its method, what was to be expected of it, its run time, and what the record shows.
-    #[must_use]
-    pub fn new(method: &Method, estimate: &DelayEstimate, predicted_std_s: Option<f64>, time_s: f64, findings: &[Finding]) -> Self {
-        Self {
-            method: method.entry.name.to_owned(),
-            outcome: estimate.outcome,
-            delay_s: estimate.delay_s,
-            std_s: estimate.std_s,
-            ci95_s: estimate.ci95_s,
-            raw_delay_s: estimate.raw_delay_s,
-            degree_bias_samples: estimate.degree_bias_samples,
-            note: estimate.note.clone(),
-            predicted_std_s,
-            time_s,
-            class: method.class,
-            distrust: distrust(method, findings),
-            contradicted: estimate.contradicted,
-        }
-    }
-}
-
-/// All answers for one pair.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Pair {
-    /// The input.
-    pub input: String,
-    /// The output; `*` where an answer holds whatever the output.
-    pub output: String,
-    /// What the record shows.
-    #[serde(skip)]
-    pub findings: Vec<Finding>,
-    /// One answer per method, class by class.
-    pub estimates: Vec<Estimate>,
-    /// That neighbouring delays are hardly told apart, if so.
-    #[serde(skip)]
-    pub warning: Option<String>,
-    /// What to believe.
-    pub verdict: Verdict,
-}
-
-/// The file `deadtime/estimate@1`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Report {
-    /// `deadtime/estimate@1`.
-    pub format: &'static str,
-    /// The log.
-    pub log: String,
-    /// The sample time, s.
-    pub sample_time_s: f64,
-    /// The longest delay searched, s.
-    pub max_delay_s: f64,
-    /// One entry per input and output.
-    pub pairs: Vec<Pair>,
-}
-
-/// The value of [`Report::format`].
-pub const FORMAT: &str = "deadtime/estimate@1";
+use crate::delay::Outcome;
+use crate::delay::report::{Bias, Estimate, Pair, Report, Searched};
 
 impl Report {
+    /// A sentence on what was searched and assumed.
+    #[must_use]
+    pub fn preamble(&self) -> String {
+        let (name, until) = (&self.log, self.max_delay_s);
+        match &self.searched {
+            Searched::Samples { samples, records, bias, resampled } => {
+                let records = if *records > 1 { format!(" in {records} records") } else { String::new() };
+                let bias = match bias {
+                    Bias::Assumed => "assumed relative degree 1 (a strictly proper plant behind a zero-order hold)".to_owned(),
+                    Bias::Model(model) => format!("relative degrees of {model} behind a zero-order hold"),
+                    Bias::Given(degree) => format!("relative degree {degree} as given"),
+                };
+                let interpolated = "; outputs were interpolated, which makes a response up to a step of the log's own too early";
+                let caveat = if *resampled { interpolated } else { "" };
+                format!(
+                    "{name}: {samples} samples{records}, one every {} s; searched 0 to {until:.4} s; {bias}{caveat}",
+                    self.sample_time_s
+                )
+            }
+            Searched::Events { counts, interval_s } => {
+                let [a, b] = self.pairs.first().map_or(["", ""], |p| [&p.input, &p.output]);
+                format!(
+                    "{name}: {} events of `{a}` and {} of `{b}`, typically {interval_s:.4} s apart; searched 0 to {until:.4} s",
+                    counts[0], counts[1]
+                )
+            }
+        }
+    }
+
     /// The tables and sentences for a terminal: of many methods those whose answers count, unless the `full` table is asked for.
     #[must_use]
     pub fn text(&self, full: bool) -> String {
@@ -120,7 +54,7 @@ impl Report {
                     let _ = writeln!(text, "  {}: {note}", estimate.method);
                 }
             }
-            if let Some(warning) = &pair.warning {
+            if let Some(warning) = pair.warning(self.sample_time_s) {
                 let _ = writeln!(text, "  {warning}");
             }
             let step = self.sample_time_s;
@@ -186,6 +120,17 @@ impl Report {
     }
 }
 
+impl Pair {
+    /// That the data hardly tell neighbouring delays apart, if so.
+    #[must_use]
+    pub fn warning(&self, sample_time_s: f64) -> Option<String> {
+        let std = seconds(self.poor_std_s?, sample_time_s);
+        Some(format!(
+            "poor data: a standard deviation of {std} s was to be expected before any method ran, so delays {sample_time_s} s apart are hardly told apart"
+        ))
+    }
+}
+
 /// As many methods as a person reads at a glance.
 pub(super) const A_HANDFUL: usize = 8;
 
@@ -207,20 +152,6 @@ impl<'a> Shown<'a> {
         }
         Self { rows, headed }
     }
-}
-
-impl Estimate {
-    /// A delay was found, and the record shows nothing that the method does not withstand.
-    #[must_use]
-    pub fn counts(&self) -> bool {
-        self.outcome == Outcome::Found && self.distrust.is_empty() && !self.contradicted
-    }
-}
-
-/// A whole number without a point, as the format has it.
-#[allow(clippy::trivially_copy_pass_by_ref, clippy::cast_possible_truncation)]
-fn whole_if_it_is<S: serde::Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
-    if value.fract() == 0.0 && value.abs() < 1e15 { serializer.serialize_i64(*value as i64) } else { serializer.serialize_f64(*value) }
 }
 
 pub(super) fn run_time(time_s: f64) -> String {

@@ -5,16 +5,8 @@ use std::ops::Range;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::estimate::{A_HANDFUL, Estimate, Pair};
-
-/// An estimated impulse response with its standard deviations, one number per sample.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Response {
-    /// The coefficients.
-    pub values: Vec<f64>,
-    /// Their standard deviations.
-    pub std: Vec<f64>,
-}
+use super::estimate::A_HANDFUL;
+use crate::delay::report::{Estimate, Pair, Response};
 
 /// One pair's part of the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -161,8 +153,8 @@ fn impulse(area: &Area<'_>, response: &Response, axis: Range<f64>, sample_time_s
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::delay::report::Estimate;
     use crate::delay::{DelayEstimate, Outcome, Verdict};
-    use crate::report::estimate::Estimate;
 
     #[test]
     fn every_method_and_every_kind_of_answer_is_drawn() {
@@ -177,7 +169,7 @@ mod tests {
             input: "u<1>".into(),
             output: "y".into(),
             findings: Vec::new(),
-            warning: None,
+            poor_std_s: None,
             estimates: ["oestruc", "arxstruc"]
                 .iter()
                 .zip([&found, &none])

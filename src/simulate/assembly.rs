@@ -62,7 +62,7 @@ impl Assembly {
             .collect();
         let mut outputs: Vec<Row> = match &plan.dynamics {
             Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => build.plant(matrices, &inputs, &system.output_operating),
-            Dynamics::Equations(..) => {
+            Dynamics::Equations(..) | Dynamics::BlackBox(..) => {
                 let received: Vec<f64> = inputs.iter().map(|row| build.value(row)).collect();
                 let own = own_outputs(&received);
                 build.now[one + 1..].copy_from_slice(&own);

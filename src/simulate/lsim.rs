@@ -412,6 +412,52 @@ pub fn lsim_uneven(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64
     Ok(Response { y, x })
 }
 
+/// Response of a continuous model on time stamps of any kind (s, increasing): as [`lsim`] where they are even, else as [`lsim_uneven`].
+///
+/// # Errors
+/// As [`lsim_uneven`], and [`SimulateError::Samples`].
+pub fn lsim_at(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64>, options: &Options) -> Result<Response, SimulateError> {
+    if time_s.len() != u.nrows() {
+        return Err(SimulateError::Samples { time: time_s.len(), input: u.nrows() });
+    }
+    match even(time_s) {
+        Some(sample_time) => lsim(sys, u, sample_time, options),
+        None => lsim_uneven(sys, time_s, u, options),
+    }
+}
+
+/// Response of a sampled model to an input on time stamps, which must have its sample time.
+///
+/// # Errors
+/// As [`lsim_sampled`], and [`SimulateError::Samples`] or [`SimulateError::Grid`].
+#[allow(clippy::cast_precision_loss)]
+pub fn lsim_sampled_at(sys: &StateSpace<Sampled>, time_s: &[f64], u: &DMatrix<f64>, options: &Options) -> Result<Response, SimulateError> {
+    if time_s.len() != u.nrows() {
+        return Err(SimulateError::Samples { time: time_s.len(), input: u.nrows() });
+    }
+    let (start_s, ts) = (time_s.first().copied().unwrap_or(0.0), sys.sample_time());
+    let due = |k: usize| start_s + ts.to_seconds(k as f64);
+    // What is off by this share of a sample was meant to be another grid.
+    let off = |k: &usize| !((time_s[*k] - due(*k)).abs() <= 1e-3 * ts.seconds());
+    match (0..time_s.len()).find(off) {
+        Some(sample) => Err(SimulateError::Grid { sample, time_s: time_s[sample], due_s: due(sample) }),
+        None => lsim_sampled(sys, u, options),
+    }
+}
+
+/// The sample time of stamps that only rounding parts from an even grid.
+#[allow(clippy::cast_precision_loss)]
+pub(super) fn even(time_s: &[f64]) -> Option<SampleTime> {
+    let (&[first, .., last], count) = (time_s, time_s.len()) else { return None };
+    let step = (last - first) / (count - 1) as f64;
+    let near = EVEN * step;
+    let on_line = |(k, t): (usize, &f64)| (t - (first + k as f64 * step)).abs() <= near;
+    if time_s.iter().enumerate().all(on_line) { SampleTime::new(step).ok() } else { None }
+}
+
+/// How far from an even grid, in samples, stamps may lie that were meant to be on it: what rounding leaves of a million samples.
+const EVEN: f64 = 1e-9;
+
 /// Two instants closer than this share of a sample are one, as in [`SampleTime::samples`].
 const COINCIDE: f64 = 1e-9;
 

@@ -4,6 +4,7 @@
 //! dynamics, on its way out and on the clock; which hooks belong to which effect is not known here.
 
 mod assembly;
+mod black_box;
 mod field;
 mod linear;
 mod lsim;
@@ -11,14 +12,17 @@ mod nonlinear;
 pub mod ode;
 mod piecewise;
 pub mod plan;
+mod response;
 mod run;
 mod sampled;
 mod system;
 mod walk;
 
-pub use lsim::{Options, Prehistory, Response, lsim, lsim_sampled, lsim_uneven};
+pub use black_box::{Face, Remembered, Simulator, Start};
+pub use lsim::{Options, Prehistory, Response, lsim, lsim_at, lsim_sampled, lsim_sampled_at, lsim_uneven};
 pub use piecewise::{Piece, Piecewise};
 pub use plan::{Drops, Mode, Plan, Source, Term, Tolerance};
+pub use response::{impulse_response, impulse_response_sampled, step_response, step_response_sampled};
 pub use run::Commands;
 pub use system::{Dynamics, Matrices, Port, System};
 pub use walk::{Correction, Measured, Run};
@@ -63,6 +67,18 @@ pub enum SimulateError {
         sample: usize,
         /// The value.
         value: f64,
+    },
+    /// Time stamps off the grid of a sampled model.
+    #[error(
+        "time is {time_s} s at sample {sample}, where the model's sample time asks for {due_s} s; resample, or leave the time stamps out"
+    )]
+    Grid {
+        /// Sample, counted from 0.
+        sample: usize,
+        /// Time there.
+        time_s: f64,
+        /// Time on the model's grid.
+        due_s: f64,
     },
     /// Time stamps that do not increase.
     #[error("time goes from {before_s} s to {after_s} s at sample {sample}; it must increase")]
@@ -132,6 +148,66 @@ pub enum SimulateError {
     Contacts {
         /// When.
         time_s: f64,
+    },
+    /// A simulator that is only called said no.
+    #[error("the simulator failed: {0}")]
+    Called(String),
+    /// Its answer has another shape.
+    #[error(
+        "the simulator returned {got_rows} × {got_columns} numbers; it must return one row per sample and one column per output, {rows} × {columns}"
+    )]
+    Answer {
+        /// Samples.
+        rows: usize,
+        /// Outputs.
+        columns: usize,
+        /// Rows returned.
+        got_rows: usize,
+        /// Columns returned.
+        got_columns: usize,
+    },
+    /// Its answer holds NaN or infinity.
+    #[error(
+        "the simulator returned {value} for `{output}` at sample {sample} (counted from 0, t = {time_s} s); every output must be finite"
+    )]
+    AnswerNotFinite {
+        /// The output.
+        output: String,
+        /// Sample, counted from 0.
+        sample: usize,
+        /// When.
+        time_s: f64,
+        /// The value.
+        value: f64,
+    },
+    /// Measured outputs cannot correct what nobody can reach into.
+    #[error(
+        "a simulator that is only called cannot be corrected by measured outputs on its way: it has no state at hand; simulate it freely"
+    )]
+    Uncorrected,
+    /// A simulator without inputs or outputs.
+    #[error("the simulator has no {what}; name at least one")]
+    NoChannel {
+        /// Input or output.
+        what: &'static str,
+    },
+    /// A name that is empty or stands for two.
+    #[error("the {what} name `{name}` is empty or given twice; every {what} needs its own")]
+    Name {
+        /// Input, output, state or parameter.
+        what: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// A number that cannot be.
+    #[error("{what} of `{name}` is {value}; it must be a finite number, a standard deviation at least 0")]
+    Value {
+        /// What it is.
+        what: &'static str,
+        /// Of what.
+        name: String,
+        /// The value.
+        value: f64,
     },
     /// A delay that cannot be.
     #[error(transparent)]

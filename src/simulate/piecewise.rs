@@ -1,5 +1,8 @@
 //! Signals made of straight pieces: what a held command becomes on its way through an actuator, exactly.
 
+/// Edges closer than this, relative to the sample, fall together.
+pub(super) const TOGETHER: f64 = 1e-9;
+
 /// One straight piece, v(t) = value + slope·(t − start) until the next piece starts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Piece {
@@ -68,6 +71,46 @@ impl Piecewise {
     #[must_use]
     pub fn is_held(&self) -> bool {
         self.pieces.iter().all(|p| p.slope == 0.0)
+    }
+
+    /// The mean from each edge to the next, and the value at each edge but the last. A piece that rounding alone puts across an edge is passed over.
+    pub(super) fn sampled(&self, edges_s: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let count = edges_s.len().saturating_sub(1);
+        let (mut means, mut values) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let level = |value: f64| Piece { start_s: 0.0, value, slope: 0.0 };
+        let mut at = 0;
+        for edge in edges_s.windows(2) {
+            let (from_s, to_s) = (edge[0], edge[1]);
+            let together = TOGETHER * (to_s - from_s);
+            while self.pieces.get(at + 1).is_some_and(|p| p.start_s <= from_s + together) {
+                at += 1;
+            }
+            let mut piece = self.pieces.get(at).copied().unwrap_or(level(0.0));
+            let mut next = at + 1;
+            if piece.start_s > from_s + together {
+                (piece, next) = (level(piece.value), at);
+            }
+            values.push(piece.at(from_s));
+            let (mut sum, mut start_s) = (0.0, from_s);
+            loop {
+                let end_s = self.pieces.get(next).map_or(to_s, |p| p.start_s).clamp(start_s, to_s);
+                let end_s = if to_s - end_s <= together { to_s } else { end_s };
+                if start_s == from_s && end_s == to_s && piece.slope == 0.0 {
+                    // The value itself, not a quotient that rounding has touched.
+                    means.push(piece.value);
+                    break;
+                }
+                sum += (end_s - start_s) * piece.at(0.5 * (start_s + end_s));
+                if end_s == to_s {
+                    means.push(sum / (to_s - from_s));
+                    break;
+                }
+                start_s = end_s;
+                piece = self.pieces[next];
+                next += 1;
+            }
+        }
+        (means, values)
     }
 
     /// The signal later by `delay_s`; what it was at the start holds until then. A negative delay looks ahead.
@@ -159,6 +202,21 @@ mod tests {
         assert_eq!((at(&late, 0.1), at(&late, 1.2), at(&late, 1.25), at(&late, 9.0)), (3.0, 3.0, 4.0, 5.0));
         let early = u.delayed(-1.5);
         assert_eq!((early.pieces[0], at(&early, 0.4), at(&early, 0.5)), (Piece { start_s: 0.0, value: 4.0, slope: 0.0 }, 4.0, 5.0));
+    }
+
+    #[test]
+    fn means_over_samples_are_those_of_the_pieces_and_exact_where_one_piece_fills_a_sample() {
+        let u = Piecewise::held(&[0.0, 0.1, 0.2, 0.3], [1.0, 3.0, -0.7, 0.1]);
+        let edges = [0.0, 0.1, 0.2, 0.3, 0.5];
+        assert_eq!(u.sampled(&edges), (vec![1.0, 3.0, -0.7, 0.1], vec![1.0, 3.0, -0.7, 0.1]));
+        // A delay of whole samples moves them, to the bit.
+        assert_eq!(u.clone().delayed(0.1).sampled(&edges).0, [1.0, 1.0, 3.0, -0.7 * 0.5 + 0.1 * 0.5]);
+        let (means, values) = u.delayed(0.025).sampled(&edges);
+        let expected = [1.0, 0.25 * 1.0 + 0.75 * 3.0, 0.25 * 3.0 - 0.75 * 0.7, (-0.025 * 0.7 + 0.175 * 0.1) / 0.2];
+        assert!(means.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-14), "{means:?}");
+        assert_eq!(values, [1.0, 1.0, 3.0, -0.7]);
+        let ramp = Piecewise::joined(&[0.0, 1.0], &[0.0, 2.0]);
+        assert_eq!(ramp.sampled(&[0.0, 0.5, 2.0]), (vec![0.5, (0.5 * 1.5 + 2.0) / 1.5], vec![0.0, 1.0]));
     }
 
     #[test]

@@ -226,7 +226,8 @@ pub struct Plan {
     pub outputs: Vec<OutputPath>,
     /// The sensors' clock.
     pub clock: SensorClock,
-    /// How the commands run between samples. Straight lines pass delays, lags and modes only; a sampled model knows nothing between its samples.
+    /// How the commands run between samples. Straight lines pass delays, lags and modes only; a sampled model and a simulator that is
+    /// only called know nothing between the samples.
     pub hold: Hold,
     /// How closely nonlinear dynamics are integrated.
     pub tolerance: Tolerance,

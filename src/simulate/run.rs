@@ -28,7 +28,8 @@ pub struct Commands<'a> {
 impl System {
     /// Simulates the system under a plan, from the state `x0` at the log's first sample: free, or corrected by measured outputs at every sample.
     ///
-    /// Exact for linear systems (held and straight inputs, delays of any size); nonlinear ones are integrated from edge to edge of the inputs, to the plan's
+    /// A simulator that is only called gets what arrives at it on average over each sample, at the log's stamps; its states stay unknown. Else it is
+    /// exact for linear systems (held and straight inputs, delays of any size); nonlinear ones are integrated from edge to edge of the inputs, to the plan's
     /// tolerance. The equations' `time` counts from the log's first sample.
     ///
     /// # Errors
@@ -42,7 +43,7 @@ impl System {
         correction: Option<Correction<'_>>,
     ) -> Result<Run, SimulateError> {
         check(self, commands, x0)?;
-        let joined = plan.hold == Hold::Linear && !matches!(plan.dynamics, Dynamics::Sampled(..));
+        let joined = plan.hold == Hold::Linear && !matches!(plan.dynamics, Dynamics::Sampled(..) | Dynamics::BlackBox(..));
         let signals = (plan.inputs.iter().zip(commands.inputs).enumerate())
             .map(
                 |(input, (path, values))| {
@@ -56,9 +57,15 @@ impl System {
         if let Dynamics::Sampled(matrices, ts) = dynamics {
             return sampled::run(self, plan, (matrices, *ts), &signals, time_s, x0, correction);
         }
+        if let Dynamics::BlackBox(simulator, parameters) = dynamics {
+            if correction.is_some() {
+                return Err(SimulateError::Uncorrected);
+            }
+            return sampled::called(self, plan, (simulator.as_ref(), parameters), &signals, time_s, x0);
+        }
         let equations = match dynamics {
             Dynamics::Equations(equations, parameters) => Some((equations.as_ref(), parameters.as_slice())),
-            Dynamics::Linear(_) | Dynamics::Sampled(..) => None,
+            Dynamics::Linear(_) | Dynamics::Sampled(..) | Dynamics::BlackBox(..) => None,
         };
         let assembly = Assembly::new(self, plan, x0, &first, |received| {
             let mut y = vec![0.0; self.outputs.len()];
@@ -155,7 +162,7 @@ fn passed_on(drops: &Drops, values: &[f64]) -> Result<Vec<f64>, SimulateError> {
 }
 
 impl System {
-    /// ∂y/∂x0 under a plan, by central differences of one `scale` per state: samples × outputs stacked by output, one column per state.
+    /// ∂y/∂x0 under a plan, by central differences of one `scale` per state (0: the column is 0): samples × outputs stacked by output, one column per state.
     ///
     /// # Errors
     /// As [`System::simulate`].
@@ -169,7 +176,7 @@ impl System {
     ) -> Result<DMatrix<f64>, SimulateError> {
         let samples = commands.time_s.len();
         let mut z = DMatrix::zeros(samples * self.outputs.len(), x0.len());
-        for j in 0..x0.len() {
+        for j in (0..x0.len()).filter(|&j| scale[j] != 0.0) {
             let moved = |by: f64| {
                 let mut x = x0.to_vec();
                 x[j] += by * scale[j];

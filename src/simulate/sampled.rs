@@ -1,4 +1,4 @@
-//! A sampled model with hooks on its inputs, outputs and clock.
+//! A model that is known at its samples only, sampled or called, with hooks on its inputs, outputs and clock.
 //!
 //! Between the samples, where a hook asks: an input of the plant is the mean of what arrives over the sample, its direct path sees what arrives at the
 //! sampling instant, and an output runs straight from one sample to the next.
@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::SimulateError;
 use super::assembly::Assembly;
+use super::black_box::{self, Simulator};
 use super::linear::Linear;
 use super::piecewise::{Piece, Piecewise};
 use super::plan::{InputPath, OutputPath, Plan, SensorClock};
@@ -33,25 +34,36 @@ fn bench(inputs: usize, a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>, d: DM
     }
 }
 
-/// What arrives at the plant: means over the samples and values at the sampling instants, each samples × inputs.
-fn arriving(paths: &[InputPath], signals: &[Piecewise], time_s: &[f64], ts: SampleTime) -> Result<[DMatrix<f64>; 2], SimulateError> {
+/// What arrives at the plant: means over the samples and values at the sampling instants, each samples × inputs. The last sample lasts `last_s`.
+fn arriving(paths: &[InputPath], signals: &[Piecewise], time_s: &[f64], last_s: f64) -> Result<[DMatrix<f64>; 2], SimulateError> {
     let (m, samples) = (signals.len(), time_s.len());
-    let zero = DMatrix::zeros(m, m);
-    let one = DMatrix::identity(m, m);
-    let stack =
-        |top: &DMatrix<f64>, bottom: &DMatrix<f64>| DMatrix::from_fn(2 * m, m, |i, j| if i < m { top[(i, j)] } else { bottom[(i - m, j)] });
-    let system = bench(m, zero.clone(), one.clone(), stack(&one, &zero), stack(&zero, &one));
-    let mut plan = Plan::new(&system);
-    for (to, path) in plan.inputs.iter_mut().zip(paths) {
-        to.lags_s.clone_from(&path.lags_s);
+    let edges: Vec<f64> = time_s.iter().copied().chain([time_s.last().copied().unwrap_or(0.0) + last_s]).collect();
+    let (mut mean, mut instant) = (DMatrix::zeros(samples, m), DMatrix::zeros(samples, m));
+    for (i, (path, signal)) in paths.iter().zip(signals).enumerate() {
+        let (means, values) = if path.lags_s.is_empty() { signal.sampled(&edges) } else { lagged(path, signal, &edges)? };
+        mean.column_mut(i).copy_from_slice(&means);
+        instant.column_mut(i).copy_from_slice(&values);
     }
-    let assembly = first_values(&system, &plan, signals);
-    let mut longer = time_s.to_vec();
-    longer.push(time_s.last().copied().unwrap_or(0.0) + ts.seconds());
-    let run = walk(&mut Linear::new(&assembly, true), signals, &plan, &longer, None, false)?;
-    let mean = DMatrix::from_fn(samples, m, |k, i| (run.y[(k + 1, i)] - run.y[(k, i)]) / ts.seconds());
-    let instant = DMatrix::from_fn(samples, m, |k, i| run.y[(k, m + i)]);
     Ok([mean, instant])
+}
+
+/// The same of one signal behind its lags.
+fn lagged(path: &InputPath, signal: &Piecewise, edges_s: &[f64]) -> Result<(Vec<f64>, Vec<f64>), SimulateError> {
+    // An integrator and a direct path carry the signal.
+    let zero = DMatrix::zeros(1, 1);
+    let system = bench(
+        1,
+        zero.clone(),
+        DMatrix::identity(1, 1),
+        DMatrix::from_column_slice(2, 1, &[1.0, 0.0]),
+        DMatrix::from_column_slice(2, 1, &[0.0, 1.0]),
+    );
+    let mut plan = Plan::new(&system);
+    plan.inputs[0].lags_s.clone_from(&path.lags_s);
+    let signals = std::slice::from_ref(signal);
+    let run = walk(&mut Linear::new(&first_values(&system, &plan, signals), true), signals, &plan, edges_s, None, false)?;
+    let mean = (1..edges_s.len()).map(|k| (run.y[(k, 0)] - run.y[(k - 1, 0)]) / (edges_s[k] - edges_s[k - 1])).collect();
+    Ok((mean, (1..edges_s.len()).map(|k| run.y[(k - 1, 1)]).collect()))
 }
 
 fn first_values(system: &System, plan: &Plan, signals: &[Piecewise]) -> Assembly {
@@ -118,6 +130,45 @@ impl Sensor<'_> {
     }
 }
 
+/// The outputs of a plant that is known at its samples only.
+struct Sensors<'a> {
+    plan: &'a Plan,
+    all: Vec<Sensor<'a>>,
+}
+
+impl<'a> Sensors<'a> {
+    fn new(plan: &'a Plan, time_s: &'a [f64]) -> Self {
+        Self { plan, all: plan.outputs.iter().map(|path| Sensor { path, time_s, values: Vec::new(), lagged: Vec::new() }).collect() }
+    }
+
+    /// The plant's own outputs at the next sample.
+    fn push(&mut self, own: &[f64]) -> Result<(), SimulateError> {
+        for (i, sensor) in self.all.iter_mut().enumerate() {
+            sensor.push(own[i] + sensor.path.mixing.iter().map(|&(from, gain)| gain * own[from]).sum::<f64>())?;
+        }
+        Ok(())
+    }
+
+    /// What the log shows of an output at this stamp.
+    fn reading(&self, output: usize, stamp_s: f64) -> Result<f64, SimulateError> {
+        let sensor = &self.all[output];
+        let mut value = sensor.read(taken(self.plan.clock, sensor.path, stamp_s))?;
+        for map in &sensor.path.maps {
+            value = map(stamp_s, value);
+        }
+        Ok(value)
+    }
+
+    fn readings(&self, time_s: &[f64], y: &mut DMatrix<f64>) -> Result<(), SimulateError> {
+        for output in 0..self.all.len() {
+            for (k, &stamp_s) in time_s.iter().enumerate() {
+                y[(k, output)] = self.reading(output, stamp_s)?;
+            }
+        }
+        Ok(())
+    }
+}
+
 /// When a sample of the log is read, in the commands' time.
 fn taken(clock: SensorClock, path: &OutputPath, stamp_s: f64) -> f64 {
     clock.commands_time_s(stamp_s) - path.delay_s
@@ -141,32 +192,21 @@ pub(super) fn run(
     let beyond = if correction.is_none() { (ahead.ceil() as usize).min(samples) } else { 0 };
     #[allow(clippy::cast_precision_loss)]
     let grid: Vec<f64> = time_s.iter().copied().chain((1..=beyond).map(|k| last + ts.to_seconds(k as f64))).collect();
-    let [mean, instant] = arriving(&plan.inputs, signals, &grid, ts)?;
+    let [mean, instant] = arriving(&plan.inputs, signals, &grid, ts.seconds())?;
     let about = |u: &DMatrix<f64>, k: usize| DVector::from_fn(u.ncols(), |i, _| u[(k, i)] - system.input_operating[i]);
-    let mut sensors: Vec<Sensor<'_>> =
-        plan.outputs.iter().map(|path| Sensor { path, time_s: &grid, values: Vec::new(), lagged: Vec::new() }).collect();
+    let mut sensors = Sensors::new(plan, &grid);
     let mut run = Run { y: DMatrix::zeros(samples, plan.outputs.len()), x: DMatrix::zeros(samples, x0.len()), steps: 0 };
     let mut x = DVector::from_column_slice(x0);
-    let reading = |sensor: &Sensor<'_>, k: usize| -> Result<f64, SimulateError> {
-        let mut value = sensor.read(taken(plan.clock, sensor.path, time_s[k]))?;
-        for map in &sensor.path.maps {
-            value = map(time_s[k], value);
-        }
-        Ok(value)
-    };
     for (k, &at_s) in grid.iter().enumerate() {
         if k < samples {
             run.x.row_mut(k).tr_copy_from(&x);
         }
         let own = &matrices.c * &x + &matrices.d * about(&instant, k);
         let own: Vec<f64> = own.iter().zip(&system.output_operating).map(|(y, operating)| y + operating).collect();
-        for i in 0..sensors.len() {
-            let mixed: f64 = own[i] + plan.outputs[i].mixing.iter().map(|&(from, gain)| gain * own[from]).sum::<f64>();
-            sensors[i].push(mixed)?;
-        }
+        sensors.push(&own)?;
         if let Some(correction) = correction {
-            for (j, sensor) in sensors.iter().enumerate() {
-                let value = reading(sensor, k)?;
+            for j in 0..plan.outputs.len() {
+                let value = sensors.reading(j, time_s[k])?;
                 run.y[(k, j)] = value;
                 let innovation = correction
                     .measured
@@ -182,11 +222,29 @@ pub(super) fn run(
         }
     }
     if correction.is_none() {
-        for (j, sensor) in sensors.iter().enumerate() {
-            for k in 0..samples {
-                run.y[(k, j)] = reading(sensor, k)?;
-            }
-        }
+        sensors.readings(time_s, &mut run.y)?;
     }
+    Ok(run)
+}
+
+/// Simulates what can only be called: once, at the log's stamps. What its clock would have it read after the last of them is the last sample.
+pub(super) fn called(
+    system: &System,
+    plan: &Plan,
+    (simulator, parameters): (&dyn Simulator, &[f64]),
+    signals: &[Piecewise],
+    time_s: &[f64],
+    x0: &[f64],
+) -> Result<Run, SimulateError> {
+    let last_s = time_s.windows(2).last().map_or(1.0, |w| w[1] - w[0]);
+    let [u, _] = arriving(&plan.inputs, signals, time_s, last_s)?;
+    let own = simulator.simulate(&u, time_s, x0, parameters).map_err(SimulateError::Called)?;
+    black_box::check(&own, &system.outputs, time_s)?;
+    let mut sensors = Sensors::new(plan, time_s);
+    for row in own.row_iter() {
+        sensors.push(&row.iter().copied().collect::<Vec<_>>())?;
+    }
+    let mut run = Run { y: DMatrix::zeros(time_s.len(), plan.outputs.len()), x: DMatrix::zeros(0, 0), steps: 0 };
+    sensors.readings(time_s, &mut run.y)?;
     Ok(run)
 }

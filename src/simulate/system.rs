@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::DMatrix;
 
+use super::black_box::Simulator;
 use crate::error::Result;
 use crate::model::{Channel, Equations, ModelDocument, Operating, StateSpace, TimeDomain};
 use crate::time::SampleTime;
@@ -39,6 +40,8 @@ pub enum Dynamics {
     Sampled(Matrices, SampleTime),
     /// A nonlinear model and the values of its parameters.
     Equations(Arc<Equations>, Vec<f64>),
+    /// A simulator that can only be called, and the values of its parameters.
+    BlackBox(Arc<dyn Simulator>, Vec<f64>),
 }
 
 /// A simulator: dynamics, names, start and operating points.
@@ -73,6 +76,12 @@ impl System {
     #[must_use]
     pub fn is_sampled(&self) -> bool {
         matches!(self.dynamics, Dynamics::Sampled(..))
+    }
+
+    /// The simulator can only be called: what moves inside it is not known.
+    #[must_use]
+    pub fn is_black_box(&self) -> bool {
+        matches!(self.dynamics, Dynamics::BlackBox(..))
     }
 }
 

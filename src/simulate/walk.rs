@@ -3,11 +3,8 @@
 use nalgebra::DMatrix;
 
 use super::SimulateError;
-use super::piecewise::{Piece, Piecewise};
+use super::piecewise::{Piece, Piecewise, TOGETHER};
 use super::plan::Plan;
-
-/// Edges and samples closer than this, relative to the mean sample time, fall together: the edge comes first.
-const TOGETHER: f64 = 1e-9;
 
 /// The piece that every signal is on.
 pub(super) struct Drive {
@@ -118,6 +115,7 @@ pub(super) fn walk(
     let mut run = Run { y: DMatrix::zeros(samples, outputs), x: DMatrix::zeros(rows, system.plant_state().len()), steps: 0 };
     let mut groups = groups(plan, states, time_s);
     let end = time_s.last().copied().unwrap_or(0.0);
+    // Edges and samples that fall together: the edge comes first.
     #[allow(clippy::cast_precision_loss)]
     let together = TOGETHER * if samples > 1 { end / (samples - 1) as f64 } else { 1.0 };
     let mut drive = Drive { pieces: signals.iter().map(|s| s.pieces().first().copied().unwrap_or(LEVEL)).collect() };

@@ -3,12 +3,15 @@
 use serde::{Deserialize, Serialize};
 
 use super::units;
-use crate::diagnose::data::{self, Record, Span};
+use crate::diagnose::black_box::{probe, remembering};
+use crate::diagnose::data::{Record, Span};
 use crate::diagnose::diagnosis::{Check, CheckKind};
+use crate::diagnose::prediction::Prediction;
+use crate::diagnose::subject::Subject;
 use crate::effect::Applied;
 use crate::error::Result;
 use crate::log::{Channel, Log, LogError};
-use crate::model::ModelDocument;
+use crate::stop::Stop;
 
 /// The format line.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -126,9 +129,10 @@ fn channel(log: &Log, name: &str, unit: Option<&str>, role: Role) -> ChannelRepo
     report
 }
 
-fn report(log: &Log, document: &ModelDocument) -> LogReport {
-    let inputs = document.inputs().iter().map(|c| channel(log, &c.name, c.unit.as_deref(), Role::Input));
-    let outputs = document.outputs().iter().map(|c| channel(log, &c.name, c.unit.as_deref(), Role::Output));
+fn report(log: &Log, subject: Subject<'_>) -> LogReport {
+    let (inputs, outputs) = (subject.inputs(), subject.outputs());
+    let inputs = inputs.iter().map(|c| channel(log, &c.name, c.unit.as_deref(), Role::Input));
+    let outputs = outputs.iter().map(|c| channel(log, &c.name, c.unit.as_deref(), Role::Output));
     let grid = log.even_grid();
     LogReport {
         log: log.source().to_owned(),
@@ -165,16 +169,22 @@ fn usable(log: &Log, report: &LogReport) -> std::result::Result<Log, LogError> {
 /// Looks at a model and logs before anyone diagnoses: names, units, time stamps and missing samples of every log, and all checks over the whole of the logs.
 ///
 /// # Errors
-/// Those of the model; what does not fit in a log is part of the answer.
-pub fn inspect(document: &ModelDocument, logs: &[Log]) -> Result<Inspection> {
-    let reports: Vec<LogReport> = logs.iter().map(|log| report(log, document)).collect();
+/// Those of the model, [`crate::Error::Stopped`]; what does not fit in a log is part of the answer.
+pub fn inspect<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], stop: &Stop) -> Result<Inspection> {
+    let found = look(subject.into(), logs, stop);
+    stop.check()?;
+    found
+}
+
+fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop) -> Result<Inspection> {
+    let reports: Vec<LogReport> = logs.iter().map(|log| report(log, subject)).collect();
     let mut found =
-        Inspection { format: InspectionFormat::V1, model: document.name().to_owned(), logs: reports, not_run: None, checks: Vec::new() };
+        Inspection { format: InspectionFormat::V1, model: subject.name().to_owned(), logs: reports, not_run: None, checks: Vec::new() };
     let lost = found.logs.iter().flat_map(|l| l.channels.iter().map(move |c| (l, c))).find(|(_, c)| c.role == Role::Input && !c.ok);
     if let Some((log, c)) = lost {
         found.not_run = Some(format!("{}: without the command `{}` nothing can be compared", log.log, c.channel));
     } else {
-        match checks(document, logs, &found.logs) {
+        match checks(subject, logs, &found.logs, stop) {
             Ok(checks) => found.checks = checks,
             // What is wrong with the model itself is an error; what is wrong with a log is the answer.
             Err(e @ (crate::Error::Gap(_) | crate::Error::Log(_))) => found.not_run = Some(e.to_string()),
@@ -192,11 +202,11 @@ pub fn inspect(document: &ModelDocument, logs: &[Log]) -> Result<Inspection> {
     Ok(found)
 }
 
-fn checks(document: &ModelDocument, logs: &[Log], reports: &[LogReport]) -> Result<Vec<Check>> {
+fn checks(subject: Subject<'_>, logs: &[Log], reports: &[LogReport], stop: &Stop) -> Result<Vec<Check>> {
     let logs: Vec<Log> = logs.iter().zip(reports).map(|(log, report)| usable(log, report)).collect::<std::result::Result<_, _>>()?;
-    let system = data::system(document, &logs)?;
-    let own = document.effects().iter().map(|e| Applied::from_entry(&system, e)).collect::<std::result::Result<Vec<_>, _>>()?;
-    let mut records = logs.iter().map(|log| Record::new(log, document, &system)).collect::<Result<Vec<_>>>()?;
+    let (system, memory) = remembering(subject.system(&logs)?, stop);
+    let own = subject.effects().iter().map(|e| Applied::from_entry(&system, e)).collect::<std::result::Result<Vec<_>, _>>()?;
+    let mut records = logs.iter().map(|log| Record::new(log, &system)).collect::<Result<Vec<_>>>()?;
     for (record, report) in records.iter_mut().zip(reports) {
         record.train = Some(Span { from_s: 0.0, to_s: record.duration_s() });
         let outputs = report.channels.iter().filter(|c| c.role == Role::Output);
@@ -205,5 +215,7 @@ fn checks(document: &ModelDocument, logs: &[Log], reports: &[LogReport]) -> Resu
             debug_assert_eq!(c.role, Role::Output);
         }
     }
-    Ok(super::all(&system, &own, &records))
+    let probed = probe(&system, memory.as_ref(), &records)?;
+    let prediction = probed.map_or_else(|| Prediction::choose(&system, &records, None), |p| p.prediction());
+    Ok(super::all(&system, &own, &records, prediction))
 }

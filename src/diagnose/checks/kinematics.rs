@@ -57,7 +57,7 @@ fn linear(m: &Matrices, at: usize) -> Point {
 fn points(view: &View<'_>) -> Option<Vec<Point>> {
     let system = view.system;
     match &system.dynamics {
-        Dynamics::Sampled(..) => None,
+        Dynamics::Sampled(..) | Dynamics::BlackBox(..) => None,
         Dynamics::Linear(m) => Some((0..POINTS).map(|at| linear(m, at)).collect()),
         Dynamics::Equations(equations, nominal) => {
             let point = |at: usize| {

@@ -23,6 +23,7 @@ mod view;
 
 use super::data::Record;
 use super::diagnosis::{Check, CheckKind};
+use super::prediction::Prediction;
 use crate::effect::Applied;
 use crate::simulate::System;
 use faults::Search;
@@ -56,9 +57,9 @@ const CHECKS: [Checker; 9] = [
     excitation::check,
 ];
 
-/// All checks on the training logs.
-pub(super) fn all(system: &System, own: &[Applied], records: &[Record]) -> Vec<Check> {
-    let view = View::new(system, own, records);
+/// All checks on the training logs. `prediction`: as it is chosen from the simulator, whatever a diagnosis is asked for.
+pub(super) fn all(system: &System, own: &[Applied], records: &[Record], prediction: Prediction) -> Vec<Check> {
+    let view = View::new(system, own, records, prediction);
     if view.records.is_empty() {
         return Vec::new();
     }

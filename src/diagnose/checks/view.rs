@@ -58,11 +58,10 @@ pub(super) struct Fit {
 }
 
 impl<'a> View<'a> {
-    pub(super) fn new(system: &'a System, own: &[Applied], records: &'a [Record]) -> Self {
+    pub(super) fn new(system: &'a System, own: &[Applied], records: &'a [Record], prediction: Prediction) -> Self {
         let trained = || records.iter().enumerate().filter(|(_, r)| r.train.is_some());
         let ts = trained().max_by_key(|(_, r)| r.time_s.len()).map_or(0.0, |(_, r)| r.sample_time_s);
         let chosen: Vec<usize> = trained().filter(|(_, r)| (r.sample_time_s - ts).abs() <= SAME_TIME * ts).map(|(at, _)| at).collect();
-        let prediction = Prediction::choose(system, records, None);
         let mut plan = Applied::plan(system, own, Chance::Mean).ok();
         let mut simulator = system.clone();
         let mut time_constants_s = Vec::new();

@@ -27,9 +27,13 @@ impl Effect for ParameterError {
         "a parameter, or an entry of A or B that is not 0: `A[x,from]`"
     }
 
+    fn needs_equations(&self) -> bool {
+        false
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         match &system.dynamics {
-            Dynamics::Equations(..) => channel::names(&system.parameters),
+            Dynamics::Equations(..) | Dynamics::BlackBox(..) => channel::names(&system.parameters),
             Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
                 let entries = |letter: &'static str, matrix: &DMatrix<f64>, columns: &[Port]| {
                     let place = |(i, j): (usize, usize)| format!("{letter}[{},{}]", system.states[i].name, columns[j].name);
@@ -56,7 +60,7 @@ impl Effect for ParameterError {
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
         let (place, ..) = self.place(system, channel)?;
         match (&mut plan.dynamics, place) {
-            (Dynamics::Equations(_, parameters), Place::Parameter(i)) => parameters[i] = values[0],
+            (Dynamics::Equations(_, parameters) | Dynamics::BlackBox(_, parameters), Place::Parameter(i)) => parameters[i] = values[0],
             (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Place::A(i, j)) => matrices.a[(i, j)] = values[0],
             (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Place::B(i, j)) => matrices.b[(i, j)] = values[0],
             _ => {}
@@ -78,7 +82,7 @@ impl ParameterError {
         let unknown = || EffectError::Channel { effect: self.name(), channel: channel.to_owned(), known: self.channels(system) };
         let at = |ports: &[Port], name: &str| ports.iter().position(|p| p.name == name).ok_or_else(unknown);
         match &system.dynamics {
-            Dynamics::Equations(_, parameters) => {
+            Dynamics::Equations(_, parameters) | Dynamics::BlackBox(_, parameters) => {
                 let i = at(&system.parameters, channel)?;
                 Ok((Place::Parameter(i), channel::unit(&system.parameters[i]), parameters[i]))
             }

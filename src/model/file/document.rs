@@ -2,12 +2,15 @@
 
 use std::path::Path;
 
-use super::{Channel, EffectEntry, EquationsFile, ModelFile, read_text};
+use serde::Serialize;
+
+use super::{Channel, EffectEntry, EquationsFile, ModelFile, Syntax, read_text};
 use crate::error::Result;
 use crate::model::ModelError;
 
 /// A model file, linear or as equations.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(untagged)]
 pub enum ModelDocument {
     /// `kind = "lti"`.
     Lti(ModelFile),
@@ -22,11 +25,31 @@ impl ModelDocument {
     /// [`crate::Error::Io`], or a [`ModelError`] that names the file and what is wrong in it.
     pub fn read(path: &Path) -> Result<Self> {
         let (text, syntax) = read_text(path)?;
-        let kind = super::kind(&text, syntax, path)?;
+        Ok(Self::parse(&text, syntax, path)?)
+    }
+
+    /// From the text of a TOML file; `source` is what error messages call it.
+    ///
+    /// # Errors
+    /// A [`ModelError`] that says what is wrong in it.
+    pub fn from_toml(text: &str, source: &Path) -> std::result::Result<Self, ModelError> {
+        Self::parse(text, Syntax::Toml, source)
+    }
+
+    /// From the same keys as JSON.
+    ///
+    /// # Errors
+    /// As [`Self::from_toml`].
+    pub fn from_json(text: &str, source: &Path) -> std::result::Result<Self, ModelError> {
+        Self::parse(text, Syntax::Json, source)
+    }
+
+    fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
+        let kind = super::kind(text, syntax, path)?;
         Ok(if kind == "equations" {
-            Self::Equations(EquationsFile::parse(&text, syntax, path)?)
+            Self::Equations(EquationsFile::parse(text, syntax, path)?)
         } else {
-            Self::Lti(ModelFile::parse(&text, syntax, path)?)
+            Self::Lti(ModelFile::parse(text, syntax, path)?)
         })
     }
 
@@ -49,6 +72,15 @@ impl ModelDocument {
         match self {
             Self::Lti(file) => file.to_toml(),
             Self::Equations(file) => file.to_toml(),
+        }
+    }
+
+    /// The file's kind, `lti` or `equations`.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Lti(_) => "lti",
+            Self::Equations(_) => "equations",
         }
     }
 

@@ -5,10 +5,11 @@ mod equations;
 mod lti;
 mod table;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 use super::ModelError;
 use crate::error::{Error, Result};
@@ -67,9 +68,14 @@ pub struct EffectEntry {
     pub effect: String,
     /// Where it acts.
     pub channel: String,
-    /// Its parameters.
-    #[serde(default)]
-    pub parameters: std::collections::BTreeMap<String, f64>,
+    /// Its parameters. A limit that does not act is infinite; files leave it out, for JSON has no infinity.
+    #[serde(default, serialize_with = "acting")]
+    pub parameters: BTreeMap<String, f64>,
+}
+
+/// The parameters that are finite.
+fn acting<S: Serializer>(parameters: &BTreeMap<String, f64>, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.collect_map(parameters.iter().filter(|(_, value)| value.is_finite()))
 }
 
 #[derive(Clone, Copy)]

@@ -1,0 +1,410 @@
+//! The whole estimation: the methods asked for, on every pair of a log, with what the record shows, what was to be expected and what to believe.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use nalgebra::DVector;
+use rayon::prelude::*;
+use serde_json::Value;
+
+use super::report::{Bias, Estimate, FORMAT, Pair, Report, Response, Searched};
+use super::{
+    Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Events, Experiment, Finding, Information, METHODS, Method, Outcome,
+    PlantModel, Recording, Richness, Scope, Search, Start, Threshold, conditions, moving_together, richness, verdict,
+};
+use crate::error::Result;
+use crate::identify::fir;
+use crate::log::{EventTimes, Log};
+use crate::model::c2d::{Conversion, ZeroOrderHold};
+use crate::model::{ModelFile, Operating, Sampled, StateSpace};
+use crate::registry::RegistryError;
+use crate::stop::Stop;
+use crate::time::SampleTime;
+
+/// What is known of feedback in the log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "snake_case")]
+pub enum Feedback {
+    /// Nothing: it is looked for.
+    #[default]
+    Auto,
+    /// The input does not depend on the output.
+    Open,
+    /// It does.
+    Closed,
+}
+
+/// A method, ready to run.
+pub struct Ready {
+    /// Its line in the list.
+    pub method: &'static Method,
+    /// The method with its options.
+    pub estimator: Box<dyn DelayEstimator>,
+}
+
+/// The methods asked for, in the list's order, with their options as JSON objects; `all` are those that look at one of `scopes`.
+///
+/// # Errors
+/// [`RegistryError`] for a name or an option that there is not; [`DelayError::WrongScope`] for a method that looks at something else.
+pub fn chosen(names: &[String], options: &BTreeMap<String, Value>, scopes: &[Scope]) -> Result<Vec<Ready>> {
+    let known = || METHODS.iter().map(|m| m.entry.name).collect::<Vec<_>>();
+    let all = names.iter().any(|n| n == "all");
+    let mut named = names.iter().filter(|n| *n != "all").chain(options.keys());
+    if let Some(name) = named.find(|n| !known().contains(&n.as_str())) {
+        return Err(RegistryError::Unknown { kind: "method", name: name.clone(), known: known() }.into());
+    }
+    let mut ready = Vec::new();
+    for method in METHODS {
+        let named = names.iter().any(|n| n == method.entry.name);
+        if named && (method.scope == Scope::Events) != scopes.contains(&Scope::Events) {
+            return Err(DelayError::WrongScope { method: method.entry.name, events: method.scope == Scope::Events }.into());
+        }
+        if named || (all && scopes.contains(&method.scope)) {
+            let given = options.get(method.entry.name).cloned().unwrap_or_else(|| Value::Object(serde_json::Map::new()));
+            ready.push(Ready { method, estimator: method.entry.with(given)? });
+        }
+    }
+    Ok(ready)
+}
+
+/// Everything that an estimation needs.
+pub struct Job {
+    /// What the log is called.
+    pub name: String,
+    /// Its records, all on one even grid.
+    pub logs: Vec<Log>,
+    /// Input channels.
+    pub inputs: Vec<String>,
+    /// Output channels; every pair with an input is estimated.
+    pub outputs: Vec<String>,
+    /// The methods, as [`chosen`] makes them.
+    pub methods: Vec<Ready>,
+    /// The plant: its relative degrees, and A and B for the methods that look at states.
+    pub model: Option<ModelFile>,
+    /// Longest delay to search, s; `None`: that of [`Search`].
+    pub max_delay_s: Option<f64>,
+    /// Samples that the plant needs to respond without any dead time; `None`: the model's, or 1.
+    pub degree_bias: Option<usize>,
+    /// What to take off each channel first.
+    pub detrend: Detrend,
+    /// What is known of feedback.
+    pub feedback: Feedback,
+    /// The logs were put onto an even grid, which is said.
+    pub resampled: bool,
+    /// Looked at between methods, pairs, and the delays of long scans.
+    pub stop: Stop,
+}
+
+impl Job {
+    /// Estimates every pair by every method.
+    ///
+    /// # Errors
+    /// What the channels, the model or a typed option cannot be used for; [`crate::Error::Stopped`]. What a method cannot do with the data is its answer.
+    pub fn run(&self) -> Result<Report> {
+        for channels in [&self.inputs, &self.outputs] {
+            if let Some((_, twice)) = channels.iter().enumerate().find(|(i, c)| channels[..*i].contains(c)) {
+                return Err(DelayError::Twice { channel: twice.clone() }.into());
+            }
+        }
+        let in_log = |error| DelayError::In { log: self.name.clone(), error: Box::new(error) };
+        // Checked as logged first, so that a message shows the values that are in the file.
+        Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, Detrend::None)?.check().map_err(in_log)?;
+        let mut experiment = Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, self.detrend)?;
+        experiment.check().map_err(in_log)?;
+        let ts = experiment.sample_time;
+        let mut search = Search { max_delay: self.max_delay(ts)?, stop: self.stop.clone(), ..Search::default() };
+        let mut bias = Bias::Assumed;
+        if let Some(model) = &self.model {
+            search.bias = self.relative_degrees(model, ts)?;
+            bias = Bias::Model(model.name.clone());
+        }
+        if let Some(given) = self.degree_bias {
+            (search.bias, search.default_bias) = (Vec::new(), given);
+            bias = Bias::Given(given);
+        }
+        let mut pairs = self.pairs(&experiment, &search)?;
+        if let Some(model) = &self.model {
+            experiment = self.with_states(model, ts)?;
+            pairs.extend(self.inputs_by_state(&experiment, &search)?);
+        }
+        let samples = self.logs.iter().map(Log::len).sum();
+        let searched = Searched::Samples { samples, records: self.logs.len(), bias, resampled: self.resampled };
+        #[allow(clippy::cast_precision_loss)]
+        let max_delay_s = ts.to_seconds(search.max_delay as f64);
+        Ok(Report { format: FORMAT, log: self.name.clone(), sample_time_s: ts.seconds(), max_delay_s, pairs, searched })
+    }
+
+    /// The impulse responses of a report's pairs, where the inputs allow them: as many coefficients as `threshold` estimates.
+    ///
+    /// # Errors
+    /// As [`Experiment::from_logs`].
+    pub fn responses(&self, report: &Report) -> Result<Vec<Option<Response>>> {
+        let experiment = Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, self.detrend)?;
+        let response = |pair: &Pair| {
+            let input = self.inputs.iter().position(|c| *c == pair.input)?;
+            let output = self.outputs.iter().position(|c| *c == pair.output)?;
+            let taps = Threshold::default().taps;
+            let fir = fir(&experiment.pair(input, output).ok()?, taps)?;
+            Some(Response {
+                values: fir.coefficients.iter().copied().collect(),
+                std: fir.covariance.diagonal().map(|v| v.max(0.0).sqrt()).iter().copied().collect(),
+            })
+        };
+        Ok(report.pairs.iter().map(response).collect())
+    }
+
+    fn max_delay(&self, ts: SampleTime) -> Result<usize> {
+        let Some(seconds) = self.max_delay_s else { return Ok(Search::default().max_delay) };
+        let longest = whole(ts, seconds)?;
+        let samples = self.logs.iter().map(Log::len).max().unwrap_or(0);
+        if longest == 0 || longest >= samples {
+            return Err(DelayError::MaxDelay { seconds, step_s: ts.seconds(), samples }.into());
+        }
+        Ok(longest)
+    }
+
+    /// Every pair by every method that looks at pairs.
+    fn pairs(&self, experiment: &Experiment, search: &Search) -> Result<Vec<Pair>> {
+        let methods: Vec<&Ready> = self.methods.iter().filter(|r| r.method.scope == Scope::Pair).collect();
+        let mut pairs = Vec::new();
+        if methods.is_empty() {
+            return Ok(pairs);
+        }
+        for (o, output) in self.outputs.iter().enumerate() {
+            for (i, input) in self.inputs.iter().enumerate() {
+                self.stop.check()?;
+                let one = experiment.select(i, o)?;
+                let rested = if self.detrend == Detrend::Mean { one.from_rest() } else { None };
+                // What a method that takes all inputs together sees: this one first.
+                let together = experiment.towards(i, o)?;
+                let degree = |input: usize| search.bias.get(o).and_then(|row| row.get(input)).copied().unwrap_or(search.default_bias);
+                let inputs = std::iter::once(i).chain((0..self.inputs.len()).filter(|other| *other != i));
+                let own = vec![inputs.map(degree).collect()];
+                let mut search = Search { bias: own, ..search.clone() };
+                let mut findings = self.findings(&one, &search)?;
+                findings.extend(moving_together(&together, 0, search.max_delay));
+                self.stop.check()?;
+                if findings.iter().any(|f| f.condition == Condition::Feedback) {
+                    // A controller that answers within the sample would pass for a plant that does.
+                    search.min_delay = search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
+                }
+                let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
+                // What has no prediction has none; why it cannot be used at all each method says itself.
+                let predicted =
+                    richness(rested.as_ref().unwrap_or(&one), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
+                let answer = |(ready, predicted): (&&Ready, Option<Richness>)| -> Result<Answer> {
+                    self.stop.check()?;
+                    let clock = Instant::now();
+                    // What a method cannot do with this log is its answer; the others go on.
+                    let sees = match ready.method.start {
+                        _ if ready.estimator.is_joint() => &together,
+                        Start::Rest => rested.as_ref().unwrap_or(&one),
+                        Start::Any => &one,
+                    };
+                    let estimate = match ready.estimator.estimate(sees, &search) {
+                        Ok(mut estimates) if !estimates.is_empty() => estimates.remove(0).estimate,
+                        Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for this pair"),
+                        // What was typed wrong stops the work.
+                        Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => return Err(e.into()),
+                        Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+                    };
+                    Ok(Answer { method: ready.method, estimate, predicted, time_s: clock.elapsed().as_secs_f64() })
+                };
+                let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
+                pairs.push(pair(input, output, &answers, findings, experiment.sample_time));
+            }
+        }
+        Ok(pairs)
+    }
+
+    /// What the record shows, corrected by what the user knows of its loop.
+    fn findings(&self, one: &Experiment, search: &Search) -> Result<Vec<Finding>> {
+        let mut findings = conditions(&one.pair(0, 0)?, search.max_delay);
+        if self.feedback != Feedback::Auto {
+            findings.retain(|f| f.condition != Condition::Feedback);
+        }
+        if self.feedback == Feedback::Closed {
+            findings.push(Finding { condition: Condition::Feedback, evidence: "--loop closed".to_owned() });
+        }
+        Ok(findings)
+    }
+
+    /// Every input by every method that looks at the states.
+    fn inputs_by_state(&self, experiment: &Experiment, search: &Search) -> Result<Vec<Pair>> {
+        let mut pairs = Vec::new();
+        for ready in self.methods.iter().filter(|r| r.method.scope == Scope::States) {
+            self.stop.check()?;
+            let clock = Instant::now();
+            let answers = ready.estimator.estimate(experiment, search);
+            let time_s = clock.elapsed().as_secs_f64();
+            for (i, input) in experiment.inputs.iter().enumerate() {
+                let estimate = match &answers {
+                    Ok(estimates) => estimates
+                        .iter()
+                        .find(|e| e.input == i)
+                        .map_or_else(|| DelayEstimate::without(Outcome::NotApplicable, "no answer for this input"), |e| e.estimate.clone()),
+                    Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+                };
+                let answer = Answer { method: ready.method, estimate, predicted: None, time_s };
+                pairs.push(pair(input, "*", &[answer], Vec::new(), experiment.sample_time));
+            }
+        }
+        Ok(pairs)
+    }
+
+    /// Relative degrees of the sampled model by the job's outputs and inputs; 1 where the model lacks the pair.
+    fn relative_degrees(&self, model: &ModelFile, ts: SampleTime) -> Result<Vec<Vec<usize>>> {
+        let sampled = sampled(model, ts)?;
+        let degree = |output: &String, input: &String| {
+            let output = model.outputs.iter().position(|c| &c.name == output)?;
+            let input = model.inputs.iter().position(|c| &c.name == input)?;
+            sampled.relative_degree(output, input)
+        };
+        Ok(self.outputs.iter().map(|o| self.inputs.iter().map(|i| degree(o, i).unwrap_or(1)).collect()).collect())
+    }
+
+    /// All inputs of the model and its states, as logged: A and B are about the channels themselves, so nothing is detrended.
+    fn with_states(&self, model: &ModelFile, ts: SampleTime) -> Result<Experiment> {
+        let inputs: Vec<String> = model.inputs.iter().map(|c| c.name.clone()).collect();
+        let plant = if model.is_sampled() { PlantModel::Sampled(sampled(model, ts)?) } else { PlantModel::Continuous(model.continuous()?) };
+        let mut experiment = Experiment::from_logs(&self.logs, &inputs, &self.outputs, Detrend::None)?;
+        for (log, recording) in self.logs.iter().zip(&mut experiment.recordings) {
+            for (channel, values) in model.inputs.iter().zip(&mut recording.inputs) {
+                let operating = match channel.operating {
+                    Operating::Value(v) => v,
+                    Operating::Mean(_) => DVector::from_column_slice(values).mean(),
+                };
+                values.iter_mut().for_each(|v| *v -= operating);
+            }
+            states(log, model, recording);
+        }
+        experiment.model = Some(plant);
+        Ok(experiment)
+    }
+}
+
+/// Adds the measured states where the log has all of them.
+fn states(log: &Log, model: &ModelFile, recording: &mut Recording) {
+    let columns: std::result::Result<Vec<Vec<f64>>, _> = model.states.iter().map(|s| log.input(&s.name).map(<[f64]>::to_vec)).collect();
+    recording.states = columns.unwrap_or_default();
+}
+
+fn sampled(model: &ModelFile, ts: SampleTime) -> Result<StateSpace<Sampled>> {
+    if model.is_sampled() {
+        let sampled = model.sampled()?;
+        let grid = |error| DelayError::ModelGrid { model: model.name.clone(), error };
+        sampled.sample_time().must_equal(ts).map_err(grid)?;
+        return Ok(sampled);
+    }
+    Ok(ZeroOrderHold {}.c2d(&model.continuous()?, ts)?)
+}
+
+/// Samples that hold so many seconds.
+fn whole(step: SampleTime, seconds: f64) -> Result<usize> {
+    let samples = step.samples(seconds)?;
+    Ok(samples.whole + usize::from(samples.fraction > 0.0))
+}
+
+/// Everything that an estimation between two sequences of event times needs.
+pub struct EventsJob {
+    /// What the log is called.
+    pub name: String,
+    /// What the two sequences are called.
+    pub channels: [String; 2],
+    /// When the events were seen at the first place, and at the second.
+    pub events: [EventTimes; 2],
+    /// The methods, as [`chosen`] makes them.
+    pub methods: Vec<Ready>,
+    /// Longest delay to search, s; `None`: as many typical intervals as [`Search`] has samples.
+    pub max_delay_s: Option<f64>,
+    /// Looked at between methods.
+    pub stop: Stop,
+}
+
+/// Parts of a typical interval in which the window is counted.
+const PARTS: u8 = 100;
+
+impl EventsJob {
+    /// Estimates the delay by every method.
+    ///
+    /// # Errors
+    /// [`DelayError::OneEvent`], [`DelayError::Intervals`], [`DelayError::NoWindow`], [`crate::time::TimeError`]; [`crate::Error::Stopped`]. What a method cannot do with the
+    /// events is its answer.
+    pub fn run(self) -> Result<Report> {
+        let Self { name, channels: [a, b], events: [first, second], methods, max_delay_s, stop } = self;
+        let mut intervals: Vec<f64> = first.times.windows(2).map(|w| w[1] - w[0]).collect();
+        intervals.sort_by(f64::total_cmp);
+        let Some(&interval_s) = intervals.get(intervals.len() / 2) else {
+            return Err(DelayError::OneEvent { log: name, channel: a }.into());
+        };
+        let step = SampleTime::new(interval_s / f64::from(PARTS)).map_err(|error| DelayError::Intervals {
+            log: name.clone(),
+            channel: a.clone(),
+            error,
+        })?;
+        let max_delay = match max_delay_s {
+            None => Search::default().max_delay * usize::from(PARTS),
+            Some(seconds) => whole(step, seconds)?,
+        };
+        if max_delay == 0 {
+            return Err(DelayError::NoWindow.into());
+        }
+        let (counts, units) = ([first.times.len(), second.times.len()], [first.unit, second.unit]);
+        let mut experiment = Experiment::of_events(step, Vec::new(), Vec::new());
+        (experiment.inputs, experiment.outputs) = (vec![a.clone()], vec![b.clone()]);
+        experiment.events = vec![Events { first: first.times, second: second.times, units }];
+        let search = Search { max_delay, stop: stop.clone(), ..Search::default() };
+        let mut answers = Vec::new();
+        for ready in &methods {
+            stop.check()?;
+            let clock = Instant::now();
+            // What a method cannot do with these sequences is its answer; the others go on.
+            let estimate = match ready.estimator.estimate(&experiment, &search) {
+                Ok(mut estimates) if estimates.len() == 1 => estimates.remove(0).estimate,
+                Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for these sequences"),
+                Err(DelayError::Stopped) => return Err(DelayError::Stopped.into()),
+                Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+            };
+            answers.push(Answer { method: ready.method, estimate, predicted: None, time_s: clock.elapsed().as_secs_f64() });
+        }
+        #[allow(clippy::cast_precision_loss)]
+        let max_delay_s = step.to_seconds(max_delay as f64);
+        let pairs = vec![pair(&a, &b, &answers, Vec::new(), step)];
+        let searched = Searched::Events { counts, interval_s };
+        Ok(Report { format: FORMAT, log: name, sample_time_s: step.seconds(), max_delay_s, pairs, searched })
+    }
+}
+
+/// A method's answer, what was to be expected of it, and its run time, s.
+struct Answer {
+    method: &'static Method,
+    estimate: DelayEstimate,
+    predicted: Option<Richness>,
+    time_s: f64,
+}
+
+fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, sample_time: SampleTime) -> Pair {
+    let by_trust: Vec<(&Method, &DelayEstimate)> = answers.iter().map(|a| (a.method, &a.estimate)).collect();
+    Pair {
+        input: input.to_owned(),
+        output: output.to_owned(),
+        estimates: answers
+            .iter()
+            .map(|a| Estimate::new(a.method, &a.estimate, a.predicted.map(|p| p.std_s), a.time_s, &findings))
+            .collect(),
+        poor_std_s: poor(answers),
+        verdict: verdict(&by_trust, &findings, sample_time),
+        findings,
+    }
+}
+
+/// Where the data hardly tell neighbouring delays apart, the best that is to be expected of a method that knows neither gain nor poles, s.
+fn poor(answers: &[Answer]) -> Option<f64> {
+    let expected = answers.iter().filter(|a| matches!(a.method.information, Information::Poles(_))).filter_map(|a| a.predicted);
+    let best = expected.max_by(|a, b| a.separation.total_cmp(&b.separation)).filter(|p| p.separation < TOLD_APART)?;
+    Some(best.data_std_s)
+}
+
+/// Half the distance between two responses, in standard deviations of the noise, from which they are seldom taken for each other.
+const TOLD_APART: f64 = 3.0;

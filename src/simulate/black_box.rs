@@ -1,0 +1,273 @@
+//! A simulator that can only be called: somebody else's program, a recorded run, anything that makes outputs of commands.
+
+use std::collections::{HashMap, HashSet, VecDeque};
+use std::fmt;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+
+use nalgebra::DMatrix;
+use sha2::{Digest, Sha256};
+
+use super::SimulateError;
+use super::system::{Dynamics, Port, System};
+use crate::stop::Stop;
+
+/// A simulator of which nothing is known but what it answers.
+pub trait Simulator: Send + Sync + fmt::Debug {
+    /// The outputs (samples × outputs) at the time stamps, from the start `x0`.
+    ///
+    /// `u` (samples × inputs) holds from its own stamp to the next; `time_s` counts from the log's first sample and may be uneven. The same call must give
+    /// the same answer.
+    ///
+    /// # Errors
+    /// What went wrong, as a phrase.
+    fn simulate(&self, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Result<DMatrix<f64>, String>;
+}
+
+/// A state whose start a user names.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Start {
+    /// Name and unit.
+    pub port: Port,
+    /// Its value when a log starts.
+    pub initial: f64,
+    /// The standard deviation of that; `None` where the start is unknown.
+    pub std: Option<f64>,
+}
+
+/// The names under which a simulator's channels stand in logs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Face {
+    /// What the simulator is called.
+    pub name: String,
+    /// The inputs, in the order of the columns of `u`.
+    pub inputs: Vec<Port>,
+    /// The outputs, in the order of the columns of the answer.
+    pub outputs: Vec<Port>,
+    /// The states that `x0` holds, in order; may be empty.
+    pub states: Vec<Start>,
+    /// The parameters and their nominal values, in order; may be empty.
+    pub parameters: Vec<(Port, f64)>,
+}
+
+impl System {
+    /// A simulator that can only be called, with the names of its channels.
+    ///
+    /// # Errors
+    /// [`SimulateError`]: no input or output, two of one name, a start or parameter that is not finite, a negative standard deviation.
+    pub fn black_box(simulator: Arc<dyn Simulator>, face: Face) -> Result<Self, SimulateError> {
+        let Face { name, inputs, outputs, states, parameters } = face;
+        for (what, list) in [("input", &inputs), ("output", &outputs)] {
+            if list.is_empty() {
+                return Err(SimulateError::NoChannel { what });
+            }
+        }
+        let starts: Vec<Port> = states.iter().map(|s| s.port.clone()).collect();
+        let named: Vec<Port> = parameters.iter().map(|p| p.0.clone()).collect();
+        for (what, list) in [("input", &inputs), ("output", &outputs), ("state", &starts), ("parameter", &named)] {
+            let mut known = HashSet::new();
+            if let Some(twice) = list.iter().find(|p| p.name.is_empty() || !known.insert(p.name.as_str())) {
+                return Err(SimulateError::Name { what, name: twice.name.clone() });
+            }
+        }
+        for state in &states {
+            let (name, std) = (&state.port.name, state.std.unwrap_or(0.0));
+            if !state.initial.is_finite() {
+                return Err(SimulateError::Value { what: "the start", name: name.clone(), value: state.initial });
+            }
+            if !(std.is_finite() && std >= 0.0) {
+                return Err(SimulateError::Value { what: "the standard deviation of the start", name: name.clone(), value: std });
+            }
+        }
+        if let Some((port, value)) = parameters.iter().find(|p| !p.1.is_finite()) {
+            return Err(SimulateError::Value { what: "the parameter", name: port.name.clone(), value: *value });
+        }
+        Ok(Self {
+            name,
+            input_delay_s: vec![0.0; inputs.len()],
+            input_operating: vec![0.0; inputs.len()],
+            output_operating: vec![0.0; outputs.len()],
+            initial: states.iter().map(|s| s.initial).collect(),
+            initial_std: states.iter().map(|s| s.std).collect(),
+            dynamics: Dynamics::BlackBox(simulator, parameters.iter().map(|p| p.1).collect()),
+            states: starts,
+            parameters: named,
+            inputs,
+            outputs,
+        })
+    }
+}
+
+/// Refuses an answer of another shape, or one that holds NaN or infinity.
+pub(super) fn check(answer: &DMatrix<f64>, outputs: &[Port], time_s: &[f64]) -> Result<(), SimulateError> {
+    let (needed, got) = ((time_s.len(), outputs.len()), answer.shape());
+    if needed != got {
+        return Err(SimulateError::Answer { rows: needed.0, columns: needed.1, got_rows: got.0, got_columns: got.1 });
+    }
+    let first = (0..needed.0).find_map(|k| (0..needed.1).find(|&i| !answer[(k, i)].is_finite()).map(|i| (k, i)));
+    first.map_or(Ok(()), |(sample, i)| {
+        let (output, value) = (outputs[i].name.clone(), answer[(sample, i)]);
+        Err(SimulateError::AnswerNotFinite { output, sample, time_s: time_s[sample], value })
+    })
+}
+
+/// Bytes of answers that are remembered: thousands of runs of a usual log.
+const BYTES: usize = 256 << 20;
+
+/// A simulator whose runs are remembered: the same call is not made again, one that failed neither. It knows when nobody waits any more.
+pub struct Remembered {
+    inner: Arc<dyn Simulator>,
+    outputs: Vec<Port>,
+    stop: Stop,
+    memory: Mutex<Memory>,
+    done: Condvar,
+}
+
+type Key = [u8; 32];
+type Answer = Result<DMatrix<f64>, String>;
+
+#[derive(Default)]
+struct Memory {
+    answers: HashMap<Key, Answer>,
+    /// Oldest first.
+    order: VecDeque<Key>,
+    bytes: usize,
+    /// Calls that other threads make just now.
+    running: HashSet<Key>,
+    calls: usize,
+    failed: usize,
+    failure: Option<String>,
+}
+
+impl fmt::Debug for Remembered {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Remembered").field(&self.inner).finish()
+    }
+}
+
+/// Takes a call off the list of those that run, whatever ends it.
+struct Running<'a>(&'a Remembered, Key);
+
+impl Drop for Running<'_> {
+    fn drop(&mut self) {
+        self.0.lock().running.remove(&self.1);
+        self.0.done.notify_all();
+    }
+}
+
+impl Remembered {
+    /// The runs of a simulator with these outputs.
+    #[must_use]
+    pub fn new(inner: Arc<dyn Simulator>, outputs: Vec<Port>, stop: Stop) -> Self {
+        Self { inner, outputs, stop, memory: Mutex::default(), done: Condvar::new() }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Memory> {
+        self.memory.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Calls that were made.
+    #[must_use]
+    pub fn calls(&self) -> usize {
+        self.lock().calls
+    }
+
+    /// Calls that failed, and the last failure.
+    #[must_use]
+    pub fn failures(&self) -> (usize, Option<String>) {
+        let memory = self.lock();
+        (memory.failed, memory.failure.clone())
+    }
+
+    /// Makes the call whether it was made before or not.
+    ///
+    /// # Errors
+    /// As [`Simulator::simulate`], and of answers that are not as they should be.
+    pub fn call(&self, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Answer {
+        if self.stop.is_set() {
+            return Err("nobody waits for the answer any more".to_owned());
+        }
+        self.lock().calls += 1;
+        let answer = self.inner.simulate(u, time_s, x0, parameters);
+        let answer = answer.and_then(|y| check(&y, &self.outputs, time_s).map(|()| y).map_err(|e| e.to_string()));
+        if let Err(why) = &answer {
+            let mut memory = self.lock();
+            memory.failed += 1;
+            memory.failure = Some(why.clone());
+        }
+        answer
+    }
+}
+
+/// The call as a key: a hash of every number that goes in.
+fn key(u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Key {
+    let mut hash = Sha256::new();
+    for part in [u.as_slice(), time_s, x0, parameters] {
+        hash.update(part.len().to_le_bytes());
+        let mut bytes = Vec::with_capacity(8 * part.len());
+        // Both zeros are the same number.
+        part.iter().for_each(|v| bytes.extend_from_slice(&(v + 0.0).to_le_bytes()));
+        hash.update(&bytes);
+    }
+    hash.finalize().into()
+}
+
+impl Simulator for Remembered {
+    fn simulate(&self, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Answer {
+        let key = key(u, time_s, x0, parameters);
+        let mut memory = self.lock();
+        loop {
+            if let Some(answer) = memory.answers.get(&key) {
+                return answer.clone();
+            }
+            if memory.running.insert(key) {
+                break;
+            }
+            memory = self.done.wait(memory).unwrap_or_else(PoisonError::into_inner);
+        }
+        drop(memory);
+        let running = Running(self, key);
+        let answer = self.call(u, time_s, x0, parameters);
+        if !self.stop.is_set() {
+            let size = |a: &Answer| a.as_ref().map_or(0, |y| 8 * y.len()) + size_of::<Key>();
+            let mut memory = self.lock();
+            memory.bytes += size(&answer);
+            memory.answers.insert(key, answer.clone());
+            memory.order.push_back(key);
+            while memory.bytes > BYTES {
+                let Some(oldest) = memory.order.pop_front() else { break };
+                let gone = memory.answers.remove(&oldest).map_or(0, |a| size(&a));
+                memory.bytes -= gone;
+            }
+        }
+        drop(running);
+        answer
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug)]
+    struct Twice;
+
+    impl Simulator for Twice {
+        fn simulate(&self, u: &DMatrix<f64>, _: &[f64], _: &[f64], parameters: &[f64]) -> Answer {
+            if parameters.first() == Some(&0.0) { Err("a division by 0".to_owned()) } else { Ok(u * 2.0) }
+        }
+    }
+
+    #[test]
+    fn a_call_that_was_made_is_not_made_again_and_failures_are_counted() {
+        let output = Port { name: "y".to_owned(), unit: None };
+        let memory = Remembered::new(Arc::new(Twice), vec![output], Stop::default());
+        let u = DMatrix::from_column_slice(2, 1, &[1.0, 2.0]);
+        for _ in 0..3 {
+            assert_eq!(memory.simulate(&u, &[0.0, 1.0], &[], &[]).unwrap(), DMatrix::from_column_slice(2, 1, &[2.0, 4.0]));
+            assert!(memory.simulate(&u, &[0.0, 1.0], &[], &[0.0]).is_err());
+        }
+        assert_eq!((memory.calls(), memory.failures()), (2, (1, Some("a division by 0".to_owned()))));
+        let why = memory.simulate(&u, &[0.0, 1.0, 2.0], &[], &[]).unwrap_err();
+        assert!(why.contains("2 × 1") && why.contains("3 × 1"), "{why}");
+    }
+}
