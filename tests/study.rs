@@ -6,6 +6,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use deadtime::stop::Stop;
 use deadtime::study::{Plan, Runner, Study};
 
 const SMALL: &str = r#"
@@ -204,7 +205,7 @@ fn every_input_has_a_delay_of_its_own() {
     "#;
     let plan = Plan::parse("inputs", text, Path::new(".")).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let study = Runner::new(&plan).unwrap().run(&folder.path().join("out"), false, &|_| ()).unwrap();
+    let study = Runner::new(&plan).unwrap().run(&folder.path().join("out"), false, &Stop::default(), &|_| ()).unwrap();
     assert_eq!(study.cells.len(), 8);
     for cell in &study.cells {
         // Without noise whole samples are exact, and so is the half sample where the model is continuous.
@@ -235,7 +236,7 @@ fn a_closed_loop_is_estimated_from_its_input_and_from_its_reference() {
     "#;
     let plan = Plan::parse("loop", text, Path::new(".")).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let study = Runner::new(&plan).unwrap().run(&folder.path().join("out"), false, &|_| ()).unwrap();
+    let study = Runner::new(&plan).unwrap().run(&folder.path().join("out"), false, &Stop::default(), &|_| ()).unwrap();
     let of = |place: &str| study.cells.iter().find(|c| c.place.name() == place && c.method == "armaxstruc").unwrap();
     assert!(of("u").flagged <= 1 && of("u").rms_samples.unwrap() < 1.0, "{:?}", of("u"));
     // The reference acts through the controller at once and through the loop later; an answer is not as sharp, but it is one about the same delay.

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use deadtime::stop::Stop;
 use deadtime::study::{Loop, Place, Plan, Runner, Study};
 
 /// A part of a shipped plan with other trials and another seed than its own.
@@ -17,7 +18,7 @@ fn part(plan: &str, grids: &[&str], methods: &[&str], trials: usize) -> Plan {
 
 fn run(plan: &Plan) -> (Study, Vec<BTreeMap<String, String>>) {
     let folder = tempfile::tempdir().unwrap();
-    let study = Runner::new(plan).unwrap().run(folder.path(), false, &|_| ()).unwrap();
+    let study = Runner::new(plan).unwrap().run(folder.path(), false, &Stop::default(), &|_| ()).unwrap();
     let mut csv = csv::Reader::from_path(folder.path().join("estimates.csv")).unwrap();
     (study, csv.deserialize().collect::<Result<_, _>>().unwrap())
 }

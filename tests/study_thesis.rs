@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
+use deadtime::stop::Stop;
 use deadtime::study::{Beside, Cell, Loop, PLANS, Plan, Runner, Standing, Statistic, Study};
 
 fn folder(name: &str) -> PathBuf {
@@ -14,7 +15,7 @@ fn folder(name: &str) -> PathBuf {
 
 fn run(plan: &Plan, name: &str) -> Study {
     let folder = folder(name);
-    let study = Runner::new(plan).unwrap().run(&folder, false, &|_| ()).unwrap();
+    let study = Runner::new(plan).unwrap().run(&folder, false, &Stop::default(), &|_| ()).unwrap();
     std::fs::remove_dir_all(folder).unwrap();
     study
 }

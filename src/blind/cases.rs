@@ -34,11 +34,15 @@ pub fn find(cases: &Path) -> Result<Vec<(String, Result<CaseFiles>)>> {
     if ids.is_empty() {
         return Err(BlindError::NoCases { folder: cases.to_owned() }.into());
     }
-    Ok(ids.into_iter().map(|id| (id.clone(), CaseFiles::of(cases.join(&id), id))).collect())
+    Ok(ids.into_iter().map(|id| (id.clone(), CaseFiles::of(cases.join(&id), &id))).collect())
 }
 
 impl CaseFiles {
-    fn of(folder: PathBuf, id: String) -> Result<Self> {
+    /// The files of the case in a folder.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`BlindError::Missing`], [`BlindError::Ambiguous`].
+    pub fn of(folder: PathBuf, id: &str) -> Result<Self> {
         let names = names(&folder)?;
         let has = |name: &str| names.iter().any(|n| n == name);
         let missing = |file| Error::from(BlindError::Missing { folder: folder.clone(), file });
@@ -61,7 +65,7 @@ impl CaseFiles {
         }
         let paths = |names: Vec<&String>| names.into_iter().map(|n| folder.join(n)).collect();
         Ok(Self {
-            id,
+            id: id.to_owned(),
             model: folder.join(model),
             logs: paths(logs),
             holdout: paths(holdout),

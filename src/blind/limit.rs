@@ -72,6 +72,17 @@ impl Limit {
         self.name
     }
 
+    /// What is to be said where the scores do not keep to it.
+    #[must_use]
+    pub fn unmet(&self, scores: &BlindScore) -> Option<String> {
+        let value = scores.get(self.name).and_then(|s| s.value);
+        match self.judge(scores) {
+            Verdict::Kept => None,
+            Verdict::Missed => Some(format!("{self} was not met: it is {}", value.unwrap_or(f64::NAN))),
+            Verdict::NotMeasured => Some(format!("{self} was not met: no case has this score")),
+        }
+    }
+
     /// Whether the scores keep to it. A limit is missed only when chance does not explain it: when the 95 % interval lies beyond it as a whole.
     #[must_use]
     pub fn judge(&self, scores: &BlindScore) -> Verdict {

@@ -23,6 +23,6 @@ pub use judge::{Judged, Judgement, judge};
 pub use label::{AliasClass, Group, Label, LabelEffect};
 pub use limit::{Limit, Verdict};
 pub use load::{Scored, load};
-pub use run::{Existing, Outcome, RunFormat, RunOptions, RunTime, Summary, run};
+pub use run::{Existing, Outcome, RunFormat, RunOptions, RunTime, Summary, run, run_case};
 pub use score::{BlindScore, Breakdown, Confusion, Reliability, Score, score};
 pub use scores::{Definition, Measure, SCORES};

@@ -13,6 +13,7 @@ use super::{BlindError, load};
 use crate::diagnose::Diagnosis;
 use crate::error::{Error, Result};
 use crate::file::write_atomic;
+use crate::stop::Stop;
 
 /// What becomes of cases that were diagnosed before.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -25,17 +26,19 @@ pub enum Existing {
 }
 
 /// How to run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct RunOptions {
     /// Cases at a time, at least 1. Default 1: a diagnosis uses all threads itself, and its run time is then its own.
     pub jobs: usize,
     /// What becomes of cases that were diagnosed before. Default: kept.
     pub existing: Existing,
+    /// Looked at between cases; a diagnosis looks at its own.
+    pub stop: Stop,
 }
 
 impl Default for RunOptions {
     fn default() -> Self {
-        Self { jobs: 1, existing: Existing::Keep }
+        Self { jobs: 1, existing: Existing::Keep, stop: Stop::default() }
     }
 }
 
@@ -94,7 +97,7 @@ impl Summary {
 /// an [`Outcome::Failed`] and stops no other; it leaves no earlier diagnosis behind. `progress` is called after every case, from its thread.
 ///
 /// # Errors
-/// Only when there are no cases to begin with: [`Error::Io`], [`BlindError::NoCases`], [`BlindError::BadName`].
+/// Only when there are no cases to begin with: [`Error::Io`], [`BlindError::NoCases`], [`BlindError::BadName`]; [`Error::Stopped`], with the cases done so far written.
 pub fn run(
     cases: &Path,
     verdicts: &Path,
@@ -110,21 +113,39 @@ pub fn run(
     std::thread::scope(|scope| {
         for _ in 0..options.jobs.clamp(1, found.len()) {
             scope.spawn(|| {
-                while let Some((id, files)) = found.get(next.fetch_add(1, Ordering::Relaxed)) {
+                while !options.stop.is_set()
+                    && let Some((id, files)) = found.get(next.fetch_add(1, Ordering::Relaxed))
+                {
                     let Some(files) = locked(files).take() else { continue };
-                    let place = Place::new(verdicts.join(id));
-                    let outcome = files
-                        .and_then(|files| place.diagnose(&files, options.existing, diagnose))
-                        .unwrap_or_else(|e| place.clear().map_or_else(Outcome::Failed, |()| Outcome::Failed(e)));
+                    let outcome = run_case(id, files, verdicts, options.existing, diagnose);
+                    if matches!(outcome, Outcome::Failed(Error::Stopped)) {
+                        break;
+                    }
                     progress(id, &outcome);
                     locked(&results).push((id.clone(), outcome));
                 }
             });
         }
     });
+    options.stop.check()?;
     let mut cases = results.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
     cases.sort_by(|a, b| a.0.cmp(&b.0));
     Ok(Summary { cases })
+}
+
+/// Diagnoses one case, as [`run`] does each.
+#[must_use]
+pub fn run_case(
+    id: &str,
+    files: Result<CaseFiles>,
+    verdicts: &Path,
+    existing: Existing,
+    diagnose: &(dyn Fn(&CaseFiles) -> Result<Diagnosis> + Sync),
+) -> Outcome {
+    let place = Place::new(verdicts.join(id));
+    files
+        .and_then(|files| place.diagnose(&files, existing, diagnose))
+        .unwrap_or_else(|e| place.clear().map_or_else(Outcome::Failed, |()| Outcome::Failed(e)))
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 
 use super::{LimitNotMet, write_json};
-use crate::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, Verdict, load, run, score};
+use crate::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, load, run, score};
 use crate::diagnose::{GapOptions, diagnose_files};
 use crate::file::write_atomic;
 use crate::report::blind;
@@ -77,7 +77,8 @@ impl RunCases {
             Outcome::Kept => eprintln!("{id}: done before"),
             Outcome::Failed(error) => eprintln!("{id}: {error}"),
         };
-        let summary = run(&self.cases, &self.out, &RunOptions { jobs: self.jobs, existing }, &diagnose, &progress)?;
+        let summary =
+            run(&self.cases, &self.out, &RunOptions { jobs: self.jobs, existing, ..RunOptions::default() }, &diagnose, &progress)?;
         let failed: Vec<String> = summary.failed().map(|(id, error)| format!("{id}: {error}")).collect();
         let done = summary.cases.len() - failed.len();
         write_json(json, &serde_json::json!({ "cases": summary.cases.len(), "done": done, "failed": failed }))?;
@@ -98,17 +99,7 @@ impl ScoreVerdicts {
             write_atomic(path, |out| out.write_all(blind::markdown(&scores).as_bytes()))?;
         }
         std::io::stdout().lock().write_all(blind::text(&scores).as_bytes()).context("standard output")?;
-        let unmet: Vec<String> = limits
-            .iter()
-            .filter_map(|limit| {
-                let value = scores.get(limit.name()).and_then(|s| s.value);
-                match limit.judge(&scores) {
-                    Verdict::Kept => None,
-                    Verdict::Missed => Some(format!("{limit} was not met: it is {}", value.unwrap_or(f64::NAN))),
-                    Verdict::NotMeasured => Some(format!("{limit} was not met: no case has this score")),
-                }
-            })
-            .collect();
+        let unmet: Vec<String> = limits.iter().filter_map(|limit| limit.unmet(&scores)).collect();
         if unmet.is_empty() { Ok(()) } else { Err(LimitNotMet(unmet.join("; ")).into()) }
     }
 }

@@ -86,7 +86,7 @@ impl Demo {
             g.method = most_trusted().map(|m| m.entry.name.to_owned()).collect();
         });
         let folder = self.out.join("accuracy");
-        let study = Runner::new(&plan)?.run(&folder, true, &|_| ())?;
+        let study = Runner::new(&plan)?.run(&folder, true, &Stop::default(), &|_| ())?;
         let (_, accuracy) = cells(&study, &plan.name);
         say!("{}", accuracy.to_string().trim_end_matches('\n'));
         write_atomic(&folder.join("tables.md"), |out| out.write_all(study_page(&study, &plan).as_bytes()))?;

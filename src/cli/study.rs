@@ -8,7 +8,8 @@ use anyhow::bail;
 use super::progress::Bar;
 use super::write_json;
 use crate::file::write_atomic;
-use crate::report::study::{aims, layouts, page, published, scores, standings, summary};
+use crate::report::study::{page, text};
+use crate::stop::Stop;
 use crate::study::{Plan, Progress, Runner};
 
 /// Study how accurate methods are, on delays that were injected and so are known
@@ -54,25 +55,12 @@ impl Study {
         let runner = Runner::new(&plan)?;
         let bar = Bar::new();
         let clock = Instant::now();
-        let study = runner.run(&folder, self.resume, &|p| bar.show(share(p), &left(p, clock)));
+        let study = runner.run(&folder, self.resume, &Stop::default(), &|p| bar.show(share(p), &left(p, clock)));
         bar.end();
         let study = study?;
         write_json(json, &study)?;
         write_atomic(&folder.join("tables.md"), |out| out.write_all(page(&study, &plan).as_bytes()))?;
-        say!("{}: {}\n", plan.name, plan.about);
-        say!("{}", summary(&study).to_string().trim_end());
-        if let Some(table) = published(&study, &plan) {
-            say!("\nBeside published numbers, {}:\n\n{}", standings(&study, &plan), table.to_string().trim_end());
-        }
-        for (told, table) in layouts(&study, &plan) {
-            say!("\n{told}:\n\n{}", table.to_string().trim_end());
-        }
-        if let Some(table) = scores(&study) {
-            say!("\nMean over the cells of the RMS error in samples, the worst answers left out:\n\n{}", table.to_string().trim_end());
-        }
-        if let Some(table) = aims(&study, &plan) {
-            say!("\nAims:\n\n{}", table.to_string().trim_end());
-        }
+        say!("{}", text(&study, Some(&plan)).trim_end());
         say!("\n{} estimates. Written to {}: study.json, estimates.csv, tables.md.", runner.estimates(), folder.display());
         Ok(())
     }

@@ -1,14 +1,20 @@
 //! The native half of the Python package: faces of the crate's types and functions, one file per mirrored module. They only delegate; what a person
 //! calls, with its defaults and its neighbours' types, stands in `python/deadtime`.
 
+mod blind;
+mod bound;
 #[cfg(feature = "cli")]
 mod command;
 mod convert;
+mod delay;
 mod error;
+mod file;
 mod log;
 mod model;
+mod signal;
 mod simulate;
 mod state_space;
+mod study;
 mod work;
 
 use pyo3::prelude::*;
@@ -18,10 +24,16 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     #[cfg(feature = "cli")]
     command::add(m)?;
+    bound::add(m)?;
+    delay::add(m)?;
     error::add(m)?;
+    file::add(m)?;
     log::add(m)?;
     model::add(m)?;
     simulate::add(m)?;
     state_space::add(m)?;
+    study::add(m)?;
+    blind::add(m)?;
+    signal::add(m)?;
     work::add(m)
 }

@@ -26,6 +26,16 @@ pub(super) fn long<T: Send + 'static>(
     threads: Option<usize>,
     work: impl FnOnce(&Stop) -> crate::Result<T> + Send + 'static,
 ) -> PyResult<T> {
+    long_told(py, threads, |_| Ok(()), work)
+}
+
+/// The same, with a word from time to time to the thread that waits: an exception that `tell` raises stops the work.
+pub(super) fn long_told<T: Send + 'static>(
+    py: Python<'_>,
+    threads: Option<usize>,
+    mut tell: impl FnMut(Python<'_>) -> PyResult<()>,
+    work: impl FnOnce(&Stop) -> crate::Result<T> + Send + 'static,
+) -> PyResult<T> {
     let stop = Stop::default();
     let wish = stop.clone();
     let (answer, answers) = sync_channel(1);
@@ -44,10 +54,14 @@ pub(super) fn long<T: Send + 'static>(
     };
     loop {
         match wait(LOOK) {
-            Ok(Ok(done)) => return done.map_err(|e| raise(py, e)),
+            Ok(Ok(done)) => {
+                let done = done.map_err(|e| raise(py, e))?;
+                tell(py)?;
+                return Ok(done);
+            }
             Ok(Err(pool)) => return Err(PyRuntimeError::new_err(pool.to_string())),
             Err(RecvTimeoutError::Timeout) => {
-                if let Err(raised) = py.check_signals() {
+                if let Err(raised) = py.check_signals().and_then(|()| tell(py)) {
                     stop.set();
                     let _ = wait(PATIENCE);
                     return Err(raised);

@@ -296,6 +296,31 @@ pub fn standings(study: &Study, plan: &Plan) -> String {
     )
 }
 
+/// What the program says of a study, for a terminal; without a plan, nothing of published numbers, aims and the plan's own tables.
+#[must_use]
+pub fn text(study: &Study, plan: Option<&Plan>) -> String {
+    let mut text = headline(study);
+    if let Some((plan, table)) = plan.and_then(|p| Some((p, published(study, p)?))) {
+        text += &format!("\nBeside published numbers, {}:\n\n{table}", standings(study, plan));
+    }
+    for (told, table) in plan.map(|p| layouts(study, p)).unwrap_or_default() {
+        text += &format!("\n{told}:\n\n{table}");
+    }
+    if let Some(table) = scores(study) {
+        text += &format!("\nMean over the cells of the RMS error in samples, the worst answers left out:\n\n{table}");
+    }
+    if let Some(table) = plan.and_then(|p| aims(study, p)) {
+        text += &format!("\nAims:\n\n{table}");
+    }
+    text
+}
+
+/// What was run, and the summary.
+#[must_use]
+pub fn headline(study: &Study) -> String {
+    format!("{}: {}\n\n{}", study.plan, study.about, summary(study))
+}
+
 /// The page `tables.md`: what was run, the summary, the published numbers, the scores, every cell.
 #[must_use]
 pub fn page(study: &Study, plan: &Plan) -> String {

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::html::escape;
+
 /// A table with columns as wide as their widest cell; the first column is flush left, the others right.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Table {
@@ -24,6 +26,21 @@ impl Table {
     fn widths(&self) -> Vec<usize> {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
         (0..columns).map(|c| self.rows.iter().filter_map(|r| r.get(c)).map(|s| s.chars().count()).max().unwrap_or(0)).collect()
+    }
+
+    /// The same table in HTML, without style of its own.
+    #[must_use]
+    pub fn html(&self) -> String {
+        let mut html = "<table>".to_owned();
+        for (number, row) in self.rows.iter().enumerate() {
+            let tag = if number == 0 { "th" } else { "td" };
+            let cell = |(column, text): (usize, &String)| {
+                let side = if self.left.contains(&column) { "left" } else { "right" };
+                format!("<{tag} style=\"text-align:{side}\">{}</{tag}>", escape(text))
+            };
+            html += &format!("<tr>{}</tr>", row.iter().enumerate().map(cell).collect::<String>());
+        }
+        html + "</table>"
     }
 
     /// The same table in Markdown.
@@ -102,6 +119,7 @@ mod tests {
         table.row(vec!["a".into(), "10.16".into()]);
         assert_eq!(table.to_string(), "  method   delay\n  oestruc   0.16\n  a        10.16\n");
         assert_eq!(table.markdown(), "| method | delay |\n| --- | ---: |\n| oestruc | 0.16 |\n| a | 10.16 |\n");
+        assert!(table.html().contains("<td style=\"text-align:right\">10.16</td>"));
     }
 
     #[test]

@@ -51,12 +51,16 @@ pub enum StudyError {
         detail: String,
     },
     /// A record that cannot be made.
-    #[error("plan {plan}, {setting}: {source}")]
+    #[error("plan {plan}, {setting}, trial {trial} (seed {seed}): {source}")]
     Record {
         /// The plan's name.
         plan: String,
         /// The plant, input and delay that were asked for.
         setting: String,
+        /// The record's number in its setting, from 0.
+        trial: usize,
+        /// The record's seed.
+        seed: u64,
         /// Why not.
         source: Box<crate::Error>,
     },

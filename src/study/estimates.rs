@@ -12,6 +12,7 @@ use super::results::Cell;
 use super::setting::{Record, Setting};
 use crate::delay::{DelayEstimate, Detrend, Experiment, Outcome, PairEstimate, Scope, Search, Start, richness};
 use crate::file::{named, temporary, write_atomic};
+use crate::stop::Stop;
 
 /// One estimate.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -35,19 +36,30 @@ pub(super) struct Row {
     pub(super) time_s: f64,
 }
 
-/// All estimates from one record.
-pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usize) -> crate::Result<Vec<Row>> {
+/// A record; the error of one that cannot be made says which one.
+pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> crate::Result<Record> {
+    let because = |source: crate::Error| StudyError::Record {
+        plan: plan.name.clone(),
+        setting: setting.key.to_string(),
+        trial,
+        seed: setting.seed(plan.seed, trial),
+        source: Box::new(source),
+    };
+    Ok(setting.record(plan.seed, trial).map_err(because)?)
+}
+
+/// All estimates from one record; `stop` is looked at between the methods.
+pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usize, stop: &Stop) -> crate::Result<Vec<Row>> {
     let setting = &layout.settings[number];
     let grid = &plan.grids[setting.grid];
-    let because =
-        |source: crate::Error| StudyError::Record { plan: plan.name.clone(), setting: setting.key.to_string(), source: Box::new(source) };
-    let record = setting.record(plan.seed, trial).map_err(because)?;
+    let record = made(plan, setting, trial)?;
     let mut rows = Vec::with_capacity(layout.of(number).len());
     for place in [Place::U, Place::R] {
         let slots: Vec<(usize, Slot)> = layout.of(number).map(|c| (c, layout.slots[c])).filter(|(_, s)| s.place == place).collect();
         let Some(experiment) = record.experiment(place).filter(|_| !slots.is_empty()) else { continue };
         let views = Views::new(experiment, setting.detrend);
         for (method, chosen) in layout.methods[setting.grid].iter().enumerate() {
+            stop.check()?;
             // A controller answers within the sample where the plant does not.
             let search = Search {
                 min_delay: usize::from(setting.is_closed() && place == Place::U && record.degree.iter().flatten().all(|d| *d > 0)),
@@ -78,6 +90,8 @@ pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usiz
             }));
         }
     }
+    // An estimate that heard of it is no answer.
+    stop.check()?;
     Ok(rows)
 }
 
@@ -192,9 +206,10 @@ impl std::fmt::Display for Field {
 }
 
 /// The cell's part of a line, with the names of its columns.
-pub(super) fn key_fields(cell: &Cell) -> Vec<(&'static str, Field)> {
+pub(super) fn key_fields(number: usize, cell: &Cell) -> Vec<(&'static str, Field)> {
     let text = |text: &str| Field::Text(text.to_owned());
     vec![
+        ("cell", Field::Count(number as u64)),
         ("grid", text(&cell.grid)),
         ("plant", text(&cell.plant)),
         ("input", text(&cell.input)),

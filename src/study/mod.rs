@@ -10,6 +10,8 @@ mod feedback;
 mod gate;
 #[cfg(feature = "parquet")]
 mod parquet;
+#[cfg(feature = "parquet")]
+mod parts;
 mod plan;
 mod plants;
 mod published;
@@ -22,6 +24,10 @@ pub use aim::{Aim, Measure, Reached};
 pub use common::{Common, MethodRow, Score as CommonScore};
 pub use error::StudyError;
 pub use gate::{Finding, Gate, GateGroup, GateReport, Measured};
+#[cfg(feature = "parquet")]
+pub use parquet::{Values, columns};
+#[cfg(feature = "parquet")]
+pub use parts::Tasks;
 pub use plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Layout, Loop, PLANS, Place, Plan, Scoring, Shown, Signal, Truth};
 pub use plants::{PLANTS, Plant, PlantEntry};
 pub use published::{Beside, Published, Standing, Statistic, Which};

@@ -435,8 +435,16 @@ impl Plan {
     /// # Errors
     /// [`StudyError::Plan`] naming the key.
     pub fn parse(name: &str, text: &str, folder: &Path) -> Result<Self, StudyError> {
+        let keys = toml::from_str(text).map_err(|e| StudyError::Plan { plan: name.to_owned(), detail: e.to_string() })?;
+        Self::of(name, keys, folder)
+    }
+
+    /// A plan from its keys, as a file has them.
+    ///
+    /// # Errors
+    /// [`StudyError::Plan`] naming the key.
+    pub fn of(name: &str, mut keys: toml::Table, folder: &Path) -> Result<Self, StudyError> {
         let wrong = |detail: String| StudyError::Plan { plan: name.to_owned(), detail };
-        let mut keys: toml::Table = toml::from_str(text).map_err(|e| wrong(e.to_string()))?;
         let grids = match keys.remove("grids") {
             None => vec![toml::Table::new()],
             Some(toml::Value::Array(list)) => list
@@ -488,6 +496,35 @@ impl Plan {
         };
         plan.check().map_err(wrong)?;
         Ok(plan)
+    }
+
+    /// The plan as the text of a file that reads as this very plan.
+    ///
+    /// # Errors
+    /// [`StudyError::Plan`] for a seed that no file can hold.
+    pub fn to_toml(&self) -> Result<String, StudyError> {
+        let wrong = |detail: String| StudyError::Plan { plan: self.name.clone(), detail };
+        let grids = self.grids.iter().map(Grid::keys).collect::<Result<Vec<_>, _>>().map_err(|e| wrong(e.to_string()))?;
+        let mut keys = toml::Table::new();
+        let mut put = |key: &str, value: Result<toml::Value, toml::ser::Error>| -> Result<(), StudyError> {
+            let value = value.map_err(|e| wrong(format!("{key}: {e}")))?;
+            let blank = value.as_array().is_some_and(Vec::is_empty) || value.as_table().is_some_and(toml::Table::is_empty);
+            if !blank {
+                keys.insert(key.to_owned(), value);
+            }
+            Ok(())
+        };
+        put("format", Ok(FORMAT.into()))?;
+        put("name", Ok(self.name.as_str().into()))?;
+        put("about", Ok(self.about.as_str().into()))?;
+        put("seed", toml::Value::try_from(self.seed))?;
+        put("excitations", toml::Value::try_from(&self.excitations))?;
+        put("noises", toml::Value::try_from(&self.noises))?;
+        put("controllers", toml::Value::try_from(&self.controllers))?;
+        put("grids", Ok(toml::Value::Array(grids)))?;
+        put("published", toml::Value::try_from(&self.published))?;
+        put("aims", toml::Value::try_from(&self.aims))?;
+        toml::to_string(&keys).map_err(|e| wrong(e.to_string()))
     }
 
     /// Leaves out all grids and methods but these; an empty list leaves out none. A method is named with the options that the plan gives it, or without: then with any.
@@ -554,6 +591,21 @@ fn read<T: DeserializeOwned>(table: toml::Table) -> Result<T, String> {
 }
 
 impl Grid {
+    /// The keys of a file that make this grid.
+    fn keys(&self) -> Result<toml::Value, toml::ser::Error> {
+        let mut value = toml::Value::try_from(Self { snr: Vec::new(), by: Vec::new(), ..self.clone() })?;
+        if let Some(keys) = value.as_table_mut() {
+            keys.remove("name");
+            keys.insert("grid".to_owned(), self.name.as_str().into());
+            let ratio = |r: &f64| if r.is_finite() { toml::Value::from(*r) } else { "inf".into() };
+            keys.insert("snr".to_owned(), toml::Value::Array(self.snr.iter().map(ratio).collect()));
+            let layout =
+                |l: &Layout| Ok(format!("{}: {}", toml::Value::try_from(l.shown)?.as_str().unwrap_or_default(), l.keys.join(" ")).into());
+            keys.insert("by".to_owned(), toml::Value::Array(self.by.iter().map(layout).collect::<Result<_, toml::ser::Error>>()?));
+        }
+        Ok(value)
+    }
+
     fn new(keys: Keys, name: &str) -> Result<Self, String> {
         fn or<T>(list: Option<Many<T>>, otherwise: T) -> Vec<T> {
             list.map_or_else(|| vec![otherwise], Vec::from)
@@ -630,5 +682,23 @@ impl Scoring {
             return Err("scoring: invalid_samples says already what a missing answer counts; leave out missing_off_samples".to_owned());
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_shipped_plan_reads_as_itself_from_the_text_that_it_writes() {
+        for (name, _) in PLANS {
+            let plan = Plan::open(name).unwrap();
+            let again = Plan::parse(name, &plan.to_toml().unwrap(), &plan.folder).unwrap();
+            assert_eq!(again, plan, "{name}");
+        }
+        let mut plan = Plan::open("bjorklund").unwrap();
+        plan.only(&[], &["arxstruc".to_owned()]).unwrap();
+        plan.seed = 1 << 53;
+        assert_eq!(Plan::parse("", &plan.to_toml().unwrap(), &plan.folder).unwrap(), plan);
     }
 }

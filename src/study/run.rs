@@ -12,14 +12,15 @@ use sha2::{Digest, Sha256};
 
 use super::StudyError;
 use super::cell::{Layout, Slot};
-use super::estimates::{CsvSink, Row, Sink, key_fields, of_record, read_part, value_fields, write_part};
+use super::estimates::{CsvSink, Field, Row, Sink, key_fields, made, of_record, read_part, value_fields, write_part};
 use super::plan::{Delay, Plan};
 use super::results::{Cell, FORMAT, Kept, Score, Study};
 use super::tally::{Tally, kept};
 use crate::file::write_atomic;
+use crate::stop::Stop;
 
 /// Records of one setting that are made together, and written as one file: seconds of work between two writes at most.
-const BLOCK: usize = 25;
+pub(super) const BLOCK: usize = 25;
 /// The folder of finished blocks.
 const PARTS: &str = "parts";
 /// What the blocks belong to.
@@ -37,38 +38,58 @@ pub struct Progress {
 }
 
 /// A plan made ready to run.
-pub struct Runner<'a> {
-    plan: &'a Plan,
-    layout: Layout,
-    blocks: Vec<Block>,
+pub struct Runner {
+    pub(super) plan: Plan,
+    pub(super) layout: Layout,
+    pub(super) blocks: Vec<Block>,
+    stamp: String,
 }
 
 /// Trials of one setting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Block {
-    setting: usize,
-    first: usize,
-    end: usize,
+pub(super) struct Block {
+    pub(super) setting: usize,
+    pub(super) first: usize,
+    pub(super) end: usize,
 }
 
-impl<'a> Runner<'a> {
+impl Runner {
     /// Looks up everything that the plan names, and makes one record of every setting.
     ///
     /// # Errors
     /// [`StudyError::Plan`], [`crate::registry::RegistryError`] for unknown names and options; what keeps a record from being made, as [`StudyError::Record`].
-    pub fn new(plan: &'a Plan) -> crate::Result<Self> {
-        let layout = Layout::new(plan)?;
-        let tried = layout.settings.par_iter().map(|s| {
-            let because = |source| StudyError::Record { plan: plan.name.clone(), setting: s.key.to_string(), source: Box::new(source) };
-            Ok(s.record(plan.seed, 0).map(|_| ()).map_err(because)?)
-        });
+    pub fn new(plan: &Plan) -> crate::Result<Self> {
+        let runner = Self::untried(plan)?;
+        let tried = runner.layout.settings.par_iter().map(|s| made(plan, s, 0).map(|_| ()));
         tried.collect::<crate::Result<Vec<()>>>()?;
+        Ok(runner)
+    }
+
+    /// The same without making records: for workers that go on where somebody tried the plan before.
+    ///
+    /// # Errors
+    /// As [`Self::new`], but for records.
+    pub fn untried(plan: &Plan) -> crate::Result<Self> {
+        let layout = Layout::new(plan)?;
         let blocks = (layout.settings.iter().enumerate())
             .flat_map(|(setting, s)| {
                 (0..s.trials).step_by(BLOCK).map(move |first| Block { setting, first, end: (first + BLOCK).min(s.trials) })
             })
             .collect();
-        Ok(Self { plan, layout, blocks })
+        let stamp = stamp(plan, &layout);
+        Ok(Self { plan: plan.clone(), layout, blocks, stamp })
+    }
+
+    /// The plan.
+    #[must_use]
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// A digest of all that the estimates depend on: plan, seed, trials, what its names stand for, and the program's version. Blocks of equal stamps go together.
+    #[must_use]
+    pub fn stamp(&self) -> &str {
+        &self.stamp
     }
 
     /// Estimates in all.
@@ -77,17 +98,17 @@ impl<'a> Runner<'a> {
         self.blocks.iter().map(|b| self.size(*b)).sum()
     }
 
-    fn size(&self, block: Block) -> usize {
+    pub(super) fn size(&self, block: Block) -> usize {
         (block.end - block.first) * self.layout.of(block.setting).len()
     }
 
     /// Runs what is not done yet and writes `DIR/study.json` and `DIR/estimates.csv` (`.parquet` too with that feature). Finished blocks are kept in `DIR/parts` until then: a run that was stopped goes on
-    /// where it was with `resume`. The same to the bit for any number of threads, run times apart.
+    /// where it was with `resume`. The same to the bit for any number of threads, run times apart. `stop` is looked at between the methods of a record.
     ///
     /// # Errors
     /// [`StudyError::Folder`] where the folder holds another plan's blocks, or some of this one without `resume`; what keeps a record from being made;
-    /// [`crate::Error::Io`].
-    pub fn run(&self, folder: &Path, resume: bool, progress: &(dyn Fn(Progress) + Sync)) -> crate::Result<Study> {
+    /// [`crate::Error::Io`]; [`crate::Error::Stopped`].
+    pub fn run(&self, folder: &Path, resume: bool, stop: &Stop, progress: &(dyn Fn(Progress) + Sync)) -> crate::Result<Study> {
         let parts = self.open(folder, resume)?;
         let pending: Vec<(usize, Block)> = self.blocks.iter().copied().enumerate().filter(|(n, _)| !part(&parts, *n).exists()).collect();
         let all = self.estimates();
@@ -102,20 +123,20 @@ impl<'a> Runner<'a> {
         };
         tell(0);
         shared_out(&pending, |&(number, block)| {
-            write_part(&part(&parts, number), &self.block(block)?)?;
+            write_part(&part(&parts, number), &self.block(block, stop)?)?;
             tell(self.size(block));
             Ok(())
         })?;
-        let study = self.gather(folder, &parts)?;
+        let study = self.gather(folder, &parts, stop)?;
         fs::remove_dir_all(&parts).map_err(|e| crate::Error::io(&parts, e))?;
         Ok(study)
     }
 
     /// The rows of one block, in the order of trials and cells.
-    fn block(&self, block: Block) -> crate::Result<Vec<Row>> {
+    pub(super) fn block(&self, block: Block, stop: &Stop) -> crate::Result<Vec<Row>> {
         let mut rows = Vec::with_capacity(self.size(block));
         for trial in block.first..block.end {
-            rows.extend(of_record(self.plan, &self.layout, block.setting, trial)?);
+            rows.extend(of_record(&self.plan, &self.layout, block.setting, trial, stop)?);
         }
         Ok(rows)
     }
@@ -124,13 +145,13 @@ impl<'a> Runner<'a> {
     fn open(&self, folder: &Path, resume: bool) -> crate::Result<PathBuf> {
         let parts = folder.join(PARTS);
         let stamp = parts.join(STAMP);
-        let mine = self.stamp();
+        let mine = self.stamp.as_str();
         if parts.exists() {
             let theirs = fs::read_to_string(&stamp).unwrap_or_default();
             let detail = if theirs.trim() != mine {
-                "holds the unfinished study of another plan (other trials, seed or program version included); give another --out, or remove its folder `parts`"
+                "holds the unfinished study of another plan (other trials, seed or program version included); give another folder, or remove its folder `parts`"
             } else if !resume {
-                "holds this study unfinished; --resume goes on where it was, removing its folder `parts` starts anew"
+                "holds this study unfinished; --resume (in Python resume=True) goes on where it was, removing its folder `parts` starts anew"
             } else {
                 return Ok(parts);
             };
@@ -140,31 +161,42 @@ impl<'a> Runner<'a> {
         Ok(parts)
     }
 
-    /// What two runs must share for their blocks to go together.
-    fn stamp(&self) -> String {
-        let plan = serde_json::to_string(self.plan).unwrap_or_default();
-        let text = format!("{}|{BLOCK}|{plan}", env!("CARGO_PKG_VERSION"));
-        Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()
-    }
-
     /// Reads all blocks in order, one row at a time, and writes what came of them.
-    fn gather(&self, folder: &Path, parts: &Path) -> crate::Result<Study> {
-        let mut cells: Vec<Cell> = self.layout.slots.iter().map(|s| self.cell(*s)).collect();
-        let keys: Vec<_> = cells.iter().map(key_fields).collect();
-        let mut tallies = vec![Tally::default(); cells.len()];
+    fn gather(&self, folder: &Path, parts: &Path, stop: &Stop) -> crate::Result<Study> {
+        let keys: Vec<_> = (0..self.layout.slots.len()).map(|number| self.key(number)).collect();
+        let mut tallies = vec![Tally::default(); keys.len()];
         let mut sinks = sinks(folder)?;
         for number in 0..self.blocks.len() {
+            stop.check()?;
             for row in read_part(&part(parts, number))? {
                 let row = row?;
                 let Some((tally, key)) = tallies.get_mut(row.cell).zip(keys.get(row.cell)) else { continue };
-                let setting = &self.layout.settings[self.layout.slots[row.cell].setting];
-                tally.add(&row, &self.plan.grids[setting.grid].scoring, setting.sample_time);
+                self.count(tally, &row);
                 let values = value_fields(&row);
                 sinks.iter_mut().try_for_each(|s| s.write(key, &values))?;
             }
         }
         sinks.into_iter().try_for_each(Sink::finish)?;
-        for (cell, tally) in cells.iter_mut().zip(&tallies) {
+        let study = self.study(&tallies);
+        study.write(&folder.join("study.json"))?;
+        Ok(study)
+    }
+
+    /// The columns of a cell's estimates that are the same in all of them.
+    pub(super) fn key(&self, number: usize) -> Vec<(&'static str, Field)> {
+        self.layout.slots.get(number).map(|slot| key_fields(number, &self.cell(*slot))).unwrap_or_default()
+    }
+
+    /// Adds an estimate to the sums of its cell.
+    pub(super) fn count(&self, tally: &mut Tally, row: &Row) {
+        let setting = &self.layout.settings[self.layout.slots[row.cell].setting];
+        tally.add(row, &self.plan.grids[setting.grid].scoring, setting.sample_time);
+    }
+
+    /// What the sums of all cells say.
+    pub(super) fn study(&self, tallies: &[Tally]) -> Study {
+        let mut cells: Vec<Cell> = self.layout.slots.iter().map(|s| self.cell(*s)).collect();
+        for (cell, tally) in cells.iter_mut().zip(tallies) {
             cell.trials = tally.trials;
             cell.scored = tally.scored;
             cell.rms_samples = tally.rms();
@@ -180,8 +212,8 @@ impl<'a> Runner<'a> {
             cell.predicted_rms_samples = tally.predicted_rms();
             cell.time_per_estimate_s = tally.time_s();
         }
-        let scores = self.scores(&mut cells, &tallies);
-        let study = Study {
+        let scores = self.scores(&mut cells, tallies);
+        Study {
             format: FORMAT.to_owned(),
             plan: self.plan.name.clone(),
             about: self.plan.about.clone(),
@@ -189,9 +221,7 @@ impl<'a> Runner<'a> {
             program: format!("deadtime {}", env!("CARGO_PKG_VERSION")),
             cells,
             scores,
-        };
-        study.write(&folder.join("study.json"))?;
-        Ok(study)
+        }
     }
 
     /// Every method of every grid and place, at every share that is kept.
@@ -283,6 +313,14 @@ impl<'a> Runner<'a> {
     }
 }
 
+/// What two runs must share for their blocks to go together; what published numbers and aims say is no part of it.
+fn stamp(plan: &Plan, layout: &Layout) -> String {
+    let plan = serde_json::to_string(&Plan { published: Vec::new(), aims: Vec::new(), ..plan.clone() }).unwrap_or_default();
+    let definitions: Vec<&str> = layout.settings.iter().map(|s| s.definition.as_str()).collect();
+    let text = format!("{}|{BLOCK}|{plan}|{}", env!("CARGO_PKG_VERSION"), definitions.join(" "));
+    Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()
+}
+
 /// Hands the items out to as many workers as there are threads, in order, until one fails.
 ///
 /// Each worker is a pool of one thread: what a method would do in parallel it does there one after the other, so that its run time is its own, and no other estimate's.
@@ -314,7 +352,7 @@ fn sinks(folder: &Path) -> crate::Result<Vec<Box<dyn Sink>>> {
     Ok(vec![
         Box::new(CsvSink::new(folder.join("estimates.csv"))?),
         #[cfg(feature = "parquet")]
-        Box::new(super::parquet::ParquetSink::new(folder.join("estimates.parquet"))?),
+        Box::new(super::parquet::ParquetSink::new(folder.join("estimates.parquet"))),
     ])
 }
 

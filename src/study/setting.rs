@@ -222,7 +222,7 @@ impl Setting {
     }
 
     /// The seed of a record: a hash of the plan's seed, of what the record is of and of its number, so that no other record of a plan moves it.
-    fn seed(&self, seed: u64, trial: usize) -> u64 {
+    pub(super) fn seed(&self, seed: u64, trial: usize) -> u64 {
         hash(&format!("{seed}|{}|{trial}", self.key))
     }
 

@@ -1,0 +1,220 @@
+"""The check on withheld effects: cases whose cause is known to somebody else are diagnosed, then scored against labels that were committed to beforehand.
+
+docs/blind.md defines the protocol, the files and every score.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from . import _native
+
+PathLike: TypeAlias = "str | os.PathLike[str]"
+
+__all__ = ["BlindRun", "BlindScore", "CaseOutcome", "run", "score"]
+
+
+@dataclass(frozen=True)
+class CaseOutcome:
+    """How one case went."""
+
+    id: str
+    """The case."""
+    outcome: str
+    """`done`: diagnosed now; `kept`: diagnosed before; `failed`."""
+    time_s: float | None
+    """Wall-clock time of the diagnosis, s, where it was made now."""
+    error: str | None
+    """Why it failed."""
+
+
+@dataclass(frozen=True)
+class BlindRun:
+    """How all cases went, in order of their names."""
+
+    verdicts: str
+    """The folder that the verdicts were written to."""
+    cases: tuple[CaseOutcome, ...]
+    """Every case."""
+
+    @property
+    def failed(self) -> dict[str, str]:
+        """The cases that were not diagnosed, and why."""
+        return {case.id: case.error or "" for case in self.cases if case.outcome == "failed"}
+
+    @property
+    def passed(self) -> bool:
+        """Every case has a verdict."""
+        return not self.failed
+
+    def __iter__(self) -> Iterator[CaseOutcome]:
+        return iter(self.cases)
+
+    def __len__(self) -> int:
+        return len(self.cases)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `deadtime blind run --json` writes it: cases, done, failed."""
+        failed = [f"{name}: {error}" for name, error in self.failed.items()]
+        return {"cases": len(self.cases), "done": len(self.cases) - len(failed), "failed": failed}
+
+    def __repr__(self) -> str:
+        done = len(self.cases) - len(self.failed)
+        if self.passed:
+            return f"{done} cases diagnosed; verdicts in {self.verdicts}"
+        lines = [f"{name}: {error}" for name, error in self.failed.items()]
+        return "\n".join([f"{done} of {len(self.cases)} cases were diagnosed; these were not:", *lines])
+
+
+def run(
+    cases: PathLike,
+    verdicts: PathLike,
+    *,
+    jobs: int = 1,
+    fresh: bool = False,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: Callable[[CaseOutcome], object] | None = None,
+) -> BlindRun:
+    """Diagnoses every case of a folder; only the case folders are read. `deadtime blind run`.
+
+    Parameters
+    ----------
+    cases : path
+        Folder of cases: ID/model.toml, ID/train_*.csv, ID/holdout_*.csv, ID/commitment.txt.
+    verdicts : path
+        Folder to write ID/diagnosis.json, ID/run.json and ID/commitment.txt to; cases that stand there are not done again.
+    jobs : int
+        Cases at a time; a diagnosis uses all threads itself.
+    fresh : bool
+        Diagnose all cases again.
+    seed : int
+        Seed of the bootstrap.
+    threads : int, optional
+        Default: all cores.
+    progress : function of a `CaseOutcome`, optional
+        Told of every case as it is done.
+
+    Returns
+    -------
+    BlindRun
+        How each case went. A case that fails stops no other: look at `failed`.
+
+    Raises
+    ------
+    BlindError, FileError
+        There are no cases to begin with.
+    KeyboardInterrupt
+        Within 0.2 s; the verdicts that are done stay, and are kept by the next run.
+    """
+    if jobs < 1:
+        raise ValueError(f"jobs is {jobs}: give at least 1")
+    tell = None if progress is None else lambda *one: progress(CaseOutcome(*one))
+    told = _native._blind_run(cases, verdicts, jobs, fresh, seed, threads, tell)
+    return BlindRun(os.fspath(verdicts), tuple(CaseOutcome(*one) for one in told))
+
+
+def score(verdicts: PathLike, labels: PathLike, cases: PathLike | None = None, *, require: Sequence[str] = ()) -> BlindScore:
+    """Checks every label against the commitment that came with its case, then scores the verdicts. `deadtime blind score`.
+
+    Parameters
+    ----------
+    verdicts : path
+        Folder of ID/diagnosis.json, ID/run.json and ID/commitment.txt.
+    labels : path
+        Folder of ID.json, `deadtime/blind@1`.
+    cases : path, optional
+        Folder of cases; needed only where no commitment stands beside a verdict.
+    require : list of str
+        Limits `NAME>=VALUE` or `NAME<=VALUE`, missed when a score's 95 % interval lies beyond one as a whole: see `passed` and `unmet`.
+
+    Raises
+    ------
+    BlindError
+        Labels that do not match their commitment, verdicts without label and labels without verdict, a limit on a score that there is not; nothing is scored then.
+    """
+    limits = list(require)
+    _native.BlindScore.check(limits)
+    return BlindScore(_native.BlindScore.of(verdicts, labels, cases), limits)
+
+
+class BlindScore:
+    """How a diagnoser did on withheld effects."""
+
+    def __init__(self, native: _native.BlindScore, require: list[str]) -> None:
+        self._native = native
+        self._require = require
+        self._json: dict[str, Any] | None = None
+
+    @property
+    def _dict(self) -> dict[str, Any]:
+        if self._json is None:
+            self._json = self.to_dict()
+        return self._json
+
+    @property
+    def cases(self) -> int:
+        """How many cases."""
+        return self._dict["cases"]
+
+    @property
+    def groups(self) -> dict[str, int]:
+        """Cases of each kind: `single`, `none`, `unknown`, `pair`."""
+        return self._dict["groups"]
+
+    @property
+    def scores(self) -> dict[str, dict[str, Any]]:
+        """Every score by its name: `value`, `ci95`, `count`."""
+        return {one["name"]: one for one in self._dict["scores"]}
+
+    def __getitem__(self, name: str) -> float | None:
+        """The value of a score; None where no case has one."""
+        return self.scores[name]["value"]
+
+    @property
+    def by(self) -> list[dict[str, Any]]:
+        """The same scores by true effect, plant, strength and loop: `key`, `value`, `cases`, `scores`."""
+        return self._dict["by"]
+
+    @property
+    def confusion(self) -> list[dict[str, Any]]:
+        """What was said of what: `truth`, `verdict`, `cases`."""
+        return self._dict["confusion"]
+
+    @property
+    def answers(self) -> list[dict[str, Any]]:
+        """Every case with what was judged of it."""
+        return self._dict["answers"]
+
+    @property
+    def unmet(self) -> list[str]:
+        """The required limits that are not kept, in a sentence each."""
+        return self._native.unmet(self._require)
+
+    @property
+    def passed(self) -> bool:
+        """Every required limit is kept."""
+        return not self.unmet
+
+    def to_dict(self) -> dict[str, Any]:
+        """`deadtime/blind-score@1` as dicts and lists."""
+        return json.loads(self.to_json())
+
+    def to_json(self) -> str:
+        """`deadtime/blind-score@1`."""
+        return self._native.json()
+
+    def save(self, path: PathLike) -> None:
+        """Writes `deadtime/blind-score@1`."""
+        _native._write_text(path, self.to_json() + "\n")
+
+    def markdown(self) -> str:
+        """The report as Markdown."""
+        return self._native.markdown()
+
+    def __repr__(self) -> str:
+        return self._native.text().rstrip()
