@@ -7,6 +7,7 @@ mod bound;
 mod command;
 mod convert;
 mod delay;
+mod diagnose;
 mod error;
 mod file;
 mod log;
@@ -26,6 +27,7 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     command::add(m)?;
     bound::add(m)?;
     delay::add(m)?;
+    diagnose::add(m)?;
     error::add(m)?;
     file::add(m)?;
     log::add(m)?;
