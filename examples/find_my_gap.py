@@ -20,7 +20,6 @@ import deadtime
 HERE = Path(__file__).parent
 model = HERE / "drive.toml"
 first, second = (deadtime.read(HERE / f"drive_run_{number}.csv") for number in (1, 2))
-print(first)
 
 # %% [markdown]
 # Step 1: the commonest causes need no diagnosis. A unit, a sign, a swapped channel, a clock: `check` looks for them.
@@ -37,7 +36,7 @@ print(report)
 def in_rad_s(log: deadtime.Log) -> deadtime.Log:
     """The same log with the speed in rad/s."""
     speed = log["speed"] * (2.0 * np.pi / 60.0)
-    return deadtime.Log(log.time, {"voltage": log["voltage"], "speed": speed}, {"voltage": "V", "speed": "rad/s"}, source=log.source)
+    return deadtime.Log(log.time, {"voltage": log["voltage"], "speed": speed}, {"voltage": "V", "speed": "rad/s"}, source=Path(log.source).name)
 
 
 first, second = in_rad_s(first), in_rad_s(second)
@@ -110,6 +109,7 @@ def simulate(u: NDArray[np.float64], time: NDArray[np.float64], x0: NDArray[np.f
 
 
 called = deadtime.gap(
+    name="my own loop",
     simulate=simulate,
     log=[first],
     holdout=[second],
@@ -119,7 +119,6 @@ called = deadtime.gap(
     parameters={"inertia": (0.0004, "kg m^2"), "viscous": (0.0003, "N m s/rad")},
 )
 print(called)
-print("not tried:", ", ".join(sorted({one["effect"] for one in called.not_tried})))
 assert called.verdict == "input_delay" and abs(called.effects[0]["parameters"][0]["value"] - 0.012) < 0.0005
 assert "coulomb_friction" in {one["effect"] for one in called.not_tried}
 

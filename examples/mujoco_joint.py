@@ -1,6 +1,6 @@
 """A joint in MuJoCo that lacks the machine's dry friction, diagnosed by `deadtime.gap(simulate=...)`.
 
-The machine is a joint with a spring, driven by a torque, with encoder and tachometer. Its dry friction (MuJoCo's `frictionloss`) is what the simulator
+The machine is a joint with a spring, driven by a torque, with a potentiometer and a tachometer. Its dry friction (MuJoCo's `frictionloss`) is what the simulator
 lacks. Three questions are asked of the same logs:
 
 1. the simulator is MuJoCo, and dry friction is among the parameters that may be wrong: it is named, with its size;
@@ -38,7 +38,7 @@ JOINT = """
 """
 FRICTION = 0.08  # N m
 INERTIA = 0.004 + 0.4 * 0.15**2 + 0.005  # kg m^2: the body about the joint, and the armature
-NOISE = np.array([0.002, 0.05])  # rad, rad/s
+NOISE = np.array([0.005, 0.05])  # rad, rad/s
 
 
 def run(model: mujoco.MjModel, torque: Array, time: Array, start: Array) -> Array:
@@ -90,6 +90,7 @@ def simulate(u: Array, time: Array, x0: Array, parameters: dict[str, float]) -> 
 
 known = {"damping": (0.06, "N m s/rad"), "armature": (0.005, "kg m^2"), "stiffness": (1.5, "N m/rad")}
 black_box = {
+    "name": "MuJoCo",
     "simulate": simulate,
     "inputs": {"torque": "N m"},
     "outputs": {"angle": "rad", "speed": "rad/s"},
@@ -100,22 +101,19 @@ black_box = {
 named = deadtime.gap(log=[train], holdout=[check], parameters={**known, "frictionloss": (0.0, "N m")}, **black_box)
 print("1. dry friction is a parameter of the simulator\n")
 print(named)
-print(f"{calls} calls of MuJoCo, {seconds:.1f} s\n")
-found = named.effects[0]
-value = found["parameters"][0]
+print(f"{seconds:.1f} s in {calls} calls of MuJoCo\n")
+value = named.effects[0]["parameters"][0]
 assert (named.verdict, named.channel) == ("parameter_error", "frictionloss")
-assert abs(value["value"] - FRICTION) < 0.02 * FRICTION
-assert named.shrink["fraction"] > 0.9
+low, high = value["ci95"]
+assert low <= FRICTION <= high and high - low < 0.1 * FRICTION
+assert named.shrink["after"] < 1.2 * named.shrink["floor"] < 0.2 * named.shrink["before"]
 
 # %% 2. Dry friction is not among the parameters, and a black box has no equations to which it could be added
 calls, seconds = 0, 0.0
 unnamed = deadtime.gap(log=[train], holdout=[check], parameters=known, **black_box)
 print("2. dry friction is not a parameter of the simulator\n")
 print(unnamed)
-print("not tried:")
-for left_out in unnamed.not_tried:
-    print(f"  {left_out['effect']}: {left_out['why']}")
-print(f"{calls} calls of MuJoCo, {seconds:.1f} s\n")
+print(f"{seconds:.1f} s in {calls} calls of MuJoCo\n")
 assert "coulomb_friction" in {left_out["effect"] for left_out in unnamed.not_tried}
 assert unnamed.verdict == "unknown"
 

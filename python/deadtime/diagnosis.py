@@ -288,7 +288,11 @@ class Diagnosis(_Result):
     def __repr__(self) -> str:
         lines = [self.summary, *(f"Caveat: {caveat}." for caveat in self.caveats)]
         if self.calls is not None:
-            lines.append(f"Calls of the simulator: {self.calls}; candidates that were not tried: {len(self.not_tried)}.")
+            left_out: dict[str, list[str]] = {}
+            for one in self.not_tried:
+                left_out.setdefault(one["why"], []).append(one["effect"])
+            lines.extend(f"Not tried: {', '.join(effects)}; {why}." for why, effects in left_out.items())
+            lines.append(f"Calls: {self.calls} of the simulator.")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
