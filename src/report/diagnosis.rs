@@ -54,9 +54,14 @@ fn place(d: &Diagnosis) -> String {
 
 fn parameter(p: &Parameter) -> String {
     let unit = if p.unit == "1" { String::new() } else { format!(" {}", p.unit) };
+    // Four digits that say something.
+    let small = p.value.is_some_and(|v| v != 0.0 && v.abs() < 1e-4);
+    let number = |v: f64| if small { format!("{v:.3e}") } else { format!("{v:.4}") };
     match (p.value, p.ci95) {
-        (Some(value), Some([lower, upper])) => format!("{} = {value:.4}{unit} (95 %: {lower:.4} to {upper:.4})", p.name),
-        (Some(value), None) => format!("{} = {value:.4}{unit} (at a bound)", p.name),
+        (Some(value), Some([lower, upper])) => {
+            format!("{} = {}{unit} (95 %: {} to {})", p.name, number(value), number(lower), number(upper))
+        }
+        (Some(value), None) => format!("{} = {}{unit} (at a bound)", p.name, number(value)),
         (None, _) => format!("no {} limit", p.name),
     }
 }
