@@ -569,12 +569,18 @@ def _subject(
         raise TypeError(f"simulate is {type(simulate).__name__}, not a function f(u, time, x0, parameters)")
     return _native._Simulator(
         simulate,
-        str(name if name is not None else getattr(simulate, "__name__", type(simulate).__name__)),
+        str(name if name is not None else _name(simulate)),
         _channels("inputs", inputs),
         _channels("outputs", outputs),
         _states(states),
         _parameters(parameters),
     )
+
+
+def _name(simulate: Any) -> str:
+    """What a function is called, where that says something."""
+    name = str(getattr(simulate, "__name__", type(simulate).__name__))
+    return "simulator" if name in ("simulate", "f", "<lambda>", "partial", "_Simulator") else name
 
 
 def _channels(what: str, given: Channels | None) -> list[tuple[str, str | None]]:
