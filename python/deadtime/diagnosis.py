@@ -283,7 +283,11 @@ class Diagnosis(_Result):
     def __repr__(self) -> str:
         lines = [self.summary, *(f"Caveat: {caveat}." for caveat in self.caveats)]
         if self.calls is not None:
-            lines.append(f"Calls of the simulator: {self.calls}; candidates that were not tried: {len(self.not_tried)}.")
+            left_out: dict[str, list[str]] = {}
+            for one in self.not_tried:
+                left_out.setdefault(one["why"], []).append(one["effect"])
+            lines.extend(f"Not tried: {', '.join(effects)}; {why}." for why, effects in left_out.items())
+            lines.append(f"Calls: {self.calls} of the simulator.")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -560,12 +564,18 @@ def _subject(
         raise TypeError(f"simulate is {type(simulate).__name__}, not a function f(u, time, x0, parameters)")
     return _native._Simulator(
         simulate,
-        str(name if name is not None else getattr(simulate, "__name__", type(simulate).__name__)),
+        str(name if name is not None else _name(simulate)),
         _channels("inputs", inputs),
         _channels("outputs", outputs),
         _states(states),
         _parameters(parameters),
     )
+
+
+def _name(simulate: Any) -> str:
+    """What a function is called, where that says something."""
+    name = str(getattr(simulate, "__name__", type(simulate).__name__))
+    return "simulator" if name in ("simulate", "f", "<lambda>", "partial", "_Simulator") else name
 
 
 def _channels(what: str, given: Channels | None) -> list[tuple[str, str | None]]:
