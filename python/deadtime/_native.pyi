@@ -55,7 +55,7 @@ def _name_and_unit(header: str) -> tuple[str, str | None]: ...
 
 # --- file
 
-def _write_text(path: str | os.PathLike[str], text: str) -> None: ...
+def _write_whole(path: str | os.PathLike[str], bytes: bytes) -> None: ...
 
 # --- delay
 
@@ -273,7 +273,6 @@ def _dare(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike |
 # --- effect
 
 def _effects(model: Model | None) -> list[dict[str, Any]]: ...
-
 # --- study
 
 @final
@@ -408,3 +407,53 @@ class BlindScore:
     def unmet(self, require: Sequence[str]) -> list[str]: ...
     @staticmethod
     def check(require: Sequence[str]) -> None: ...
+
+# --- diagnosis
+
+@final
+class _Simulator:
+    def __new__(
+        cls,
+        f: Any,
+        name: str,
+        inputs: Sequence[tuple[str, str | None]],
+        outputs: Sequence[tuple[str, str | None]],
+        states: Sequence[tuple[str, float, float | None]],
+        parameters: Sequence[tuple[str, str | None, float]],
+    ) -> _Simulator: ...
+    def __call__(self, u: ArrayLike, time: ArrayLike, x0: ArrayLike, parameters: dict[str, float]) -> Array: ...
+    @property
+    def effects(self) -> list[dict[str, Any]]: ...
+
+@final
+class _Diagnosed:
+    def to_json(self) -> str: ...
+    @property
+    def summary(self) -> str: ...
+    @property
+    def caveats(self) -> list[str]: ...
+    @property
+    def calls(self) -> int | None: ...
+    @property
+    def model(self) -> Model | None: ...
+    @property
+    def simulator(self) -> _Simulator | None: ...
+    @property
+    def traces(self) -> list[Any]: ...
+    def page(self) -> str: ...
+    def save(self, folder: str | os.PathLike[str]) -> list[str]: ...
+
+def _gap(
+    subject: Model | _Simulator,
+    logs: Sequence[Log],
+    holdout: Sequence[Log],
+    prediction: str | None,
+    max_delay: float | None,
+    seed: int,
+    threads: int | None,
+    progress: Any | None,
+) -> _Diagnosed: ...
+def _check(subject: Model | _Simulator, logs: Sequence[Log]) -> tuple[str, str]: ...
+def _isolability(
+    subject: Model | _Simulator, logs: Sequence[Log], prediction: str | None, max_delay: float | None, threads: int | None
+) -> tuple[str, str]: ...

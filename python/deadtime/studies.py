@@ -408,7 +408,7 @@ class GateResult:
 
     def save(self, path: PathLike) -> None:
         """Writes `deadtime/gate@1` as the file `path`."""
-        _native._write_text(path, self.to_json() + "\n")
+        _native._write_whole(path, (self.to_json() + "\n").encode())
 
     def junit(self) -> str:
         """JUnit XML: a suite per grid, a case per method."""
