@@ -6,9 +6,16 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 # Before anything imports it: figures are drawn without a screen.
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+# Another draw on every run; a failure prints what reproduces it. `--hypothesis-profile=thorough` draws ten times as many.
+_DRAWS = {"deadline": None, "database": None, "print_blob": True, "suppress_health_check": [HealthCheck.too_slow, HealthCheck.filter_too_much]}
+settings.register_profile("short", max_examples=40, **_DRAWS)
+settings.register_profile("thorough", max_examples=400, **_DRAWS)
+settings.load_profile("short")
 
 ROOT = Path(__file__).resolve().parents[2]
 
