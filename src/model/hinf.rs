@@ -27,6 +27,38 @@ struct Matrices {
 }
 
 impl Matrices {
+    /// The same model in units of its states that make rows and columns of [A B; C 0] equally large: powers of two, so that nothing is rounded.
+    ///
+    /// Source: Parlett and Reinsch (1969), doi:10.1007/BF02165404.
+    fn balanced(mut self) -> Self {
+        let n = self.a.nrows();
+        let row = |m: &DMatrix<f64>, i: usize| m.row(i).iter().map(|v| v.abs()).sum::<f64>();
+        let column = |m: &DMatrix<f64>, i: usize| m.column(i).iter().map(|v| v.abs()).sum::<f64>();
+        for _ in 0..20 {
+            let mut still = true;
+            for i in 0..n {
+                let own = self.a[(i, i)].abs();
+                let into = row(&self.a, i) - own + row(&self.b, i);
+                let out = column(&self.a, i) - own + column(&self.c, i);
+                if !(into > 0.0 && out > 0.0) {
+                    continue;
+                }
+                let factor = (0.5 * (out / into).log2()).round().exp2();
+                if factor != 1.0 && factor.is_normal() {
+                    still = false;
+                    self.a.row_mut(i).scale_mut(factor);
+                    self.b.row_mut(i).scale_mut(factor);
+                    self.a.column_mut(i).scale_mut(1.0 / factor);
+                    self.c.column_mut(i).scale_mut(1.0 / factor);
+                }
+            }
+            if still {
+                break;
+            }
+        }
+        self
+    }
+
     /// The largest singular value at jω.
     fn gain(&self, omega: f64) -> f64 {
         let n = self.a.nrows();
@@ -74,11 +106,10 @@ pub(super) fn peak<T: TimeDomain>(sys: &StateSpace<T>) -> Peak {
     }
     let matrices = |[a, b, c, d]: [&DMatrix<f64>; 4]| Matrices { a: a.clone(), b: b.clone(), c: c.clone(), d: d.clone() };
     let given = matrices([sys.a(), sys.b(), sys.c(), sys.d()]);
-    let Some(sample_time) = sys.domain().sample_time_s() else { return search(&given) };
-    let found = search(&match image(&given) {
-        Some(image) => image,
-        None => return Peak { gain: f64::INFINITY, omega_rad_s: f64::NAN },
-    });
+    let Some(sample_time) = sys.domain().sample_time_s() else { return search(&given.balanced()) };
+    // Stable models have no pole at z = −1.
+    let Some(image) = image(&given.balanced()) else { return Peak { gain: f64::INFINITY, omega_rad_s: f64::NAN } };
+    let found = search(&image.balanced());
     Peak { omega_rad_s: 2.0 * found.omega_rad_s.atan() / sample_time, ..found }
 }
 
@@ -121,13 +152,47 @@ fn search(sys: &Matrices) -> Peak {
         let crossings = sys.crossings(level);
         // Crossings bound the intervals that lie above the level; itself one may be all that rounding has left of two.
         let between: Vec<f64> = crossings.windows(2).map(|w| 0.5 * (w[0] + w[1])).chain(crossings.iter().copied()).collect();
-        let next = look(&between);
+        let mut next = look(&between);
         if next.gain <= level {
-            return next;
+            // Close to the peak rounding moves crossings off the axis; there the gain is climbed itself.
+            next = look(&[climbed(sys, next.omega_rad_s)]);
+            if next.gain <= level {
+                return next;
+            }
         }
         found = next;
     }
     found
+}
+
+/// The frequency of the largest gain within a tenth of one: golden sections of narrower and narrower neighbourhoods.
+fn climbed(sys: &Matrices, mut omega: f64) -> f64 {
+    if !(omega > 0.0 && omega.is_finite()) {
+        return omega;
+    }
+    let ratio = 0.5 * (5.0_f64.sqrt() - 1.0);
+    for width in [1e-1, 1e-3, 1e-5] {
+        let (mut low, mut high) = (omega * (1.0 - width), omega * (1.0 + width));
+        let at = |share: f64, low: f64, high: f64| low + share * (high - low);
+        let (mut left, mut right) = (at(1.0 - ratio, low, high), at(ratio, low, high));
+        let (mut gain_left, mut gain_right) = (sys.gain(left), sys.gain(right));
+        for _ in 0..24 {
+            if gain_left > gain_right {
+                (high, right, gain_right) = (right, left, gain_left);
+                left = at(1.0 - ratio, low, high);
+                gain_left = sys.gain(left);
+            } else {
+                (low, left, gain_left) = (left, right, gain_right);
+                right = at(ratio, low, high);
+                gain_right = sys.gain(right);
+            }
+        }
+        let best = if gain_left > gain_right { left } else { right };
+        if sys.gain(best) > sys.gain(omega) {
+            omega = best;
+        }
+    }
+    omega
 }
 
 #[cfg(test)]

@@ -489,14 +489,28 @@ def test_the_h_infinity_norm_is_that_of_slycot(case: Case, sampled: bool) -> Non
         assert norm(system.frequency_response(w)) <= gain * (1 + 1e-9) + known
 
 
-@given(cases(unstable=st.just(True)))
-def test_an_unstable_system_has_no_h_infinity_norm_as_control_says(case: Case) -> None:
+@given(cases(unstable=st.just(False)), st.booleans())
+def test_a_system_that_integrates_has_no_h_infinity_norm_as_control_says(case: Case, sampled: bool) -> None:
     a, b, c, d = case.matrices()
-    # Replacing one entry of a mode may leave it stable: the eigenvalues decide.
-    assume(numpy.max(numpy.linalg.eigvals(a).real) > 1e-6)
+    n, p = case.states, case.outputs
+    # The outputs' sum, integrated, and that integral as a further output.
+    a = numpy.block([[a, numpy.zeros((n, 1))], [c.sum(axis=0, keepdims=True), numpy.zeros((1, 1))]])
+    b, d = numpy.vstack([b, d.sum(axis=0, keepdims=True)]), numpy.vstack([d, numpy.zeros((1, case.inputs))])
+    c = numpy.block([[c, numpy.zeros((p, 1))], [numpy.zeros((1, n)), numpy.ones((1, 1))]])
+    system = StateSpace(a, b, c, d)
+    if sampled:
+        system = deadtime.c2d(system, case.sample_time)
+    assert system.norm_hinf()[0] == numpy.inf
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        assert control.norm(control.ss(a, b, c, d), numpy.inf) == numpy.inf
+        assert control.norm(system.to_control(), "inf") == numpy.inf
+
+
+@given(cases(unstable=st.just(True)))
+def test_an_unstable_system_has_no_h_infinity_norm(case: Case) -> None:
+    # No peer: python-control and slycot give the L-infinity norm, the largest gain of a response that no signal could measure. MATLAB gives infinity.
+    a, b, c, d = case.matrices()
+    assume(numpy.max(numpy.linalg.eigvals(a).real) > 1e-6)
     assert StateSpace(a, b, c, d).norm_hinf()[0] == numpy.inf
 
 
@@ -521,7 +535,9 @@ def test_the_regulator_is_that_of_scipy_control_and_slycot(case: Case, decades: 
     x, k = ours.S, ours.K
     peers = {"scipy": scipy.linalg.solve_discrete_are(a, b, q, r, s=n), "control": control.dlqr(a, b, q, r, n)[1]}
     if not crossed and abs(numpy.linalg.det(a)) > 1e-8:
-        peers["slycot"] = slycot.sb02md(order, a, slycot.sb02mt(order, inputs, b, r)[-1], q, "D")[0]
+        # slycot writes into what it is given; of its symplectic matrix (hinv="D") the unstable half belongs to the stabilising solution.
+        g = slycot.sb02mt(order, inputs, b.copy(), r.copy())[-1]
+        peers["slycot"] = slycot.sb02md(order, a.copy(), g, q.copy(), "D", hinv="D", sort="U")[0]
     loop = a - b @ k
     assert numpy.max(numpy.abs(numpy.linalg.eigvals(loop))) < 1
     # The residual in X moves X by the inverse of the Stein operator of the closed loop; rounding makes a residual of eps times the terms' sizes.
