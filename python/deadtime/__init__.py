@@ -5,8 +5,22 @@ Signals are NumPy arrays in SI units, time is in seconds. Where a log is asked f
 
 from __future__ import annotations
 
-from . import blind, errors
+from . import blind, bounds, errors
 from ._native import Log, Model, StateSpace, TransferFunction, __version__
+from .delays import (
+    Estimate,
+    Estimates,
+    Method,
+    Pair,
+    Verdict,
+    estimate,
+    estimate_delay,
+    estimate_events,
+    estimate_impulse_response,
+    methods,
+    predict_precision,
+)
+from .diagnosis import Diagnosis, Inspection, Isolability, check, gap, isolability
 from .errors import DeadtimeError
 from .logs import as_log, as_logs, read, read_records
 from .models import (
@@ -26,13 +40,21 @@ from .models import (
     to_scipy,
     uav,
 )
+from .signals import Excitation, add_noise, excitations, excite
 from .studies import GateResult, Plan, Study, gate, plans, plants, read_study, study
 
-__all__ = ["DeadtimeError", "__version__", "blind", "errors"]
+__all__ = ["DeadtimeError", "__version__", "blind", "bounds", "errors"]
 # Logs.
 __all__ += ["Log", "as_log", "as_logs", "read", "read_records"]
+# Signals.
+__all__ += ["Excitation", "add_noise", "excitations", "excite"]
 # Models.
 __all__ += ["Model", "StateSpace", "TransferFunction", "as_model", "as_system", "c2d", "conversions", "d2c", "dare", "dlqr", "effects"]
 __all__ += ["impulse_response", "lsim", "simulate", "step_response", "to_control", "to_scipy", "uav"]
+# Dead time.
+__all__ += ["Estimate", "Estimates", "Method", "Pair", "Verdict", "estimate", "estimate_delay", "estimate_events", "estimate_impulse_response"]
+__all__ += ["methods", "predict_precision"]
 # Studies.
 __all__ += ["GateResult", "Plan", "Study", "gate", "plans", "plants", "read_study", "study"]
+# The gap.
+__all__ += ["Diagnosis", "Inspection", "Isolability", "check", "gap", "isolability"]

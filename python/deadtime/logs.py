@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, TypeAlias
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import datetime, timedelta
+from html import escape
+from numbers import Number
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
+import numpy
+from numpy.typing import ArrayLike, NDArray
+
+from . import _native
 from ._native import Log
+from .errors import LogError
 
 if TYPE_CHECKING:
     import pandas
     import polars
+    import pyarrow
 
-#: What passes for a log: a `Log`, the path of a CSV file, a pandas or polars frame.
-LogLike: TypeAlias = "Log | str | os.PathLike[str] | pandas.DataFrame | polars.DataFrame"
+#: What passes for a log: a `Log`, the path of a CSV file, a pandas or polars frame, an Arrow table, a dict of arrays, a structured array.
+LogLike: TypeAlias = (
+    "Log | str | os.PathLike[str] | pandas.DataFrame | polars.DataFrame | polars.LazyFrame | pyarrow.Table | Mapping[str, ArrayLike] | NDArray[numpy.void]"
+)
 
 
 def read(path: str | os.PathLike[str]) -> Log:
-    """The log in a CSV file (.csv or .csv.gz): a header row, `time` in seconds first, then channels as `name` or `name [unit]`.
+    """The log in the CSV file at `path` (.csv or .csv.gz): a header row, `time` in seconds first, then channels as `name` or `name [unit]`.
 
     Raises
     ------
@@ -30,7 +41,7 @@ def read(path: str | os.PathLike[str]) -> Log:
 
 
 def read_records(path: str | os.PathLike[str], column: str) -> list[Log]:
-    """The records of a CSV file, a new one at each new value of `column`.
+    """The records of the CSV file at `path`, a new one at each new value of `column`.
 
     Raises
     ------
@@ -43,8 +54,21 @@ def read_records(path: str | os.PathLike[str], column: str) -> list[Log]:
 def as_log(data: LogLike, units: Mapping[str, str] | None = None) -> Log:
     """A log from whatever passes for one.
 
-    A frame has a column `time` (s), or its index is the time: numbers of seconds, or time stamps, counted from the first one then. Columns are called
-    `name` or `name [unit]`; those that are no numbers are left out.
+    Parameters
+    ----------
+    data : Log, path, frame, table, dict of arrays or structured array
+        A frame (pandas, polars), an Arrow table, a dict or a structured array has a column `time`: numbers of seconds, or dates or time spans, which are
+        counted from the first one. In place of it a pandas frame may have an index of dates or time spans, or one called `time`. Columns are called
+        `name` or `name [unit]`; NaN and None mark missing samples; columns that are no numbers are left out.
+    units : dict of str to str, optional
+        Units by channel, for those whose column does not name one.
+
+    Raises
+    ------
+    LogError
+        No time, time that does not increase, two columns of one name, with the sample (counted from 0) and the remedy.
+    FileError
+        The file cannot be read.
     """
     if isinstance(data, Log):
         return data
@@ -54,12 +78,175 @@ def as_log(data: LogLike, units: Mapping[str, str] | None = None) -> Log:
 
 
 def as_logs(data: LogLike | Iterable[LogLike]) -> list[Log]:
-    """One log or several."""
-    if isinstance(data, Log | str | os.PathLike) or hasattr(data, "columns"):
+    """One log or several.
+
+    Parameters
+    ----------
+    data : log-like, or an iterable of them
+        As `as_log` takes them.
+    """
+    if _is_one(data):
         return [as_log(data)]  # type: ignore[arg-type]
-    return [as_log(one) for one in data]  # type: ignore[union-attr]
+    if isinstance(data, numpy.ndarray) or not isinstance(data, Iterable):
+        raise TypeError(f"a log is a deadtime.Log, the path of a CSV file, a frame, or a dict of arrays with a key `time`, not {type(data).__name__}")
+    return [as_log(one) for one in data]
+
+
+def _is_one(data: object) -> bool:
+    structured = isinstance(data, numpy.ndarray) and data.dtype.names is not None
+    return isinstance(data, Log | str | os.PathLike | Mapping) or hasattr(data, "columns") or hasattr(data, "column_names") or structured
 
 
 def _of_frame(frame: Any, units: Mapping[str, str]) -> Log:
-    """A pandas or polars frame, by what they have in common: `columns`, and columns that can be turned into arrays."""
-    raise NotImplementedError
+    """A frame, table, dict or structured array, by what they have in common: named columns that can be turned into arrays."""
+    if hasattr(frame, "collect_schema") and hasattr(frame, "collect"):
+        frame = frame.collect()
+    time: Any = None
+    columns: list[tuple[str, NDArray[numpy.float64]]] = []
+    unusable: list[tuple[str, int, str]] = []
+    attributes = getattr(frame, "attrs", None)
+    units = (dict(attributes.get("units") or {}) if isinstance(attributes, Mapping) else {}) | dict(units)
+    for header, values in _columns(frame):
+        name, unit = _name_and_unit(header)
+        if name == "time":
+            if unit not in (None, "s"):
+                raise LogError(f"frame: time is in `{unit}`; convert it to seconds and call the column `time` or `time [s]`")
+            if time is not None:
+                raise LogError("frame: two columns are called `time`; rename or delete one of them")
+            time = values
+            continue
+        numbers = _numbers(values)
+        if isinstance(numbers, _Stray):
+            unusable.append((name, numbers.sample, numbers.text))
+        else:
+            columns.append((f"{name} [{units[name]}]" if unit is None and name in units else header, numbers))
+    if time is None:
+        time = _index(frame)
+    return _native._of_columns("frame", _seconds(time), columns, unusable)
+
+
+def _columns(frame: Any) -> Iterator[tuple[str, Any]]:
+    """Header and values of each column, in order."""
+    if isinstance(frame, Mapping):
+        yield from ((str(name), values) for name, values in frame.items())
+    elif isinstance(frame, numpy.ndarray) and frame.dtype.names is not None:
+        yield from ((name, frame[name]) for name in frame.dtype.names)
+    elif hasattr(frame, "column_names"):
+        yield from ((str(name), frame.column(i)) for i, name in enumerate(frame.column_names))
+    elif hasattr(frame, "iloc"):
+        # By place, as names may repeat.
+        yield from ((str(name), frame.iloc[:, i]) for i, name in enumerate(frame.columns))
+    elif hasattr(frame, "columns"):
+        yield from ((str(name), frame[name]) for name in frame.columns)
+    else:
+        raise TypeError(
+            f"a log is a deadtime.Log, the path of a CSV file, a frame, or a dict of arrays with a key `time`, not {type(frame).__name__}"
+        )
+
+
+def _index(frame: Any) -> Any:
+    """The index of a pandas frame where it is the time."""
+    index = getattr(frame, "index", None)
+    kind = getattr(getattr(index, "dtype", None), "kind", "")
+    if kind in ("M", "m") or getattr(index, "name", None) in ("time", "time [s]"):
+        return index
+    raise LogError(
+        "frame: no column is called `time`; name the column of time stamps so (seconds, dates or time spans), or make it the index"
+    )
+
+
+class _Stray(NamedTuple):
+    """The first sample that is no number."""
+
+    sample: int
+    text: str
+
+
+def _array(values: Any) -> NDArray[Any]:
+    """A column as an array, whoever it belongs to."""
+    kind = getattr(getattr(values, "dtype", None), "kind", "")
+    if hasattr(values, "to_numpy"):
+        if kind == "M" and getattr(values.dtype, "tz", None) is not None:
+            return numpy.asarray(values.to_numpy(dtype="datetime64[ns]"))
+        if kind in ("i", "u", "f", "b") and not isinstance(values.dtype, numpy.dtype):
+            # pandas' nullable numbers.
+            return numpy.asarray(values.to_numpy(dtype=float, na_value=numpy.nan))
+        return numpy.asarray(values.to_numpy())
+    if isinstance(values, numpy.ma.MaskedArray):
+        return numpy.asarray(values.astype(float).filled(numpy.nan))
+    return numpy.asarray(values)
+
+
+def _numbers(values: Any) -> NDArray[numpy.float64] | _Stray:
+    """Samples, NaN where one is missing."""
+    array = _array(values)
+    if array.ndim != 1:
+        return _Stray(0, f"an array of shape {array.shape}")
+    if array.dtype.kind in "iufb":
+        return array.astype(float)
+    if array.dtype.kind != "O":
+        return _Stray(0, str(array[0]) if len(array) else str(array.dtype))
+    numbers = numpy.empty(len(array))
+    for k, value in enumerate(array):
+        if value is None or type(value).__name__ in ("NAType", "NaTType"):
+            numbers[k] = numpy.nan
+        elif isinstance(value, Number) and not isinstance(value, complex | numpy.complexfloating):
+            numbers[k] = float(value)  # type: ignore[arg-type]
+        else:
+            return _Stray(k, str(value))
+    return numbers
+
+
+def _seconds(time: Any) -> NDArray[numpy.float64]:
+    """Time stamps, s; dates and time spans are counted from the first."""
+    array = _array(time)
+    if array.dtype.kind == "O" and len(array) and all(isinstance(t, datetime | timedelta | None) for t in array):
+        array = array.astype("datetime64[ns]" if any(isinstance(t, datetime) for t in array) else "timedelta64[ns]")
+    if array.dtype.kind in "Mm":
+        first = array[0] if len(array) else None
+        # Whole nanoseconds first: dates as numbers of seconds would lose their fractions.
+        return numpy.where(numpy.isnat(array), numpy.nan, (array - first).astype("timedelta64[ns]").astype(numpy.int64) / 1e9)
+    numbers = _numbers(array)
+    if isinstance(numbers, _Stray):
+        raise LogError(f"frame, sample {numbers.sample}: channel `time` holds `{numbers.text}`, which is no number; give seconds, dates or time spans")
+    return numbers
+
+
+def _name_and_unit(header: str) -> tuple[str, str | None]:
+    """`name [unit]` as the two."""
+    name, unit = _native._name_and_unit(header)
+    return name, unit
+
+
+def _to_pandas(log: Log, headers: bool) -> pandas.DataFrame:
+    import pandas
+
+    frame = pandas.DataFrame(_as_columns(log, headers))
+    frame.attrs["units"] = log.units
+    return frame
+
+
+def _to_polars(log: Log, headers: bool) -> polars.DataFrame:
+    import polars
+
+    # NaN is a number to polars, and null is what is missing.
+    return polars.DataFrame(_as_columns(log, headers)).fill_nan(None)
+
+
+def _as_columns(log: Log, headers: bool) -> dict[str, NDArray[numpy.float64]]:
+    units = log.units if headers else {}
+    return {"time": log.time} | {f"{name} [{units[name]}]" if name in units else name: log[name] for name in log.channels}
+
+
+def _html(log: Log) -> str:
+    grid = "uneven" if log.sample_time is None else f"every {log.sample_time:.6g} s"
+    text = f"{escape(log.source)}: {len(log)} samples, {grid}, {log.duration:.6g} s"
+    head = "".join(f"<th>{h}</th>" for h in ("channel", "unit", "least", "mean", "largest", "missing"))
+    rows = []
+    for name in log.channels:
+        values = log[name]
+        there = values[~numpy.isnan(values)]
+        numbers = [f"{f(there):.6g}" if len(there) else "–" for f in (numpy.min, numpy.mean, numpy.max)]
+        cells = [escape(name), escape(log.units.get(name, "")), *numbers, str(len(values) - len(there))]
+        rows.append("<tr>" + "".join(f"<td>{c}</td>" for c in cells) + "</tr>")
+    return f"<p>{text}</p><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"

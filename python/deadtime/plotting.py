@@ -1,53 +1,142 @@
-"""Figures of results; matplotlib is needed only here."""
+"""Figures, with matplotlib, which is loaded when the first one is asked for."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    import matplotlib.figure
+import numpy
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from .delays import Estimate, Estimates, Pair, _Response
     from .studies import Study
 
+#: Standard deviations that the band around an impulse response shows, as `threshold` has by default.
+_BAND = 5.0
+#: As many methods as a person reads at a glance.
+_A_HANDFUL = 8
 
-def _pyplot() -> Any:
+
+def figure(width: float, height: float) -> Figure:
+    """An empty figure.
+
+    Parameters
+    ----------
+    width, height : float
+        Size, inches.
+
+    Raises
+    ------
+    ImportError
+        matplotlib is not there, and how to get it.
+    """
     try:
-        import matplotlib.pyplot as plt
+        from matplotlib.figure import Figure
     except ImportError as missing:
         raise ImportError("figures need matplotlib: pip install deadtime[plot]") from missing
-    return plt
+    return Figure(figsize=(width, height), layout="constrained")
 
 
-# --- studies
+def estimates(result: Estimates) -> Figure:
+    """Every method's dead time with its interval above the estimated impulse response, pair by pair.
+
+    Parameters
+    ----------
+    result : Estimates
+        The answers.
+    """
+    heights: list[float] = []
+    responses = [result._response(pair) for pair in result.pairs]
+    for pair, response in zip(result.pairs, responses, strict=True):
+        heights.append(0.9 + 0.24 * max(len(_shown(pair)), 2))
+        if response is not None:
+            heights.append(2.3)
+    drawn = figure(9.0, max(sum(heights), 1.0))
+    if not heights:
+        return drawn
+    axes = iter(drawn.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
+    for pair, response in zip(result.pairs, responses, strict=True):
+        reaches = [max(e.ci95_s[1], e.raw_delay_s) for e in _shown(pair) if e.counts and e.ci95_s is not None and e.raw_delay_s is not None]
+        longest = max([4.0 * result.sample_time_s, *reaches])
+        # Both parts share one time axis, so that a delay stands above the sample where the response begins.
+        span = (-0.05 * longest, 2.5 * longest)
+        _answers(next(axes), pair, span)
+        if response is not None:
+            _impulse(next(axes), response, span)
+    return drawn
 
 
-def plot_study(study: Study) -> matplotlib.figure.Figure:
-    """RMS error by method beside the bound, and coverage of the 95 % intervals: a point per cell, a bar at the median."""
-    plt = _pyplot()
+def _shown(pair: Pair) -> list[Estimate]:
+    """The answers that are drawn: of many methods those that have a delay."""
+    return [e for e in pair.estimates if len(pair.estimates) <= _A_HANDFUL or e.delay_s is not None]
+
+
+def _answers(axis: Axes, pair: Pair, span: tuple[float, float]) -> None:
+    """One line per method: the interval as a bar, the dead time as a dot; the verdict as a band behind them."""
+    shown = _shown(pair)
+    if pair.verdict.delay_s is not None and pair.verdict.ci95_s is not None:
+        axis.axvspan(*pair.verdict.ci95_s, color="#e1ecf7", zorder=0)
+        axis.axvline(pair.verdict.delay_s, color="#5a8cbe", linewidth=1, zorder=1)
+    for place, e in enumerate(shown):
+        bar, dot = ("#282828", "#c83c28") if e.counts else ("#bebebe", "#969696")
+        if e.delay_s is None or e.ci95_s is None:
+            axis.annotate(e.outcome.replace("_", " "), (0.01, place), xycoords=("axes fraction", "data"), va="center", color="#6e6e6e", fontsize=8)
+            continue
+        axis.plot(e.ci95_s, (place, place), color=bar, linewidth=2.5, solid_capstyle="butt", zorder=2)
+        axis.plot(e.delay_s, place, "o", color=dot, markersize=5, zorder=3)
+    target = "the states" if pair.output == "*" else pair.output
+    axis.set_title(f"{pair.input} to {target}: dead time by method, 95 % intervals (grey: not counted)", fontsize=10)
+    axis.set_yticks(range(len(shown)), [e.method for e in shown], fontsize=8)
+    axis.set(ylim=(max(len(shown), 1) - 0.5, -0.5), xlim=span, xlabel="seconds")
+
+
+def _impulse(axis: Axes, response: _Response, span: tuple[float, float]) -> None:
+    """The coefficients as stems, their threshold as a band."""
+    lag, height, std = (part[response[0] <= span[1]] for part in response)
+    outside = numpy.abs(height) > _BAND * std
+    axis.fill_between(lag, -_BAND * std, _BAND * std, color="#cdcdcd", linewidth=0)
+    for which, colour in ((outside, "#c83c28"), (~outside, "#464646")):
+        axis.vlines(lag[which], 0.0, height[which], color=colour, linewidth=1.5)
+        axis.plot(lag[which], height[which], "o", color=colour, markersize=3)
+    axis.set_title(f"estimated impulse response; grey: {_BAND:g} standard deviations (the dead time ends before the first stem outside)", fontsize=9)
+    axis.set(xlim=span, xlabel="seconds")
+
+
+def study(result: Study) -> Figure:
+    """RMS error by method beside the bound, and coverage of the 95 % intervals: a point per cell, a diamond at the median.
+
+    Parameters
+    ----------
+    result : Study
+        What a study found.
+    """
     groups: dict[str, list[dict[str, Any]]] = {}
-    for cell in study.cells:
+    for cell in result.cells:
         options = "".join(f" {key}={value}" for key, value in cell["options"].items())
         groups.setdefault(cell["method"] + options, []).append(cell)
     names = list(groups)
-    figure, axes = plt.subplots(1, 2, figsize=(11, 1.6 + 0.28 * len(names)), sharey=True, layout="constrained")
+    drawn = figure(11.0, 2.0 + 0.3 * len(names))
+    axes = drawn.subplots(1, 2, sharey=True)
     # Without error at all there is no place on a logarithmic axis.
-    seen = [c["rms_samples"] for c in study.cells if c["rms_samples"]]
+    seen = [c["rms_samples"] for c in result.cells if c["rms_samples"]]
     least = min(seen, default=1.0) / 2
     for row, name in enumerate(names):
         cells = groups[name]
         rms = [max(c["rms_samples"], least) for c in cells if c["rms_samples"] is not None]
-        bounds = [c["bound_rms_samples"] for c in cells if c["bound_rms_samples"]]
+        limits = [c["bound_rms_samples"] for c in cells if c["bound_rms_samples"]]
         held = [100 * c["coverage95"] for c in cells if c["coverage95"] is not None]
         axes[0].plot(rms, [row] * len(rms), "o", color="C0", alpha=0.5, label="RMS error" if row == 0 else None)
-        axes[0].plot(bounds, [row] * len(bounds), "|", color="C3", markersize=12, label="Cramér-Rao bound" if row == 0 else None)
+        axes[0].plot(limits, [row] * len(limits), "|", color="C3", markersize=12, label="Cramér-Rao bound" if row == 0 else None)
         for axis, values in ((axes[0], rms), (axes[1], held)):
             if values:
                 axis.plot([sorted(values)[len(values) // 2]], [row], "D", color="black", markersize=5)
         axes[1].plot(held, [row] * len(held), "o", color="C0", alpha=0.5)
     axes[0].set(xscale="log", xlabel="RMS error, samples (diamond: median of the cells)", yticks=range(len(names)), yticklabels=names)
-    axes[0].invert_yaxis()
-    axes[0].legend(loc="best")
+    axes[0].set(ylim=(max(len(names), 1) - 0.5, -0.5))
+    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
     axes[1].axvline(95, color="C2", linestyle="--")
     axes[1].set(xlim=(-3, 103), xlabel="truth inside the 95 % interval, %")
-    figure.suptitle(f"{study.name}, seed {study.seed}")
-    return figure
+    drawn.suptitle(f"{result.name}, seed {result.seed}")
+    return drawn

@@ -133,6 +133,12 @@ pub enum DelayError {
         /// It looks at event times, and samples were given; or the other way round.
         events: bool,
     },
+    /// A model as equations.
+    #[error("model {model} is written as equations; estimation needs a linear one (kind = \"lti\")")]
+    Equations {
+        /// The model.
+        model: String,
+    },
     /// A sampled model of another sample time than the log's.
     #[error("model {model} and log: {error}")]
     ModelGrid {

@@ -7,6 +7,7 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 use serde_json::Value;
 
+use super::events::check_times;
 use super::report::{Bias, Estimate, FORMAT, Pair, Report, Response, Searched};
 use super::{
     Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Events, Experiment, Finding, Information, METHODS, Method, Outcome,
@@ -102,27 +103,8 @@ impl Job {
     /// # Errors
     /// What the channels, the model or a typed option cannot be used for; [`crate::Error::Stopped`]. What a method cannot do with the data is its answer.
     pub fn run(&self) -> Result<Report> {
-        for channels in [&self.inputs, &self.outputs] {
-            if let Some((_, twice)) = channels.iter().enumerate().find(|(i, c)| channels[..*i].contains(c)) {
-                return Err(DelayError::Twice { channel: twice.clone() }.into());
-            }
-        }
-        let in_log = |error| DelayError::In { log: self.name.clone(), error: Box::new(error) };
-        // Checked as logged first, so that a message shows the values that are in the file.
-        Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, Detrend::None)?.check().map_err(in_log)?;
-        let mut experiment = Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, self.detrend)?;
-        experiment.check().map_err(in_log)?;
+        let (mut experiment, search, bias) = self.prepared()?;
         let ts = experiment.sample_time;
-        let mut search = Search { max_delay: self.max_delay(ts)?, stop: self.stop.clone(), ..Search::default() };
-        let mut bias = Bias::Assumed;
-        if let Some(model) = &self.model {
-            search.bias = self.relative_degrees(model, ts)?;
-            bias = Bias::Model(model.name.clone());
-        }
-        if let Some(given) = self.degree_bias {
-            (search.bias, search.default_bias) = (Vec::new(), given);
-            bias = Bias::Given(given);
-        }
         let mut pairs = self.pairs(&experiment, &search)?;
         if let Some(model) = &self.model {
             experiment = self.with_states(model, ts)?;
@@ -135,23 +117,62 @@ impl Job {
         Ok(Report { format: FORMAT, log: self.name.clone(), sample_time_s: ts.seconds(), max_delay_s, pairs, searched })
     }
 
-    /// The impulse responses of a report's pairs, where the inputs allow them: as many coefficients as `threshold` estimates.
+    /// The impulse responses of a report's pairs, where the inputs allow them.
     ///
     /// # Errors
-    /// As [`Experiment::from_logs`].
+    /// As [`impulse_response`].
     pub fn responses(&self, report: &Report) -> Result<Vec<Option<Response>>> {
-        let experiment = Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, self.detrend)?;
-        let response = |pair: &Pair| {
-            let input = self.inputs.iter().position(|c| *c == pair.input)?;
-            let output = self.outputs.iter().position(|c| *c == pair.output)?;
-            let taps = Threshold::default().taps;
-            let fir = fir(&experiment.pair(input, output).ok()?, taps)?;
-            Some(Response {
-                values: fir.coefficients.iter().copied().collect(),
-                std: fir.covariance.diagonal().map(|v| v.max(0.0).sqrt()).iter().copied().collect(),
-            })
+        let response = |pair: &Pair| match pair.output.as_str() {
+            "*" => Ok(None),
+            output => impulse_response(&self.logs, &pair.input, output, self.detrend),
         };
-        Ok(report.pairs.iter().map(response).collect())
+        report.pairs.iter().map(response).collect()
+    }
+
+    /// What is to be expected of each method that looks at pairs, before any runs: for each pair, outputs first, one line a method.
+    ///
+    /// # Errors
+    /// As [`Job::run`].
+    pub fn expected(&self) -> Result<Vec<Expected>> {
+        let (experiment, search, _) = self.prepared()?;
+        let methods: Vec<&Method> = self.methods.iter().map(|r| r.method).filter(|m| m.scope == Scope::Pair).collect();
+        let mut expected = Vec::new();
+        for (o, output) in self.outputs.iter().enumerate() {
+            for (i, input) in self.inputs.iter().enumerate() {
+                self.stop.check()?;
+                let seen = self.seen(&experiment, &search, i, o)?;
+                let predicted = richness(seen.from_start(Start::Rest), &seen.search, 0, 0, &methods)?;
+                let methods = methods.iter().map(|m| m.entry.name).zip(predicted).collect();
+                expected.push(Expected { input: input.clone(), output: output.clone(), methods });
+            }
+        }
+        Ok(expected)
+    }
+
+    /// The channels, the window and the bias.
+    fn prepared(&self) -> Result<(Experiment, Search, Bias)> {
+        for channels in [&self.inputs, &self.outputs] {
+            if let Some((_, twice)) = channels.iter().enumerate().find(|(i, c)| channels[..*i].contains(c)) {
+                return Err(DelayError::Twice { channel: twice.clone() }.into());
+            }
+        }
+        let in_log = |error| DelayError::In { log: self.name.clone(), error: Box::new(error) };
+        // Checked as logged first, so that a message shows the values that are in the file.
+        Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, Detrend::None)?.check().map_err(in_log)?;
+        let experiment = Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, self.detrend)?;
+        experiment.check().map_err(in_log)?;
+        let ts = experiment.sample_time;
+        let mut search = Search { max_delay: self.max_delay(ts)?, stop: self.stop.clone(), ..Search::default() };
+        let mut bias = Bias::Assumed;
+        if let Some(model) = &self.model {
+            search.bias = self.relative_degrees(model, ts)?;
+            bias = Bias::Model(model.name.clone());
+        }
+        if let Some(given) = self.degree_bias {
+            (search.bias, search.default_bias) = (Vec::new(), given);
+            bias = Bias::Given(given);
+        }
+        Ok((experiment, search, bias))
     }
 
     fn max_delay(&self, ts: SampleTime) -> Result<usize> {
@@ -174,34 +195,23 @@ impl Job {
         for (o, output) in self.outputs.iter().enumerate() {
             for (i, input) in self.inputs.iter().enumerate() {
                 self.stop.check()?;
-                let one = experiment.select(i, o)?;
-                let rested = if self.detrend == Detrend::Mean { one.from_rest() } else { None };
-                // What a method that takes all inputs together sees: this one first.
-                let together = experiment.towards(i, o)?;
-                let degree = |input: usize| search.bias.get(o).and_then(|row| row.get(input)).copied().unwrap_or(search.default_bias);
-                let inputs = std::iter::once(i).chain((0..self.inputs.len()).filter(|other| *other != i));
-                let own = vec![inputs.map(degree).collect()];
-                let mut search = Search { bias: own, ..search.clone() };
-                let mut findings = self.findings(&one, &search)?;
-                findings.extend(moving_together(&together, 0, search.max_delay));
+                let seen = self.seen(experiment, search, i, o)?;
+                let mut findings = self.findings(&seen.one, &seen.search)?;
+                findings.extend(moving_together(&seen.together, 0, search.max_delay));
                 self.stop.check()?;
+                let mut search = seen.search.clone();
                 if findings.iter().any(|f| f.condition == Condition::Feedback) {
                     // A controller that answers within the sample would pass for a plant that does.
                     search.min_delay = search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
                 }
                 let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
                 // What has no prediction has none; why it cannot be used at all each method says itself.
-                let predicted =
-                    richness(rested.as_ref().unwrap_or(&one), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
+                let predicted = richness(seen.from_start(Start::Rest), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
                 let answer = |(ready, predicted): (&&Ready, Option<Richness>)| -> Result<Answer> {
                     self.stop.check()?;
                     let clock = Instant::now();
                     // What a method cannot do with this log is its answer; the others go on.
-                    let sees = match ready.method.start {
-                        _ if ready.estimator.is_joint() => &together,
-                        Start::Rest => rested.as_ref().unwrap_or(&one),
-                        Start::Any => &one,
-                    };
+                    let sees = if ready.estimator.is_joint() { &seen.together } else { seen.from_start(ready.method.start) };
                     let estimate = match ready.estimator.estimate(sees, &search) {
                         Ok(mut estimates) if !estimates.is_empty() => estimates.remove(0).estimate,
                         Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for this pair"),
@@ -216,6 +226,16 @@ impl Job {
             }
         }
         Ok(pairs)
+    }
+
+    /// One pair of the experiment.
+    fn seen(&self, experiment: &Experiment, search: &Search, i: usize, o: usize) -> Result<Seen> {
+        let one = experiment.select(i, o)?;
+        let rested = if self.detrend == Detrend::Mean { one.from_rest() } else { None };
+        let degree = |input: usize| search.bias.get(o).and_then(|row| row.get(input)).copied().unwrap_or(search.default_bias);
+        let inputs = std::iter::once(i).chain((0..self.inputs.len()).filter(|other| *other != i));
+        let own = vec![inputs.map(degree).collect()];
+        Ok(Seen { rested, together: experiment.towards(i, o)?, search: Search { bias: own, ..search.clone() }, one })
     }
 
     /// What the record shows, corrected by what the user knows of its loop.
@@ -284,6 +304,49 @@ impl Job {
     }
 }
 
+/// One pair as methods see it.
+struct Seen {
+    one: Experiment,
+    /// Measured from where it rested, where it did.
+    rested: Option<Experiment>,
+    /// What a method that takes all inputs together sees: this one first.
+    together: Experiment,
+    /// The window, with this pair's bias.
+    search: Search,
+}
+
+impl Seen {
+    fn from_start(&self, start: Start) -> &Experiment {
+        match start {
+            Start::Rest => self.rested.as_ref().unwrap_or(&self.one),
+            Start::Any => &self.one,
+        }
+    }
+}
+
+/// What is to be expected of each method for one pair.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Expected {
+    /// The input.
+    pub input: String,
+    /// The output.
+    pub output: String,
+    /// Methods by name; `None` where there is no prediction.
+    pub methods: Vec<(&'static str, Option<Richness>)>,
+}
+
+/// The impulse response from one channel to another, as many coefficients as [`Threshold`] estimates; `None` where the input does not excite all of them.
+///
+/// # Errors
+/// As [`Experiment::from_logs`].
+pub fn impulse_response(logs: &[Log], input: &str, output: &str, detrend: Detrend) -> Result<Option<Response>> {
+    let experiment = Experiment::from_logs(logs, &[input.to_owned()], &[output.to_owned()], detrend)?;
+    Ok(fir(&experiment.pair(0, 0)?, Threshold::default().taps).map(|fir| Response {
+        values: fir.coefficients.iter().copied().collect(),
+        std: fir.covariance.diagonal().map(|v| v.max(0.0).sqrt()).iter().copied().collect(),
+    }))
+}
+
 /// Adds the measured states where the log has all of them.
 fn states(log: &Log, model: &ModelFile, recording: &mut Recording) {
     let columns: std::result::Result<Vec<Vec<f64>>, _> = model.states.iter().map(|s| log.input(&s.name).map(<[f64]>::to_vec)).collect();
@@ -333,7 +396,15 @@ impl EventsJob {
     /// events is its answer.
     pub fn run(self) -> Result<Report> {
         let Self { name, channels: [a, b], events: [first, second], methods, max_delay_s, stop } = self;
+        if let Some(none) = [&first, &second].into_iter().find(|e| e.times.is_empty()) {
+            return Err(DelayError::Count { what: "events", needed: 2, got: none.times.len() }.into());
+        }
+        let (counts, units) = ([first.times.len(), second.times.len()], [first.unit, second.unit]);
+        let mut experiment = Experiment::of_events(SampleTime::new(1.0)?, Vec::new(), Vec::new());
+        (experiment.inputs, experiment.outputs) = (vec![a.clone()], vec![b.clone()]);
         let mut intervals: Vec<f64> = first.times.windows(2).map(|w| w[1] - w[0]).collect();
+        experiment.events = vec![Events { first: first.times, second: second.times, units }];
+        check_times(&experiment)?;
         intervals.sort_by(f64::total_cmp);
         let Some(&interval_s) = intervals.get(intervals.len() / 2) else {
             return Err(DelayError::OneEvent { log: name, channel: a }.into());
@@ -350,10 +421,7 @@ impl EventsJob {
         if max_delay == 0 {
             return Err(DelayError::NoWindow.into());
         }
-        let (counts, units) = ([first.times.len(), second.times.len()], [first.unit, second.unit]);
-        let mut experiment = Experiment::of_events(step, Vec::new(), Vec::new());
-        (experiment.inputs, experiment.outputs) = (vec![a.clone()], vec![b.clone()]);
-        experiment.events = vec![Events { first: first.times, second: second.times, units }];
+        experiment.sample_time = step;
         let search = Search { max_delay, stop: stop.clone(), ..Search::default() };
         let mut answers = Vec::new();
         for ready in &methods {

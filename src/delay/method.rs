@@ -75,7 +75,8 @@ impl Class {
 }
 
 /// What a method looks at.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Scope {
     /// One input and one output at a time.
     Pair,
@@ -119,7 +120,8 @@ pub enum Start {
 }
 
 /// A complication under which a method's answer may still be believed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Condition {
     /// A plant that integrates or is unstable.
     UnstablePlant,
@@ -166,7 +168,8 @@ pub enum Information {
 }
 
 /// A law that an estimator may promise.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Law {
     /// Delaying y by k samples moves the answer by k samples.
     Shift,

@@ -33,7 +33,7 @@ pub use events::{
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use frequency::{Arxdap, Firdap, Oedap, PhaseSlope};
 pub use higher_order::Bispectrum;
-pub use job::{EventsJob, Feedback, Job, Ready, chosen};
+pub use job::{EventsJob, Expected, Feedback, Job, Ready, chosen, impulse_response};
 pub use laguerre::{Fischer, Lagudap};
 pub use method::{Class, Condition, Information, Law, Method, Scope, Start, Suits, method};
 pub use parametric::{

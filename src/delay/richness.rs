@@ -52,7 +52,7 @@ pub fn richness(
 }
 
 /// What is to be expected of a method on some data.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Richness {
     /// Its standard deviation, s, with the resolution of methods that count samples.
     pub std_s: f64,

@@ -16,6 +16,9 @@ pub struct Verdict {
     pub ci95_s: Option<[f64; 2]>,
     /// The reason.
     pub why: String,
+    /// The method whose answer it is.
+    #[serde(skip)]
+    pub method: Option<String>,
 }
 
 /// What the record shows that this method does not withstand; empty where its answer may be counted.
@@ -35,7 +38,7 @@ pub fn verdict(answers: &[(&Method, &DelayEstimate)], findings: &[Finding], samp
     let found: Vec<Found<'_>> = answers.iter().filter_map(|(m, e)| Found::new(m, e, findings, sample_time)).collect();
     if found.is_empty() {
         let why = format!("no method found a delay to believe ({})", outcomes(answers, |_| true));
-        return Verdict { delay_s: None, ci95_s: None, why };
+        return Verdict { delay_s: None, ci95_s: None, why, method: None };
     }
     let trusted: Vec<&Found<'_>> = found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
     let nobody = trusted.is_empty();
@@ -85,7 +88,7 @@ pub fn verdict(answers: &[(&Method, &DelayEstimate)], findings: &[Finding], samp
     if total(&differ) >= total(&agree) {
         why.push_str("; the methods disagree: check excitation, feedback and the search window before using the number");
     }
-    Verdict { delay_s: Some(chosen.delay_s), ci95_s: Some(chosen.interval_s), why }
+    Verdict { delay_s: Some(chosen.delay_s), ci95_s: Some(chosen.interval_s), why, method: Some(chosen.method.to_owned()) }
 }
 
 /// Methods that are named where more would make the sentence unreadable.

@@ -99,7 +99,7 @@ pub fn read_events_from(source: &str, bytes: impl Read, columns: [&str; 2]) -> R
                 Cell::NotFinite => {
                     return Err(LogError::NotFinite { file: file(), place: Place::Row(row), channel, text: shown(cell) }.into());
                 }
-                Cell::Text => return Err(LogError::NotANumber { file: file(), row, channel, text: shown(cell) }.into()),
+                Cell::Text => return Err(LogError::NotANumber { file: file(), place: Place::Row(row), channel, text: shown(cell) }.into()),
             };
             if let Some(&before) = events.times.last().filter(|before| **before >= time) {
                 return Err(LogError::EventOrder { file: file(), row, channel, before, time }.into());
@@ -213,7 +213,8 @@ fn push_number(line: &mut String, x: f64) {
 }
 
 /// Splits a header `name [unit]` or `name`.
-pub(super) fn name_and_unit(header: &str) -> (&str, Option<&str>) {
+#[must_use]
+pub fn name_and_unit(header: &str) -> (&str, Option<&str>) {
     let header = header.trim();
     match header.strip_suffix(']').and_then(|rest| rest.rsplit_once(" [")) {
         Some((name, unit)) if !unit.trim().is_empty() => (name.trim(), Some(unit.trim())),
@@ -448,7 +449,8 @@ impl Part {
         header.check_length(lines)?;
         let row = lines.row;
         let file = || self.source.clone();
-        let not_a_number = |channel: &str, cell| LogError::NotANumber { file: file(), row, channel: channel.into(), text: shown(cell) };
+        let not_a_number =
+            |channel: &str, cell| LogError::NotANumber { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
         let not_finite =
             |channel: &str, cell| LogError::NotFinite { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
         let time = lines.cell(0);

@@ -155,14 +155,14 @@ pub enum LogError {
     },
     /// Text where a number belongs.
     #[error(
-        "{file}, row {row}: channel `{channel}` holds `{text}`, which is no number; correct it, or leave the cell \
-         empty for a missing sample"
+        "{file}, {place}: channel `{channel}` holds `{text}`, which is no number; correct it, or {}",
+        place.either("leave the cell empty for a missing sample", "mark a missing sample as such")
     )]
     NotANumber {
         /// The log.
         file: String,
-        /// The line.
-        row: usize,
+        /// Where.
+        place: Place,
         /// The column.
         channel: String,
         /// The cell, shortened if long.

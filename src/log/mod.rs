@@ -8,7 +8,7 @@ mod grid;
 #[cfg(test)]
 mod tests;
 
-pub use self::csv::{EventTimes, read, read_events, read_records};
+pub use self::csv::{EventTimes, name_and_unit, read, read_events, read_records};
 pub use self::error::LogError;
 
 use std::collections::HashSet;
@@ -159,6 +159,13 @@ impl Channel {
         Self { name: name.into(), unit: unit.map(Into::into), values, present: Some(present) }
     }
 
+    /// A channel whose column is headed `name` or `name [unit]`. [`Log::new`] checks it.
+    #[must_use]
+    pub fn headed(header: &str, values: Vec<f64>, present: Option<Vec<bool>>) -> Self {
+        let (name, unit) = name_and_unit(header);
+        Self { name: name.into(), unit: unit.map(Into::into), values, present }
+    }
+
     /// Its name.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -185,7 +192,7 @@ impl Channel {
     /// Checks name, lengths and numbers; missing values become 0 and a mark that marks nothing goes.
     fn checked(mut self, file: &str, samples: usize, rows: &Rows) -> Result<Self, LogError> {
         let header = self.header();
-        let (name, unit) = csv::name_and_unit(&header);
+        let (name, unit) = name_and_unit(&header);
         let one_line = !header.chars().any(|c| c.is_control() && c != '\t');
         if name != self.name || unit != self.unit.as_deref() || name.is_empty() || name == "time" || !one_line {
             return Err(LogError::BadName { file: file.into(), channel: header });
@@ -234,6 +241,17 @@ impl Log {
     /// ```
     pub fn new(source: impl Into<String>, time_s: Vec<f64>, channels: Vec<Channel>) -> Result<Self, LogError> {
         Self::assemble(source.into(), time_s, channels, Vec::new(), Rows::default())
+    }
+
+    /// The log with a column that is there but holds something else than numbers: `text` at `sample` is the first. Whoever asks for it is told.
+    ///
+    /// # Errors
+    /// [`LogError::DuplicateChannel`].
+    pub fn without_numbers(mut self, name: impl Into<String>, sample: usize, text: impl Into<String>) -> Result<Self, LogError> {
+        let (name, file) = (name.into(), self.source.clone());
+        let error = LogError::NotANumber { file, place: self.rows.place(sample), channel: name.clone(), text: text.into() };
+        self.unusable.push(Unusable { name, error });
+        Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows)
     }
 
     fn assemble(source: String, time_s: Vec<f64>, channels: Vec<Channel>, unusable: Vec<Unusable>, rows: Rows) -> Result<Self, LogError> {

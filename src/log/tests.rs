@@ -83,7 +83,7 @@ fn context_columns_of_text_load_and_are_refused_only_when_asked_for() {
     let log = log("time,mode,u,v\n0,hover,1,1\n1,land,2,nan\n");
     assert_eq!(log.names().collect::<Vec<_>>(), ["u"]);
     let text = log.channel("mode").unwrap_err();
-    assert!(matches!(&text, LogError::NotANumber { row: 2, text, .. } if text == "hover"));
+    assert!(matches!(&text, LogError::NotANumber { place: Place::Row(2), text, .. } if text == "hover"));
     says(&text, &["a.csv", "row 2", "`mode`", "`hover`", "correct it"]);
     let nan = log.output("v").unwrap_err();
     assert!(matches!(&nan, LogError::NotFinite { place: Place::Row(3), text, .. } if text == "nan"));
@@ -158,7 +158,7 @@ fn row_of_another_length_is_refused() {
 #[test]
 fn text_in_time_is_refused() {
     let error = refusal("time,u\n0,1\n12:30:01,2\n");
-    assert!(matches!(error, LogError::NotANumber { row: 3, .. }));
+    assert!(matches!(error, LogError::NotANumber { place: Place::Row(3), .. }));
     says(&error, &["a.csv", "row 3", "`time`", "`12:30:01`", "correct it"]);
 }
 
@@ -186,7 +186,7 @@ fn nan_and_infinity_in_a_channel_are_refused() {
 #[test]
 fn text_in_a_number_column_is_refused_and_shown_shortened() {
     let error = log(&format!("time,u\n0,1\n1,{}\n", "x".repeat(500))).input("u").unwrap_err();
-    assert!(matches!(error, LogError::NotANumber { row: 3, .. }));
+    assert!(matches!(error, LogError::NotANumber { place: Place::Row(3), .. }));
     says(&error, &["a.csv", "row 3", "`u`", "xxx…", "leave the cell empty"]);
     assert!(error.to_string().len() < 250);
 }

@@ -9,7 +9,7 @@ use pyo3::types::PyDict;
 
 use super::convert::{Numbers, array1, vector};
 use super::error::OrRaise;
-use crate::log::{Channel, Log as Inner, read, read_records};
+use crate::log::{Channel, Log as Inner, name_and_unit, read, read_records};
 use crate::time::SampleTime;
 
 /// A measured log: time stamps and named channels of as many samples.
@@ -51,14 +51,7 @@ impl Log {
                 Some(units) => units.get_item(&name)?.map(|u| u.extract()).transpose()?.flatten(),
                 None => None,
             };
-            let values = vector(&samples);
-            columns.push(if values.iter().any(|v| v.is_nan()) {
-                let present = values.iter().map(|v| !v.is_nan()).collect();
-                let values = values.into_iter().map(|v| if v.is_nan() { 0.0 } else { v }).collect();
-                Channel::partial(name, unit.as_deref(), values, present)
-            } else {
-                Channel::new(name, unit.as_deref(), values)
-            });
+            columns.push(channel(&name, unit.as_deref(), vector(&samples)));
         }
         if let Some(units) = units {
             for (name, _) in units {
@@ -81,7 +74,7 @@ impl Log {
         Ok(logs.or_raise(py)?.into_iter().map(Self).collect())
     }
 
-    /// Writes the log as CSV (.csv, or .csv.gz), under a temporary name until it is whole.
+    /// Writes the log to `path` as CSV (.csv, or .csv.gz), under a temporary name until it is whole.
     fn write_csv(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| self.0.write_csv(&path)).or_raise(py)
     }
@@ -92,7 +85,7 @@ impl Log {
         Ok(Self(self.0.window(start, stop).or_raise(py)?))
     }
 
-    /// The log on an even grid of this sample time, s: the channels named in `held` keep their value between samples, the others are interpolated.
+    /// The log on an even grid with `sample_time` s between samples: the channels named in `held` keep their value between samples, the others are interpolated.
     #[pyo3(signature = (sample_time, held = Vec::new()))]
     fn resample(&self, py: Python<'_>, sample_time: f64, held: Vec<String>) -> PyResult<Self> {
         let held: Vec<&str> = held.iter().map(String::as_str).collect();
@@ -104,6 +97,23 @@ impl Log {
     fn rename(&self, py: Python<'_>, names: &Bound<'_, PyDict>) -> PyResult<Self> {
         let map: Vec<(String, String)> = names.iter().map(|(new, old)| Ok((new.extract()?, old.extract()?))).collect::<PyResult<_>>()?;
         Ok(Self(self.0.clone().rename(&map).or_raise(py)?))
+    }
+
+    /// The log as a pandas frame: `time` and a column a channel, NaN where a sample is missing; units stand in `frame.attrs["units"]`, and, with `headers`, in the
+    /// names of the columns, as `name [unit]`.
+    #[pyo3(signature = (headers = false))]
+    fn to_pandas<'py>(slf: &Bound<'py, Self>, headers: bool) -> PyResult<Bound<'py, PyAny>> {
+        slf.py().import("deadtime.logs")?.call_method1("_to_pandas", (slf, headers))
+    }
+
+    /// The log as a polars frame: `time` and a column a channel, null where a sample is missing; with `headers` the columns are called `name [unit]`.
+    #[pyo3(signature = (headers = false))]
+    fn to_polars<'py>(slf: &Bound<'py, Self>, headers: bool) -> PyResult<Bound<'py, PyAny>> {
+        slf.py().import("deadtime.logs")?.call_method1("_to_polars", (slf, headers))
+    }
+
+    fn _repr_html_<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        slf.py().import("deadtime.logs")?.call_method1("_html", (slf,))
     }
 
     /// What error messages call the log.
@@ -190,6 +200,48 @@ impl Log {
     }
 }
 
+/// A channel of samples, NaN where one is missing.
+pub(super) fn channel(name: &str, unit: Option<&str>, values: Vec<f64>) -> Channel {
+    match marked(values) {
+        (values, None) => Channel::new(name, unit, values),
+        (values, Some(present)) => Channel::partial(name, unit, values, present),
+    }
+}
+
+/// Samples and, where one is NaN, which are there.
+fn marked(values: Vec<f64>) -> (Vec<f64>, Option<Vec<bool>>) {
+    let present = values.iter().any(|v| v.is_nan()).then(|| values.iter().map(|v| !v.is_nan()).collect());
+    (values, present)
+}
+
+/// A log of columns headed `name` or `name [unit]`, NaN where a sample is missing, and of columns that hold something else at a sample.
+#[pyfunction]
+fn _of_columns(
+    py: Python<'_>,
+    source: &str,
+    time: Numbers<'_>,
+    columns: Vec<(String, Numbers<'_>)>,
+    unusable: Vec<(String, usize, String)>,
+) -> PyResult<Log> {
+    let channel = |(header, values): &(String, Numbers<'_>)| {
+        let (values, present) = marked(vector(values));
+        Channel::headed(header, values, present)
+    };
+    let mut log = Inner::new(source, vector(&time), columns.iter().map(channel).collect()).or_raise(py)?;
+    for (name, sample, text) in unusable {
+        log = log.without_numbers(name, sample, text).or_raise(py)?;
+    }
+    Ok(Log(log))
+}
+
+/// `name [unit]` as the two.
+#[pyfunction]
+fn _name_and_unit(header: &str) -> (&str, Option<&str>) {
+    name_and_unit(header)
+}
+
 pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_class::<Log>()
+    m.add_class::<Log>()?;
+    m.add_function(wrap_pyfunction!(_of_columns, m)?)?;
+    m.add_function(wrap_pyfunction!(_name_and_unit, m)?)
 }

@@ -2,13 +2,18 @@
 //! calls, with its defaults and its neighbours' types, stands in `python/deadtime`.
 
 mod blind;
+mod bound;
 #[cfg(feature = "cli")]
 mod command;
 mod convert;
+mod delay;
+mod diagnose;
 mod effect;
 mod error;
+mod file;
 mod log;
 mod model;
+mod signal;
 mod simulate;
 mod state_space;
 mod study;
@@ -19,16 +24,21 @@ use pyo3::prelude::*;
 #[pymodule(name = "_native")]
 fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    blind::add(m)?;
+    bound::add(m)?;
     #[cfg(feature = "cli")]
     command::add(m)?;
+    delay::add(m)?;
+    diagnose::add(m)?;
     effect::add(m)?;
     error::add(m)?;
+    file::add(m)?;
     log::add(m)?;
     model::add(m)?;
+    signal::add(m)?;
     simulate::add(m)?;
     state_space::add(m)?;
     study::add(m)?;
-    blind::add(m)?;
     work::add(m)?;
     // The list of names that `add` keeps is for `import *`, which nobody does here.
     m.delattr("__all__")

@@ -175,7 +175,7 @@ mod tests {
                 .zip([&found, &none])
                 .map(|(name, e)| Estimate::new(crate::delay::method(name).unwrap(), e, None, 0.0, &[]))
                 .collect(),
-            verdict: Verdict { delay_s: Some(0.2), ci95_s: Some([0.1, 0.3]), why: String::new() },
+            verdict: Verdict { delay_s: Some(0.2), ci95_s: Some([0.1, 0.3]), why: String::new(), method: None },
         };
         let response = Response { values: vec![0.0, 0.0, 1.0], std: vec![0.01; 3] };
         let text = svg(&[Panel { pair: &pair, response: Some(&response) }, Panel { pair: &pair, response: None }], 0.1).unwrap();

@@ -152,11 +152,8 @@ fn median(mut values: Vec<f64>) -> f64 {
     }
 }
 
-/// Refuses what cannot be used at all.
-fn check(method: &'static str, units: Units, experiment: &Experiment) -> Result<(), DelayError> {
-    if experiment.events.is_empty() {
-        return Err(DelayError::Count { what: "sequences of event times", needed: 1, got: 0 });
-    }
+/// Refuses times that are no numbers or do not increase.
+pub(super) fn check_times(experiment: &Experiment) -> Result<(), DelayError> {
     for events in &experiment.events {
         for (role, names, times) in [("input", &experiment.inputs, &events.first), ("output", &experiment.outputs, &events.second)] {
             let channel = || names.first().cloned().unwrap_or_default();
@@ -173,6 +170,17 @@ fn check(method: &'static str, units: Units, experiment: &Experiment) -> Result<
                 return Err(DelayError::EventOrder { channel: channel(), event: event + 1, before: times[event], time: times[event + 1] });
             }
         }
+    }
+    Ok(())
+}
+
+/// Refuses what cannot be used at all.
+fn check(method: &'static str, units: Units, experiment: &Experiment) -> Result<(), DelayError> {
+    if experiment.events.is_empty() {
+        return Err(DelayError::Count { what: "sequences of event times", needed: 1, got: 0 });
+    }
+    check_times(experiment)?;
+    for events in &experiment.events {
         if let ([Some(first), Some(second)], Units::Refuse) = (&events.units, units)
             && first != second
         {

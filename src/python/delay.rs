@@ -1,0 +1,207 @@
+//! Estimation of dead times: [`crate::delay`].
+
+use std::collections::BTreeMap;
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
+
+use super::convert::{Numbers, array1, json as from_python, object, vector};
+use super::error::OrRaise;
+use super::log::{Log, channel};
+use super::model::Model;
+use super::work::long;
+use crate::delay::report::{Estimate, Pair, Report};
+use crate::delay::{self, DelayError, EventsJob, Job, METHODS, Method, Scope, chosen};
+use crate::log::EventTimes;
+use crate::model::{ModelDocument, ModelFile};
+use crate::time::SampleTime;
+
+/// A report as Python gets it: the text of `deadtime/estimate@1`, and what a reader is told beside it.
+type Told<'py> = (String, Bound<'py, PyAny>);
+
+/// What was asked for, of samples: the keyword arguments of `deadtime.estimate`.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct Asked {
+    name: String,
+    inputs: Vec<String>,
+    outputs: Vec<String>,
+    methods: Vec<String>,
+    max_delay: Option<f64>,
+    degree_bias: Option<usize>,
+    detrend: String,
+    r#loop: String,
+    resampled: bool,
+}
+
+impl Asked {
+    fn job(self, py: Python<'_>, logs: &[PyRef<'_, Log>], model: Option<&Model>, options: &Bound<'_, PyAny>) -> PyResult<Job> {
+        let scopes: &[Scope] = if model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
+        Ok(Job {
+            methods: chosen(&self.methods, &by_method(options)?, scopes).or_raise(py)?,
+            detrend: choice("detrend", &self.detrend)?,
+            feedback: choice("loop", &self.r#loop)?,
+            logs: logs.iter().map(|log| log.0.clone()).collect(),
+            model: model.map(|m| linear(py, m)).transpose()?,
+            name: self.name,
+            inputs: self.inputs,
+            outputs: self.outputs,
+            max_delay_s: self.max_delay,
+            degree_bias: self.degree_bias,
+            resampled: self.resampled,
+            stop: Default::default(),
+        })
+    }
+}
+
+/// Every pair of inputs and outputs by every method.
+#[pyfunction]
+fn _estimate<'py>(
+    py: Python<'py>,
+    logs: Vec<PyRef<'_, Log>>,
+    model: Option<PyRef<'_, Model>>,
+    options: &Bound<'py, PyAny>,
+    asked: Asked,
+    threads: Option<usize>,
+) -> PyResult<Told<'py>> {
+    let job = asked.job(py, &logs, model.as_deref(), options)?;
+    let report = long(py, threads, move |stop| Job { stop: stop.clone(), ..job }.run())?;
+    told(py, &report)
+}
+
+/// The delay between two sequences of event times, each with its name, unit and times.
+#[pyfunction]
+fn _estimate_events<'py>(
+    py: Python<'py>,
+    first: (String, Option<String>, Numbers<'py>),
+    second: (String, Option<String>, Numbers<'py>),
+    methods: Vec<String>,
+    options: &Bound<'py, PyAny>,
+    name: String,
+    max_delay: Option<f64>,
+) -> PyResult<Told<'py>> {
+    let methods = chosen(&methods, &by_method(options)?, &[Scope::Events]).or_raise(py)?;
+    let channels = [first.0.clone(), second.0.clone()];
+    let events = [first, second].map(|(name, unit, times)| EventTimes { name, unit, times: vector(&times) });
+    let job = EventsJob { name, channels, events, methods, max_delay_s: max_delay, stop: Default::default() };
+    let report = long(py, None, move |stop| EventsJob { stop: stop.clone(), ..job }.run())?;
+    told(py, &report)
+}
+
+/// What is to be expected of each method, for each pair: (input, output, dict of method to dict or None).
+#[pyfunction]
+fn _expected<'py>(
+    py: Python<'py>,
+    logs: Vec<PyRef<'_, Log>>,
+    model: Option<PyRef<'_, Model>>,
+    options: &Bound<'py, PyAny>,
+    asked: Asked,
+    threads: Option<usize>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let job = asked.job(py, &logs, model.as_deref(), options)?;
+    let expected = long(py, threads, move |stop| Job { stop: stop.clone(), ..job }.expected())?;
+    let pairs: Vec<Value> = expected
+        .iter()
+        .map(|pair| {
+            let methods: Vec<Value> = pair.methods.iter().map(|(name, richness)| json!([name, richness])).collect();
+            json!({ "input": pair.input, "output": pair.output, "methods": methods })
+        })
+        .collect();
+    object(py, &pairs)
+}
+
+/// The impulse response from one channel to another: coefficients and standard deviations, or None.
+#[pyfunction]
+#[allow(clippy::type_complexity)]
+fn _impulse_response<'py>(
+    py: Python<'py>,
+    logs: Vec<PyRef<'_, Log>>,
+    input: String,
+    output: String,
+    detrend: &str,
+) -> PyResult<Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>> {
+    let detrend = choice("detrend", detrend)?;
+    let logs: Vec<_> = logs.iter().map(|log| log.0.clone()).collect();
+    let response = long(py, None, move |_| delay::impulse_response(&logs, &input, &output, detrend))?;
+    Ok(response.map(|r| (array1(py, r.values).into_any(), array1(py, r.std).into_any())))
+}
+
+/// A log of two arrays, `u` and `y`, NaN where a sample is missing.
+#[pyfunction]
+fn _of_arrays(py: Python<'_>, u: Numbers<'_>, y: Numbers<'_>, sample_time: f64) -> PyResult<Log> {
+    let step = SampleTime::new(sample_time).or_raise(py)?;
+    let (u, y) = (vector(&u), vector(&y));
+    #[allow(clippy::cast_precision_loss)]
+    let time_s = (0..u.len()).map(|k| step.to_seconds(k as f64)).collect();
+    Ok(Log(crate::log::Log::new("arrays", time_s, vec![channel("u", None, u), channel("y", None, y)]).or_raise(py)?))
+}
+
+/// The list of methods, in order.
+#[pyfunction]
+fn _methods(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+    let line = |m: &Method| {
+        json!({
+            "name": m.entry.name,
+            "class": m.class,
+            "title": m.class.title(),
+            "scope": m.scope,
+            "summary": m.entry.summary,
+            "options": (m.entry.defaults)(),
+            "withstands": m.withstands,
+            "needs": m.needs,
+            "blind_to": m.blind_to,
+            "exempt": m.exempt.iter().map(|(law, why)| json!({ "law": law, "why": why })).collect::<Vec<_>>(),
+        })
+    };
+    object(py, &METHODS.iter().map(line).collect::<Vec<_>>())
+}
+
+/// A word as one of the choices that an option has.
+fn choice<T: DeserializeOwned>(option: &str, word: &str) -> PyResult<T> {
+    serde_json::from_value(Value::String(word.to_owned())).map_err(|e| PyValueError::new_err(format!("{option}: {e}")))
+}
+
+/// Options as they are written in Python, a dict per method.
+fn by_method(options: &Bound<'_, PyAny>) -> PyResult<BTreeMap<String, Value>> {
+    serde_json::from_value(from_python(options)?)
+        .map_err(|e| PyValueError::new_err(format!("options: {e}; give a dict of options for each method")))
+}
+
+/// The linear model that estimation knows how to use.
+fn linear(py: Python<'_>, model: &Model) -> PyResult<ModelFile> {
+    match &model.0 {
+        ModelDocument::Lti(file) => Ok(file.clone()),
+        ModelDocument::Equations(file) => Err(DelayError::Equations { model: file.name.clone() }).or_raise(py),
+    }
+}
+
+fn told<'py>(py: Python<'py>, report: &Report) -> PyResult<Told<'py>> {
+    let file = serde_json::to_string_pretty(report).map_err(|e| PyValueError::new_err(e.to_string()))?;
+    let row = |e: &Estimate| json!({ "class_": e.class, "counts": e.counts(), "distrust": e.distrust, "contradicted": e.contradicted });
+    let pair = |p: &Pair| {
+        json!({
+            "findings": p.findings.iter().map(|f| json!({ "condition": f.condition, "words": f.condition.words(), "evidence": f.evidence })).collect::<Vec<_>>(),
+            "method": p.verdict.method,
+            "warning": p.warning(report.sample_time_s),
+            "estimates": p.estimates.iter().map(row).collect::<Vec<_>>(),
+        })
+    };
+    let beside = json!({
+        "preamble": report.preamble(),
+        "text": report.text(false).trim_end(),
+        "full": report.text(true).trim_end(),
+        "pairs": report.pairs.iter().map(pair).collect::<Vec<_>>(),
+    });
+    Ok((file, object(py, &beside)?))
+}
+
+pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_function(wrap_pyfunction!(_estimate, m)?)?;
+    m.add_function(wrap_pyfunction!(_estimate_events, m)?)?;
+    m.add_function(wrap_pyfunction!(_expected, m)?)?;
+    m.add_function(wrap_pyfunction!(_impulse_response, m)?)?;
+    m.add_function(wrap_pyfunction!(_of_arrays, m)?)?;
+    m.add_function(wrap_pyfunction!(_methods, m)?)
+}
