@@ -151,7 +151,7 @@ def add_noise(
     ----------
     S. Björklund (2003), LiU-TEK-LIC-2003:60: this definition of the ratio.
     """
-    noise = _plain({"noise": {"colour": _spectrum(colour), "scaling": scaling}})["noise"]
+    noise: dict[str, Any] = _plain({"noise": {"colour": _spectrum(colour), "scaling": scaling}})["noise"]
     return _native._add_noise(_flat(signal, "signal"), snr, noise, seed)
 
 
