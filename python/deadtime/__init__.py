@@ -20,6 +20,7 @@ from .delays import (
     methods,
     predict_precision,
 )
+from .diagnosis import Diagnosis, Inspection, Isolability, check, gap, isolability
 from .errors import DeadtimeError
 from .logs import as_log, as_logs, read, read_records
 from .models import (
@@ -55,3 +56,5 @@ __all__ += ["Estimate", "Estimates", "Method", "Pair", "Verdict", "estimate", "e
 __all__ += ["methods", "predict_precision"]
 # Studies.
 __all__ += ["GateResult", "Plan", "Study", "gate", "plans", "plants", "read_study", "study"]
+# The gap.
+__all__ += ["Diagnosis", "Inspection", "Isolability", "check", "gap", "isolability"]

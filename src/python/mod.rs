@@ -7,6 +7,7 @@ mod bound;
 mod command;
 mod convert;
 mod delay;
+mod diagnose;
 mod effect;
 mod error;
 mod file;
@@ -28,6 +29,7 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     #[cfg(feature = "cli")]
     command::add(m)?;
     delay::add(m)?;
+    diagnose::add(m)?;
     effect::add(m)?;
     error::add(m)?;
     file::add(m)?;

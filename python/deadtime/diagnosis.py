@@ -1,0 +1,656 @@
+"""The gap between a simulator and reality: how large it is, where it lies, what causes it, how far it shrinks.
+
+The simulator is a model (`deadtime/model@1`) or any function of Python.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, TypedDict
+
+import numpy
+from numpy.typing import NDArray
+
+from . import _native
+from ._native import Model
+from .errors import FileError
+from .logs import LogLike, as_logs
+from .models import ModelLike, as_model
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_Array: TypeAlias = "NDArray[numpy.float64]"
+
+#: How outputs are predicted: a free run, or one step ahead by a fixed observer.
+Prediction: TypeAlias = Literal["simulation", "predictor"]
+#: Told what is done: the part that is over, 0 to 1, and what comes now.
+Progress: TypeAlias = Callable[[float, str], object]
+#: Channels: names, or name to unit.
+Channels: TypeAlias = "str | Sequence[str] | Mapping[str, str | None]"
+#: States: name to initial value and its standard deviation (None: unknown); a number alone is an initial value that is not known exactly.
+States: TypeAlias = "Mapping[str, float | tuple[float, float | None]]"
+#: Parameters: name to nominal value, or to value and unit.
+Parameters: TypeAlias = "Mapping[str, float | tuple[float, str | None]]"
+
+
+class Simulate(Protocol):
+    """A simulator: outputs, shape (N, p) or, of one output, (N,).
+
+    `u`, shape (N, m), holds from its own time stamp to the next; `time`, shape (N,), counts from the log's first sample, s; `x0`, shape (n,), is the state
+    there; `parameters` has every named parameter.
+    """
+
+    def __call__(self, u: _Array, time: _Array, x0: _Array, parameters: dict[str, float], /) -> Any: ...
+
+
+class Parameter(TypedDict):
+    """A parameter of an effect that was found."""
+
+    name: str
+    unit: str
+    #: None for a limit that does not act.
+    value: float | None
+    #: Standard deviation; None at a bound, as is the interval.
+    std: float | None
+    ci95: tuple[float, float] | None
+
+
+class FoundEffect(TypedDict):
+    """An effect that was found to act."""
+
+    effect: str
+    channel: str
+    parameters: list[Parameter]
+
+
+class NotTried(TypedDict):
+    """A candidate that was left out, and why."""
+
+    effect: str
+    why: str
+
+
+class Check(TypedDict):
+    """A check that needs no dynamics."""
+
+    check: str
+    #: "*": all.
+    channel: str
+    #: None where it cannot be told.
+    ok: bool | None
+    finding: str
+
+
+class Trace(TypedDict):
+    """One output of one log; arrays of shape (N,), in the output's unit."""
+
+    log: str
+    output: str
+    unit: str | None
+    #: s from the log's first sample.
+    time: _Array
+    #: NaN where a sample is missing.
+    measured: _Array
+    #: Predicted by the simulator as it came.
+    before: _Array
+    #: Predicted with what was found; None where nothing was.
+    after: _Array | None
+    #: Spans that were learnt from and held back, s.
+    train: tuple[float, float] | None
+    held: tuple[float, float] | None
+    #: Standard deviation of what no deterministic simulator can explain.
+    floor: float
+
+
+class _Result:
+    """What stands in a file."""
+
+    _data: dict[str, Any]
+    _text: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """The file's content as dicts and lists."""
+        data: dict[str, Any] = json.loads(self._text)
+        return data
+
+    def to_json(self) -> str:
+        """The file's text."""
+        return self._text
+
+    def _write(self, path: str | os.PathLike[str]) -> None:
+        try:
+            with open(path, "w", encoding="utf-8") as out:
+                out.write(self._text + "\n")
+        except OSError as refused:
+            raise FileError(refused.errno, refused.strerror, os.fspath(path)) from refused
+
+
+class Diagnosis(_Result):
+    """What was found out about a simulator and its logs: `deadtime/diagnosis@1`, and the curves behind it."""
+
+    def __init__(self, native: _native._Diagnosed) -> None:
+        self._native = native
+        self._text = native.to_json()
+        self._data = json.loads(self._text)
+
+    @property
+    def verdict(self) -> str:
+        """The leading effect, "none" or "unknown"."""
+        verdict: str = self._data["cause"]["verdict"]
+        return verdict
+
+    @property
+    def channel(self) -> str | None:
+        """Where the leading effect acts."""
+        channel: str | None = self._data["cause"]["channel"]
+        return channel
+
+    @property
+    def effects(self) -> list[FoundEffect]:
+        """All effects that were found to act, by what they contribute, with values, standard deviations and 95 % intervals."""
+        effects: list[FoundEffect] = self._data["cause"]["effects"]
+        return effects
+
+    @property
+    def ranking(self) -> list[dict[str, Any]]:
+        """Every candidate with its probability and the training error that it leaves, and one row each for "none" and "unknown"."""
+        ranking: list[dict[str, Any]] = self._data["cause"]["ranking"]
+        return ranking
+
+    @property
+    def indistinguishable(self) -> list[list[str]]:
+        """Classes of `effect:channel` that the data cannot tell apart."""
+        classes: list[list[str]] = self._data["cause"]["indistinguishable"]
+        return classes
+
+    @property
+    def not_tried(self) -> list[NotTried]:
+        """Candidates that were left out, with the reason."""
+        left_out: list[NotTried] = self._data["cause"]["not_tried"]
+        return left_out
+
+    @property
+    def next_experiment(self) -> str | None:
+        """The excitation that would separate what these logs cannot; None where nothing is to be separated."""
+        advice: str | None = self._data["cause"]["next_experiment"]
+        return advice
+
+    @property
+    def prediction(self) -> dict[str, str]:
+        """`mode` and `why`."""
+        prediction: dict[str, str] = self._data["prediction"]
+        return prediction
+
+    @property
+    def gap(self) -> dict[str, Any]:
+        """The gap on the training logs: rms(measured - predicted) / std(measured) `before`, its noise `floor`, and the same by output."""
+        gap: dict[str, Any] = self._data["gap"]
+        return gap
+
+    @property
+    def where(self) -> dict[str, list[dict[str, Any]]]:
+        """Shares of the gap by output, time, frequency band and range of another variable."""
+        where: dict[str, list[dict[str, Any]]] = self._data["where"]
+        return where
+
+    @property
+    def checks(self) -> list[Check]:
+        """Checks that need no dynamics: signs, axes, units, clocks, stuck and clipped channels, excitation."""
+        checks: list[Check] = self._data["checks"]
+        return checks
+
+    @property
+    def shrink(self) -> dict[str, Any]:
+        """How far the gap shrinks on held-out data: `before`, `after`, `floor`, `fraction`, `of_explainable`, `ci95`, `outputs`."""
+        shrink: dict[str, Any] = self._data["shrink"]
+        return shrink
+
+    @property
+    def caveats(self) -> list[str]:
+        """What weakens the diagnosis, as sentences."""
+        return self._native.caveats
+
+    @property
+    def calls(self) -> int | None:
+        """How often `simulate` was called; None for a model."""
+        return self._native.calls
+
+    @property
+    def summary(self) -> str:
+        """Five sentences: size, place, cause, rivals, shrink."""
+        return self._native.summary
+
+    @property
+    def model(self) -> Model | None:
+        """The model with what was found; None for a function."""
+        return self._native.model
+
+    @property
+    def simulator(self) -> _native._Simulator | None:
+        """The function with what was found, itself a function f(u, time, x0, parameters): the next diagnosis may start from it. None for a model.
+
+        A parameter that was found wrong is wrong by as much whatever value it is called with; lost commands are their mean.
+        """
+        return self._native.simulator
+
+    @property
+    def traces(self) -> list[Trace]:
+        """Measured and predicted outputs, by output and then by log."""
+        return self._native.traces
+
+    def save(self, folder: str | os.PathLike[str]) -> list[str]:
+        """Writes what `deadtime gap` writes: diagnosis.json, report.html and, of a model, model_with_effects.toml.
+
+        Parameters
+        ----------
+        folder : path
+            It need not exist.
+
+        Returns
+        -------
+        list of str
+            Names of the files.
+        """
+        os.makedirs(folder, exist_ok=True)
+        return self._native.save(folder)
+
+    def plot(self, log: str | None = None) -> Figure:
+        """Per output the measured, simulated and corrected curve, and what is left beside the noise floor.
+
+        Parameters
+        ----------
+        log : str, optional
+            The log; without it the first that is held out as a whole, else the first.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not there, and how to get it.
+        ValueError
+            There is no such log.
+        """
+        traces = self.traces
+        names = list(dict.fromkeys(trace["log"] for trace in traces))
+        if log is None:
+            log = next((trace["log"] for trace in traces if trace["train"] is None), names[0] if names else None)
+        elif log not in names:
+            raise ValueError(f"there is no log {log!r}; there are {', '.join(names)}")
+        return _figure([trace for trace in traces if trace["log"] == log], self)
+
+    def __repr__(self) -> str:
+        lines = [self.summary, *(f"Caveat: {caveat}." for caveat in self.caveats)]
+        if self.calls is not None:
+            lines.append(f"Calls of the simulator: {self.calls}; candidates that were not tried: {len(self.not_tried)}.")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        def sentence(line: str) -> str:
+            what, _, rest = line.partition(": ")
+            return f"<p><b>{escape(what)}:</b> {escape(rest)}</p>"
+
+        rows = []
+        for row in self.ranking[:8]:
+            if "effects" in row:
+                effect, channel = (" + ".join(e[i] for e in row["effects"]) for i in (0, 1))
+            else:
+                effect, channel = row["effect"], row["channel"] or ""
+            after = "–" if row["after"] is None else f"{row['after']:.4f}"
+            cells = (effect, channel, f"{row['probability']:.4f}", after)
+            rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
+        head = "".join(f"<th>{h}</th>" for h in ("effect", "channel", "probability", "nrmse alone"))
+        table = f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+        return "".join(map(sentence, repr(self).splitlines())) + table
+
+
+class Inspection(_Result):
+    """What `check` found: `deadtime/check@1`."""
+
+    def __init__(self, text: str, words: str) -> None:
+        self._text, self._words = text, words
+        self._data = json.loads(text)
+
+    @property
+    def checks(self) -> list[Check]:
+        """All checks, in the order in which they are made."""
+        checks: list[Check] = self._data["checks"]
+        return checks
+
+    @property
+    def failed(self) -> list[Check]:
+        """Those that need a look."""
+        return [check for check in self.checks if check["ok"] is False]
+
+    @property
+    def logs(self) -> list[dict[str, Any]]:
+        """Every log as the model sees it: samples, sample time, channels with units and missing samples."""
+        logs: list[dict[str, Any]] = self._data["logs"]
+        return logs
+
+    @property
+    def not_run(self) -> str | None:
+        """Why the checks could not be made; None where they were."""
+        why: str | None = self._data["not_run"]
+        return why
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the file."""
+        self._write(path)
+
+    def __repr__(self) -> str:
+        return self._words.rstrip()
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+
+class Isolability(_Result):
+    """What logs can tell apart: `deadtime/isolability@1`."""
+
+    def __init__(self, text: str, words: str) -> None:
+        self._text, self._words = text, words
+        self._data = json.loads(text)
+
+    @property
+    def effects(self) -> list[dict[str, Any]]:
+        """Every candidate: whether it is visible, the smallest size that is, and its closest rival."""
+        effects: list[dict[str, Any]] = self._data["effects"]
+        return effects
+
+    @property
+    def cosines(self) -> _Array:
+        """Cosines between the candidates' signatures, shape (E, E), in the order of `effects`; 1: alike."""
+        return numpy.array(self._data["cosines"], dtype=float)
+
+    @property
+    def classes(self) -> list[dict[str, Any]]:
+        """Groups that these logs cannot tell apart, `members` with the `next_experiment` that would."""
+        classes: list[dict[str, Any]] = self._data["classes"]
+        return classes
+
+    @property
+    def prediction(self) -> dict[str, str]:
+        """`mode` and `why`."""
+        prediction: dict[str, str] = self._data["prediction"]
+        return prediction
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the file."""
+        self._write(path)
+
+    def __repr__(self) -> str:
+        return self._words.rstrip()
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+
+def gap(
+    model: ModelLike | None = None,
+    log: LogLike | Iterable[LogLike] | None = None,
+    holdout: LogLike | Iterable[LogLike] | None = None,
+    *,
+    simulate: Simulate | None = None,
+    inputs: Channels | None = None,
+    outputs: Channels | None = None,
+    states: States | None = None,
+    parameters: Parameters | None = None,
+    prediction: Prediction | None = None,
+    max_delay: float | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    name: str | None = None,
+) -> Diagnosis:
+    """Diagnoses the gap between a simulator and logs of the real machine: where it lies, which unmodelled effect causes it, how far it shrinks.
+
+    Parameters
+    ----------
+    model : Model, path, dict or linear system, optional
+        The simulator as a model; or give `simulate`.
+    log : Log, path, frame, or several of them
+        Logs to learn from, with the simulator's inputs and outputs as columns.
+    holdout : Log, path, frame, or several of them, optional
+        Logs to measure the shrink on. Without one, the last 30 % of each log are held back.
+    simulate : function, optional
+        Any simulator, f(u, time, x0, parameters) -> y: `u`, shape (N, m), the inputs, each held from its own time stamp to the next; `time`, shape (N,), s,
+        counted from the log's first sample, perhaps uneven; `x0`, shape (n,), the states there; `parameters`, a dict of name to float; `y`, shape (N, p) or
+        (N,), the outputs at these times. The same call must give the same answer. It is called from another thread, one call at a time; equal calls
+        are made once.
+    inputs, outputs : list of str, or dict of str to unit
+        Channels of the log, in the order of the columns of `u` and `y`; for `simulate` only. Units are held against the log's.
+    states : dict of str to (float, float or None), optional
+        What `x0` holds, in order: initial value and standard deviation (None: unknown).
+    parameters : dict of str to float or (float, unit), optional
+        Parameters that may be wrong, with their nominal values.
+    prediction : "simulation" or "predictor", optional
+        What predicted means; without it chosen from the model's poles. A function can only be simulated freely.
+    max_delay : float, optional
+        The longest delay and lag that are looked for, s; without it 35 samples, at most a tenth of the shortest log.
+    seed : int
+        Seed of the bootstrap.
+    threads : int, optional
+        Threads to work on; all without it.
+    progress : function, optional
+        Called with the part that is over (0 to 1) and what comes now.
+    name : str, optional
+        What a function is called in the diagnosis; without it its own name.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    GapError
+        Simulator and logs do not fit; a call of `simulate` with the nominal parameters fails (its exception is the cause), or two equal calls differ.
+    LogError, ModelError, FileError, SimulateError
+        A log, a model or the names of a simulator cannot be used.
+
+    Notes
+    -----
+    docs/gap.md says how it is done, docs/black-box.md what a function must do and what cannot be tried on it.
+    """
+    subject = _subject("gap", model, simulate, inputs, outputs, states, parameters, name)
+    native = _native._gap(
+        subject,
+        _logs("gap", log),
+        [] if holdout is None else as_logs(holdout),
+        prediction,
+        None if max_delay is None else float(max_delay),
+        _at_least("seed", seed, 0),
+        None if threads is None else _at_least("threads", threads, 1),
+        progress,
+    )
+    return Diagnosis(native)
+
+
+def check(
+    model: ModelLike | None = None,
+    log: LogLike | Iterable[LogLike] | None = None,
+    *,
+    simulate: Simulate | None = None,
+    inputs: Channels | None = None,
+    outputs: Channels | None = None,
+    states: States | None = None,
+    parameters: Parameters | None = None,
+    name: str | None = None,
+) -> Inspection:
+    """Looks at a simulator and logs before anyone diagnoses: names, units, time stamps, signs, axes, clocks, stuck and clipped channels, excitation.
+
+    Parameters
+    ----------
+    model, simulate, inputs, outputs, states, parameters, name
+        The simulator, as `gap` takes it.
+    log : Log, path, frame, or several of them
+        The logs.
+
+    Raises
+    ------
+    ModelError, SimulateError, FileError
+        The simulator cannot be used; what is wrong with a log is part of the answer.
+    """
+    subject = _subject("check", model, simulate, inputs, outputs, states, parameters, name)
+    return Inspection(*_native._check(subject, _logs("check", log)))
+
+
+def isolability(
+    model: ModelLike | None = None,
+    log: LogLike | Iterable[LogLike] | None = None,
+    *,
+    simulate: Simulate | None = None,
+    inputs: Channels | None = None,
+    outputs: Channels | None = None,
+    states: States | None = None,
+    parameters: Parameters | None = None,
+    prediction: Prediction | None = None,
+    max_delay: float | None = None,
+    threads: int | None = None,
+    name: str | None = None,
+) -> Isolability:
+    """Which effects these logs can tell apart at all; nothing is fitted, and nothing is diagnosed.
+
+    Parameters
+    ----------
+    model, simulate, inputs, outputs, states, parameters, name
+        The simulator, as `gap` takes it.
+    log : Log, path, frame, or several of them
+        The logs.
+    prediction, max_delay, threads
+        As in `gap`.
+
+    Raises
+    ------
+    GapError, LogError, ModelError, FileError, SimulateError
+        As `gap`.
+    """
+    subject = _subject("isolability", model, simulate, inputs, outputs, states, parameters, name)
+    found = _native._isolability(
+        subject,
+        _logs("isolability", log),
+        prediction,
+        None if max_delay is None else float(max_delay),
+        None if threads is None else _at_least("threads", threads, 1),
+    )
+    return Isolability(*found)
+
+
+def _subject(
+    caller: str,
+    model: ModelLike | None,
+    simulate: Simulate | None,
+    inputs: Channels | None,
+    outputs: Channels | None,
+    states: States | None,
+    parameters: Parameters | None,
+    name: str | None,
+) -> Model | _native._Simulator:
+    """The model, or the function with the names of its channels."""
+    if (model is None) == (simulate is None):
+        raise TypeError(f"{caller} needs a model or a function, and not both: {caller}(model, log=...) or {caller}(simulate=f, inputs=..., outputs=..., log=...)")
+    faces = {"inputs": inputs, "outputs": outputs, "states": states, "parameters": parameters, "name": name}
+    if model is not None:
+        for what, given in faces.items():
+            if given is not None:
+                raise TypeError(f"{what} goes with simulate; a model has its own")
+        return as_model(model)
+    if not callable(simulate):
+        raise TypeError(f"simulate is {type(simulate).__name__}, not a function f(u, time, x0, parameters)")
+    return _native._Simulator(
+        simulate,
+        str(name if name is not None else getattr(simulate, "__name__", type(simulate).__name__)),
+        _channels("inputs", inputs),
+        _channels("outputs", outputs),
+        _states(states),
+        _parameters(parameters),
+    )
+
+
+def _channels(what: str, given: Channels | None) -> list[tuple[str, str | None]]:
+    if given is None:
+        raise TypeError(f"{what} is missing: name the log's columns, {what}=['u'] or {what}={{'u': 'V'}}")
+    if isinstance(given, str):
+        return [(given, None)]
+    if isinstance(given, Mapping):
+        return [(str(name), None if unit is None else str(unit)) for name, unit in given.items()]
+    return [(str(name), None) for name in given]
+
+
+def _states(given: States | None) -> list[tuple[str, float, float | None]]:
+    if given is not None and not isinstance(given, Mapping):
+        raise TypeError("states is a dict of name to (initial value, standard deviation or None)")
+    states: list[tuple[str, float, float | None]] = []
+    for name, value in (given or {}).items():
+        initial, std = value if isinstance(value, tuple | list) and len(value) == 2 else (value, None)
+        states.append((str(name), _number(f"states: {name}", initial), None if std is None else _number(f"states: {name}", std)))
+    return states
+
+
+def _parameters(given: Parameters | None) -> list[tuple[str, str | None, float]]:
+    if given is not None and not isinstance(given, Mapping):
+        raise TypeError("parameters is a dict of name to value, or to (value, unit)")
+    parameters: list[tuple[str, str | None, float]] = []
+    for name, value in (given or {}).items():
+        number, unit = value if isinstance(value, tuple | list) and len(value) == 2 else (value, None)
+        parameters.append((str(name), None if unit is None else str(unit), _number(f"parameters: {name}", number)))
+    return parameters
+
+
+def _number(what: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError) as wrong:
+        raise TypeError(f"{what} is {value!r}, not a number") from wrong
+
+
+def _at_least(what: str, value: int, least: int) -> int:
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise TypeError(f"{what} is {value!r}, not a whole number")
+    if not least <= int(value) < 2**63:
+        raise ValueError(f"{what} is {value}; it must be at least {least}")
+    return int(value)
+
+
+def _logs(caller: str, log: LogLike | Iterable[LogLike] | None) -> list[_native.Log]:
+    if log is None:
+        raise TypeError(f"{caller} needs at least one log: log=...")
+    return as_logs(log)
+
+
+def _figure(traces: Sequence[Trace], diagnosis: Diagnosis) -> Figure:
+    """A panel of curves and one of what is left, per output."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as missing:
+        raise ImportError("figures need matplotlib: pip install deadtime[plot]") from missing
+    figure = Figure(figsize=(10.0, 3.2 * max(len(traces), 1)), layout="constrained")
+    if not traces:
+        return figure
+    named = " and ".join(f"{e['effect']} on {e['channel']}" for e in diagnosis.effects) or diagnosis.verdict
+    figure.suptitle(f"{traces[0]['log']}: {named}")
+    axes = figure.subplots(2 * len(traces), 1, sharex=True, squeeze=False, height_ratios=[2.0, 1.0] * len(traces))[:, 0]
+    for at, trace in enumerate(traces):
+        curves, left = axes[2 * at], axes[2 * at + 1]
+        time, unit = trace["time"], f" [{trace['unit']}]" if trace["unit"] else ""
+        curves.plot(time, trace["measured"], color="0.6", linewidth=2.2, label="measured")
+        curves.plot(time, trace["before"], color="#c2410c", linewidth=1.0, label="simulated")
+        left.axhspan(-trace["floor"], trace["floor"], color="0.85", label="noise floor", linewidth=0.0)
+        left.plot(time, trace["measured"] - trace["before"], color="#c2410c", linewidth=0.8, label="measured - simulated")
+        if trace["after"] is not None:
+            curves.plot(time, trace["after"], color="#1d5fbf", linewidth=1.0, label="with what was found")
+            left.plot(time, trace["measured"] - trace["after"], color="#1d5fbf", linewidth=0.8, label="the same with what was found")
+        for axis in (curves, left):
+            if trace["held"] is not None and trace["train"] is not None:
+                axis.axvspan(*trace["held"], color="#7a8694", alpha=0.12, linewidth=0.0)
+            axis.legend(loc="upper right", fontsize="small")
+        curves.set_ylabel(f"{trace['output']}{unit}")
+        left.set_ylabel(f"left{unit}")
+    axes[-1].set_xlabel("time [s]")
+    return figure
