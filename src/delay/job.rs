@@ -141,7 +141,7 @@ impl Job {
             for (i, input) in self.inputs.iter().enumerate() {
                 self.stop.check()?;
                 let seen = self.seen(&experiment, &search, i, o)?;
-                let predicted = richness(seen.from_start(Start::Rest), &seen.search, 0, 0, &methods)?;
+                let predicted = richness(seen.by_start(Start::Rest), &seen.search, 0, 0, &methods)?;
                 let methods = methods.iter().map(|m| m.entry.name).zip(predicted).collect();
                 expected.push(Expected { input: input.clone(), output: output.clone(), methods });
             }
@@ -206,12 +206,12 @@ impl Job {
                 }
                 let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
                 // What has no prediction has none; why it cannot be used at all each method says itself.
-                let predicted = richness(seen.from_start(Start::Rest), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
+                let predicted = richness(seen.by_start(Start::Rest), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
                 let answer = |(ready, predicted): (&&Ready, Option<Richness>)| -> Result<Answer> {
                     self.stop.check()?;
                     let clock = Instant::now();
                     // What a method cannot do with this log is its answer; the others go on.
-                    let sees = if ready.estimator.is_joint() { &seen.together } else { seen.from_start(ready.method.start) };
+                    let sees = if ready.estimator.is_joint() { &seen.together } else { seen.by_start(ready.method.start) };
                     let estimate = match ready.estimator.estimate(sees, &search) {
                         Ok(mut estimates) if !estimates.is_empty() => estimates.remove(0).estimate,
                         Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for this pair"),
@@ -317,7 +317,7 @@ struct Seen {
 }
 
 impl Seen {
-    fn from_start(&self, start: Start) -> &Experiment {
+    fn by_start(&self, start: Start) -> &Experiment {
         match start {
             Start::Rest => self.rested.as_ref().unwrap_or(&self.one),
             Start::Any => &self.one,
