@@ -88,20 +88,24 @@ impl Explanation {
             let gain = priced(problem.inner(&there, &there));
             return Some(Self { gain, free, fitted: true, ..from });
         }
-        let (lower, upper) = free.iter().map(|&(e, i)| range(&effects[e], i, scales)).unzip();
+        // The search takes numbers below a thousandth for small ones: tiny ones, such as a coefficient in SI units, are passed to it in a unit of their own.
+        let unit: Vec<f64> = free.iter().map(|&(e, i)| own_unit(effects[e].values[i])).collect();
+        let scaled = |bounds: Vec<f64>| bounds.iter().zip(&unit).map(|(b, u)| b / u).collect::<Vec<f64>>();
+        let in_units = |values: &[f64]| values.iter().zip(&unit).map(|(v, u)| v * u).collect::<Vec<f64>>();
+        let begin: Vec<f64> = free.iter().zip(&unit).map(|(&(e, i), u)| effects[e].values[i] / u).collect();
+        let (lower, upper): (Vec<f64>, Vec<f64>) = free.iter().map(|&(e, i)| range(&effects[e], i, scales)).unzip();
         let search = LevenbergMarquardt {
             max_iterations: iterations,
             gradient_tolerance: 1e-4,
             step_tolerance: 1e-4,
             cost_floor: 0.0,
-            lower,
-            upper,
+            lower: scaled(lower),
+            upper: scaled(upper),
         };
-        let begin: Vec<f64> = free.iter().map(|&(e, i)| effects[e].values[i]).collect();
         let acting = Acting::from(&from);
         let (mut lowest, mut steps) = (f64::INFINITY, vec![None; free.len()]);
         let found = search.minimise(&begin, |values| {
-            let there = placed(effects, &free, values);
+            let there = placed(effects, &free, &in_units(values));
             let acting = acting.with(&there);
             let residual = problem.whitened(acting)?;
             let cost = problem.inner(&residual, &residual);
@@ -112,12 +116,12 @@ impl Explanation {
             }
             let normal = normal(problem, &slopes(problem, acting, residual, &free, scales, &mut steps)?);
             lowest = cost;
-            Some(normal)
+            Some(in_own_units(normal, &unit))
         });
         if found.normal.information.is_empty() {
             return None;
         }
-        let mut best = placed(effects, &free, &found.parameters);
+        let mut best = placed(effects, &free, &in_units(&found.parameters));
         let mut kept = free.clone();
         let cost = found.normal.cost;
         // A limit that the training data never reach is infinite.
@@ -299,7 +303,24 @@ fn called_step(applied: &Applied, at: usize, scales: &Scales) -> f64 {
     let (p, value) = (&applied.parameters[at], applied.values[at]);
     let size = if p.nominal.is_finite() { (value - p.nominal).abs() } else { value.abs() };
     let least = if p.unit == "s" { 0.02 * scales.sample_time_s } else { 1e-3 * value.abs() };
-    (1e-2 * size).max(least).max(1e-9)
+    let step = (1e-2 * size).max(least);
+    if step > 0.0 { step } else { 1e-9 }
+}
+
+/// A power of two near a tiny number; 1 for any other.
+fn own_unit(value: f64) -> f64 {
+    if value != 0.0 && value.abs() < 1e-6 { value.abs().log2().round().exp2() } else { 1.0 }
+}
+
+/// The same problem with parameters counted in other units.
+fn in_own_units(mut normal: Normal, unit: &[f64]) -> Normal {
+    for (i, u) in unit.iter().enumerate() {
+        normal.gradient[i] *= u;
+        for (j, v) in unit.iter().enumerate() {
+            normal.information[(i, j)] *= u * v;
+        }
+    }
+    normal
 }
 
 fn normal(problem: &Problem<'_>, slopes: &Slopes) -> Normal {

@@ -14,6 +14,9 @@ use crate::effect::{Applied, EFFECTS, Scales};
 const FIRSTS: (usize, usize) = (2, 4);
 /// Second effects that are fitted with each first one.
 const SECONDS: usize = 6;
+/// The same where each is calls of a black box; pairs that are then fitted to the end.
+const CALLED_SECONDS: usize = 3;
+const CALLED_LEFT: usize = 4;
 /// Starts of a candidate that are looked at before any pair is fitted.
 const GLANCES: usize = 3;
 /// Pairs whose members are tried as first effects in their turn.
@@ -179,7 +182,12 @@ fn with_seconds(
         // A lattice in the raw values is there whatever it promises.
         let traced = promises.iter().map(|p| &p[at]).filter(|(_, s)| s.effect.leaves_residual() && traces.contains(&s.key()));
         let special = losing.into_iter().chain(traced).take(if at < LOSING { SECONDS } else { 0 });
-        for (_, second) in seconds.into_iter().take(SECONDS).chain(special) {
+        let mut called = 0;
+        let seconds = seconds.into_iter().filter(|(_, second)| {
+            called += usize::from(problem.calls(second));
+            !problem.calls(second) || called <= CALLED_SECONDS
+        });
+        for (_, second) in seconds.take(SECONDS).chain(special) {
             let mut pair: Vec<Applied> = beside.first.effects.iter().chain([second]).cloned().collect();
             if pair.iter().filter(|a| a.effect.loses_commands()).count() > 1 || pair[0].key() == pair[1].key() {
                 continue;
@@ -197,7 +205,7 @@ fn with_seconds(
     wanted.retain(|pair| pair.iter().all(|a| !a.effect.loses_commands()));
     let mut pairs: Vec<Explanation> = wanted.par_iter().filter_map(|pair| Explanation::fit(problem, pair, scales, cost, trial)).collect();
     pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    pairs.truncate(left);
+    pairs.truncate(if problem.system.is_black_box() { CALLED_LEFT } else { left });
     pairs.extend(
         losing
             .par_iter()

@@ -16,8 +16,13 @@ use crate::effect::{Applied, Scales};
 const FITTED: usize = 25;
 /// Explanations of each size that are fitted again once the noise is known.
 const LEADERS: usize = 8;
+/// The same where each is calls of a black box.
+const CALLED_LEADERS: usize = 4;
 /// How often the noise model is renewed from the leading explanation.
 const ROUNDS: usize = 2;
+/// The same where each is calls of a black box; and what such a one must gain at its start to be worth them.
+const CALLED_FITTED: usize = 10;
+const CALLED_FROM: f64 = 0.2 * SEARCH_WIDE;
 /// Starts of one candidate that are fitted.
 const STARTS: usize = 2;
 /// Candidates whose fit goes on after the first few steps.
@@ -68,7 +73,8 @@ pub(super) fn search(
             explanations.sort_by(|a, b| b.gain.total_cmp(&a.gain));
             let steps = if round + 1 < ROUNDS { STEPS } else { STEPS / 2 };
             let best = explanations.first().map_or(0.0, |e| e.gain);
-            explanations.par_iter_mut().take(LEADERS).for_each(|e| {
+            let leaders = frugal(problem, explanations.iter().take(LEADERS).map(|e| e.effects.as_slice()), CALLED_LEADERS);
+            explanations.par_iter_mut().zip(leaders).filter(|(_, leads)| *leads).for_each(|(e, _)| {
                 // A sequence that explains much less than the best explanation is not worth another search.
                 let again = e.lost.is_none() || e.gain > AGAIN * best;
                 let sequences = if again { decoded(problem, e.clone(), scales, cost, steps) } else { Some(e.clone()) };
@@ -99,22 +105,38 @@ impl Found {
     }
 }
 
+/// Which of a list of explanations are worth their price: all that cost no call of a black box, and so many of the others.
+fn frugal<'e>(problem: &Problem<'_>, all: impl Iterator<Item = &'e [Applied]>, most: usize) -> Vec<bool> {
+    let mut called = 0;
+    all.map(|effects| {
+        let calls = effects.iter().any(|a| problem.calls(a));
+        called += usize::from(calls);
+        !calls || called <= most
+    })
+    .collect()
+}
+
 /// Fits the most promising of the pool, each from its best starts, the best of them to the end; the others stay as screened.
 fn fit_first(problem: &Problem<'_>, pool: &[Screened], scales: &Scales, nominal: &Whitened) -> Vec<Explanation> {
     let cost = problem.inner(nominal, nominal);
+    let mut fitted = frugal(problem, pool.iter().take(FITTED).map(|s| std::slice::from_ref(&s.applied)), CALLED_FITTED);
+    for (fitted, screened) in fitted.iter_mut().zip(pool) {
+        *fitted &= !problem.calls(&screened.applied) || screened.gain > CALLED_FROM;
+    }
     let mut singles: Vec<Explanation> = pool
         .par_iter()
         .enumerate()
         .map(|(at, screened)| {
             let values = screened.starts.first().map_or(screened.applied.values.as_slice(), Vec::as_slice);
             let as_screened = Explanation::screened(with(&screened.applied, values), screened.gain);
-            let starts = screened.starts.iter().take(if at < FITTED { STARTS } else { 0 });
+            let starts = screened.starts.iter().take(if fitted.get(at).copied().unwrap_or(false) { STARTS } else { 0 });
             let fits = starts.filter_map(|start| Explanation::fit(problem, &[with(&screened.applied, start)], scales, cost, TRIAL.0));
             fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened)
         })
         .collect();
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    singles.par_iter_mut().take(ON).for_each(|single| {
+    let on = frugal(problem, singles.iter().take(ON).map(|e| e.effects.as_slice()), CALLED_LEADERS);
+    singles.par_iter_mut().zip(on).filter(|(_, on)| *on).for_each(|(single, _)| {
         let better = if single.loses_commands() && single.gain > SEARCH_WIDE {
             decoded(problem, single.clone(), scales, cost, STEPS)
         } else {
