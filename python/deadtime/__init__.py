@@ -31,8 +31,10 @@ from .models import (
     d2c,
     dare,
     dlqr,
+    effects,
     impulse_response,
     lsim,
+    simulate,
     step_response,
     to_control,
     to_scipy,
@@ -47,8 +49,8 @@ __all__ += ["Log", "as_log", "as_logs", "read", "read_records"]
 # Signals.
 __all__ += ["Excitation", "add_noise", "excitations", "excite"]
 # Models.
-__all__ += ["Model", "StateSpace", "TransferFunction", "as_model", "as_system", "c2d", "conversions", "d2c", "dare", "dlqr", "impulse_response"]
-__all__ += ["lsim", "step_response", "to_control", "to_scipy", "uav"]
+__all__ += ["Model", "StateSpace", "TransferFunction", "as_model", "as_system", "c2d", "conversions", "d2c", "dare", "dlqr", "effects"]
+__all__ += ["impulse_response", "lsim", "simulate", "step_response", "to_control", "to_scipy", "uav"]
 # Dead time.
 __all__ += ["Estimate", "Estimates", "Method", "Pair", "Verdict", "estimate", "estimate_delay", "estimate_events", "estimate_impulse_response"]
 __all__ += ["methods", "predict_precision"]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._native import Model
-from .errors import FileError
 from .logs import LogLike, as_logs
 from .models import ModelLike, as_model
 
@@ -122,11 +121,7 @@ class _Result:
         return self._text
 
     def _write(self, path: str | os.PathLike[str]) -> None:
-        try:
-            with open(path, "w", encoding="utf-8") as out:
-                out.write(self._text + "\n")
-        except OSError as refused:
-            raise FileError(refused.errno, refused.strerror, os.fspath(path)) from refused
+        _native._write_whole(path, (self._text + "\n").encode())
 
 
 class Diagnosis(_Result):
@@ -288,7 +283,11 @@ class Diagnosis(_Result):
     def __repr__(self) -> str:
         lines = [self.summary, *(f"Caveat: {caveat}." for caveat in self.caveats)]
         if self.calls is not None:
-            lines.append(f"Calls of the simulator: {self.calls}; candidates that were not tried: {len(self.not_tried)}.")
+            left_out: dict[str, list[str]] = {}
+            for one in self.not_tried:
+                left_out.setdefault(one["why"], []).append(one["effect"])
+            lines.extend(f"Not tried: {', '.join(effects)}; {why}." for why, effects in left_out.items())
+            lines.append(f"Calls: {self.calls} of the simulator.")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -341,7 +340,7 @@ class Inspection(_Result):
         return why
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file."""
+        """Writes the file to `path`."""
         self._write(path)
 
     def __repr__(self) -> str:
@@ -382,7 +381,7 @@ class Isolability(_Result):
         return prediction
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file."""
+        """Writes the file to `path`."""
         self._write(path)
 
     def __repr__(self) -> str:

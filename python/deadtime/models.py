@@ -11,13 +11,14 @@ import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, overload
 
 import numpy
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native, errors
-from ._native import Model, StateSpace, TransferFunction
+from ._native import Log, Model, StateSpace, TransferFunction
+from .logs import LogLike, as_log
 
 if TYPE_CHECKING:
     import control
@@ -298,7 +299,11 @@ def _file_of_equations(
 # Conversions
 
 
-def c2d(system: SystemLike, sample_time: float, method: str = "zoh", **options: Any) -> StateSpace:
+@overload
+def c2d(system: Model, sample_time: float, method: str = "zoh", **options: Any) -> Model: ...
+@overload
+def c2d(system: SystemLike, sample_time: float, method: str = "zoh", **options: Any) -> StateSpace: ...
+def c2d(system: SystemLike, sample_time: float, method: str = "zoh", **options: Any) -> StateSpace | Model:
     """The sampled model of a continuous one, by MATLAB's definitions.
 
     Parameters
@@ -314,8 +319,9 @@ def c2d(system: SystemLike, sample_time: float, method: str = "zoh", **options: 
 
     Returns
     -------
-    StateSpace
-        Sampled. Whole samples of delay stay delays; what a fraction becomes depends on the conversion.
+    StateSpace, or Model of a Model
+        Sampled. Whole samples of delay stay delays; what a fraction becomes depends on the conversion. A model keeps its names, and its start where the
+        conversion keeps its states.
 
     Raises
     ------
@@ -324,6 +330,8 @@ def c2d(system: SystemLike, sample_time: float, method: str = "zoh", **options: 
     RegistryError
         There is no such conversion or option.
     """
+    if isinstance(system, Model):
+        return system._c2d(sample_time, method, options)
     return _native._c2d(as_system(system), sample_time, method, options)
 
 
@@ -352,6 +360,19 @@ def uav(name: str | None = None) -> Model:
         lateral, longitudinal, directional or vertical. Without it the whole vehicle: nine states, four inputs, six outputs.
     """
     return _native._uav(name)
+
+
+def effects(model: ModelLike | None = None) -> list[dict[str, Any]]:
+    """The effects that a simulator may lack.
+
+    Parameters
+    ----------
+    model : ModelLike, optional
+        Without it all effects in general: site, effect, channels (in words), parameters with their units, summary. With a model every channel of it on
+        which each effect can act: site, effect, channel, parameters with their units, nominal values and bounds (None: without bound). Effects on the
+        dynamics need a continuous model.
+    """
+    return _native._effects(None if model is None else as_model(model))
 
 
 # Responses
@@ -428,9 +449,9 @@ def lsim(
     if time is not None and sample_time is not None:
         raise ValueError("give time or sample_time, not both")
     stamps = None if time is None else numpy.asarray(time, dtype=float)
-    y, x = _native._lsim(ours, signal.reshape(len(signal), -1), stamps, sample_time, x0, hold, prehistory)
+    y, x = _native._lsim(ours, signal[:, None] if signal.ndim == 1 else signal, stamps, sample_time, x0, hold, prehistory)
     if stamps is None:
-        stamps = numpy.arange(len(signal)) * (sample_time or ours.sample_time or 1.0)
+        stamps = _grid(len(signal), sample_time or ours.sample_time or 1.0)
     return Response(stamps, signal, y[:, 0] if ours.outputs == 1 else y, x)
 
 
@@ -459,7 +480,7 @@ def step_response(system: SystemLike, duration: float | None = None, sample_time
 
 
 def impulse_response(system: SystemLike, duration: float | None = None, sample_time: float | None = None) -> TimeResponse:
-    """The response to an impulse of unit area at each input at time 0, from rest, delays included; arguments as of `step_response`.
+    """The response to an impulse of unit area at each input at time 0, from rest, delays included: `system`, `duration` and `sample_time` as of `step_response`.
 
     In continuous time the impulse that a direct path passes on is not shown, and the value at the impulse is the one right after it. In sampled time
     the pulse is one sample long and 1/sample_time high, as MATLAB and python-control have it: the Markov parameters over the sample time.
@@ -478,7 +499,12 @@ def _response(system: StateSpace, duration: float | None, sample_time: float | N
     # A last sample that only rounding puts behind the end belongs to it.
     samples = int(numpy.floor(duration / step * (1 + 1e-12) + 1e-9)) + 1 if step > 0 else 1
     y = response(system, step, samples)
-    return TimeResponse(numpy.arange(samples) * step, y[:, 0, 0] if y.shape[1:] == (1, 1) else y)
+    return TimeResponse(_grid(samples, step), y[:, 0, 0] if y.shape[1:] == (1, 1) else y)
+
+
+def _grid(samples: int, step: float) -> Array:
+    """Time stamps from 0 on, s."""
+    return numpy.arange(samples, dtype=numpy.float64) * step
 
 
 def _settling(system: StateSpace) -> float:
@@ -494,6 +520,62 @@ def _settling(system: StateSpace) -> float:
     moving = rates[numpy.isfinite(rates) & (rates > 1e-6 * sizes)]
     slowest = 7.0 / moving.min() if moving.size else 10.0 * (system.sample_time or 1.0)
     return float(slowest + system.input_delay.max(initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What a model says to the inputs of a log.
+
+    Attributes
+    ----------
+    log : Log
+        The log's time and inputs with the simulated outputs, and the states where they were asked for.
+    nrmse : dict of str to float or None
+        Of every output that the log has too: rms(measured − simulated)/std(measured); None where the measurement stands still or has no sample.
+    """
+
+    log: Log
+    nrmse: dict[str, float | None]
+
+    def __repr__(self) -> str:
+        errors = ", ".join(f"{name} {'none' if value is None else format(value, '.4f')}" for name, value in self.nrmse.items())
+        return f"<Simulation {self.log.source}: {len(self.log)} samples; nrmse {errors or 'of no output'}>"
+
+
+def simulate(
+    model: ModelLike,
+    log: LogLike,
+    hold: Hold = "zero",
+    delay: Mapping[str, float] | None = None,
+    states: bool = False,
+    snr: float | None = None,
+    seed: int = 1,
+) -> Simulation:
+    """Simulates a model with its effects on the inputs of a log, and compares the outputs that the log has.
+
+    Parameters
+    ----------
+    model : ModelLike
+        Whatever `as_model` takes.
+    log : LogLike
+        Whatever `as_log` takes: its channels are called as the model's inputs.
+    hold : "zero" or "linear"
+        Between samples the inputs are held, or run in straight lines.
+    delay : dict of str to float, optional
+        Delays by input, s, beside the model's own.
+    states : bool
+        Put the states into the simulated log too.
+    snr : float, optional
+        Add white noise to every simulated signal, at this ratio of variances.
+    seed : int
+        Of all chance: the noise, and the losses of `dropped_commands`.
+
+    Raises
+    ------
+    SimulateError, EffectError, LogError, ModelError
+        What stops the simulation.
+    """
+    return Simulation(*_native._simulate(as_model(model), as_log(log), hold, list((delay or {}).items()), states, snr, seed))
 
 
 # Optimal gains
@@ -515,8 +597,8 @@ def dlqr(*arguments: Any, N: ArrayLike | None = None) -> Lqr:
 
     Parameters
     ----------
-    A, B : array_like, shapes (n, n), (n, m)
-        Or a sampled system without delays, whatever `as_system` takes.
+    *arguments
+        A (n, n), B (n, m), Q, R and perhaps N; or a sampled system without delays, whatever `as_system` takes, in place of A and B.
     Q, R : array_like, shapes (n, n), (m, m)
         Symmetric; R positive definite.
     N : array_like, shape (n, m), optional

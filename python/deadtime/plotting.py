@@ -117,7 +117,7 @@ def study(result: Study) -> Figure:
         options = "".join(f" {key}={value}" for key, value in cell["options"].items())
         groups.setdefault(cell["method"] + options, []).append(cell)
     names = list(groups)
-    drawn = figure(11.0, 1.6 + 0.28 * len(names))
+    drawn = figure(11.0, 2.0 + 0.3 * len(names))
     axes = drawn.subplots(1, 2, sharey=True)
     # Without error at all there is no place on a logarithmic axis.
     seen = [c["rms_samples"] for c in result.cells if c["rms_samples"]]
@@ -128,14 +128,14 @@ def study(result: Study) -> Figure:
         limits = [c["bound_rms_samples"] for c in cells if c["bound_rms_samples"]]
         held = [100 * c["coverage95"] for c in cells if c["coverage95"] is not None]
         axes[0].plot(rms, [row] * len(rms), "o", color="C0", alpha=0.5, label="RMS error" if row == 0 else None)
-        axes[0].plot(limits, [row] * len(bounds), "|", color="C3", markersize=12, label="Cramér-Rao bound" if row == 0 else None)
+        axes[0].plot(limits, [row] * len(limits), "|", color="C3", markersize=12, label="Cramér-Rao bound" if row == 0 else None)
         for axis, values in ((axes[0], rms), (axes[1], held)):
             if values:
                 axis.plot([sorted(values)[len(values) // 2]], [row], "D", color="black", markersize=5)
         axes[1].plot(held, [row] * len(held), "o", color="C0", alpha=0.5)
     axes[0].set(xscale="log", xlabel="RMS error, samples (diamond: median of the cells)", yticks=range(len(names)), yticklabels=names)
-    axes[0].invert_yaxis()
-    axes[0].legend(loc="best")
+    axes[0].set(ylim=(max(len(names), 1) - 0.5, -0.5))
+    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
     axes[1].axvline(95, color="C2", linestyle="--")
     axes[1].set(xlim=(-3, 103), xlabel="truth inside the 95 % interval, %")
     drawn.suptitle(f"{result.name}, seed {result.seed}")

@@ -48,21 +48,14 @@ impl C2d {
         }
         let conversion = find(CONVERSIONS, "conversion", &self.method)?.with(options(self.set.iter().map(String::as_str))?)?;
         let about = || self.model.display().to_string();
-        let mut sys = file.continuous().with_context(about)?;
-        let (mut inputs, mut outputs) = (file.inputs.clone(), file.outputs.clone());
-        if self.input.is_some() || self.output.is_some() {
-            let input = position("input", &inputs, self.input.as_deref())?;
-            let output = position("output", &outputs, self.output.as_deref())?;
-            sys = sys.pair(output, input)?;
-            (inputs, outputs) = (vec![inputs.swap_remove(input)], vec![outputs.swap_remove(output)]);
-        }
-        let sample_time = SampleTime::new(self.sample_time)?;
-        let sampled = conversion.c2d(&sys, sample_time).with_context(about)?;
-        let mut result = ModelFile::from_sampled(&file.name, &sampled, inputs, file.states.clone(), outputs)?;
-        // A start in other states than the file's means nothing here.
-        if sampled.order() == file.states.len() && self.method == "zoh" {
-            (result.initial, result.initial_std) = (file.initial.clone(), file.initial_std.clone());
-        }
+        let pair = match (&self.input, &self.output) {
+            (None, None) => None,
+            (input, output) => {
+                let input = position("input", &file.inputs, input.as_deref())?;
+                Some((position("output", &file.outputs, output.as_deref())?, input))
+            }
+        };
+        let result = file.c2d(&*conversion, SampleTime::new(self.sample_time)?, pair).with_context(about)?;
         write_json(json, &result)?;
         match &self.out {
             Some(path) => {
@@ -73,8 +66,8 @@ impl C2d {
                     file.name,
                     self.method,
                     self.sample_time,
-                    sampled.order(),
-                    if sampled.is_stable() { "stable" } else { "not stable" },
+                    result.states.len(),
+                    if result.sampled()?.is_stable() { "stable" } else { "not stable" },
                     path.display()
                 );
                 Ok(())

@@ -19,6 +19,7 @@ mod pairs;
 mod prediction;
 mod problem;
 mod progress;
+mod pushes;
 mod rank;
 mod related;
 mod scales;

@@ -11,7 +11,7 @@ use super::noise::Noise;
 use super::prediction::Prediction;
 use crate::effect::{Applied, Chance, Scales, Site};
 use crate::simulate::plan::Tolerance;
-use crate::simulate::{Correction, Plan, SimulateError, System};
+use crate::simulate::{Commands, Correction, Plan, SimulateError, System};
 use crate::stop::Stop;
 
 /// The nuisances of one record, integrated out alike in all rivals: the initial state with a prior N(0, P) on its deviation, and commands that react to the
@@ -222,14 +222,20 @@ impl<'a> Problem<'a> {
 
     /// Predicted outputs of one record from the nominal start, samples × outputs.
     pub(super) fn predict<'e>(&self, record: usize, acting: impl Into<Acting<'e>>) -> Option<DMatrix<f64>> {
+        self.predict_commanded(record, acting.into(), &self.records[record].inputs)
+    }
+
+    /// The same with other commands than those of the log.
+    pub(super) fn predict_commanded(&self, record: usize, acting: Acting<'_>, inputs: &[Vec<f64>]) -> Option<DMatrix<f64>> {
         if self.stop.is_set() {
             return None;
         }
-        let Acting { effects, lost } = acting.into();
+        let Acting { effects, lost } = acting;
         let known = lost.and_then(|l| l.sequences.get(record));
         let mut plan = self.plan(effects, known.map_or(Chance::Mean, |sequences| Chance::Known(sequences)))?;
         plan.tolerance = Tolerance { budget: self.budgets.get(record).copied().unwrap_or(usize::MAX), ..TOLERANCE };
-        let run = self.system.simulate(&plan, self.records[record].commands(), &self.system.initial, self.correction(record)).ok()?;
+        let commands = Commands { time_s: &self.records[record].time_s, inputs };
+        let run = self.system.simulate(&plan, commands, &self.system.initial, self.correction(record)).ok()?;
         Some(run.y)
     }
 

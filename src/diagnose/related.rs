@@ -4,6 +4,9 @@
 //! (Hoerl and Kennard 1970, doi:10.1080/00401706.1970.10488634) is no explanation, but what it predicts of a block of time that was left out (Stone 1974,
 //! doi:10.1111/j.2517-6161.1974.tb00994.x) is no noise either.
 //!
+//! A simulator that can only be called lacks the signatures of friction and all else that acts on equations; pushes on its inputs stand in for them, and what
+//! acts already may have made up for some of it, so its own parameters may move.
+//!
 //! How it can be wrong: a gap with a memory that no effect has, or one that happens once, is not predicted; then this says nothing, and windows must tell.
 
 use nalgebra::{DMatrix, DVector};
@@ -11,6 +14,7 @@ use rayon::prelude::*;
 
 use super::explanation::with;
 use super::problem::{Acting, Problem};
+use super::pushes::{Commanded, pushes};
 use crate::effect::{Applied, Scales};
 
 /// Signatures of one effect.
@@ -19,6 +23,8 @@ const EACH: usize = 2;
 const ROWS: usize = 4000;
 /// Blocks of time that are left out in turn.
 const FOLDS: usize = 8;
+/// A parameter of what acts already moves by this part of its distance from nominal.
+const FURTHER: f64 = 0.1;
 /// Ridge parameters that are tried, relative to a signature's mean square.
 const RIDGES: [f64; 5] = [1e-6, 1e-4, 1e-3, 1e-2, 1e-1];
 
@@ -32,7 +38,7 @@ pub(super) fn shares(
 ) -> Vec<f64> {
     let outputs = residuals.first().map_or(0, DMatrix::ncols);
     let rows = rows(problem);
-    let Some(base) = stacked(problem, acting, &rows) else { return vec![0.0; outputs] };
+    let Some(base) = stacked(problem, acting, None, &rows) else { return vec![0.0; outputs] };
     let others = catalogue.iter().filter(|a| acting.effects.iter().all(|e| e.key() != a.key()));
     let tried: Vec<Applied> = others
         .flat_map(|a| {
@@ -41,14 +47,20 @@ pub(super) fn shares(
             starts.into_iter().step_by(every).map(|start| with(a, &start)).collect::<Vec<_>>()
         })
         .collect();
-    let columns: Vec<DMatrix<f64>> = tried
+    let finite = |moved: DMatrix<f64>| moved.iter().all(|v| v.is_finite()).then_some(moved);
+    let mut columns: Vec<DMatrix<f64>> = tried
         .par_iter()
         .filter_map(|applied| {
             let effects: Vec<Applied> = acting.effects.iter().cloned().chain([applied.clone()]).collect();
-            let moved = stacked(problem, acting.with(&effects), &rows)? - &base;
-            moved.iter().all(|v| v.is_finite()).then_some(moved)
+            finite(stacked(problem, acting.with(&effects), None, &rows)? - &base)
         })
         .collect();
+    if problem.system.is_black_box() {
+        let own = own_directions(acting);
+        columns.par_extend(own.par_iter().filter_map(|e| finite(stacked(problem, acting.with(e), None, &rows)? - &base)));
+        let pushed = pushes(problem, acting, catalogue);
+        columns.par_extend(pushed.par_iter().filter_map(|u| finite(stacked(problem, acting, Some(u), &rows)? - &base)));
+    }
     (0..outputs)
         .into_par_iter()
         .map(|i| {
@@ -57,6 +69,18 @@ pub(super) fn shares(
             let regressors =
                 DMatrix::from_fn(there.len(), columns.len() + 1, |r, c| if c == 0 { 1.0 } else { columns[c - 1][(there[r], i)] });
             predicted(&left, regressors)
+        })
+        .collect()
+}
+
+/// What acts with one parameter a little further from nominal.
+fn own_directions(acting: Acting<'_>) -> Vec<Vec<Applied>> {
+    let all = acting.effects.iter().enumerate().flat_map(|(e, a)| (0..a.values.len()).map(move |i| (e, i, a.parameters[i].nominal, a.values[i])));
+    all.filter(|(.., nominal, value)| value.is_finite() && value != nominal)
+        .map(|(e, i, nominal, value)| {
+            let mut moved = acting.effects.to_vec();
+            moved[e].values[i] += FURTHER * if nominal.is_finite() { value - nominal } else { value };
+            moved
         })
         .collect()
 }
@@ -72,11 +96,12 @@ fn rows(problem: &Problem<'_>) -> Vec<(usize, usize)> {
     all.into_iter().step_by(every).collect()
 }
 
-/// Predictions at the rows, rows × outputs.
-fn stacked(problem: &Problem<'_>, acting: Acting<'_>, rows: &[(usize, usize)]) -> Option<DMatrix<f64>> {
+/// Predictions at the rows, rows × outputs; `commanded` instead of the log's commands.
+fn stacked(problem: &Problem<'_>, acting: Acting<'_>, commanded: Option<&Commanded>, rows: &[(usize, usize)]) -> Option<DMatrix<f64>> {
     let wanted = |at: usize| problem.records[at].train.is_some();
+    let inputs = |at: usize| commanded.map_or(&problem.records[at].inputs, |c| &c[at]);
     let all: Vec<Option<DMatrix<f64>>> = (0..problem.records.len())
-        .map(|at| if wanted(at) { problem.predict(at, acting).map(Some) } else { Some(None) })
+        .map(|at| if wanted(at) { problem.predict_commanded(at, acting, inputs(at)).map(Some) } else { Some(None) })
         .collect::<Option<_>>()?;
     let outputs = all.iter().flatten().map(DMatrix::ncols).next()?;
     Some(DMatrix::from_fn(rows.len(), outputs, |r, i| all[rows[r].0].as_ref().map_or(0.0, |y| y[(rows[r].1, i)])))

@@ -8,11 +8,13 @@ mod channel;
 mod clock;
 mod dynamics;
 mod input;
+mod on_log;
 mod output;
 mod table;
 
 pub use applied::{Applied, Chance};
 pub use channel::depends;
+pub use on_log::{OnLog, Still, check_units};
 pub use table::{Line, menu, table};
 
 use crate::simulate::{Plan, System};

@@ -292,6 +292,12 @@ pub enum ModelError {
         /// What it is.
         found: &'static str,
     },
+    /// A model with effects where a bare one is needed.
+    #[error("c2d converts the bare model; take the [[effects]] of `{name}` out (a delay of an input can stand in input_delay_s)")]
+    Effects {
+        /// The model's name.
+        name: String,
+    },
     /// A sample time or delay that cannot be.
     #[error(transparent)]
     Time(#[from] crate::time::TimeError),

@@ -26,7 +26,10 @@ const CLASSES: [&str; 13] = [
 /// The class that stands for an error; `None` where nobody waits for the answer any more.
 fn class(error: &Error) -> Option<&'static str> {
     Some(match error {
-        Error::Time(_) => "TimeError",
+        // Whoever met the sample time or delay first.
+        Error::Time(_)
+        | Error::Model(crate::model::ModelError::Time(_))
+        | Error::Simulate(crate::simulate::SimulateError::DelayTime(_)) => "TimeError",
         Error::Log(_) => "LogError",
         Error::Model(_) => "ModelError",
         Error::Signal(_) => "SignalError",

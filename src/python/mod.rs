@@ -8,6 +8,7 @@ mod command;
 mod convert;
 mod delay;
 mod diagnose;
+mod effect;
 mod error;
 mod file;
 mod log;
@@ -23,19 +24,22 @@ use pyo3::prelude::*;
 #[pymodule(name = "_native")]
 fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    blind::add(m)?;
+    bound::add(m)?;
     #[cfg(feature = "cli")]
     command::add(m)?;
-    bound::add(m)?;
     delay::add(m)?;
     diagnose::add(m)?;
+    effect::add(m)?;
     error::add(m)?;
     file::add(m)?;
     log::add(m)?;
     model::add(m)?;
+    signal::add(m)?;
     simulate::add(m)?;
     state_space::add(m)?;
     study::add(m)?;
-    blind::add(m)?;
-    signal::add(m)?;
-    work::add(m)
+    work::add(m)?;
+    // The list of names that `add` keeps is for `import *`, which nobody does here.
+    m.delattr("__all__")
 }

@@ -7,7 +7,9 @@ use pyo3::types::PyDict;
 
 use super::convert::object;
 use super::error::{OrRaise, raise};
+use super::simulate::conversion;
 use super::state_space::{Either, StateSpace};
+use super::work::long;
 use crate::effect::Applied;
 use crate::model::uav::{self, Dynamics};
 use crate::model::{Channel, EffectEntry, ModelDocument, ModelError, ModelFile, Operating, State};
@@ -27,7 +29,7 @@ pub(super) struct Model(pub(super) ModelDocument);
 
 #[pymethods]
 impl Model {
-    /// The model in a file (.toml or .json).
+    /// The model in the file at `path` (.toml or .json).
     ///
     /// Raises
     /// ------
@@ -40,23 +42,23 @@ impl Model {
         Ok(Self(ModelDocument::read(&path).or_raise(py)?))
     }
 
-    /// The model that a text of TOML describes; `source` is what error messages call it.
+    /// The model that a `text` of TOML describes; `source` is what error messages call it.
     #[staticmethod]
-    #[pyo3(signature = (text, source = NO_FILE))]
+    #[pyo3(signature = (text, source = "model"))]
     fn from_toml(py: Python<'_>, text: &str, source: &str) -> PyResult<Self> {
         Ok(Self(ModelDocument::from_toml(text, Path::new(source)).or_raise(py)?))
     }
 
-    /// The same of JSON.
+    /// The model that a `text` of JSON describes; `source` is what error messages call it.
     #[staticmethod]
-    #[pyo3(signature = (text, source = NO_FILE))]
+    #[pyo3(signature = (text, source = "model"))]
     fn from_json(py: Python<'_>, text: &str, source: &str) -> PyResult<Self> {
         Ok(Self(ModelDocument::from_json(text, Path::new(source)).or_raise(py)?))
     }
 
-    /// The model that a dict with the keys of a model file describes. Arrays do for lists of numbers.
+    /// The model that `data` describes, a dict with the keys of a model file. Arrays do for lists of numbers. `source` is what error messages call it.
     #[staticmethod]
-    #[pyo3(signature = (data, source = NO_FILE))]
+    #[pyo3(signature = (data, source = "model"))]
     fn from_dict(py: Python<'_>, data: &Bound<'_, PyAny>, source: &str) -> PyResult<Self> {
         let plain = py.import("deadtime.models")?.getattr("_plain")?;
         let options = PyDict::new(py);
@@ -130,7 +132,7 @@ impl Model {
     /// input_delay : dict of str to float, optional
     ///     Delays of inputs, s.
     #[staticmethod]
-    #[pyo3(signature = (derivatives, outputs, inputs, parameters = None, *, name = NO_FILE, units = None, initial = None, initial_std = None, input_delay = None))]
+    #[pyo3(signature = (derivatives, outputs, inputs, parameters = None, *, name = "model", units = None, initial = None, initial_std = None, input_delay = None))]
     #[allow(clippy::too_many_arguments)]
     fn from_equations(
         py: Python<'_>,
@@ -262,6 +264,15 @@ impl Model {
                 Err(raise(py, ModelError::NotLinear { path: file.name.clone().into(), kind: "equations".to_owned() }))
             }
         }
+    }
+
+    /// The sampled model by a conversion and its options.
+    fn _c2d(&self, py: Python<'_>, sample_time: f64, method: &str, options: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let ModelDocument::Lti(file) = self.0.clone() else {
+            return Err(raise(py, ModelError::NotLinear { path: self.name().into(), kind: self.kind().to_owned() }));
+        };
+        let (sample_time, conversion) = conversion(py, sample_time, method, options)?;
+        Ok(Self(ModelDocument::Lti(long(py, None, move |_| Ok(file.c2d(&*conversion, sample_time, None)?))?)))
     }
 
     fn __eq__(&self, other: &Self) -> bool {

@@ -4,12 +4,16 @@ use nalgebra::{DMatrix, DVector};
 use numpy::{Complex64, IntoPyArray, PyArray1, PyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 use super::convert::{array2, json, object};
 use super::error::{OrRaise, raise};
+use super::log::Log;
+use super::model::Model;
 use super::state_space::{Either, StateSpace, numbers, table};
 use super::work::long;
-use crate::model::c2d::CONVERSIONS;
+use crate::effect::{OnLog, check_units};
+use crate::model::c2d::{CONVERSIONS, Conversion};
 use crate::model::{ModelError, d2c, dare, dlqr};
 use crate::registry::find;
 use crate::simulate::{Hold, Options, Prehistory, lsim, lsim_at, lsim_sampled, lsim_sampled_at};
@@ -19,12 +23,22 @@ fn domain(what: &'static str, needed: &'static str, found: &'static str) -> Mode
     ModelError::Domain { what, needed, name: "system".to_owned(), found }
 }
 
+/// A sample time, and a conversion by its name with its options.
+pub(super) fn conversion(
+    py: Python<'_>,
+    sample_time: f64,
+    method: &str,
+    options: &Bound<'_, PyAny>,
+) -> PyResult<(SampleTime, Box<dyn Conversion>)> {
+    let options = json(options)?;
+    let conversion = find(CONVERSIONS, "conversion", method).and_then(|entry| entry.with(options)).or_raise(py)?;
+    Ok((SampleTime::new(sample_time).or_raise(py)?, conversion))
+}
+
 #[pyfunction]
 fn _c2d(py: Python<'_>, system: &StateSpace, sample_time: f64, method: &str, options: &Bound<'_, PyAny>) -> PyResult<StateSpace> {
     let Either::Continuous(sys) = system.0.clone() else { return Err(raise(py, domain("c2d", "continuous", "sampled"))) };
-    let sample_time = SampleTime::new(sample_time).or_raise(py)?;
-    let options = json(options)?;
-    let conversion = find(CONVERSIONS, "conversion", method).and_then(|entry| entry.with(options)).or_raise(py)?;
+    let (sample_time, conversion) = conversion(py, sample_time, method, options)?;
     Ok(StateSpace(Either::Sampled(long(py, None, move |_| Ok(conversion.c2d(&sys, sample_time)?))?)))
 }
 
@@ -53,6 +67,14 @@ fn _same_time(py: Python<'_>, system: &StateSpace, sample_time: f64) -> PyResult
     }
 }
 
+fn hold_of(name: &str) -> PyResult<Hold> {
+    match name {
+        "zero" => Ok(Hold::Zero),
+        "linear" => Ok(Hold::Linear),
+        other => Err(PyValueError::new_err(format!("hold is `{other}`; it is `zero` or `linear`"))),
+    }
+}
+
 /// Outputs and states of a system under an input of samples × inputs.
 #[pyfunction]
 #[allow(clippy::type_complexity, clippy::too_many_arguments)]
@@ -69,11 +91,7 @@ fn _lsim<'py>(
     let u = table("u", u)?;
     let options = Options {
         initial: x0.map(|x0| numbers("x0", x0)).transpose()?.map(DVector::from_vec),
-        hold: match hold {
-            "zero" => Hold::Zero,
-            "linear" => Hold::Linear,
-            other => return Err(PyValueError::new_err(format!("hold is `{other}`; it is `zero` or `linear`"))),
-        },
+        hold: hold_of(hold)?,
         prehistory: match prehistory {
             "held" => Prehistory::Held,
             "rest" => Prehistory::Rest,
@@ -96,6 +114,39 @@ fn _lsim<'py>(
         })
     })?;
     Ok((array2(py, response.y)?, array2(py, response.x)?))
+}
+
+/// A model on the inputs of a log: the simulated log, and the nrmse of each output that the log has too, None where there is none.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn _simulate<'py>(
+    py: Python<'py>,
+    model: &Model,
+    log: &Log,
+    hold: &str,
+    delay: Vec<(String, f64)>,
+    states: bool,
+    snr: Option<f64>,
+    seed: u64,
+) -> PyResult<(Log, Bound<'py, PyDict>)> {
+    let (model, log, hold) = (model.0.clone(), log.0.clone(), hold_of(hold)?);
+    let (simulated, comparison) = long(py, None, move |_| {
+        check_units(&model, &log)?;
+        let mut simulation = OnLog::new(&model, &log)?;
+        (simulation.hold, simulation.seed) = (hold, seed);
+        for (input, seconds) in &delay {
+            simulation.delay(input, *seconds)?;
+        }
+        let response = simulation.response()?;
+        let source = format!("{} on {}", model.name(), log.source());
+        let comparison = simulation.nrmse(&response)?.into_iter().map(|(name, nrmse)| (name.to_owned(), nrmse.ok())).collect::<Vec<_>>();
+        Ok((simulation.to_log(&response, &source, states, snr)?, comparison))
+    })?;
+    let nrmse = PyDict::new(py);
+    for (name, value) in comparison {
+        nrmse.set_item(name, value)?;
+    }
+    Ok((Log(simulated), nrmse))
 }
 
 #[pyfunction]
@@ -136,6 +187,7 @@ pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(_same_time, m)?)?;
     m.add_function(wrap_pyfunction!(_conversions, m)?)?;
     m.add_function(wrap_pyfunction!(_lsim, m)?)?;
+    m.add_function(wrap_pyfunction!(_simulate, m)?)?;
     m.add_function(wrap_pyfunction!(_dlqr, m)?)?;
     m.add_function(wrap_pyfunction!(_dare, m)?)
 }

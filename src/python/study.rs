@@ -152,10 +152,15 @@ impl Plan {
         self.0.to_toml().or_raise(py)
     }
 
-    /// Writes the plan as a file.
+    /// Writes the plan to `path`.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let text = self.to_toml(py)?;
         py.detach(|| write_atomic(&path, |out| out.write_all(text.as_bytes()))).or_raise(py)
+    }
+
+    /// The text of the plan without published numbers and aims, which no estimate depends on: for workers.
+    fn _bare(&self, py: Python<'_>) -> PyResult<String> {
+        study::Plan { published: Vec::new(), aims: Vec::new(), ..self.0.clone() }.to_toml().or_raise(py)
     }
 
     fn __eq__(&self, other: &Self) -> bool {
@@ -362,8 +367,8 @@ impl Runner {
         self.0.estimates_of(first..end)
     }
 
-    /// A setting of every kind, and by setting the kind that it is of.
-    fn kinds(&self) -> (Vec<usize>, Vec<usize>) {
+    /// A setting of every kind, and the records of that kind.
+    fn kinds(&self) -> Vec<(usize, usize)> {
         self.0.kinds()
     }
 

@@ -6,7 +6,7 @@ use crate::diagnose::{Diagnosed, Diagnosis, FoundEffect, Mode, Parameter, Ranked
 use crate::error::Result;
 use crate::file::write_atomic;
 use crate::report::html::page;
-use crate::report::text::Table;
+use crate::report::text::{Table, estimate};
 
 /// Five sentences: how big the gap is, where it sits, what causes it and how sure that is, what else it could be, how far it shrinks.
 #[must_use]
@@ -54,15 +54,10 @@ fn place(d: &Diagnosis) -> String {
 
 fn parameter(p: &Parameter) -> String {
     let unit = if p.unit == "1" { String::new() } else { format!(" {}", p.unit) };
-    // Four digits that say something.
-    let small = p.value.is_some_and(|v| v != 0.0 && v.abs() < 1e-4);
-    let number = |v: f64| if small { format!("{v:.3e}") } else { format!("{v:.4}") };
-    match (p.value, p.ci95) {
-        (Some(value), Some([lower, upper])) => {
-            format!("{} = {}{unit} (95 %: {} to {})", p.name, number(value), number(lower), number(upper))
-        }
-        (Some(value), None) => format!("{} = {}{unit} (at a bound)", p.name, number(value)),
-        (None, _) => format!("no {} limit", p.name),
+    let Some(value) = p.value else { return format!("no {} limit", p.name) };
+    match estimate(value, p.ci95) {
+        (value, Some([lower, upper])) => format!("{} = {value}{unit} (95 %: {lower} to {upper})", p.name),
+        (value, None) => format!("{} = {value}{unit} (at a bound)", p.name),
     }
 }
 

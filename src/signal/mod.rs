@@ -26,6 +26,14 @@ pub const MOST_SAMPLES: usize = 1_000_000_000;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SignalError {
+    /// Noise that a signal cannot get.
+    #[error("noise on `{channel}`: {cause}")]
+    Noise {
+        /// The signal.
+        channel: String,
+        /// What is wrong with it.
+        cause: Box<SignalError>,
+    },
     /// A signal has at least one sample.
     #[error("0 samples asked for; ask for at least 1")]
     NoSamples,

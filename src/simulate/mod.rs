@@ -126,6 +126,20 @@ pub enum SimulateError {
         /// The last step.
         step_s: f64,
     },
+    /// A delay of an input that the model does not have.
+    #[error("there is no input `{input}` to delay; the model has {known}", known = known.join(", "))]
+    NoInput {
+        /// The name given.
+        input: String,
+        /// The inputs there are.
+        known: Vec<String>,
+    },
+    /// A delay beside those of a sampled model.
+    #[error("delays beside the model's own need a continuous model; {model} is sampled: write whole samples into its input_delay_s")]
+    SampledDelay {
+        /// The model's name.
+        model: String,
+    },
     /// A sequence of losses has another length than the log.
     #[error("the sequence of dropped commands has {got} entries, the log has {needed} samples")]
     Drops {

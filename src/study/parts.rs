@@ -16,6 +16,7 @@ use super::estimates::{Row, of_record, value_fields};
 use super::parquet::{Reader, Table, unread, unwritten};
 use super::results::Study;
 use super::run::{BLOCK, Runner};
+use super::setting::Setting;
 use super::tally::Tally;
 use crate::file::write_atomic;
 use crate::stop::Stop;
@@ -64,20 +65,30 @@ impl Runner {
         self.blocks.get(blocks).unwrap_or_default().iter().map(|b| self.size(*b)).sum()
     }
 
-    /// One setting of every kind: records of a kind are given to the same methods, have as many samples and are searched as far, and so cost about as much. With it, by setting,
-    /// the kind that it is of.
+    /// A setting of every kind, and the records of that kind: those that are given to the same methods, have as many samples and are searched as far, and so cost about as much.
     #[must_use]
-    pub fn kinds(&self) -> (Vec<usize>, Vec<usize>) {
-        let (mut first, mut of): (Vec<usize>, Vec<usize>) = (Vec::new(), Vec::new());
-        let mut keys = BTreeMap::new();
-        for (number, s) in self.layout.settings.iter().enumerate() {
-            let kind = *keys.entry((s.grid, s.key.samples, s.max_delay, s.inputs.len(), s.outputs.len())).or_insert_with(|| {
-                first.push(number);
-                first.len() - 1
-            });
-            of.push(kind);
+    pub fn kinds(&self) -> Vec<(usize, usize)> {
+        let mut kinds: Vec<(usize, usize)> = Vec::new();
+        for (number, (setting, kind)) in self.layout.settings.iter().zip(self.kind_of()).enumerate() {
+            match kinds.get_mut(kind) {
+                Some((_, records)) => *records += setting.trials,
+                None => kinds.push((number, setting.trials)),
+            }
         }
-        (first, of)
+        kinds
+    }
+
+    /// The kind of every setting, in the order in which kinds are first met.
+    fn kind_of(&self) -> Vec<usize> {
+        let mut known = BTreeMap::new();
+        let settings = self.layout.settings.iter();
+        let key = |s: &Setting| (s.grid, s.key.samples, s.max_delay, s.inputs.len(), s.outputs.len());
+        settings
+            .map(|s| {
+                let next = known.len();
+                *known.entry(key(s)).or_insert(next)
+            })
+            .collect()
     }
 
     /// What a record of this setting costs with all its estimates, s of wall-clock time on this thread.
@@ -99,7 +110,7 @@ impl Runner {
     /// share of one. What is returned is one past the last block of every task.
     #[must_use]
     pub fn tasks(&self, cost_s: &[f64], task_s: f64) -> Vec<usize> {
-        let (_, kind) = self.kinds();
+        let kind = self.kind_of();
         // The share of a task that a block is.
         #[allow(clippy::cast_precision_loss)]
         let share = |setting: usize, block: usize| {
@@ -134,7 +145,7 @@ impl Runner {
     /// The same with so many blocks in a task.
     #[must_use]
     pub fn tasks_of(&self, blocks: usize) -> Vec<usize> {
-        let (kinds, _) = self.kinds();
+        let kinds = self.kinds();
         #[allow(clippy::cast_precision_loss)]
         let task_s = (blocks.max(1) * BLOCK) as f64;
         self.tasks(&vec![1.0; kinds.len()], task_s)
@@ -314,9 +325,26 @@ impl Tasks {
                 *place = tally;
             }
         }
+        self.tidy()?;
         let study = runner.study(&tallies);
         study.write(&self.folder.join("study.json"))?;
         Ok(study)
+    }
+
+    /// Removes what workers that were killed while they wrote left behind.
+    fn tidy(&self) -> crate::Result<()> {
+        let parts = self.folder.join(ESTIMATES);
+        let wrong = |e| crate::Error::io(&parts, e);
+        for entry in std::fs::read_dir(&parts).map_err(wrong)? {
+            let entry = entry.map_err(wrong)?;
+            if entry.file_name().to_string_lossy().starts_with(".tmp") {
+                match std::fs::remove_file(entry.path()) {
+                    Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(crate::Error::io(&entry.path(), e)),
+                    _ => {}
+                }
+            }
+        }
+        Ok(())
     }
 
     /// The estimates of one task.

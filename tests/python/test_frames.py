@@ -105,7 +105,7 @@ def test_a_column_that_is_no_number_is_left_out_and_asking_for_it_is_told_why(ma
 def test_the_first_stray_cell_is_named() -> None:
     log = deadtime.as_log(pandas.DataFrame({"time": TIME, "u": U, "y": [1, 2, "off", 4, 5, 6]}))
     with pytest.raises(errors.LogError, match="sample 2: channel `y` holds `off`"):
-        deadtime.impulse_response(log, "u", "y")
+        deadtime.estimate_impulse_response(log, "u", "y")
 
 
 def test_names_that_repeat_are_refused() -> None:

@@ -18,6 +18,10 @@ impl Conversion for ZeroOrderHold {
     fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Result<StateSpace<Sampled>, ModelError> {
         exact(sys, sample_time, Hold::Zero)
     }
+
+    fn keeps_states(&self) -> bool {
+        true
+    }
 }
 
 /// The exact sampled model for held or interpolated inputs.

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Channel, EffectEntry, FORMAT, Sign, Syntax, parse_text, read_text, syntax, write_text};
 use crate::error::Result;
+use crate::model::c2d::Conversion;
 use crate::model::{Continuous, ModelError, Sampled, StateSpace};
 use crate::time::SampleTime;
 
@@ -136,6 +137,34 @@ impl ModelFile {
             states.push(State { name: format!("x{}", i + 1), unit: None });
         }
         Self::from_matrices(name, ts.seconds(), [sys.a(), sys.b(), sys.c(), sys.d()], delays, (inputs, states, outputs))
+    }
+
+    /// The sampled model of a continuous one, of all its channels or of one output and input (counted from 0).
+    ///
+    /// # Errors
+    /// [`ModelError::Effects`], [`ModelError::Domain`], and what the conversion cannot do.
+    pub fn c2d(
+        &self,
+        conversion: &dyn Conversion,
+        sample_time: SampleTime,
+        pair: Option<(usize, usize)>,
+    ) -> std::result::Result<Self, ModelError> {
+        if !self.effects.is_empty() {
+            return Err(ModelError::Effects { name: self.name.clone() });
+        }
+        let mut sys = self.continuous()?;
+        let (mut inputs, mut outputs) = (self.inputs.clone(), self.outputs.clone());
+        if let Some((output, input)) = pair {
+            sys = sys.pair(output, input)?;
+            (inputs, outputs) = (vec![inputs.swap_remove(input)], vec![outputs.swap_remove(output)]);
+        }
+        let sampled = conversion.c2d(&sys, sample_time)?;
+        let mut result = Self::from_sampled(&self.name, &sampled, inputs, self.states.clone(), outputs)?;
+        // A start in other states than the file's means nothing here.
+        if sampled.order() == self.states.len() && conversion.keeps_states() {
+            (result.initial, result.initial_std) = (self.initial.clone(), self.initial_std.clone());
+        }
+        Ok(result)
     }
 
     fn from_matrices(
