@@ -65,7 +65,7 @@ def record(name: str, seed: int, machine: Machine) -> deadtime.Log:
     rng = np.random.default_rng(seed)
     time, u = SAMPLE_TIME * np.arange(SAMPLES), volts(rng)
     y = machine(u, time, np.array([rng.normal(0.0, 2.0), rng.normal(0.0, 0.05)]))
-    y = y + 0.03 * y.std(axis=0) * rng.standard_normal(y.shape)
+    y = np.asarray(y + 0.03 * y.std(axis=0) * rng.standard_normal(y.shape))
     return deadtime.Log(time, {"u": u[:, 0], "speed": y[:, 0], "angle": y[:, 1]}, {"u": "V", "speed": "rad/s", "angle": "rad"}, source=name)
 
 
