@@ -1,10 +1,11 @@
 """A quadrotor in RotorPy whose propellers push less than the simulator thinks, diagnosed by `deadtime.gap(simulate=...)`.
 
-The simulator is the whole loop: RotorPy's Crazyflie with its SE(3) position controller, flown by set points for x and z. On the machine the thrust
-coefficient is 8 % lower (worn propellers). Mass, thrust coefficient, motor lag and rotor drag are the parameters that may be wrong; every effect on set
-points, sensors and clock is tried beside them.
+The simulator is the whole loop: RotorPy's Crazyflie with its SE(3) position controller, flown by set points for x and z. On the machine
+the thrust coefficient is 8 % lower (worn propellers). Mass, thrust coefficient, motor lag and rotor drag are the parameters that may be
+wrong; every effect on set points, sensors and clock is tried beside them.
 
-Needs `pip install rotorpy`. In place of the machine stands RotorPy, integrated by its adaptive solver to 1e-8; the simulator takes one step per sample.
+Needs `pip install rotorpy`. In place of the machine stands RotorPy, integrated by its adaptive solver to 1e-8; the simulator takes one
+step per sample.
 """
 
 # %% The vehicle and its controller, as RotorPy ships them; only the attitude gains are lower, for a controller that runs at 25 Hz
@@ -55,11 +56,11 @@ machine = Multirotor({**CRAZYFLIE, "k_eta": (1.0 - LOSS) * CRAZYFLIE["k_eta"]}, 
 
 
 def experiment(seed: int) -> deadtime.Log:
-    """Six seconds of hovering from set point to set point."""
+    """Five seconds of hovering from set point to set point."""
     rng = np.random.default_rng(seed)
-    time = SAMPLE_TIME * np.arange(150)
-    x, z = np.repeat(rng.uniform(-0.5, 0.5, 10), 15), np.repeat(rng.uniform(-0.3, 0.3, 15), 10)
-    y = fly(machine, np.column_stack([x, z]), time, np.zeros(2)) + NOISE * rng.standard_normal((150, 3))
+    time = np.arange(125, dtype=np.float64) * SAMPLE_TIME
+    x, z = np.repeat(rng.uniform(-0.5, 0.5, 5), 25), np.repeat(rng.uniform(-0.3, 0.3, 13), 10)[:125]
+    y = fly(machine, np.column_stack([x, z]), time, np.zeros(2)) + NOISE * rng.standard_normal((125, 3))
     units = {"x_set": "m", "z_set": "m", "x": "m", "z": "m", "pitch_rate": "rad/s"}
     channels = {"x_set": x, "z_set": z, "x": y[:, 0], "z": y[:, 1], "pitch_rate": y[:, 2]}
     return deadtime.Log(time, channels, units, source=f"flight {seed}")
