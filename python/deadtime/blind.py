@@ -210,7 +210,7 @@ class BlindScore:
 
     def save(self, path: PathLike) -> None:
         """Writes `deadtime/blind-score@1`."""
-        _native._write_text(path, self.to_json() + "\n")
+        _native._write_whole(path, (self.to_json() + "\n").encode())
 
     def markdown(self) -> str:
         """The report as Markdown."""

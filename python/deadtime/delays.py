@@ -282,7 +282,7 @@ class Estimates:
         FileError
             The operating system refused it.
         """
-        _native._write_text(path, self._file + "\n")
+        _native._write_whole(path, (self._file + "\n").encode())
 
     def to_text(self, full: bool = False) -> str:
         """What the command line prints.

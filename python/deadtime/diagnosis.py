@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._native import Model
-from .errors import FileError
 from .logs import LogLike, as_logs
 from .models import ModelLike, as_model
 
@@ -122,11 +121,7 @@ class _Result:
         return self._text
 
     def _write(self, path: str | os.PathLike[str]) -> None:
-        try:
-            with open(path, "w", encoding="utf-8") as out:
-                out.write(self._text + "\n")
-        except OSError as refused:
-            raise FileError(refused.errno, refused.strerror, os.fspath(path)) from refused
+        _native._write_whole(path, (self._text + "\n").encode())
 
 
 class Diagnosis(_Result):
@@ -345,7 +340,7 @@ class Inspection(_Result):
         return why
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file."""
+        """Writes the file to `path`."""
         self._write(path)
 
     def __repr__(self) -> str:
@@ -386,7 +381,7 @@ class Isolability(_Result):
         return prediction
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file."""
+        """Writes the file to `path`."""
         self._write(path)
 
     def __repr__(self) -> str:

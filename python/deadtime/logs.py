@@ -28,7 +28,7 @@ LogLike: TypeAlias = (
 
 
 def read(path: str | os.PathLike[str]) -> Log:
-    """The log in a CSV file (.csv or .csv.gz): a header row, `time` in seconds first, then channels as `name` or `name [unit]`.
+    """The log in the CSV file at `path` (.csv or .csv.gz): a header row, `time` in seconds first, then channels as `name` or `name [unit]`.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def read(path: str | os.PathLike[str]) -> Log:
 
 
 def read_records(path: str | os.PathLike[str], column: str) -> list[Log]:
-    """The records of a CSV file, a new one at each new value of `column`.
+    """The records of the CSV file at `path`, a new one at each new value of `column`.
 
     Raises
     ------

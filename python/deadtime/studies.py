@@ -112,7 +112,7 @@ def study(
 
 
 def read_study(path: PathLike, plan: PlanLike | None = None) -> Study:
-    """A study that was written: `study.json`, or the folder that holds it. With its plan, published numbers and aims stand beside it.
+    """A study that was written: `path` is `study.json`, or the folder that holds it. With its `plan`, published numbers and aims stand beside it.
 
     Raises
     ------
@@ -146,11 +146,11 @@ class Study:
         return self._native.json()
 
     def save(self, path: PathLike) -> None:
-        """Writes `study.json` under this name."""
+        """Writes `study.json` to `path`."""
         self._native.write(path)
 
     def write_baseline(self, path: PathLike) -> None:
-        """Writes what `gate` compares later runs with: without run times, nine digits, one line per cell."""
+        """Writes to `path` what `gate` compares later runs with: without run times, nine digits, one line per cell."""
         self._native.write_baseline(path)
 
     @property
@@ -382,8 +382,8 @@ class GateResult:
         return self._native.json()
 
     def save(self, path: PathLike) -> None:
-        """Writes `deadtime/gate@1`."""
-        _native._write_text(path, self.to_json() + "\n")
+        """Writes `deadtime/gate@1` to `path`."""
+        _native._write_whole(path, (self.to_json() + "\n").encode())
 
     def junit(self) -> str:
         """JUnit XML: a suite per grid, a case per method."""

@@ -152,7 +152,7 @@ impl Plan {
         self.0.to_toml().or_raise(py)
     }
 
-    /// Writes the plan as a file.
+    /// Writes the plan to `path`.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let text = self.to_toml(py)?;
         py.detach(|| write_atomic(&path, |out| out.write_all(text.as_bytes()))).or_raise(py)
