@@ -340,7 +340,7 @@ class Inspection(_Result):
         return why
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file."""
+        """Writes the file to `path`."""
         self._write(path)
 
     def __repr__(self) -> str:
@@ -381,7 +381,7 @@ class Isolability(_Result):
         return prediction
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file."""
+        """Writes the file to `path`."""
         self._write(path)
 
     def __repr__(self) -> str:

@@ -480,7 +480,7 @@ def step_response(system: SystemLike, duration: float | None = None, sample_time
 
 
 def impulse_response(system: SystemLike, duration: float | None = None, sample_time: float | None = None) -> TimeResponse:
-    """The response to an impulse of unit area at each input at time 0, from rest, delays included; arguments as of `step_response`.
+    """The response to an impulse of unit area at each input at time 0, from rest, delays included: `system`, `duration` and `sample_time` as of `step_response`.
 
     In continuous time the impulse that a direct path passes on is not shown, and the value at the impulse is the one right after it. In sampled time
     the pulse is one sample long and 1/sample_time high, as MATLAB and python-control have it: the Markov parameters over the sample time.
@@ -597,8 +597,8 @@ def dlqr(*arguments: Any, N: ArrayLike | None = None) -> Lqr:
 
     Parameters
     ----------
-    A, B : array_like, shapes (n, n), (n, m)
-        Or a sampled system without delays, whatever `as_system` takes.
+    *arguments
+        A (n, n), B (n, m), Q, R and perhaps N; or a sampled system without delays, whatever `as_system` takes, in place of A and B.
     Q, R : array_like, shapes (n, n), (m, m)
         Symmetric; R positive definite.
     N : array_like, shape (n, m), optional

@@ -74,7 +74,7 @@ impl Log {
         Ok(logs.or_raise(py)?.into_iter().map(Self).collect())
     }
 
-    /// Writes the log as CSV (.csv, or .csv.gz), under a temporary name until it is whole.
+    /// Writes the log to `path` as CSV (.csv, or .csv.gz), under a temporary name until it is whole.
     fn write_csv(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| self.0.write_csv(&path)).or_raise(py)
     }
@@ -85,7 +85,7 @@ impl Log {
         Ok(Self(self.0.window(start, stop).or_raise(py)?))
     }
 
-    /// The log on an even grid of this sample time, s: the channels named in `held` keep their value between samples, the others are interpolated.
+    /// The log on an even grid with `sample_time` s between samples: the channels named in `held` keep their value between samples, the others are interpolated.
     #[pyo3(signature = (sample_time, held = Vec::new()))]
     fn resample(&self, py: Python<'_>, sample_time: f64, held: Vec<String>) -> PyResult<Self> {
         let held: Vec<&str> = held.iter().map(String::as_str).collect();

@@ -29,7 +29,7 @@ pub(super) struct Model(pub(super) ModelDocument);
 
 #[pymethods]
 impl Model {
-    /// The model in a file (.toml or .json).
+    /// The model in the file at `path` (.toml or .json).
     ///
     /// Raises
     /// ------
@@ -42,21 +42,21 @@ impl Model {
         Ok(Self(ModelDocument::read(&path).or_raise(py)?))
     }
 
-    /// The model that a text of TOML describes; `source` is what error messages call it.
+    /// The model that a `text` of TOML describes; `source` is what error messages call it.
     #[staticmethod]
     #[pyo3(signature = (text, source = "model"))]
     fn from_toml(py: Python<'_>, text: &str, source: &str) -> PyResult<Self> {
         Ok(Self(ModelDocument::from_toml(text, Path::new(source)).or_raise(py)?))
     }
 
-    /// The same of JSON.
+    /// The model that a `text` of JSON describes; `source` is what error messages call it.
     #[staticmethod]
     #[pyo3(signature = (text, source = "model"))]
     fn from_json(py: Python<'_>, text: &str, source: &str) -> PyResult<Self> {
         Ok(Self(ModelDocument::from_json(text, Path::new(source)).or_raise(py)?))
     }
 
-    /// The model that a dict with the keys of a model file describes. Arrays do for lists of numbers.
+    /// The model that `data` describes, a dict with the keys of a model file. Arrays do for lists of numbers. `source` is what error messages call it.
     #[staticmethod]
     #[pyo3(signature = (data, source = "model"))]
     fn from_dict(py: Python<'_>, data: &Bound<'_, PyAny>, source: &str) -> PyResult<Self> {
