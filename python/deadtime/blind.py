@@ -1,4 +1,6 @@
-"""The check on withheld effects: cases whose cause is known to somebody else are diagnosed, then scored against labels that were committed to beforehand.
+"""The check on withheld effects.
+
+Cases whose cause is known to somebody else are diagnosed, then scored against labels that were committed to beforehand.
 
 docs/blind.md defines the protocol, the files and every score.
 """
@@ -135,7 +137,8 @@ def score(verdicts: PathLike, labels: PathLike, cases: PathLike | None = None, *
     Raises
     ------
     BlindError
-        Labels that do not match their commitment, verdicts without label and labels without verdict, a limit on a score that there is not; nothing is scored then.
+        Labels that do not match their commitment, verdicts without label and labels without verdict, a limit on a score that there is not;
+        nothing is scored then.
     """
     limits = list(require)
     _native.BlindScore.check(limits)

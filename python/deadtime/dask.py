@@ -1,7 +1,9 @@
 """Studies and blind runs on many machines, by Dask (`pip install deadtime[dask]`).
 
-The work is split by seed. The seed of a record is a hash of what the record is of, so that a task, some blocks of 25 records with all their estimates, gives the same bits whoever
-makes it, whenever, and however often. A task writes one Parquet part under a name of its own, under a temporary name first: what is done stays done when a worker, the scheduler or the
+The work is split by seed. The seed of a record is a hash of what the record is of, so that a task, some blocks of 25 records with all their
+estimates, gives the same bits whoever
+makes it, whenever, and however often. A task writes one Parquet part under a name of its own, under a temporary name first: what is done
+stays done when a worker, the scheduler or the
 client dies. docs/dask.md tells how large tasks are, what they cost, and how to run on SLURM.
 """
 
@@ -111,7 +113,9 @@ def run_study(
     in_flight: int | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Study:
-    """Runs a study on the workers of a Dask cluster: the cells and estimates of `deadtime.study`, bit by bit on workers of one kind, run times apart.
+    """Runs a study on the workers of a Dask cluster.
+
+    It finds the cells and estimates of `deadtime.study`, bit by bit on workers of one kind, run times apart.
 
     Parameters
     ----------
@@ -126,12 +130,14 @@ def run_study(
     block : int, optional
         Blocks of 25 records in a task; default: as many as take `task_seconds`, after a record of every kind has been timed on the workers.
     task_seconds : float
-        Work in a task, s. A plan that would give a worker's thread fewer than 8 tasks has shorter ones, of 1 s at least. A task holds a block at least, 400 000 estimates at most, and
+        Work in a task, s. A plan that would give a worker's thread fewer than 8 tasks has shorter ones, of 1 s at least. A task holds a
+        block at least, 400 000 estimates at most, and
         never ends within a setting that it shares with another setting.
     resume : bool
         Go on where an earlier run in `out` ended, in whatever way, with the tasks of that run: parts that are there are not made again.
     shared : bool
-        Workers write to `out` themselves: it is the same folder for all of them. False: they send their parts to the client, which writes them.
+        Workers write to `out` themselves: it is the same folder for all of them. False: they send their parts to the client, which writes
+        them.
     in_flight : int, optional
         Tasks that the scheduler holds at a time; default: 3 by thread of a worker, 16 at least.
     progress : function of (done, all), optional
@@ -140,7 +146,8 @@ def run_study(
     Raises
     ------
     StudyError
-        A plan that cannot be run; a folder that holds another study; a record that cannot be made, naming setting, trial and seed; a task on which workers died again and again;
+        A plan that cannot be run; a folder that holds another study; a record that cannot be made, naming setting, trial and seed; a task
+        on which workers died again and again;
         workers of another version.
     KeyboardInterrupt
         At once; what is done stays, and `resume=True` goes on.
@@ -248,7 +255,11 @@ def _sized(client: Any, runner: _native.Runner, sent: tuple[str, str, str], task
     kinds = runner.kinds()
     costs: list[float] = [0.0] * len(kinds)
     distributed = _distributed()
-    with closing(_results(distributed, client, "deadtime-cost", _cost, range(len(kinds)), lambda kind: (*sent, kinds[kind][0]), None)) as results:
+
+    def arguments(kind: int) -> tuple[Any, ...]:
+        return (*sent, kinds[kind][0])
+
+    with closing(_results(distributed, client, "deadtime-cost", _cost, range(len(kinds)), arguments, None)) as results:
         for kind, cost in results:
             costs[kind] = cost
     total = sum(cost * records for cost, (_, records) in zip(costs, kinds, strict=True))
@@ -261,7 +272,9 @@ def _wait_for(path: Path) -> None:
     until = time.monotonic() + PATIENCE
     while not path.exists():
         if time.monotonic() > until:
-            raise StudyError(f"{path}: a worker has written it, and it is not here: `out` must be the same folder for all of them, or give shared=False")
+            raise StudyError(
+                f"{path}: a worker has written it, and it is not here: `out` must be the same folder for all of them, or give shared=False"
+            )
         time.sleep(0.2)
         # Asks the server again, where a network file system remembers that there was no such file.
         os.listdir(path.parent)
@@ -317,7 +330,8 @@ def _results(
             elif status == "error":
                 error = future.exception()
                 if isinstance(error, distributed.KilledWorker):
-                    raise StudyError(f"{prefix}, task {task}: workers died on it again and again, the last one {error.last_worker}") from error
+                    last = error.last_worker
+                    raise StudyError(f"{prefix}, task {task}: workers died on it again and again, the last one {last}") from error
                 if not isinstance(error, FileError | CommClosedError) or tries[task] >= TRIES:
                     raise error
                 submit(task)

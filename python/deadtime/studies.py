@@ -134,7 +134,8 @@ def read_study(path: PathLike, plan: PlanLike | None = None) -> Study:
 class Study:
     """What a study found: every cell, the scores of the methods, and every single estimate.
 
-    Errors are in samples, positive where an answer is too late. `str(study)` is all that the command line prints. `deadtime.study` and `deadtime.read_study` return one.
+    Errors are in samples, positive where an answer is too late. `str(study)` is all that the command line prints. `deadtime.study` and
+    `deadtime.read_study` return one.
 
     Parameters
     ----------
@@ -208,7 +209,7 @@ class Study:
 
     @property
     def cells(self) -> list[dict[str, Any]]:
-        """Every cell, one method on one setting: its keys (`plant`, `snr`, `delay_s`, …) and its results (`rms_samples`, `coverage95`, …)."""
+        """Every cell, one method on one setting: keys (`plant`, `snr`, `delay_s`, …) and results (`rms_samples`, `coverage95`, …)."""
         return list(self._dict["cells"])
 
     @property
@@ -218,7 +219,10 @@ class Study:
 
     @property
     def published(self) -> list[dict[str, Any]]:
-        """Every published number of the plan beside ours: `source`, `cells`, `statistic`, `published`, `ours`, `standing` (matching, differing, not_reproducible)."""
+        """Every published number of the plan beside ours.
+
+        `source`, `cells`, `statistic`, `published`, `ours`, `standing` (matching, differing, not_reproducible).
+        """
         return [] if self._plan is None else json.loads(self._native.published(self._plan))
 
     @property
@@ -241,12 +245,14 @@ class Study:
         Parameters
         ----------
         kind : {"numpy", "pandas", "polars", "pyarrow"}
-            A dict of arrays of shape (estimates,), a frame, or a table. Words are arrays of objects, categories, strings, or a dictionary type.
+            A dict of arrays of shape (estimates,), a frame, or a table. Words are arrays of objects, categories, strings, or a dictionary
+            type.
 
         Returns
         -------
         columns
-            `cell` (its place in `cells`), the cell's keys, then `trial`, `seed`, `true_delay_s`, `outcome`, `raw_s`, `delay_s`, `std_s`, `lo_s`, `hi_s`,
+            `cell` (its place in `cells`), the cell's keys, then `trial`, `seed`, `true_delay_s`, `outcome`, `raw_s`, `delay_s`, `std_s`,
+            `lo_s`, `hi_s`,
             `error_samples`, `bound_samples`, `predicted_samples`, `time_s`. What is missing is NaN (null in polars and pyarrow).
         """
         columns = self._load()
@@ -260,7 +266,12 @@ class Study:
         if kind == "polars":
             import polars
 
-            series = [polars.Series(n, _words(*c).tolist(), polars.String) if isinstance(c, tuple) else polars.Series(n, c) for n, c in columns.items()]
+
+            def one(name: str, values: Any) -> Any:
+                words = isinstance(values, tuple)
+                return polars.Series(name, _words(*values).tolist(), polars.String) if words else polars.Series(name, values)
+
+            series = [one(name, values) for name, values in columns.items()]
             return polars.DataFrame([s.fill_nan(None) if s.dtype == polars.Float64 else s for s in series])
         if kind == "pyarrow":
             import pyarrow

@@ -129,7 +129,8 @@ def test_duckdb_polars_and_pandas_read_the_parts_as_one_data_set(client, tmp_pat
             got = frame[column].to_numpy(values.dtype)
             assert np.array_equal(got, values[order], equal_nan=values.dtype.kind == "f"), (name, column)
     # A cell's place in study.json is a column: the two join.
-    means = duckdb.sql(f"select cell, sqrt(avg(error_samples * error_samples)) from read_parquet('{folder}/*.parquet') group by cell").fetchall()
+    query = f"select cell, sqrt(avg(error_samples ** 2)) from read_parquet('{folder}/*.parquet') group by cell"
+    means = duckdb.sql(query).fetchall()
     assert all(study.cells[cell]["rms_samples"] == pytest.approx(rms, rel=1e-12) for cell, rms in means if rms is not None)
 
 
