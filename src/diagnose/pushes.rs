@@ -20,9 +20,8 @@ const SHAPES: [fn(f64) -> f64; 4] = [f64::signum, |v| v * v.abs(), |v| v * v * v
 /// The commands with one push each; none where the simulator fails.
 pub(super) fn pushes(problem: &Problem<'_>, acting: Acting<'_>, catalogue: &[Applied]) -> Vec<Commanded> {
     let records = problem.records;
-    let predicted: Option<Vec<_>> = (0..records.len())
-        .map(|at| if records[at].train.is_some() { problem.predict(at, acting).map(Some) } else { Some(None) })
-        .collect();
+    let predicted: Option<Vec<_>> =
+        (0..records.len()).map(|at| if records[at].train.is_some() { problem.predict(at, acting).map(Some) } else { Some(None) }).collect();
     let Some(predicted) = predicted else { return Vec::new() };
     // What each output does, and its rate, about its mean: per record.
     let motions = (0..problem.system.outputs.len()).flat_map(|i| {

@@ -75,7 +75,8 @@ pub(super) fn shares(
 
 /// What acts with one parameter a little further from nominal.
 fn own_directions(acting: Acting<'_>) -> Vec<Vec<Applied>> {
-    let all = acting.effects.iter().enumerate().flat_map(|(e, a)| (0..a.values.len()).map(move |i| (e, i, a.parameters[i].nominal, a.values[i])));
+    let all =
+        acting.effects.iter().enumerate().flat_map(|(e, a)| (0..a.values.len()).map(move |i| (e, i, a.parameters[i].nominal, a.values[i])));
     all.filter(|(.., nominal, value)| value.is_finite() && value != nominal)
         .map(|(e, i, nominal, value)| {
             let mut moved = acting.effects.to_vec();
