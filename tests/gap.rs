@@ -261,3 +261,24 @@ fn models_and_logs_that_do_not_fit_are_refused_with_a_remedy() {
     deadtime(&["gap", "--model", text(&unknown), "--log", text(&folder.path("good.csv")), "--out", "x"])
         .refused(&["stickyness", "input_delay"]);
 }
+
+#[test]
+fn a_diagnosis_that_nobody_waits_for_stops_soon() {
+    let folder = Folder::new();
+    let document = document(&folder, MODEL);
+    let logs = [log(&document, &[("input_delay", "u", &[0.053])], "a.csv", 1200, 1)];
+    let stop = deadtime::stop::Stop::default();
+    let options = GapOptions { stop: stop.clone(), ..GapOptions::default() };
+    // The wish comes when the search has begun.
+    let wished = std::cell::Cell::new(None);
+    let error = diagnose(&document, &logs, &[], &options, &|stage| {
+        if matches!(stage, deadtime::diagnose::Stage::Fitting) {
+            stop.set();
+            wished.set(Some(std::time::Instant::now()));
+        }
+    });
+    let late = wished.get().unwrap().elapsed();
+    assert!(matches!(error, Err(deadtime::Error::Stopped)));
+    // Generous: the machine may be busy, and what is predicted at that moment is finished.
+    assert!(late < std::time::Duration::from_secs(1), "{late:?}");
+}

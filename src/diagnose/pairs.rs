@@ -182,12 +182,14 @@ fn with_seconds(
         // A lattice in the raw values is there whatever it promises.
         let traced = promises.iter().map(|p| &p[at]).filter(|(_, s)| s.effect.leaves_residual() && traces.contains(&s.key()));
         let special = losing.into_iter().chain(traced).take(if at < LOSING { SECONDS } else { 0 });
-        let mut called = 0;
+        // Each kind has places of its own: what costs calls starts from coarser guesses, and promises less than it keeps.
+        let (mut called, mut others) = (0, 0);
         let seconds = seconds.into_iter().filter(|(_, second)| {
-            called += usize::from(problem.calls(second));
-            !problem.calls(second) || called <= CALLED_SECONDS
+            let (count, most) = if problem.calls(second) { (&mut called, CALLED_SECONDS) } else { (&mut others, SECONDS) };
+            *count += 1;
+            *count <= most
         });
-        for (_, second) in seconds.take(SECONDS).chain(special) {
+        for (_, second) in seconds.chain(special) {
             let mut pair: Vec<Applied> = beside.first.effects.iter().chain([second]).cloned().collect();
             if pair.iter().filter(|a| a.effect.loses_commands()).count() > 1 || pair[0].key() == pair[1].key() {
                 continue;
@@ -205,7 +207,13 @@ fn with_seconds(
     wanted.retain(|pair| pair.iter().all(|a| !a.effect.loses_commands()));
     let mut pairs: Vec<Explanation> = wanted.par_iter().filter_map(|pair| Explanation::fit(problem, pair, scales, cost, trial)).collect();
     pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    pairs.truncate(if problem.system.is_black_box() { CALLED_LEFT } else { left });
+    let (mut called, mut others) = (0, 0);
+    pairs.retain(|pair| {
+        let calls = pair.effects.iter().any(|a| problem.calls(a));
+        let (count, most) = if calls { (&mut called, CALLED_LEFT) } else { (&mut others, left) };
+        *count += 1;
+        *count <= most
+    });
     pairs.extend(
         losing
             .par_iter()
