@@ -52,7 +52,7 @@ def fly(vehicle: Multirotor, height: Array, time: Array, start: Array) -> Array:
 
 # %% The machine, which nobody may look into
 LOSS = 0.08
-NOISE = np.array([0.003, 0.003, 0.05])  # m, m, rad/s: motion capture and gyro
+NOISE = np.array([0.005, 0.005, 0.05])  # m, m, rad/s: tracking by cameras, and a gyro
 machine = Multirotor({**CRAZYFLIE, "k_eta": (1.0 - LOSS) * CRAZYFLIE["k_eta"]}, integrator_kwargs={"rtol": 1e-8, "atol": 1e-10})
 
 
@@ -92,7 +92,7 @@ found = deadtime.gap(
     holdout=[check],
     inputs={"height": "m"},
     outputs={"x": "m", "z": "m", "pitch_rate": "rad/s"},
-    states={"x": (0.0, 0.003), "z": (0.0, 0.003)},
+    states={"x": (0.0, 0.005), "z": (0.0, 0.005)},
     parameters={
         "mass": (CRAZYFLIE["mass"], "kg"),
         "k_eta": (CRAZYFLIE["k_eta"], "N s^2/rad^2"),
