@@ -10,7 +10,7 @@ use super::problem::{Acting, NOTHING, Problem, Whitened};
 use super::progress::Stage;
 use super::rank::{SEARCH_WIDE, odds};
 use super::screen::{Screened, screen};
-use crate::effect::{Applied, Scales};
+use crate::effect::{Applied, Scales, Site};
 
 /// Candidates that are fitted in full after the screen.
 const FITTED: usize = 25;
@@ -56,6 +56,7 @@ pub(super) fn search(
     let mut found = Found { singles: fit_first(problem, &pool, scales, &nominal), pairs: Vec::new() };
     progress(Stage::Pairing);
     found.pairs = pairs(problem, &found.singles, &pool, scales, &nominal);
+    members_alone(problem, &mut found, scales, &nominal);
     for round in 0..ROUNDS {
         progress(Stage::Refitting(round));
         let weight = problem.weight();
@@ -116,20 +117,47 @@ fn frugal<'e>(problem: &Problem<'_>, all: impl Iterator<Item = &'e [Applied]>, m
     .collect()
 }
 
+/// Which of the pool are fitted. Of a black box so many on its inputs and so many parameters beside what costs no call: commands can mimic much, and a far
+/// wrong parameter promises less than it keeps.
+fn worth_a_fit(problem: &Problem<'_>, pool: &[Screened]) -> Vec<bool> {
+    let (mut free, mut inputs, mut parameters) = (0, 0, 0);
+    let worth = |screened: &Screened| {
+        let (count, most) = match (problem.calls(&screened.applied), screened.applied.effect.site()) {
+            (false, _) => (&mut free, FITTED),
+            (true, Site::Dynamics) => (&mut parameters, CALLED_FITTED),
+            (true, _) => (&mut inputs, CALLED_FITTED),
+        };
+        *count += 1;
+        *count <= most && (!problem.calls(&screened.applied) || screened.gain > CALLED_FROM)
+    };
+    pool.iter().map(worth).collect()
+}
+
+/// Members of the best pair of a black box as explanations of their own, from where they stand in it: one that few calls were spent on may lead alone.
+fn members_alone(problem: &Problem<'_>, found: &mut Found, scales: &Scales, nominal: &Whitened) {
+    let cost = problem.inner(nominal, nominal);
+    let Some(pair) = found.pairs.first().filter(|_| problem.system.is_black_box()) else { return };
+    let members: Vec<Explanation> = (0..pair.effects.len()).map(|place| pair.only(place)).filter(|e| !e.loses_commands()).collect();
+    let better: Vec<Explanation> = members.into_par_iter().filter_map(|e| Explanation::refit(problem, e, scales, cost, STEPS)).collect();
+    for alone in better {
+        if let Some(single) = found.singles.iter_mut().find(|s| s.key() == alone.key()).filter(|s| !s.fitted || s.gain < alone.gain) {
+            *single = alone;
+        }
+    }
+    found.singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+}
+
 /// Fits the most promising of the pool, each from its best starts, the best of them to the end; the others stay as screened.
 fn fit_first(problem: &Problem<'_>, pool: &[Screened], scales: &Scales, nominal: &Whitened) -> Vec<Explanation> {
     let cost = problem.inner(nominal, nominal);
-    let mut fitted = frugal(problem, pool.iter().take(FITTED).map(|s| std::slice::from_ref(&s.applied)), CALLED_FITTED);
-    for (fitted, screened) in fitted.iter_mut().zip(pool) {
-        *fitted &= !problem.calls(&screened.applied) || screened.gain > CALLED_FROM;
-    }
+    let fitted = worth_a_fit(problem, pool);
     let mut singles: Vec<Explanation> = pool
         .par_iter()
         .enumerate()
         .map(|(at, screened)| {
             let values = screened.starts.first().map_or(screened.applied.values.as_slice(), Vec::as_slice);
             let as_screened = Explanation::screened(with(&screened.applied, values), screened.gain);
-            let starts = screened.starts.iter().take(if fitted.get(at).copied().unwrap_or(false) { STARTS } else { 0 });
+            let starts = screened.starts.iter().take(if fitted[at] { STARTS } else { 0 });
             let fits = starts.filter_map(|start| Explanation::fit(problem, &[with(&screened.applied, start)], scales, cost, TRIAL.0));
             fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened)
         })
