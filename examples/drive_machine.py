@@ -19,7 +19,10 @@ STEPS = 50  # of the motor per sample: delays are multiples of 0.2 ms
 
 
 def drive(voltage: Array, seed: int, delay: float = 0.0, dead_zone: float = 0.0) -> tuple[Array, Array]:
-    """Time (s) and measured speed (rad/s) of commands (V) that are held for a sample each, come late by `delay` (s), and do nothing below `dead_zone` (V)."""
+    """Time (s) and measured speed (rad/s) under commands (V) that are held for a sample each.
+
+    They come late by `delay` (s), and do nothing below `dead_zone` (V).
+    """
     late = round(delay * STEPS / SAMPLE_TIME)
     held = np.repeat(voltage, STEPS)
     arriving = np.concatenate([np.full(late, voltage[0]), held[: len(held) - late]])
@@ -32,7 +35,7 @@ def drive(voltage: Array, seed: int, delay: float = 0.0, dead_zone: float = 0.0)
         if k % STEPS == 0:
             speed[k // STEPS] = now
         now = decay * now + (1.0 - decay) * final[k]
-    time = SAMPLE_TIME * np.arange(len(voltage))
+    time = np.arange(len(voltage), dtype=np.float64) * SAMPLE_TIME
     return time, speed + NOISE * np.random.default_rng(seed).standard_normal(len(voltage))
 
 

@@ -1,8 +1,9 @@
 # %% [markdown]
 # Find my gap: from two logs and a model file to a simulator that agrees with the machine.
 #
-# You have a simulator that does not do what the machine does. What is it that the simulator lacks? The way there has five steps, in this order:
-# check the logs, ask what they can show at all, diagnose, look how far the gap shrinks on data that nothing was fitted to, save and go on from there.
+# You have a simulator that does not do what the machine does. What is it that the simulator lacks? The way there has five steps, in this
+# order: check the logs, ask what they can show at all, diagnose, look how far the gap shrinks on data that nothing was fitted to, save
+# and go on from there.
 #
 # The machine is a drive: a voltage turns a flywheel. `drive.toml` is its model, the two CSV files are runs of ten seconds.
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 import deadtime
 
+Array = NDArray[np.float64]
 HERE = Path(__file__).parent
 model = HERE / "drive.toml"
 first, second = (deadtime.read(HERE / f"drive_run_{number}.csv") for number in (1, 2))
@@ -36,7 +38,8 @@ print(report)
 def in_rad_s(log: deadtime.Log) -> deadtime.Log:
     """The same log with the speed in rad/s."""
     speed = log["speed"] * (2.0 * np.pi / 60.0)
-    return deadtime.Log(log.time, {"voltage": log["voltage"], "speed": speed}, {"voltage": "V", "speed": "rad/s"}, source=Path(log.source).name)
+    units = {"voltage": "V", "speed": "rad/s"}
+    return deadtime.Log(log.time, {"voltage": log["voltage"], "speed": speed}, units, source=Path(log.source).name)
 
 
 first, second = in_rad_s(first), in_rad_s(second)
@@ -44,8 +47,8 @@ first, second = in_rad_s(first), in_rad_s(second)
 # %% [markdown]
 # Step 2: what can these logs show at all? `isolability` simulates every effect of the catalogue at plausible sizes. Nothing is fitted.
 #
-# It says that a command that comes late, outputs that are measured late and clocks that are set differently look the same here. So if the gap is one of
-# them, no diagnosis of these logs can say which: better known now than after a week with the wrong cable.
+# It says that a command that comes late, outputs that are measured late and clocks that are set differently look the same here. So if the
+# gap is one of them, no diagnosis of these logs can say which: better known now than after a week with the wrong cable.
 
 # %%
 seen = deadtime.isolability(model, log=[first])
@@ -62,7 +65,8 @@ found = deadtime.gap(model=model, log=[first], holdout=[second])
 print(found)
 
 # %% [markdown]
-# Commands arrive 12 ms late, or it is one of the two rivals that it names itself. The interval is narrow: a delay is known to a small part of a sample.
+# Commands arrive 12 ms late, or it is one of the two rivals that it names itself. The interval is narrow: a delay is known to a small
+# part of a sample.
 
 # %%
 assert (found.verdict, found.channel) == ("input_delay", "voltage")
@@ -72,7 +76,8 @@ assert low <= 0.012 <= high and high - low < 0.001
 assert ["input_delay:voltage", "output_delay:*", "clock_offset:*"] in found.indistinguishable
 
 # %% [markdown]
-# Step 4: how far does the gap shrink on the log that nothing was fitted to? Down to the noise floor; there is nothing left to be found in these logs.
+# Step 4: how far does the gap shrink on the log that nothing was fitted to? Down to the noise floor; there is nothing left to be found in
+# these logs.
 
 # %%
 shrink = found.shrink
@@ -80,7 +85,8 @@ print(f"held out: {shrink['before']:.1%} of the spread before, {shrink['after']:
 assert shrink["after"] < 1.2 * shrink["floor"] < 0.2 * shrink["before"]
 
 # %% [markdown]
-# Step 5: save it. The folder holds the diagnosis, a page with a picture per output, and the model with what it lacked. Against that model there is no gap.
+# Step 5: save it. The folder holds the diagnosis, a page with a picture per output, and the model with what it lacked. Against that model
+# there is no gap.
 
 # %%
 with TemporaryDirectory() as folder:
@@ -91,12 +97,13 @@ assert again.verdict == "none"
 print(again)
 
 # %% [markdown]
-# The same without a model file. Any function will do that makes outputs of commands: here a loop in Python, for you perhaps Simulink, MuJoCo
-# (mujoco_joint.py) or RotorPy (rotorpy_hover.py). Parameters that may be wrong are named; what changes equations cannot be tried, and is listed.
+# The same without a model file. Any function will do that makes outputs of commands: here a loop in Python, for you perhaps Simulink,
+# MuJoCo (mujoco_joint.py) or RotorPy (rotorpy_hover.py). Parameters that may be wrong are named; what changes equations cannot be tried,
+# and is listed.
 
 
 # %%
-def simulate(u: NDArray[np.float64], time: NDArray[np.float64], x0: NDArray[np.float64], parameters: dict[str, float]) -> NDArray[np.float64]:
+def simulate(u: Array, time: Array, x0: Array, parameters: dict[str, float]) -> Array:
     """The speed (rad/s), shape (N, 1), of held voltages `u`, shape (N, 1)."""
     constant, resistance = 0.05, 1.2
     rate = (constant**2 / resistance + parameters["viscous"]) / parameters["inertia"]

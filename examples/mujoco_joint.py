@@ -1,7 +1,7 @@
 """A joint in MuJoCo that lacks the machine's dry friction, diagnosed by `deadtime.gap(simulate=...)`.
 
-The machine is a joint with a spring, driven by a torque, with a potentiometer and a tachometer. Its dry friction (MuJoCo's `frictionloss`) is what the simulator
-lacks. Three questions are asked of the same logs:
+The machine is a joint with a spring, driven by a torque, with a potentiometer and a tachometer. Its dry friction (MuJoCo's
+`frictionloss`) is what the simulator lacks. Three questions are asked of the same logs:
 
 1. the simulator is MuJoCo, and dry friction is among the parameters that may be wrong: it is named, with its size;
 2. the simulator is MuJoCo, and dry friction is not among them: nothing that may be tried explains the gap, and the diagnosis says so;
@@ -59,9 +59,9 @@ machine = mujoco.MjModel.from_xml_string(JOINT.format(step=0.0005, friction=FRIC
 
 
 def experiment(seed: int) -> deadtime.Log:
-    """Ten seconds on the machine: torques held for a quarter of a second, small ones first, then large ones, because friction shows at small ones."""
+    """Ten seconds on the machine: torques held for a quarter of a second, first small ones, at which friction shows, then large ones."""
     rng = np.random.default_rng(seed)
-    time = 0.02 * np.arange(500)
+    time = np.arange(500, dtype=np.float64) * 0.02
     torque = np.repeat(rng.uniform(-1.0, 1.0, 42), 12)[:500] * np.where(time < 5.0, 0.4, 1.0)
     y = run(machine, torque, time, np.zeros(2)) + NOISE * rng.standard_normal((500, 2))
     units = {"torque": "N m", "angle": "rad", "speed": "rad/s"}
@@ -70,7 +70,7 @@ def experiment(seed: int) -> deadtime.Log:
 
 train, check = experiment(1), experiment(2)
 
-# %% The simulator: the same joint without dry friction, as a function of the commands, the time, the start and the parameters that may be wrong
+# %% The simulator: the same joint without dry friction, as a function
 simulator = mujoco.MjModel.from_xml_string(JOINT.format(step=0.002, friction=0.0))
 calls, seconds = 0, 0.0
 

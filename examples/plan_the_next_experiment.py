@@ -27,8 +27,8 @@ steps = np.repeat(np.where(np.arange(25) % 2 == 0, 3.0, -3.0), 40)
 first = experiment(steps, seed=1)
 
 # %% [markdown]
-# Before anything is diagnosed: what can such steps show? At one amplitude, a driver with a smaller gain, one with a dead zone, one that saturates and a sensor
-# that reads too little are one and the same. `isolability` knows that without looking at a single residual.
+# Before anything is diagnosed: what can such steps show? At one amplitude, a driver with a smaller gain, one with a dead zone, one that
+# saturates and a sensor that reads too little are one and the same. `isolability` knows that without looking at a single residual.
 
 # %%
 seen = deadtime.isolability(model, log=[first])
@@ -38,8 +38,9 @@ print(alike["next_experiment"])
 assert {"input_gain:voltage", "deadband:voltage", "saturation:voltage"} <= set(alike["members"])
 
 # %% [markdown]
-# The diagnosis explains the gap down to the noise. But look at the probabilities, and at the rivals: the name on top is one of five, and it is the wrong
-# one. The sentence after them says what to record next. Of eight experiments that were simulated under each rival it is the one that separates them best.
+# The diagnosis explains the gap down to the noise. But look at the probabilities, and at the rivals: the name on top is one of five, and
+# it is the wrong one. The sentence after them says what to record next. Of eight experiments that were simulated under each rival it is
+# the one that separates them best.
 
 # %%
 before = deadtime.gap(model=model, log=[first])
@@ -52,8 +53,8 @@ assert before.ranking[0]["probability"] < 0.5
 assert "repeat the commands about another operating point" in before.next_experiment
 
 # %% [markdown]
-# So do what it says: the same steps about another operating point. How far away is for you to choose, the program does not know what your machine stands;
-# it simulated two standard deviations, 6 V here.
+# So do what it says: the same steps about another operating point. How far away is for you to choose, the program does not know what your
+# machine stands; it simulated two standard deviations, 6 V here.
 
 # %%
 second = experiment(steps + 6.0, seed=2)

@@ -334,3 +334,73 @@ fn parquet_holds_what_the_csv_holds() {
     }
     assert_eq!(rows, 2 * 2 * 2 * 60 * 3);
 }
+
+#[cfg(feature = "parquet")]
+#[test]
+fn parts_of_many_tasks_say_what_one_run_says() {
+    use deadtime::study::{Tasks, columns};
+
+    let folder = tempfile::tempdir().unwrap();
+    let plan = Plan::parse("small", SMALL, Path::new(".")).unwrap();
+    let runner = Runner::new(&plan).unwrap();
+    let whole = folder.path().join("whole");
+    runner.run(&whole, false, &Stop::default(), &|_| ()).unwrap();
+    let out = folder.path().join("parts");
+    assert!(Tasks::open(&runner, &out, false).unwrap().is_none());
+    // Eight settings of 60 records, three blocks each: tasks of two blocks never straddle settings.
+    let tasks = Tasks::new(&runner, &out, runner.tasks_of(2)).unwrap();
+    assert_eq!((runner.blocks(), tasks.len()), (24, 16));
+    assert_eq!((0..tasks.len()).map(|t| runner.estimates_of(tasks.blocks(t))).sum::<usize>(), runner.estimates());
+    // Whoever comes first, and twice.
+    for task in (0..tasks.len()).rev().chain([3]) {
+        assert!(task == 3 || tasks.missing().contains(&task));
+        tasks.keep(task, &runner.part(tasks.blocks(task), &Stop::default()).unwrap()).unwrap();
+    }
+    assert!(tasks.missing().is_empty());
+    tasks.gather(&runner, &Stop::default()).unwrap();
+    assert!(results(&out) == results(&whole));
+    let [mut ours, mut theirs] =
+        [tasks.paths(), vec![whole.join("estimates.parquet")]].map(|paths| columns(&paths, &Stop::default()).unwrap());
+    for columns in [&mut ours, &mut theirs] {
+        columns.retain(|(name, _)| name != "time_s");
+    }
+    // NaN, where there is nothing, is not equal to itself.
+    assert_eq!(format!("{ours:?}"), format!("{theirs:?}"));
+
+    // What is damaged is missing; what belongs to another plan is refused.
+    std::fs::write(tasks.path(5), "no part").unwrap();
+    assert_eq!(tasks.missing(), [5]);
+    assert!(tasks.gather(&runner, &Stop::default()).unwrap_err().to_string().contains("part-00000005.parquet"));
+    let again = Tasks::open(&runner, &out, true).unwrap().unwrap();
+    assert_eq!(again, tasks);
+    assert!(Tasks::open(&runner, &out, false).unwrap_err().to_string().contains("resume"));
+    let mut other = plan.clone();
+    other.seed += 1;
+    let other = Runner::untried(&other).unwrap();
+    assert!(Tasks::open(&other, &out, true).unwrap_err().to_string().contains("another study"));
+    assert!(Tasks::new(&runner, &folder.path().join("gaps"), vec![3, 3, 24]).is_err());
+}
+
+#[test]
+fn a_study_that_is_no_longer_wanted_stops_and_goes_on_later() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = Plan::parse("small", SMALL, Path::new(".")).unwrap();
+    let runner = Runner::new(&plan).unwrap();
+    let out = folder.path().join("out");
+    let stop = Stop::default();
+    let enough = |p: deadtime::study::Progress| {
+        if p.now > 200 {
+            stop.set();
+        }
+    };
+    assert!(matches!(runner.run(&out, false, &stop, &enough), Err(deadtime::Error::Stopped)));
+    let done = std::fs::read_dir(out.join("parts")).unwrap().count();
+    assert!(done > 2 && done < 25, "{done}");
+    let study = runner.run(&out, true, &Stop::default(), &|_| ()).unwrap();
+    let whole = runner.run(&folder.path().join("whole"), false, &Stop::default(), &|_| ()).unwrap();
+    let without_time = |mut s: Study| {
+        s.cells.iter_mut().for_each(|c| c.time_per_estimate_s = None);
+        s
+    };
+    assert!(without_time(study) == without_time(whole));
+}

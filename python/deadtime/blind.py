@@ -143,7 +143,15 @@ def score(verdicts: PathLike, labels: PathLike, cases: PathLike | None = None, *
 
 
 class BlindScore:
-    """How a diagnoser did on withheld effects."""
+    """How a diagnoser did on withheld effects. `score` returns one.
+
+    Parameters
+    ----------
+    native : BlindScore
+        The scores, as the native module holds them.
+    require : list of str
+        Limits to be kept.
+    """
 
     def __init__(self, native: _native.BlindScore, require: list[str]) -> None:
         self._native = native
@@ -159,12 +167,12 @@ class BlindScore:
     @property
     def cases(self) -> int:
         """How many cases."""
-        return self._dict["cases"]
+        return int(self._dict["cases"])
 
     @property
     def groups(self) -> dict[str, int]:
         """Cases of each kind: `single`, `none`, `unknown`, `pair`."""
-        return self._dict["groups"]
+        return dict(self._dict["groups"])
 
     @property
     def scores(self) -> dict[str, dict[str, Any]]:
@@ -172,23 +180,24 @@ class BlindScore:
         return {one["name"]: one for one in self._dict["scores"]}
 
     def __getitem__(self, name: str) -> float | None:
-        """The value of a score; None where no case has one."""
-        return self.scores[name]["value"]
+        """The value of the score `name`; None where no case has one."""
+        value: float | None = self.scores[name]["value"]
+        return value
 
     @property
     def by(self) -> list[dict[str, Any]]:
         """The same scores by true effect, plant, strength and loop: `key`, `value`, `cases`, `scores`."""
-        return self._dict["by"]
+        return list(self._dict["by"])
 
     @property
     def confusion(self) -> list[dict[str, Any]]:
         """What was said of what: `truth`, `verdict`, `cases`."""
-        return self._dict["confusion"]
+        return list(self._dict["confusion"])
 
     @property
     def answers(self) -> list[dict[str, Any]]:
         """Every case with what was judged of it."""
-        return self._dict["answers"]
+        return list(self._dict["answers"])
 
     @property
     def unmet(self) -> list[str]:
@@ -202,14 +211,15 @@ class BlindScore:
 
     def to_dict(self) -> dict[str, Any]:
         """`deadtime/blind-score@1` as dicts and lists."""
-        return json.loads(self.to_json())
+        whole: dict[str, Any] = json.loads(self.to_json())
+        return whole
 
     def to_json(self) -> str:
         """`deadtime/blind-score@1`."""
         return self._native.json()
 
     def save(self, path: PathLike) -> None:
-        """Writes `deadtime/blind-score@1`."""
+        """Writes `deadtime/blind-score@1` as the file `path`."""
         _native._write_whole(path, (self.to_json() + "\n").encode())
 
     def markdown(self) -> str:

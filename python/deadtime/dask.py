@@ -77,10 +77,11 @@ def _cost(text: str, folder: str, stamp: str, setting: int) -> float:
 def _make(text: str, folder: str, stamp: str, first: int, end: int, path: str | None) -> _Part:
     """On a worker: the estimates of some blocks, written to `path`, or sent back."""
     clock = time.perf_counter()
-    part = _runner(text, folder, stamp).part(first, end)
-    if path is not None:
-        _native._write_whole(path, part)
-    return _Part(part if path is None else None, len(part), time.perf_counter() - clock)
+    runner = _runner(text, folder, stamp)
+    if path is None:
+        part = runner.part(first, end)
+        return _Part(part, len(part), time.perf_counter() - clock)
+    return _Part(None, runner.write_part(first, end, path), time.perf_counter() - clock)
 
 
 def _diagnose(case: str, name: str, verdicts: str, fresh: bool, seed: int, threads: int) -> tuple[str, str, float | None, str | None]:
@@ -279,7 +280,7 @@ def _results(
 
     The scheduler itself gives the tasks of a worker that died to another one.
     """
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
 
     token = uuid.uuid4().hex[:12]
     waiting = iter(tasks)

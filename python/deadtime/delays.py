@@ -628,9 +628,9 @@ def estimate_impulse_response(
     if found is None:
         return None
     response, std = found
-    step = logs[0].sample_time
     # A log that is not on an even grid was refused above.
-    return numpy.arange(len(response)) * (step or 0.0), response, std
+    lag: _Array = numpy.arange(len(response), dtype=float) * float(logs[0].sample_time or 0.0)
+    return lag, response, std
 
 
 @dataclass(frozen=True)

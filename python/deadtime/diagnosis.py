@@ -287,7 +287,7 @@ class Diagnosis(_Result):
             for one in self.not_tried:
                 left_out.setdefault(one["why"], []).append(one["effect"])
             lines.extend(f"Not tried: {', '.join(effects)}; {why}." for why, effects in left_out.items())
-            lines.append(f"Calls: {self.calls} of the simulator.")
+            lines.append(f"Calls of the simulator: {self.calls}.")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:

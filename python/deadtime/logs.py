@@ -30,6 +30,13 @@ LogLike: TypeAlias = (
 def read(path: str | os.PathLike[str]) -> Log:
     """The log in the CSV file at `path` (.csv or .csv.gz): a header row, `time` in seconds first, then channels as `name` or `name [unit]`.
 
+    A part of it is `log.window(start, stop)`, an even grid `log.resample(sample_time)`, other names `log.rename({"new": "old"})`.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
     Raises
     ------
     LogError
@@ -42,6 +49,13 @@ def read(path: str | os.PathLike[str]) -> Log:
 
 def read_records(path: str | os.PathLike[str], column: str) -> list[Log]:
     """The records of the CSV file at `path`, a new one at each new value of `column`.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    column : str
+        The column that tells records apart; time may start afresh in each.
 
     Raises
     ------
@@ -173,7 +187,7 @@ def _array(values: Any) -> NDArray[Any]:
             return numpy.asarray(values.to_numpy(dtype=float, na_value=numpy.nan))
         return numpy.asarray(values.to_numpy())
     if isinstance(values, numpy.ma.MaskedArray):
-        return numpy.asarray(values.astype(float).filled(numpy.nan))
+        return numpy.asarray(numpy.ma.filled(values.astype(float), numpy.nan))
     return numpy.asarray(values)
 
 
@@ -201,7 +215,8 @@ def _seconds(time: Any) -> NDArray[numpy.float64]:
     """Time stamps, s; dates and time spans are counted from the first."""
     array = _array(time)
     if array.dtype.kind == "O" and len(array) and all(isinstance(t, datetime | timedelta | None) for t in array):
-        array = array.astype("datetime64[ns]" if any(isinstance(t, datetime) for t in array) else "timedelta64[ns]")
+        first = next((t for t in array if t is not None), None)
+        return numpy.array([numpy.nan if t is None else (t - first) / timedelta(seconds=1) for t in array])
     if array.dtype.kind in "Mm":
         first = array[0] if len(array) else None
         # Whole nanoseconds first: dates as numbers of seconds would lose their fractions.

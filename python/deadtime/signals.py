@@ -64,12 +64,16 @@ def excite(
     >>> deadtime.excite("doublet", 6, at=1, width=2)
     array([ 0.,  1.,  1., -1., -1.,  0.])
     """
-    values = _native._excite(kind, samples, seed, _plain({kind: options})[kind])
+    values = _signal(kind, samples, seed, options)
     if channel is None:
         return values
     if sample_time is None:
         raise ValueError("a log has a time: give sample_time beside channel")
     return _native._of_channel(channel, values, sample_time)
+
+
+def _signal(kind: str, samples: int, seed: int, options: Mapping[str, Any]) -> NDArray[numpy.float64]:
+    return _native._excite(kind, samples, seed, _plain({kind: options})[kind])
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ class Excitation:
 
     def __call__(self, samples: int, *, seed: int = 1, **options: Any) -> NDArray[numpy.float64]:
         """The signal, as `deadtime.excite` makes it."""
-        return excite(self.name, samples, seed=seed, **options)
+        return _signal(self.name, samples, seed, options)
 
 
 class Excitations(dict[str, Excitation]):
@@ -151,7 +155,7 @@ def add_noise(
     ----------
     S. Björklund (2003), LiU-TEK-LIC-2003:60: this definition of the ratio.
     """
-    noise = _plain({"noise": {"colour": _spectrum(colour), "scaling": scaling}})["noise"]
+    noise: dict[str, Any] = _plain({"noise": {"colour": _spectrum(colour), "scaling": scaling}})["noise"]
     return _native._add_noise(_flat(signal, "signal"), snr, noise, seed)
 
 

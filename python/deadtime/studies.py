@@ -38,7 +38,7 @@ def plants() -> dict[str, str]:
 
 
 def as_plan(plan: PlanLike, *, trials: int | None = None, seed: int | None = None) -> Plan:
-    """A plan from whatever passes for one, with other trials or another seed where these are given."""
+    """A plan from whatever passes for one, with other `trials` or another `seed` where these are given."""
     made = plan if isinstance(plan, Plan) else Plan(_plain(dict(plan)) if isinstance(plan, Mapping) else plan)
     return made.replace(trials=trials, seed=seed)
 
@@ -112,7 +112,14 @@ def study(
 
 
 def read_study(path: PathLike, plan: PlanLike | None = None) -> Study:
-    """A study that was written: `path` is `study.json`, or the folder that holds it. With its `plan`, published numbers and aims stand beside it.
+    """A study that was written.
+
+    Parameters
+    ----------
+    path : path
+        `study.json`, or the folder that holds it.
+    plan : str, path, dict or Plan, optional
+        Its plan; with it, published numbers and aims stand beside the results.
 
     Raises
     ------
@@ -127,7 +134,16 @@ def read_study(path: PathLike, plan: PlanLike | None = None) -> Study:
 class Study:
     """What a study found: every cell, the scores of the methods, and every single estimate.
 
-    Errors are in samples, positive where an answer is too late. `str(study)` is all that the command line prints.
+    Errors are in samples, positive where an answer is too late. `str(study)` is all that the command line prints. `deadtime.study` and `deadtime.read_study` return one.
+
+    Parameters
+    ----------
+    native : StudyResult
+        The results, as the native module holds them.
+    plan : Plan, optional
+        What was run.
+    folder : path, optional
+        Where the estimates are.
     """
 
     def __init__(self, native: _native.StudyResult, plan: Plan | None, folder: Path | None) -> None:
@@ -139,18 +155,19 @@ class Study:
 
     def to_dict(self) -> dict[str, Any]:
         """`deadtime/study@1` as dicts and lists."""
-        return json.loads(self.to_json())
+        whole: dict[str, Any] = json.loads(self.to_json())
+        return whole
 
     def to_json(self) -> str:
         """`deadtime/study@1`, as `study.json` holds it."""
         return self._native.json()
 
     def save(self, path: PathLike) -> None:
-        """Writes `study.json` to `path`."""
+        """Writes `study.json` as the file `path`."""
         self._native.write(path)
 
     def write_baseline(self, path: PathLike) -> None:
-        """Writes to `path` what `gate` compares later runs with: without run times, nine digits, one line per cell."""
+        """Writes what `gate` compares later runs with to the file or folder `path`: without run times, nine digits, one line per cell."""
         self._native.write_baseline(path)
 
     @property
@@ -162,12 +179,12 @@ class Study:
     @property
     def name(self) -> str:
         """The plan's name."""
-        return self._dict["plan"]
+        return str(self._dict["plan"])
 
     @property
     def about(self) -> str:
         """What the plan is for."""
-        return self._dict["about"]
+        return str(self._dict["about"])
 
     @property
     def plan(self) -> Plan | None:
@@ -182,22 +199,22 @@ class Study:
     @property
     def seed(self) -> int:
         """The seed that it was run with."""
-        return self._dict["seed"]
+        return int(self._dict["seed"])
 
     @property
     def program(self) -> str:
         """The program that ran it."""
-        return self._dict["program"]
+        return str(self._dict["program"])
 
     @property
     def cells(self) -> list[dict[str, Any]]:
         """Every cell, one method on one setting: its keys (`plant`, `snr`, `delay_s`, …) and its results (`rms_samples`, `coverage95`, …)."""
-        return self._dict["cells"]
+        return list(self._dict["cells"])
 
     @property
     def scores(self) -> list[dict[str, Any]]:
         """Means over the cells of a grid, by method and by the share of answers that is kept: `mean_rms_samples`, `ci95_samples`."""
-        return self._dict["scores"]
+        return list(self._dict["scores"])
 
     @property
     def published(self) -> list[dict[str, Any]]:
@@ -309,7 +326,8 @@ def _revived(text: str, plan: Plan | None, folder: Path | None, columns: dict[st
 
 
 def _words(words: Sequence[str], codes: np.ndarray) -> np.ndarray:
-    return np.array(words, dtype=object)[codes]
+    taken: np.ndarray = np.array(words, dtype=object)[codes]
+    return taken
 
 
 def _escaped(text: str) -> str:
@@ -350,7 +368,13 @@ def gate(
 
 
 class GateResult:
-    """What a gate found; true where nothing is worse."""
+    """What a gate found; true where nothing is worse. `deadtime.gate` returns one.
+
+    Parameters
+    ----------
+    native : GateReport
+        The comparison, as the native module holds it.
+    """
 
     def __init__(self, native: _native.GateReport) -> None:
         self._native = native
@@ -366,23 +390,24 @@ class GateResult:
     @property
     def findings(self) -> list[dict[str, Any]]:
         """What got worse: `grid`, `place`, `method`, `cell`, `measured`, `before`, `after`, `p_value`, …"""
-        return self.to_dict()["worse"]
+        return list(self.to_dict()["worse"])
 
     @property
     def better(self) -> list[dict[str, Any]]:
         """What got better by the same tests."""
-        return self.to_dict()["better"]
+        return list(self.to_dict()["better"])
 
     def to_dict(self) -> dict[str, Any]:
         """`deadtime/gate@1` as dicts and lists."""
-        return json.loads(self.to_json())
+        whole: dict[str, Any] = json.loads(self.to_json())
+        return whole
 
     def to_json(self) -> str:
         """`deadtime/gate@1`."""
         return self._native.json()
 
     def save(self, path: PathLike) -> None:
-        """Writes `deadtime/gate@1` to `path`."""
+        """Writes `deadtime/gate@1` as the file `path`."""
         _native._write_whole(path, (self.to_json() + "\n").encode())
 
     def junit(self) -> str:

@@ -141,7 +141,7 @@ impl Job {
             for (i, input) in self.inputs.iter().enumerate() {
                 self.stop.check()?;
                 let seen = self.seen(&experiment, &search, i, o)?;
-                let predicted = richness(seen.from_start(Start::Rest), &seen.search, 0, 0, &methods)?;
+                let predicted = richness(seen.by_start(Start::Rest), &seen.search, 0, 0, &methods)?;
                 let methods = methods.iter().map(|m| m.entry.name).zip(predicted).collect();
                 expected.push(Expected { input: input.clone(), output: output.clone(), methods });
             }
@@ -206,12 +206,12 @@ impl Job {
                 }
                 let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
                 // What has no prediction has none; why it cannot be used at all each method says itself.
-                let predicted = richness(seen.from_start(Start::Rest), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
+                let predicted = richness(seen.by_start(Start::Rest), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
                 let answer = |(ready, predicted): (&&Ready, Option<Richness>)| -> Result<Answer> {
                     self.stop.check()?;
                     let clock = Instant::now();
                     // What a method cannot do with this log is its answer; the others go on.
-                    let sees = if ready.estimator.is_joint() { &seen.together } else { seen.from_start(ready.method.start) };
+                    let sees = if ready.estimator.is_joint() { &seen.together } else { seen.by_start(ready.method.start) };
                     let estimate = match ready.estimator.estimate(sees, &search) {
                         Ok(mut estimates) if !estimates.is_empty() => estimates.remove(0).estimate,
                         Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for this pair"),
@@ -222,6 +222,7 @@ impl Job {
                     Ok(Answer { method: ready.method, estimate, predicted, time_s: clock.elapsed().as_secs_f64() })
                 };
                 let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
+                self.stop.check()?;
                 pairs.push(pair(input, output, &answers, findings, experiment.sample_time));
             }
         }
@@ -316,7 +317,7 @@ struct Seen {
 }
 
 impl Seen {
-    fn from_start(&self, start: Start) -> &Experiment {
+    fn by_start(&self, start: Start) -> &Experiment {
         match start {
             Start::Rest => self.rested.as_ref().unwrap_or(&self.one),
             Start::Any => &self.one,
@@ -476,3 +477,74 @@ fn poor(answers: &[Answer]) -> Option<f64> {
 
 /// Half the distance between two responses, in standard deviations of the noise, from which they are seldom taken for each other.
 const TOLD_APART: f64 = 3.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Error;
+    use crate::log::Channel;
+    use crate::signal::{Excitation, excitation::Rbs};
+    use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+
+    fn experiment(samples: usize) -> Experiment {
+        let u = Rbs::default().generate(samples, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
+        let noise = Rbs::default().generate(samples, &mut ChaCha8Rng::seed_from_u64(2)).unwrap();
+        let mut y = vec![0.0; samples];
+        for t in 6..samples {
+            y[t] = 1.5 * y[t - 1] - 0.56 * y[t - 2] + 0.1 * u[t - 6] + 0.05 * noise[t];
+        }
+        Experiment::siso(SampleTime::new(0.1).unwrap(), u, y)
+    }
+
+    fn job(stop: Stop) -> Job {
+        let Recording { inputs, outputs, .. } = experiment(400).recordings.remove(0);
+        let time_s = (0..400).map(|k| 0.1 * f64::from(k)).collect();
+        let channels = vec![Channel::new("u", None, inputs[0].clone()), Channel::new("y", None, outputs[0].values.clone())];
+        Job {
+            name: "log".to_owned(),
+            logs: vec![Log::new("log", time_s, channels).unwrap()],
+            inputs: vec!["u".to_owned()],
+            outputs: vec!["y".to_owned()],
+            methods: chosen(&["arxstruc".to_owned()], &BTreeMap::new(), &[Scope::Pair]).unwrap(),
+            model: None,
+            max_delay_s: None,
+            degree_bias: None,
+            detrend: Detrend::Mean,
+            feedback: Feedback::Auto,
+            resampled: false,
+            stop,
+        }
+    }
+
+    #[test]
+    fn a_job_that_is_no_longer_wanted_has_no_report() {
+        assert_eq!(job(Stop::default()).run().unwrap().pairs.len(), 1);
+        let stop = Stop::default();
+        stop.set();
+        assert!(matches!(job(stop.clone()).run(), Err(Error::Stopped)));
+        assert!(matches!(job(stop).expected(), Err(Error::Stopped)));
+    }
+
+    #[test]
+    fn a_method_that_is_stopped_in_the_middle_does_not_answer() {
+        let experiment = experiment(60_000);
+        for name in ["p3d", "p1dz", "ivstruc", "armaxstruc", "oestruc", "oe_posterior", "sampling_zero"] {
+            let ready = chosen(&[name.to_owned()], &BTreeMap::new(), &[Scope::Pair]).unwrap().remove(0);
+            for wait in [0, 20, 60] {
+                let search = Search::default();
+                let wish = search.stop.clone();
+                let waiter = std::thread::spawn(move || {
+                    std::thread::sleep(std::time::Duration::from_millis(wait));
+                    wish.set();
+                });
+                match ready.estimator.estimate(&experiment, &search) {
+                    Err(DelayError::Stopped) => {}
+                    // Done before the wish came.
+                    Ok(answer) => assert!(wait > 0 && answer[0].estimate.delay_s.is_some(), "{name}"),
+                    Err(other) => panic!("{name}: {other}"),
+                }
+                waiter.join().unwrap();
+            }
+        }
+    }
+}

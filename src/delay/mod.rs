@@ -123,6 +123,7 @@ fn every_pair(
             {
                 estimate = wider;
             }
+            search.go_on()?;
             #[allow(clippy::cast_precision_loss)]
             let estimate = estimate.finished(experiment.sample_time.to_seconds(skip as f64));
             estimates.push(PairEstimate { input, output: Some(output), estimate });
@@ -152,6 +153,7 @@ fn every_output(
         {
             estimates = wider;
         }
+        search.go_on()?;
         #[allow(clippy::cast_precision_loss)]
         let moved_s = experiment.sample_time.to_seconds(skip as f64);
         let all = estimates.into_iter().enumerate();

@@ -107,6 +107,14 @@ pub enum Caveat {
         /// By how much.
         percent: String,
     },
+    /// Something is left that effects on equations might explain, which a black box does not let anyone try.
+    #[error(
+        "what was found leaves {times} times the noise, and effects on equations (friction, drag and the like) could not be tried: one of them may be the cause instead; name them as parameters of the simulator, or diagnose a model in equations"
+    )]
+    Incomplete {
+        /// The residual over the floor.
+        times: String,
+    },
     /// An output without a sample in what is held out.
     #[error("`{output}` has no sample in what is held out: how far its gap shrinks is not known")]
     NothingHeldOut {

@@ -225,6 +225,9 @@ fn search_and_judge(
     let effects: Vec<Applied> = judged.found.into_iter().flat_map(|e| e.effects).collect();
     let mut caveats = caveats::caveats(system, records);
     caveats.extend(probed.iter().flat_map(|p| p.caveats.clone()));
+    if let Some(times) = judged.left_over.filter(|_| system.is_black_box() && !effects.is_empty()) {
+        caveats.push(Caveat::Incomplete { times: format!("{times:.1}") });
+    }
     Ok(Diagnosed { diagnosis, model: subject.with(effects.iter().map(Applied::to_entry)), effects, traces, caveats, calls: None })
 }
 

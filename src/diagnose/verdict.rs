@@ -32,6 +32,8 @@ pub(super) struct Judged {
     pub(super) best: Option<Explanation>,
     /// Probability of `unknown`.
     pub(super) unknown: f64,
+    /// How many times the noise floor is left, where that is more than noise: on the output on which the verdict was decided.
+    pub(super) left_over: Option<f64>,
     pub(super) floor: Floor,
 }
 
@@ -115,12 +117,14 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
     let by = |key: &dyn Fn(usize) -> Option<f64>| (0..all.len()).max_by(|&a, &b| key(a).unwrap_or(0.0).total_cmp(&key(b).unwrap_or(0.0)));
     let decisive = if size > 0 { by(&gained) } else { by(&ratio) };
     let mut unknown: f64 = 0.0;
+    let mut left_over = None;
     if let Some(i) = decisive
         && let (Some(all), Some(left), Some(noise)) = (all[i], left[i], noise[i])
     {
         let above = left / noise.max(1e-9);
         let share = if all > noise { (all * all - left * left) / (all * all - noise * noise) } else { 1.0 };
         let limit = if size > 0 { ABOVE_FLOOR } else { ABOVE_FLOOR_ALONE };
+        left_over = Some(above).filter(|above| *above > limit && !chance);
         if above > limit && share < EXPLAINS[size.clamp(1, 2) - 1] && !chance {
             unknown = 1.0 - 0.5 * (limit - above).exp();
         }
@@ -139,5 +143,5 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
     // What one of several explains alone orders them.
     let alone = |a: &Applied| found.singles.iter().find(|s| s.effects.iter().all(|e| e.key() == a.key())).map_or(0.0, |s| s.gain);
     let best = best.explanation.map(|e| e.ordered(alone));
-    Some(Judged { verdict, found: best.clone().filter(|_| verdict == Verdict::Effects), best, unknown, floor })
+    Some(Judged { verdict, found: best.clone().filter(|_| verdict == Verdict::Effects), best, unknown, left_over, floor })
 }

@@ -7,6 +7,7 @@ use super::polynomial::reflected;
 use super::polynomial::{filter, is_stable};
 use super::regression::{Record, dot};
 use crate::fit::{LevenbergMarquardt, Normal, Stopped};
+use crate::stop::Stop;
 
 /// Orders of an ARMAX model.
 ///
@@ -468,6 +469,12 @@ impl Armax {
     /// The best models for nk = `first` … `max_delay` with 1 … nb input coefficients; smaller delays have none.
     #[must_use]
     pub fn scan(&self, records: &[Record], first: usize, max_delay: usize) -> ArmaxScan {
+        self.scan_until(records, first, max_delay, &Stop::default())
+    }
+
+    /// [`Self::scan`] that breaks off once it is wished; what it gives then says nothing.
+    #[must_use]
+    pub fn scan_until(&self, records: &[Record], first: usize, max_delay: usize, stop: &Stop) -> ArmaxScan {
         let mut problem = Problem::new(*self, records, max_delay);
         let delays = max_delay + 1;
         #[allow(clippy::cast_precision_loss)]
@@ -487,6 +494,9 @@ impl Armax {
             problem.m = m;
             for upwards in [true, false] {
                 for step in first..delays {
+                    if stop.is_set() {
+                        return ArmaxScan { fits, without_input, power, rows: problem.rows };
+                    }
                     let nk = if upwards { step } else { max_delay + first - step };
                     problem.nk = nk;
                     let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1) };

@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use super::polynomial::reflected;
 use super::polynomial::{filter, is_stable};
 use super::regression::{Record, dot};
+use crate::stop::Stop;
 
 /// Orders of the model.
 ///
@@ -108,10 +109,19 @@ impl RefinedIv {
     /// The best model for nk = 0 … `max_delay`, on records that begin at rest and have no missing sample; `None` for a delay that has none.
     #[must_use]
     pub fn scan(&self, records: &[Record], max_delay: usize) -> Vec<Option<IvFit>> {
+        self.scan_until(records, max_delay, &Stop::default())
+    }
+
+    /// [`Self::scan`] that breaks off once it is wished; what it gives then says nothing.
+    #[must_use]
+    pub fn scan_until(&self, records: &[Record], max_delay: usize, stop: &Stop) -> Vec<Option<IvFit>> {
         let mut fits: Vec<Option<IvFit>> = vec![None; max_delay + 1];
         for upwards in [true, false] {
             for step in 0..=max_delay {
                 let nk = if upwards { step } else { max_delay - step };
+                if stop.is_set() {
+                    return fits;
+                }
                 let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1) };
                 let neighbour = neighbour.and_then(|n| fits.get(n)?.as_ref()).map(|f| f.f.clone());
                 let first = if upwards { self.least_squares(records, nk) } else { None };

@@ -5,6 +5,7 @@ mod cascade;
 mod d2c;
 mod equations;
 mod file;
+mod hinf;
 mod matrix;
 mod riccati;
 mod state_space;
@@ -17,6 +18,7 @@ pub use equations::{
     Breakdown, EquationError, Equations, Fault, Linearisation, NonFinite, OutputVariable, Parameter, StateVariable, Symbol, Workspace, Wrt,
 };
 pub use file::{Channel, EffectEntry, EquationsFile, ModelDocument, ModelFile, Operating, ParameterEntry, State, StateEntry};
+pub use hinf::Peak;
 pub use riccati::{Lqr, dare, dlqr};
 pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 pub use transfer_function::TransferFunction;

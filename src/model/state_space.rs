@@ -23,6 +23,8 @@ pub trait TimeDomain: Clone + Copy + std::fmt::Debug + PartialEq {
     fn delay_s(self, delay: Self::Delay) -> f64;
     /// A pole here decays.
     fn is_stable_pole(self, pole: Complex<f64>) -> bool;
+    /// The sample time, seconds; `None` in continuous time.
+    fn sample_time_s(self) -> Option<f64>;
     /// A delay that a model may have.
     ///
     /// # Errors
@@ -41,6 +43,9 @@ impl TimeDomain for Continuous {
     fn is_stable_pole(self, pole: Complex<f64>) -> bool {
         pole.re < 0.0
     }
+    fn sample_time_s(self) -> Option<f64> {
+        None
+    }
     fn check_delay(self, delay: f64) -> Result<(), crate::time::TimeError> {
         if delay.is_finite() && delay >= 0.0 { Ok(()) } else { Err(crate::time::TimeError::Delay { seconds: delay }) }
     }
@@ -57,6 +62,9 @@ impl TimeDomain for Sampled {
     }
     fn is_stable_pole(self, pole: Complex<f64>) -> bool {
         pole.norm() < 1.0
+    }
+    fn sample_time_s(self) -> Option<f64> {
+        Some(self.0.seconds())
     }
     fn check_delay(self, _: usize) -> Result<(), crate::time::TimeError> {
         Ok(())
@@ -330,6 +338,14 @@ impl<T: TimeDomain> StateSpace<T> {
             column *= Complex::from_polar(1.0, -omega_rad_s * self.domain.delay_s(delay));
         }
         response
+    }
+
+    /// The H-infinity norm, the largest gain over all frequencies and directions; infinite unless every pole decays. Delays change no gain.
+    ///
+    /// Source: Bruinsma and Steinbuch (1990), doi:10.1016/0167-6911(90)90049-Z.
+    #[must_use]
+    pub fn norm_hinf(&self) -> super::Peak {
+        super::hinf::peak(self)
     }
 
     /// The response to a constant, p×m: infinite where the pair integrates it.

@@ -50,7 +50,7 @@ fn _blind_run(
         new.into_iter().try_for_each(|one| progress.call1(py, one).map(|_| ()))
     };
     let summary = long_told(py, threads, tell, move |stop| {
-        let gap = GapOptions { seed, ..GapOptions::default() };
+        let gap = GapOptions { seed, stop: stop.clone(), ..GapOptions::default() };
         let options = RunOptions { jobs, existing: existing(fresh), stop: stop.clone() };
         let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis);
         let progress = |id: &str, outcome: &Outcome| news.lock().unwrap_or_else(PoisonError::into_inner).push(told(id, outcome));
@@ -76,8 +76,8 @@ fn _blind_case(
     seed: u64,
     threads: Option<usize>,
 ) -> PyResult<Told> {
-    long(py, threads, move |_| {
-        let gap = GapOptions { seed, ..GapOptions::default() };
+    long(py, threads, move |stop| {
+        let gap = GapOptions { seed, stop: stop.clone(), ..GapOptions::default() };
         let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis);
         match run_case(&id, CaseFiles::of(case, &id), &verdicts, existing(fresh), &diagnose) {
             Outcome::Failed(Error::Stopped) => Err(Error::Stopped),

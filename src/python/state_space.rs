@@ -202,6 +202,21 @@ impl StateSpace {
         array2(py, each!(&self.0, sys => sys.dc_gain()))
     }
 
+    /// The H-infinity norm: the largest gain over all frequencies and directions, and the frequency where it is, rad/s.
+    ///
+    /// Returns
+    /// -------
+    /// tuple of float
+    ///     Norm and frequency; (inf, nan) for a system with a pole that does not decay.
+    ///
+    /// Notes
+    /// -----
+    /// Bruinsma and Steinbuch (1990), Systems & Control Letters 14(4), 287-293, doi:10.1016/0167-6911(90)90049-Z; accurate to 1e-10, relatively.
+    fn norm_hinf(&self) -> (f64, f64) {
+        let peak = each!(&self.0, sys => sys.norm_hinf());
+        (peak.gain, peak.omega_rad_s)
+    }
+
     /// The model of one input and one output, all states kept; counted from 0.
     #[pyo3(signature = (output = 0, input = 0))]
     fn select(&self, py: Python<'_>, output: usize, input: usize) -> PyResult<Self> {

@@ -125,7 +125,7 @@ impl Plan {
         py.detach(|| study::Runner::untried(&self.0).map(|r| r.estimates())).or_raise(py)
     }
 
-    /// The plan without all grids and methods but these; a method is named with the options that the plan gives it, or without: then with any.
+    /// The plan with these `grids` and `methods` only (none given: all); a method is named with the options that the plan gives it, or without: then with any.
     #[pyo3(signature = (grids = Vec::new(), methods = Vec::new()))]
     fn only(&self, py: Python<'_>, grids: Vec<String>, methods: Vec<String>) -> PyResult<Self> {
         let mut plan = self.0.clone();
@@ -133,7 +133,7 @@ impl Plan {
         Ok(Self(plan))
     }
 
-    /// The plan with other trials in every grid, or another seed.
+    /// The plan with other `trials` in every grid, or another `seed`.
     #[pyo3(signature = (*, trials = None, seed = None))]
     fn replace(&self, trials: Option<usize>, seed: Option<u64>) -> PyResult<Self> {
         let mut plan = self.0.clone();
@@ -152,7 +152,7 @@ impl Plan {
         self.0.to_toml().or_raise(py)
     }
 
-    /// Writes the plan to `path`.
+    /// Writes the plan as the file `path`.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let text = self.to_toml(py)?;
         py.detach(|| write_atomic(&path, |out| out.write_all(text.as_bytes()))).or_raise(py)
@@ -393,6 +393,16 @@ impl Runner {
         let runner = self.0.clone();
         let part = long(py, Some(1), move |stop| runner.part(first..end, stop))?;
         Ok(PyBytes::new(py, &part))
+    }
+
+    /// The same, written to a file, all of it or none; returns the bytes of the file.
+    fn write_part(&self, py: Python<'_>, first: usize, end: usize, path: PathBuf) -> PyResult<usize> {
+        let runner = self.0.clone();
+        long(py, Some(1), move |stop| {
+            let part = runner.part(first..end, stop)?;
+            write_atomic(&path, |out| out.write_all(&part))?;
+            Ok(part.len())
+        })
     }
 }
 

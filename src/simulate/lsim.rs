@@ -438,7 +438,10 @@ pub fn lsim_sampled_at(sys: &StateSpace<Sampled>, time_s: &[f64], u: &DMatrix<f6
     let (start_s, ts) = (time_s.first().copied().unwrap_or(0.0), sys.sample_time());
     let due = |k: usize| start_s + ts.to_seconds(k as f64);
     // What is off by this share of a sample was meant to be another grid.
-    let off = |k: &usize| !((time_s[*k] - due(*k)).abs() <= 1e-3 * ts.seconds());
+    let off = |k: &usize| {
+        let by_s = (time_s[*k] - due(*k)).abs();
+        by_s.is_nan() || by_s > 1e-3 * ts.seconds()
+    };
     match (0..time_s.len()).find(off) {
         Some(sample) => Err(SimulateError::Grid { sample, time_s: time_s[sample], due_s: due(sample) }),
         None => lsim_sampled(sys, u, options),

@@ -65,6 +65,7 @@ pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usiz
                 min_delay: usize::from(setting.is_closed() && place == Place::U && record.degree.iter().flatten().all(|d| *d > 0)),
                 max_delay: setting.max_delay,
                 bias: record.degree.clone(),
+                stop: stop.clone(),
                 ..Search::default()
             };
             // The worker's thread does nothing else meanwhile.

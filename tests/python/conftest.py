@@ -5,10 +5,19 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import pytest
-
-# Before anything imports it: figures are drawn without a screen.
+# Before anything imports them: figures are drawn without a screen, and matrices of six rows multiplied by one thread.
 os.environ.setdefault("MPLBACKEND", "Agg")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import pytest  # noqa: E402
+from hypothesis import HealthCheck, settings  # noqa: E402
+
+# Another draw on every run; a failure prints what reproduces it. `--hypothesis-profile=thorough` draws ten times as many.
+_DRAWS = {"deadline": None, "database": None, "print_blob": True, "suppress_health_check": [HealthCheck.too_slow, HealthCheck.filter_too_much]}
+settings.register_profile("short", max_examples=40, **_DRAWS)
+settings.register_profile("thorough", max_examples=400, **_DRAWS)
+settings.load_profile("short")
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -263,6 +263,21 @@ def test_a_worker_of_another_version_is_told_from_ours(client):
         client.submit(deadtime.dask._cost, plan._bare(), os.fspath(plan.folder), "another stamp", 0).result()
 
 
+def test_a_task_that_kills_its_workers_is_told_and_given_up(client):
+    def deadly() -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    with pytest.raises(StudyError, match="task 7: workers died on it again and again"):
+        list(deadtime.dask._results(distributed, client, "deadtime-test", deadly, [7], lambda task: (), None))
+    client.wait_for_workers(3, timeout=30)
+
+
+def test_a_folder_that_workers_do_not_share_is_told(monkeypatch, tmp_path):
+    monkeypatch.setattr(deadtime.dask, "PATIENCE", 0.3)
+    with pytest.raises(StudyError, match="shared=False"):
+        deadtime.dask._wait_for(tmp_path / "part-00000000.parquet")
+
+
 def test_model_files_of_a_plan_are_read_by_the_workers(client, tmp_path):
     (tmp_path / "lag.toml").write_text(blind_cases.MODEL)
     (tmp_path / "plan.toml").write_text(PLAN.replace('["slow2", "fast1"]', '"lag.toml"').replace("trials = 110", "trials = 30"))

@@ -18,7 +18,15 @@ def run(script: Path) -> str:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "MPLBACKEND": "Agg"}
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=900, env=environment, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+    page = (script.parents[1] / "docs" / "examples.md").read_text(encoding="utf-8")
+    shown = page.split(f"$ python examples/{script.name}\n")[1].split("```")[0]
+    assert causes(shown) == causes(done.stdout), "docs/examples.md shows something else: python scripts/examples_page.py"
     return done.stdout
+
+
+def causes(printed: str) -> list[str]:
+    """What is named, without the numbers."""
+    return [line.split(" with ")[0].split(";")[0] for line in printed.splitlines() if line.startswith("Cause: ")]
 
 
 def test_dry_friction_in_mujoco_is_named_where_it_can_be_and_unknown_where_not(examples: Path) -> None:

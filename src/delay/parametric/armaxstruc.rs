@@ -10,6 +10,7 @@ use crate::delay::{
 };
 use crate::identify::{Armax, ArmaxFit, MAX_OE_ORDER, Record};
 use crate::registry::entry;
+use crate::stop::Stop;
 
 /// Inputs: u, y on one even grid; under feedback u must be what the plant received, not the reference. Output: seconds, positive = y lags u.
 ///
@@ -108,16 +109,23 @@ impl DelayEstimator for Armaxstruc {
                 return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
             }
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment, &search.stop))
     }
 }
 
 impl Armaxstruc {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+        stop: &Stop,
+    ) -> Result<DelayEstimate, DelayError> {
         let cut = super::heads(records, self.max_samples);
         let records = cut.as_deref().unwrap_or(records);
         let orders = Armax { na: self.na, nb: self.nb, nc: self.nc };
-        let scan = orders.scan(records, 0, max_delay);
+        let scan = orders.scan_until(records, 0, max_delay, stop);
         if scan.rows < orders.rows_needed() {
             return Err(DelayError::TooShort {
                 method: NAME,

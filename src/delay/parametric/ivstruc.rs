@@ -10,6 +10,7 @@ use crate::delay::{
 };
 use crate::identify::{MAX_OE_ORDER, Record, RefinedIv};
 use crate::registry::entry;
+use crate::stop::Stop;
 
 /// Inputs: u, y on one even grid, without missing samples. Output: seconds, positive = y lags u.
 ///
@@ -96,12 +97,19 @@ impl DelayEstimator for Ivstruc {
                 return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
             }
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment, &search.stop))
     }
 }
 
 impl Ivstruc {
-    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+    fn pair(
+        &self,
+        records: &[Record],
+        max_delay: usize,
+        bias: usize,
+        experiment: &Experiment,
+        stop: &Stop,
+    ) -> Result<DelayEstimate, DelayError> {
         let parameters = self.nb + self.nf;
         let needed = max_delay + self.nb + 3 * (parameters + self.noise);
         let got = experiment.longest();
@@ -119,7 +127,7 @@ impl Ivstruc {
         let cut = super::heads(records, self.max_samples);
         let records = cut.as_deref().unwrap_or(records);
         let orders = RefinedIv { nb: self.nb, nf: self.nf, noise: self.noise };
-        let fits = orders.scan(records, max_delay);
+        let fits = orders.scan_until(records, max_delay, stop);
         let losses: Vec<f64> = fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect();
         let power = crate::identify::power(records);
         #[allow(clippy::cast_precision_loss)]

@@ -106,10 +106,11 @@ impl DelayEstimator for OePosterior {
         let orders = OutputError { nb: self.nb, nf: self.nf, initial: self.initial };
         check(NAME, &orders, self.max_samples)?;
         every_pair(experiment, search, |records, max_delay, bias| {
-            let Profile { posterior, note, .. } = match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Average)? {
-                Ok(profile) => profile,
-                Err(answer) => return Ok(answer),
-            };
+            let Profile { posterior, note, .. } =
+                match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Average, &search.stop)? {
+                    Ok(profile) => profile,
+                    Err(answer) => return Ok(answer),
+                };
             let weights = &posterior.weights;
             let answer = match self.center {
                 Center::Mean => mean(weights, |_| true),

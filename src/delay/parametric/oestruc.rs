@@ -83,11 +83,12 @@ impl DelayEstimator for Oestruc {
         let orders = OutputError { nb: self.nb, nf: self.nf, initial: self.initial };
         check(NAME, &orders, self.max_samples)?;
         every_pair(experiment, search, |records, max_delay, bias| {
-            let Profile { fits, posterior, note, .. } = match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best)? {
-                Ok(profile) => profile,
-                Err(answer) if self.always_answers => return Ok(self.anyway(answer, orders, records, max_delay, bias, experiment)),
-                Err(answer) => return Ok(answer),
-            };
+            let Profile { fits, posterior, note, .. } =
+                match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best, &search.stop)? {
+                    Ok(profile) => profile,
+                    Err(answer) if self.always_answers => return Ok(self.anyway(answer, orders, records, max_delay, bias, experiment)),
+                    Err(answer) => return Ok(answer),
+                };
             // The published rule does not ask whether the search for that delay's model came to an end.
             let best = Some(&fits).filter(|_| self.always_answers).and_then(|f| smallest(f)).unwrap_or(posterior.best);
             #[allow(clippy::cast_precision_loss)]

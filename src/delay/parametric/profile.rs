@@ -5,6 +5,7 @@ use crate::delay::posterior::{self, Posterior};
 use crate::delay::{DelayError, DelayEstimate, Outcome};
 use crate::fit::Stopped;
 use crate::identify::{Initial, MAX_OE_ORDER, OeFit, OutputError, Record, largest_pole, power};
+use crate::stop::Stop;
 
 /// An output-error scan against which nothing speaks.
 pub(super) struct Profile {
@@ -73,6 +74,7 @@ pub(super) fn profile(
     records: &[Record],
     max_delay: usize,
     weighing: Weighing,
+    stop: &Stop,
 ) -> Result<Result<Profile, DelayEstimate>, DelayError> {
     let parameters = orders.nb + orders.nf;
     let needed = max_delay + orders.nb + 3 * parameters;
@@ -81,7 +83,7 @@ pub(super) fn profile(
         return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter --max-delay" });
     }
     let (records, note) = shortened(records, max_samples);
-    let fits = orders.scan(&records, max_delay);
+    let fits = orders.scan_until(&records, max_delay, stop);
     let losses: Vec<f64> = fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect();
     let power = power(&records);
     let floor = posterior::ROUNDING * power;

@@ -9,6 +9,7 @@ use super::chain::{Chain, INPUT, LEAST_LAG, LEAST_RATIO, MOST_RATIO, REAL_RATIO,
 use crate::delay::bound;
 use crate::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
 use crate::identify::{Initial, Record, dot, lag_vector};
+use crate::stop::Stop;
 
 /// A delay of `lag` − `g` samples, g between 0 and 1: the states of `lag` samples ago, `g` of a sample later.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,6 +75,8 @@ pub(super) struct Problem<'a> {
     pub(super) power: f64,
     /// Samples that count.
     pub(super) samples: f64,
+    /// Once it is set nothing can be evaluated any more, so that every search ends.
+    stop: Stop,
 }
 
 /// The signals of one evaluation, all records in a row.
@@ -91,7 +94,7 @@ pub(super) struct Signals {
 }
 
 impl<'a> Problem<'a> {
-    pub(super) fn new(shape: Shape, real: bool, initial: Initial, records: &'a [Record], max_delay: usize) -> Self {
+    pub(super) fn new(shape: Shape, real: bool, initial: Initial, records: &'a [Record], max_delay: usize, stop: &Stop) -> Self {
         let first = if initial == Initial::Estimated { max_delay } else { 0 };
         let work = |r: &'a Record| {
             let n = r.len();
@@ -113,7 +116,7 @@ impl<'a> Problem<'a> {
         }
         let power = records.iter().map(|w| dot(&w.y, &w.y)).sum();
         let samples = records.iter().map(|w| w.mask.as_ref().map_or(count(w.u.len()), |m| m.iter().sum())).sum();
-        Self { shape, initial, max_delay, records, lower, upper, power, samples }
+        Self { shape, initial, max_delay, records, lower, upper, power, samples, stop: stop.clone() }
     }
 
     /// Free parameters of a fit, the delay among them.
@@ -148,6 +151,9 @@ impl<'a> Problem<'a> {
 
     /// Model, residual and derivatives at these poles and this delay.
     pub(super) fn signals(&self, theta: &[f64], place: Place) -> Option<Signals> {
+        if self.stop.is_set() {
+            return None;
+        }
         let chain = Chain::new(self.shape, theta);
         let (k, poles) = (self.shape.numerator(), self.shape.denominator());
         // The numerator's rows, those of their slopes by each pole, and those of their rates of change.
@@ -328,7 +334,8 @@ impl<'a> Problem<'a> {
 
     /// The lowest minima, best first: descents from where a table of poles fits best, over all delays.
     pub(super) fn minima(&self, initial_delay: Option<f64>) -> Vec<Found> {
-        let table: Vec<(Vec<f64>, Profile)> = self.table().into_iter().map(|theta| (theta.clone(), self.profile(&theta))).collect();
+        let row = |theta: Vec<f64>| (!self.stop.is_set()).then(|| (theta.clone(), self.profile(&theta)));
+        let Some(table) = self.table().into_iter().map(row).collect::<Option<Vec<(Vec<f64>, Profile)>>>() else { return Vec::new() };
         let places = table.first().map_or(0, |(_, profile)| profile.len());
         // The lower envelope over the table, and which poles gave it.
         let envelope: Vec<(usize, f64)> = (0..places)

@@ -19,6 +19,7 @@ use super::{
 };
 use crate::identify::{Initial, Record};
 use crate::registry::entry;
+use crate::stop::Stop;
 
 /// Which poles a process model may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -218,7 +219,7 @@ impl Process {
         }
         // Raw delays count the sample that a hold takes to show; here it is in the model.
         let search = Search { min_delay: search.min_delay.saturating_sub(1), ..search.clone() };
-        every_pair(experiment, &search, |records, max_delay, _| self.pair(method, shape, records, max_delay, experiment))
+        every_pair(experiment, &search, |records, max_delay, _| self.pair(method, shape, records, max_delay, experiment, &search.stop))
     }
 
     fn pair(
@@ -228,6 +229,7 @@ impl Process {
         records: &[Record],
         max_delay: usize,
         experiment: &Experiment,
+        stop: &Stop,
     ) -> Result<DelayEstimate, DelayError> {
         let start = if self.initial == Initial::Estimated { shape.poles } else { 0 };
         let needed = max_delay + 3 * (shape.denominator() + shape.numerator() + 1 + start);
@@ -243,7 +245,7 @@ impl Process {
         } else {
             records
         };
-        let mut problem = Problem::new(shape, self.poles == Poles::Real, self.initial, records, max_delay);
+        let mut problem = Problem::new(shape, self.poles == Poles::Real, self.initial, records, max_delay, stop);
         let initial = self.initial_delay_s.map(|s| s / experiment.sample_time.seconds());
         let mut minima = problem.minima(initial);
         let Some(mut best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite()) else {
@@ -329,8 +331,9 @@ const ROUGH_SAMPLES: usize = 4000;
 pub(super) fn rough(records: &[Record], poles: usize, max_delay: usize, taps: usize) -> Option<Rough> {
     let shape = Shape { poles: poles.clamp(1, 3), zero: false };
     let heads: Vec<Record> = records.iter().map(|r| r.head(ROUGH_SAMPLES)).collect();
-    let start = Problem::new(shape, false, Initial::Zero, &heads, max_delay).minima(None).into_iter().next()?;
-    let problem = Problem::new(shape, false, Initial::Zero, records, max_delay);
+    let stop = Stop::default();
+    let start = Problem::new(shape, false, Initial::Zero, &heads, max_delay, &stop).minima(None).into_iter().next()?;
+    let problem = Problem::new(shape, false, Initial::Zero, records, max_delay, &stop);
     let signals = problem.signals(&start.theta, start.place)?;
     let alone = signals.alone()?;
     Some(Rough {

@@ -5,6 +5,7 @@ use super::problem::Problem;
 use super::{OeFit, OutputError, count};
 use crate::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish, polish_exact};
 use crate::identify::regression::Record;
+use crate::stop::Stop;
 use nalgebra::DVector;
 
 /// The search has come back to a known minimum: its loss is hardly above it, and the quadratic model says that nothing lies between.
@@ -51,6 +52,12 @@ impl OutputError {
     /// All samples count, also for nk = 0: before a record the input is taken to be zero.
     #[must_use]
     pub fn scan(&self, records: &[Record], max_delay: usize) -> Vec<Option<OeFit>> {
+        self.scan_until(records, max_delay, &Stop::default())
+    }
+
+    /// [`Self::scan`] that breaks off once it is wished; what it gives then says nothing.
+    #[must_use]
+    pub fn scan_until(&self, records: &[Record], max_delay: usize, stop: &Stop) -> Vec<Option<OeFit>> {
         let mut problem = Problem::new(*self, records);
         let exact = problem.is_second_order();
         let search = LevenbergMarquardt {
@@ -60,11 +67,14 @@ impl OutputError {
             cost_floor: 1e-28 * problem.power,
             ..LevenbergMarquardt::default()
         };
-        let seeds = self.seeds(&mut problem, max_delay);
+        let seeds = self.seeds(&mut problem, max_delay, stop);
         let mut best: Vec<Option<crate::fit::Fit>> = vec![None; max_delay + 1];
         // Twice: what one neighbour found on the way down may help the next on the way up.
         for (sweep, upwards) in [true, false, true, false].into_iter().enumerate() {
             for step in 0..=max_delay {
+                if stop.is_set() {
+                    return vec![None; max_delay + 1];
+                }
                 let nk = if upwards { step } else { max_delay - step };
                 problem.nk = nk;
                 let mut starts: Vec<&[f64]> = Vec::new();
@@ -123,7 +133,7 @@ impl OutputError {
         best.into_iter()
             .enumerate()
             .map(|(nk, fit)| {
-                let mut fit = fit?;
+                let mut fit = fit.filter(|_| !stop.is_set())?;
                 problem.nk = nk;
                 // The search only finds the valley; the minimum in it is Newton's, and where curvature does not let it, that of a search with tight tolerances.
                 if fit.stopped != Stopped::Cost {
@@ -154,10 +164,10 @@ impl OutputError {
     }
 
     /// Starting denominators for every delay: the best of the table, and Steiglitz-McBride.
-    fn seeds(&self, problem: &mut Problem<'_>, max_delay: usize) -> Vec<Vec<Vec<f64>>> {
+    fn seeds(&self, problem: &mut Problem<'_>, max_delay: usize, stop: &Stop) -> Vec<Vec<Vec<f64>>> {
         let mut ranked: Vec<Vec<(f64, Vec<f64>)>> = vec![Vec::new(); max_delay + 1];
         for f in table(self.nf) {
-            if self.nf == 0 || !is_stable(&f) {
+            if self.nf == 0 || !is_stable(&f) || stop.is_set() {
                 continue;
             }
             for (entries, cost) in ranked.iter_mut().zip(problem.costs(&f, max_delay)) {
