@@ -209,8 +209,10 @@ mod tests {
         let u = Piecewise::held(&[0.0, 0.1, 0.2, 0.3], [1.0, 3.0, -0.7, 0.1]);
         let edges = [0.0, 0.1, 0.2, 0.3, 0.5];
         assert_eq!(u.sampled(&edges), (vec![1.0, 3.0, -0.7, 0.1], vec![1.0, 3.0, -0.7, 0.1]));
-        // A delay of whole samples moves them, to the bit.
-        assert_eq!(u.clone().delayed(0.1).sampled(&edges).0, [1.0, 1.0, 3.0, -0.7 * 0.5 + 0.1 * 0.5]);
+        // A delay of whole samples moves them, to the bit; the last one, twice as long, holds two pieces.
+        let moved = u.clone().delayed(0.1).sampled(&edges).0;
+        assert_eq!(moved[..3], [1.0, 1.0, 3.0]);
+        assert!((moved[3] + 0.3).abs() < 1e-14, "{moved:?}");
         let (means, values) = u.delayed(0.025).sampled(&edges);
         let expected = [1.0, 0.25 * 1.0 + 0.75 * 3.0, 0.25 * 3.0 - 0.75 * 0.7, (-0.025 * 0.7 + 0.175 * 0.1) / 0.2];
         assert!(means.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-14), "{means:?}");
