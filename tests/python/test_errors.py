@@ -1,0 +1,66 @@
+"""Every kind of error reaches Python as its own class, and says what is wrong and where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import blind_cases
+import numpy
+import pytest
+
+import deadtime
+from deadtime import _native, errors
+
+_TIME = numpy.arange(200) * 0.1
+_WAVE = numpy.sign(numpy.sin(_TIME * 2.0))
+
+
+def _log(**channels: object) -> deadtime.Log:
+    return deadtime.Log(_TIME, {"u": _WAVE, "y": numpy.roll(_WAVE, 3), **channels})
+
+
+def _model() -> deadtime.Model:
+    lag = deadtime.StateSpace([[-2.0]], [[2.0]], [[1.0]], [[0.0]])
+    return deadtime.Model.from_system(lag, ["u"], ["y"])
+
+
+def _torn(folder: Path) -> object:
+    """Scores a verdict that was cut off."""
+    cases, labels = blind_cases.make(folder, {"late": 4}, samples=60)
+    verdict = folder / "verdicts" / "late"
+    verdict.mkdir(parents=True)
+    (verdict / "diagnosis.json").write_text('{"format": "deadtime/diag', encoding="utf-8")
+    return deadtime.blind.score(folder / "verdicts", labels, cases)
+
+
+#: One way into each class, and a word that its message must have.
+WAYS: dict[str, tuple[Callable[[Path], object], str]] = {
+    "TimeError": (lambda _: deadtime.c2d(_model().system(), -0.1), "-0.1"),
+    "LogError": (lambda _: deadtime.Log([0.0, 0.0], {"u": [1.0, 2.0]}), "stands still"),
+    "ModelError": (lambda _: deadtime.StateSpace([[1.0, 2.0]], [[1.0]], [[1.0]]), "matrix A"),
+    "SignalError": (lambda _: deadtime.excite("prbs", 0), "0"),
+    "SimulateError": (lambda _: deadtime.lsim(_model().system(), [numpy.inf, 1.0], sample_time=0.1), "inf"),
+    "GapError": (lambda _: deadtime.gap(_model(), _log().window(0.0, 1.0)), "samples"),
+    "EffectError": (lambda _: _model().with_effects([{"effect": "friction", "channel": "u"}]), "friction"),
+    "DelayError": (lambda _: deadtime.estimate(_log(still=numpy.ones(200)), "u", "still"), "still"),
+    "DiagnosisError": (_torn, "diagnosis.json"),
+    "BlindError": (lambda folder: deadtime.blind.score(folder, folder), "no label"),
+    "StudyError": (lambda _: deadtime.study("no_such_plan"), "no_such_plan"),
+    "RegistryError": (lambda _: deadtime.estimate(_log(), "u", "y", method="arx_struc"), "arx_struc"),
+    "FileError": (lambda folder: deadtime.read(folder / "none.csv"), "none.csv"),
+}
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_every_kind_of_error_has_a_class_and_a_message(name: str, tmp_path: Path) -> None:
+    way, word = WAYS[name]
+    with pytest.raises(getattr(errors, name)) as raised:
+        way(tmp_path)
+    assert type(raised.value) is getattr(errors, name)
+    assert isinstance(raised.value, deadtime.DeadtimeError)
+    assert word in str(raised.value)
+
+
+def test_there_is_a_way_into_every_class() -> None:
+    assert sorted(WAYS) == sorted(_native.ERROR_CLASSES)
