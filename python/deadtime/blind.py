@@ -7,13 +7,13 @@ docs/blind.md defines the protocol, the files and every score.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from . import _native
+from .results import FileResult
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
 
@@ -145,7 +145,7 @@ def score(verdicts: PathLike, labels: PathLike, cases: PathLike | None = None, *
     return BlindScore(_native.BlindScore.of(verdicts, labels, cases), limits)
 
 
-class BlindScore:
+class BlindScore(FileResult):
     """How a diagnoser did on withheld effects. `score` returns one.
 
     Parameters
@@ -159,28 +159,21 @@ class BlindScore:
     def __init__(self, native: _native.BlindScore, require: list[str]) -> None:
         self._native = native
         self._require = require
-        self._json: dict[str, Any] | None = None
-
-    @property
-    def _dict(self) -> dict[str, Any]:
-        if self._json is None:
-            self._json = self.to_dict()
-        return self._json
 
     @property
     def cases(self) -> int:
         """How many cases."""
-        return int(self._dict["cases"])
+        return int(self._data["cases"])
 
     @property
     def groups(self) -> dict[str, int]:
         """Cases of each kind: `single`, `none`, `unknown`, `pair`."""
-        return dict(self._dict["groups"])
+        return dict(self._data["groups"])
 
     @property
     def scores(self) -> dict[str, dict[str, Any]]:
         """Every score by its name: `value`, `ci95`, `count`."""
-        return {one["name"]: one for one in self._dict["scores"]}
+        return {one["name"]: one for one in self._data["scores"]}
 
     def __getitem__(self, name: str) -> float | None:
         """The value of the score `name`; None where no case has one."""
@@ -190,17 +183,17 @@ class BlindScore:
     @property
     def by(self) -> list[dict[str, Any]]:
         """The same scores by true effect, plant, strength and loop: `key`, `value`, `cases`, `scores`."""
-        return list(self._dict["by"])
+        return list(self._data["by"])
 
     @property
     def confusion(self) -> list[dict[str, Any]]:
         """What was said of what: `truth`, `verdict`, `cases`."""
-        return list(self._dict["confusion"])
+        return list(self._data["confusion"])
 
     @property
     def answers(self) -> list[dict[str, Any]]:
         """Every case with what was judged of it."""
-        return list(self._dict["answers"])
+        return list(self._data["answers"])
 
     @property
     def unmet(self) -> list[str]:
@@ -212,18 +205,9 @@ class BlindScore:
         """Every required limit is kept."""
         return not self.unmet
 
-    def to_dict(self) -> dict[str, Any]:
-        """`deadtime/blind-score@1` as dicts and lists."""
-        whole: dict[str, Any] = json.loads(self.to_json())
-        return whole
-
     def to_json(self) -> str:
         """`deadtime/blind-score@1`."""
         return self._native.json()
-
-    def save(self, path: PathLike) -> None:
-        """Writes `deadtime/blind-score@1` as the file `path`."""
-        _native._write_whole(path, (self.to_json() + "\n").encode())
 
     def markdown(self) -> str:
         """The report as Markdown."""

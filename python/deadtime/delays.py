@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -16,6 +15,7 @@ from . import _native
 from ._native import Log
 from .logs import LogLike, as_logs
 from .models import ModelLike, as_model
+from .results import FileResult
 
 if TYPE_CHECKING:
     import pandas
@@ -170,7 +170,7 @@ class Pair:
         raise KeyError(f"{method} did not run; there are: {', '.join(e.method for e in self.estimates)}")
 
 
-class Estimates:
+class Estimates(FileResult):
     """What the methods say of every pair of inputs and outputs; printed, it is what `deadtime estimate` prints.
 
     Made by `estimate` and `estimate_events`.
@@ -263,26 +263,6 @@ class Estimates:
     def to_json(self) -> str:
         """The text of the file format `deadtime/estimate@1`."""
         return self._file
-
-    def to_dict(self) -> dict[str, Any]:
-        """The same as dicts and lists."""
-        data: dict[str, Any] = json.loads(self._file)
-        return data
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes `deadtime/estimate@1`, under a temporary name until it is whole.
-
-        Parameters
-        ----------
-        path : path
-            The file.
-
-        Raises
-        ------
-        FileError
-            The operating system refused it.
-        """
-        _native._write_whole(path, (self._file + "\n").encode())
 
     def to_text(self, full: bool = False) -> str:
         """What the command line prints.

@@ -5,7 +5,6 @@ The simulator is a model (`deadtime/model@1`) or any function of Python.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
@@ -18,6 +17,7 @@ from . import _native
 from ._native import Model
 from .logs import LogLike, as_logs
 from .models import ModelLike, as_model
+from .results import FileResult, Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -105,32 +105,15 @@ class Trace(TypedDict):
     floor: float
 
 
-class _Result:
-    """What stands in a file."""
-
-    _data: dict[str, Any]
-    _text: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """The file's content as dicts and lists."""
-        data: dict[str, Any] = json.loads(self._text)
-        return data
-
-    def to_json(self) -> str:
-        """The file's text."""
-        return self._text
-
-    def _write(self, path: str | os.PathLike[str]) -> None:
-        _native._write_whole(path, (self._text + "\n").encode())
-
-
-class Diagnosis(_Result):
+class Diagnosis(Result):
     """What was found out about a simulator and its logs: `deadtime/diagnosis@1`, and the curves behind it."""
 
     def __init__(self, native: _native._Diagnosed) -> None:
         self._native = native
-        self._text = native.to_json()
-        self._data = json.loads(self._text)
+
+    def to_json(self) -> str:
+        """The text of `diagnosis.json`."""
+        return self._native.to_json()
 
     @property
     def verdict(self) -> str:
@@ -309,12 +292,15 @@ class Diagnosis(_Result):
         return "".join(map(sentence, repr(self).splitlines())) + table
 
 
-class Inspection(_Result):
+class Inspection(FileResult):
     """What `check` found: `deadtime/check@1`."""
 
     def __init__(self, text: str, words: str) -> None:
         self._text, self._words = text, words
-        self._data = json.loads(text)
+
+    def to_json(self) -> str:
+        """The file's text."""
+        return self._text
 
     @property
     def checks(self) -> list[Check]:
@@ -339,10 +325,6 @@ class Inspection(_Result):
         why: str | None = self._data["not_run"]
         return why
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file to `path`."""
-        self._write(path)
-
     def __repr__(self) -> str:
         return self._words.rstrip()
 
@@ -350,12 +332,15 @@ class Inspection(_Result):
         return f"<pre>{escape(repr(self))}</pre>"
 
 
-class Isolability(_Result):
+class Isolability(FileResult):
     """What logs can tell apart: `deadtime/isolability@1`."""
 
     def __init__(self, text: str, words: str) -> None:
         self._text, self._words = text, words
-        self._data = json.loads(text)
+
+    def to_json(self) -> str:
+        """The file's text."""
+        return self._text
 
     @property
     def effects(self) -> list[dict[str, Any]]:
@@ -379,10 +364,6 @@ class Isolability(_Result):
         """`mode` and `why`."""
         prediction: dict[str, str] = self._data["prediction"]
         return prediction
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file to `path`."""
-        self._write(path)
 
     def __repr__(self) -> str:
         return self._words.rstrip()

@@ -13,6 +13,7 @@ import numpy as np
 
 from . import _native
 from ._native import Plan
+from .results import FileResult
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -131,7 +132,7 @@ def read_study(path: PathLike, plan: PlanLike | None = None) -> Study:
     return Study(_native.StudyResult.read(path), None if plan is None else as_plan(plan), folder)
 
 
-class Study:
+class Study(FileResult):
     """What a study found: every cell, the scores of the methods, and every single estimate.
 
     Errors are in samples, positive where an answer is too late. `str(study)` is all that the command line prints. `deadtime.study` and
@@ -151,41 +152,25 @@ class Study:
         self._native = native
         self._plan = plan
         self._folder = folder
-        self._json: dict[str, Any] | None = None
         self._columns: dict[str, Any] | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """`deadtime/study@1` as dicts and lists."""
-        whole: dict[str, Any] = json.loads(self.to_json())
-        return whole
 
     def to_json(self) -> str:
         """`deadtime/study@1`, as `study.json` holds it."""
         return self._native.json()
-
-    def save(self, path: PathLike) -> None:
-        """Writes `study.json` as the file `path`."""
-        self._native.write(path)
 
     def write_baseline(self, path: PathLike) -> None:
         """Writes what `gate` compares later runs with to the file or folder `path`: without run times, nine digits, one line per cell."""
         self._native.write_baseline(path)
 
     @property
-    def _dict(self) -> dict[str, Any]:
-        if self._json is None:
-            self._json = self.to_dict()
-        return self._json
-
-    @property
     def name(self) -> str:
         """The plan's name."""
-        return str(self._dict["plan"])
+        return str(self._data["plan"])
 
     @property
     def about(self) -> str:
         """What the plan is for."""
-        return str(self._dict["about"])
+        return str(self._data["about"])
 
     @property
     def plan(self) -> Plan | None:
@@ -200,22 +185,22 @@ class Study:
     @property
     def seed(self) -> int:
         """The seed that it was run with."""
-        return int(self._dict["seed"])
+        return int(self._data["seed"])
 
     @property
     def program(self) -> str:
         """The program that ran it."""
-        return str(self._dict["program"])
+        return str(self._data["program"])
 
     @property
     def cells(self) -> list[dict[str, Any]]:
         """Every cell, one method on one setting: keys (`plant`, `snr`, `delay_s`, …) and results (`rms_samples`, `coverage95`, …)."""
-        return list(self._dict["cells"])
+        return list(self._data["cells"])
 
     @property
     def scores(self) -> list[dict[str, Any]]:
         """Means over the cells of a grid, by method and by the share of answers that is kept: `mean_rms_samples`, `ci95_samples`."""
-        return list(self._dict["scores"])
+        return list(self._data["scores"])
 
     @property
     def published(self) -> list[dict[str, Any]]:
@@ -378,7 +363,7 @@ def gate(
     return GateResult(_native.GateReport.of(both[0]._native, both[1]._native, alpha, margin, margin_samples, margin_share))
 
 
-class GateResult:
+class GateResult(FileResult):
     """What a gate found; true where nothing is worse. `deadtime.gate` returns one.
 
     Parameters
@@ -401,25 +386,16 @@ class GateResult:
     @property
     def findings(self) -> list[dict[str, Any]]:
         """What got worse: `grid`, `place`, `method`, `cell`, `measured`, `before`, `after`, `p_value`, …"""
-        return list(self.to_dict()["worse"])
+        return list(self._data["worse"])
 
     @property
     def better(self) -> list[dict[str, Any]]:
         """What got better by the same tests."""
-        return list(self.to_dict()["better"])
-
-    def to_dict(self) -> dict[str, Any]:
-        """`deadtime/gate@1` as dicts and lists."""
-        whole: dict[str, Any] = json.loads(self.to_json())
-        return whole
+        return list(self._data["better"])
 
     def to_json(self) -> str:
         """`deadtime/gate@1`."""
         return self._native.json()
-
-    def save(self, path: PathLike) -> None:
-        """Writes `deadtime/gate@1` as the file `path`."""
-        _native._write_whole(path, (self.to_json() + "\n").encode())
 
     def junit(self) -> str:
         """JUnit XML: a suite per grid, a case per method."""
