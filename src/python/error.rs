@@ -52,8 +52,10 @@ pub(super) fn raise(py: Python<'_>, error: impl Into<Error>) -> PyErr {
     let Some(name) = class(&error) else { return PyKeyboardInterrupt::new_err(()) };
     let class = |name: &str| -> PyResult<Bound<'_, PyType>> { Ok(py.import("deadtime.errors")?.getattr(name)?.cast_into()?) };
     match (class(name), &error) {
-        (Ok(class), Error::Io { path, source }) => PyErr::from_type(class, (source.raw_os_error(), os_message(source), path.clone())),
-        (Ok(class), _) => PyErr::from_type(class, error.to_string()),
+        (Ok(class), Error::Io { path, source }) => {
+            PyErr::from_type(class, (source.raw_os_error(), os_message(source), path.clone().into_os_string()))
+        }
+        (Ok(class), _) => PyErr::from_type(class, in_python(&error.to_string())),
         (Err(missing), _) => missing,
     }
 }
@@ -77,4 +79,41 @@ pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
 fn os_message(source: &std::io::Error) -> String {
     let text = source.to_string();
     text.split(" (os error").next().unwrap_or(&text).to_owned()
+}
+
+/// What the command line's options are called in Python, where it is not their own name.
+const REMEDIES: [(&str, &str); 6] = [
+    ("--from S --to S", "log.window(start, stop)"),
+    ("--records COLUMN", "deadtime.read_records(path, column)"),
+    ("--resample TS", "log.resample(sample_time)"),
+    ("--map model_name=column", "log.rename({model_name: column})"),
+    ("--events A,B", "deadtime.estimate_events"),
+    ("--loop closed", "loop=\"closed\""),
+];
+
+/// A message with the remedies of Python in place of those of the command line: options are arguments, called alike.
+fn in_python(message: &str) -> String {
+    let mut text = REMEDIES.iter().fold(message.to_owned(), |text, (option, call)| text.replace(option, call));
+    // `--map NAME=COLUMN` of a name that is known.
+    while let Some((before, after)) = text.split_once("--map ")
+        && let Some((name, rest)) = after.split_once("=COLUMN")
+    {
+        text = format!("{before}log.rename({{\"{name}\": column}}){rest}");
+    }
+    let mut plain = String::with_capacity(text.len());
+    let mut rest = text.as_str();
+    while let Some((before, after)) = rest.split_once("--") {
+        let name: String = after.chars().take_while(|c| c.is_ascii_lowercase() || *c == '-').collect();
+        let begins = before.chars().next_back().is_none_or(|c| !c.is_ascii_alphanumeric() && c != '-');
+        plain.push_str(before);
+        if begins && name.starts_with(|c: char| c.is_ascii_lowercase()) {
+            plain.push_str(&name.replace('-', "_"));
+            plain.push('=');
+        } else {
+            plain.push_str("--");
+            plain.push_str(&name);
+        }
+        rest = &after[name.len()..];
+    }
+    plain + rest
 }

@@ -60,7 +60,19 @@ def test_every_kind_of_error_has_a_class_and_a_message(name: str, tmp_path: Path
     assert type(raised.value) is getattr(errors, name)
     assert isinstance(raised.value, deadtime.DeadtimeError)
     assert word in str(raised.value)
+    assert "--" not in str(raised.value), "a remedy of the command line"
 
 
 def test_there_is_a_way_into_every_class() -> None:
     assert sorted(WAYS) == sorted(_native.ERROR_CLASSES)
+
+
+def test_remedies_are_those_of_python(tmp_path: Path) -> None:
+    with pytest.raises(errors.DeadtimeError, match=r'log\.rename\(\{"u": column\}\)'):
+        deadtime.gap(_model(), deadtime.Log(_TIME, {"command": _WAVE, "y": _WAVE}))
+    with pytest.raises(errors.DelayError, match="max_delay= "):
+        deadtime.estimate(_log(), "u", "y", method="arxstruc", max_delay=100.0)
+    folded = tmp_path / "folded--twice.csv"
+    folded.write_text("time,u\n0,1\n1,2\n0,3\n", encoding="utf-8")
+    with pytest.raises(errors.LogError, match=r"folded--twice\.csv.*deadtime\.read_records\(path, column\)"):
+        deadtime.read(folded)
