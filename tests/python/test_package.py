@@ -27,7 +27,7 @@ def test_stubs_are_what_the_native_module_holds(root: Path, tmp_path: Path) -> N
 
 
 def test_the_package_passes_a_strict_type_check(root: Path, tmp_path: Path) -> None:
-    sources = Path(deadtime.__file__).parent
+    sources = root / "python" / "deadtime"
     found = run("-m", "mypy", "--config-file", str(root / "pyproject.toml"), "--cache-dir", str(tmp_path), str(sources), cwd=tmp_path)
     assert found.returncode == 0, found.stdout + found.stderr
 
