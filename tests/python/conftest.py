@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 # Before anything imports them: figures are drawn without a screen, and matrices of six rows multiplied by one thread.
@@ -12,6 +13,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
+
+# Whoever starts the tests in the background may have them ignore Ctrl-C, and all that they start too; they are about it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Another draw on every run; a failure prints what reproduces it. `--hypothesis-profile=thorough` draws ten times as many.
 _DRAWS = {"deadline": None, "database": None, "print_blob": True, "suppress_health_check": [HealthCheck.too_slow, HealthCheck.filter_too_much]}
