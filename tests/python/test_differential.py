@@ -483,7 +483,13 @@ def test_the_h_infinity_norm_is_that_of_slycot(case: Case, sampled: bool) -> Non
         # What is returned is attained: python-control's response at that frequency has this gain.
         there = control.ss(a, b, c, d, case.sample_time if sampled else 0)(z, squeeze=False)
         assert norm(there) == pytest.approx(gain, rel=1e-9, abs=known)
-    assert gain == pytest.approx(theirs, rel=1e-9, abs=known)
+    else:
+        assert norm(d) == pytest.approx(gain, rel=1e-12)
+    if gain > theirs * (1 + 1e-9) + known:
+        # What python-control's response attains at one frequency, or D at all high ones, no norm can be below.
+        event("slycot's norm is below a gain that is attained")
+    else:
+        assert gain == pytest.approx(theirs, rel=1e-9, abs=known)
     # No frequency of a fine grid is above it.
     for w in numpy.geomspace(1e-3, numpy.pi / case.sample_time, 60):
         assert norm(system.frequency_response(w)) <= gain * (1 + 1e-9) + known
@@ -533,11 +539,23 @@ def test_the_regulator_is_that_of_scipy_control_and_slycot(case: Case, decades: 
     assume(norm(b) > 1e-6)
     ours = deadtime.dlqr(a, b, q, r, n)
     x, k = ours.S, ours.K
-    peers = {"scipy": scipy.linalg.solve_discrete_are(a, b, q, r, s=n), "control": control.dlqr(a, b, q, r, n)[1]}
-    if not crossed and abs(numpy.linalg.det(a)) > 1e-8:
+
+    def of_slycot() -> numpy.ndarray:
         # slycot writes into what it is given; of its symplectic matrix (hinv="D") the unstable half belongs to the stabilising solution.
         g = slycot.sb02mt(order, inputs, b.copy(), r.copy())[-1]
-        peers["slycot"] = slycot.sb02md(order, a.copy(), g, q.copy(), "D", hinv="D", sort="U")[0]
+        return slycot.sb02md(order, a.copy(), g, q.copy(), "D", hinv="D", sort="U")[0]
+
+    asked = {"scipy": lambda: scipy.linalg.solve_discrete_are(a, b, q, r, s=n), "control": lambda: control.dlqr(a, b, q, r, n)[1]}
+    if not crossed and abs(numpy.linalg.det(a)) > 1e-8:
+        asked["slycot"] = of_slycot
+    peers = {}
+    for name, solve in asked.items():
+        # A peer may say that rounding keeps it from an answer; then the others are heard.
+        try:
+            peers[name] = solve()
+        except (numpy.linalg.LinAlgError, slycot.exceptions.SlycotArithmeticError):
+            event(f"{name} gives no answer")
+    assume(peers)
     loop = a - b @ k
     assert numpy.max(numpy.abs(numpy.linalg.eigvals(loop))) < 1
     # The residual in X moves X by the inverse of the Stein operator of the closed loop; rounding makes a residual of eps times the terms' sizes.
