@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from . import _native
+from .arguments import perhaps, whole
 from .results import FileResult
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
@@ -116,7 +117,7 @@ def run(
     if jobs < 1:
         raise ValueError(f"jobs is {jobs}: give at least 1")
     tell = None if progress is None else lambda *one: progress(CaseOutcome(*one))
-    told = _native._blind_run(cases, verdicts, jobs, fresh, seed, threads, tell)
+    told = _native._blind_run(cases, verdicts, whole("jobs", jobs, 1), fresh, whole("seed", seed, 0), perhaps("threads", threads, 1), tell)
     return BlindRun(os.fspath(verdicts), tuple(CaseOutcome(*one) for one in told))
 
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._native import Log
+from .arguments import perhaps
 from .logs import LogLike, as_logs
 from .models import ModelLike, as_model
 from .results import FileResult
@@ -421,7 +422,7 @@ def estimate(
     """
     logs, asked = _asked(log, inputs, outputs, method, max_delay, detrend, degree_bias, loop, options, resample, window)
     plant = None if model is None else as_model(model)
-    file, beside = _native._estimate(logs, plant, _plain(options), asked, threads)
+    file, beside = _native._estimate(logs, plant, _plain(options), asked, perhaps("threads", threads, 1))
     return Estimates(file, beside, logs, detrend)
 
 
@@ -575,7 +576,7 @@ def predict_precision(
     """
     logs, asked = _asked(log, input, output, method, max_delay, detrend, degree_bias, "auto", None, None, None)
     plant = None if model is None else as_model(model)
-    (pair,) = _native._expected(logs, plant, {}, asked, threads)
+    (pair,) = _native._expected(logs, plant, {}, asked, perhaps("threads", threads, 1))
     return dict(pair["methods"])
 
 
@@ -794,7 +795,7 @@ def _asked(
     if resample is not None:
         logs = [one.resample(resample, held) for one in logs]
     asked = {"name": name, "inputs": held, "outputs": _names(outputs), "methods": chosen, "max_delay": max_delay}
-    asked |= {"degree_bias": degree_bias, "detrend": detrend, "loop": loop, "resampled": resample is not None}
+    asked |= {"degree_bias": perhaps("degree_bias", degree_bias, 0), "detrend": detrend, "loop": loop, "resampled": resample is not None}
     return logs, asked
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._native import Model
+from .arguments import perhaps, whole
 from .logs import LogLike, as_logs
 from .models import ModelLike, as_model
 from .results import FileResult, Result
@@ -445,8 +446,8 @@ def gap(
         [] if holdout is None else as_logs(holdout),
         prediction,
         None if max_delay is None else float(max_delay),
-        _at_least("seed", seed, 0),
-        None if threads is None else _at_least("threads", threads, 1),
+        whole("seed", seed, 0),
+        perhaps("threads", threads, 1),
         progress,
     )
     return Diagnosis(native)
@@ -517,7 +518,7 @@ def isolability(
         _logs("isolability", log),
         prediction,
         None if max_delay is None else float(max_delay),
-        None if threads is None else _at_least("threads", threads, 1),
+        perhaps("threads", threads, 1),
     )
     return Isolability(*found)
 
@@ -594,14 +595,6 @@ def _number(what: str, value: Any) -> float:
         return float(value)
     except (TypeError, ValueError) as wrong:
         raise TypeError(f"{what} is {value!r}, not a number") from wrong
-
-
-def _at_least(what: str, value: int, least: int) -> int:
-    if isinstance(value, bool) or not hasattr(value, "__index__"):
-        raise TypeError(f"{what} is {value!r}, not a whole number")
-    if not least <= int(value) < 2**63:
-        raise ValueError(f"{what} is {value}; it must be at least {least}")
-    return int(value)
 
 
 def _logs(caller: str, log: LogLike | Iterable[LogLike] | None) -> list[_native.Log]:

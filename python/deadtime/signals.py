@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._native import Log
+from .arguments import whole
 from .delays import _flat, _plain
 
 #: `white`; `{"ar": [a1, …]}` for noise through 1/A(q); `{"ar": […], "ma": [c1, …]}` for noise through C(q)/A(q). Coefficients begin at lag 1.
@@ -73,7 +74,7 @@ def excite(
 
 
 def _signal(kind: str, samples: int, seed: int, options: Mapping[str, Any]) -> NDArray[numpy.float64]:
-    return _native._excite(kind, samples, seed, _plain({kind: options})[kind])
+    return _native._excite(kind, whole("samples", samples, 0), whole("seed", seed, 0), _plain({kind: options})[kind])
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ def add_noise(
     S. Björklund (2003), LiU-TEK-LIC-2003:60: this definition of the ratio.
     """
     noise: dict[str, Any] = _plain({"noise": {"colour": _spectrum(colour), "scaling": scaling}})["noise"]
-    return _native._add_noise(_flat(signal, "signal"), snr, noise, seed)
+    return _native._add_noise(_flat(signal, "signal"), snr, noise, whole("seed", seed, 0))
 
 
 def _spectrum(colour: Colour) -> Any:

@@ -13,6 +13,7 @@ import numpy as np
 
 from . import _native
 from ._native import Plan
+from .arguments import perhaps
 from .results import FileResult
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ def plants() -> dict[str, str]:
 def as_plan(plan: PlanLike, *, trials: int | None = None, seed: int | None = None) -> Plan:
     """A plan from whatever passes for one, with other `trials` or another `seed` where these are given."""
     made = plan if isinstance(plan, Plan) else Plan(_plain(dict(plan)) if isinstance(plan, Mapping) else plan)
-    return made.replace(trials=trials, seed=seed)
+    return made.replace(trials=perhaps("trials", trials, 0), seed=perhaps("seed", seed, 0))
 
 
 def _plain(value: Any) -> Any:
@@ -102,11 +103,11 @@ def study(
     chosen = as_plan(plan, trials=trials, seed=seed)
     if out is not None:
         folder = Path(out)
-        return Study(_native._study(chosen, folder, resume, threads, progress), chosen, folder)
+        return Study(_native._study(chosen, folder, resume, perhaps("threads", threads, 1), progress), chosen, folder)
     if resume:
         raise ValueError("resume=True goes on in the folder of an earlier run: give it as `out`")
     with tempfile.TemporaryDirectory(prefix="deadtime-", ignore_cleanup_errors=True) as name:
-        result = Study(_native._study(chosen, Path(name), False, threads, progress), chosen, Path(name))
+        result = Study(_native._study(chosen, Path(name), False, perhaps("threads", threads, 1), progress), chosen, Path(name))
         result._load()
         result._folder = None
     return result

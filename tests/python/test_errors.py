@@ -76,3 +76,22 @@ def test_remedies_are_those_of_python(tmp_path: Path) -> None:
     folded.write_text("time,u\n0,1\n1,2\n0,3\n", encoding="utf-8")
     with pytest.raises(errors.LogError, match=r"folded--twice\.csv.*deadtime\.read_records\(path, column\)"):
         deadtime.read(folded)
+
+
+COUNTS: list[tuple[str, Callable[[], object]]] = [
+    ("threads is 0", lambda: deadtime.estimate(_log(), "u", "y", threads=0)),
+    ("threads is -1", lambda: deadtime.predict_precision(_log(), "u", "y", threads=-1)),
+    ("threads is 0", lambda: deadtime.gap(_model(), _log(), threads=0)),
+    ("threads is -2", lambda: deadtime.study("thesis", threads=-2)),
+    ("trials is -1", lambda: deadtime.study("thesis", trials=-1)),
+    ("degree_bias is -1", lambda: deadtime.estimate(_log(), "u", "y", degree_bias=-1)),
+    ("samples is -1", lambda: deadtime.excite("rbs", -1)),
+    ("seed is -1", lambda: deadtime.add_noise(_WAVE, 10.0, seed=-1)),
+    ("jobs is 0", lambda: deadtime.blind.run("cases", "verdicts", jobs=0)),
+]
+
+
+@pytest.mark.parametrize(("said", "call"), COUNTS)
+def test_counts_that_cannot_be_are_refused_by_their_name(said: str, call: Callable[[], object]) -> None:
+    with pytest.raises(ValueError, match=said):
+        call()
