@@ -82,6 +82,18 @@ impl Motion {
         noise.std()
     }
 
+    /// The time in which the fastest output moves by its standard deviation.
+    fn timescale(&self, records: &[Record]) -> f64 {
+        let of = |y: &DMatrix<f64>, record: &Record, i: usize| {
+            let y: Vec<f64> = y.column(i).iter().copied().collect();
+            let rate = root_mean_square(y.windows(2).zip(record.time_s.windows(2)).map(|(y, t)| (y[1] - y[0]) / (t[1] - t[0])));
+            (rate > 0.0).then(|| spread(vec![y], record.sample_time_s).std / rate)
+        };
+        let all = self.predicted.iter().zip(records).flat_map(|(y, record)| (0..y.ncols()).filter_map(move |i| of(y, record, i)));
+        let fastest = all.fold(f64::INFINITY, f64::min);
+        if fastest.is_finite() { fastest } else { 0.0 }
+    }
+
     /// Sizes for first guesses; `residuals` are those of the model as it is.
     pub(super) fn scales(&self, system: &System, records: &[Record], residuals: &[DMatrix<f64>], longest_delay_s: f64) -> Scales {
         let trained = || records.iter().filter(|r| r.train.is_some());
@@ -98,6 +110,7 @@ impl Motion {
         Scales {
             sample_time_s,
             duration_s: trained().map(Record::duration_s).fold(0.0, f64::max),
+            timescale_s: self.timescale(records),
             longest_delay_s,
             inputs: (0..system.inputs.len())
                 .map(|j| spread(records.iter().map(|r| r.inputs[j].clone()).collect(), sample_time_s))

@@ -83,7 +83,8 @@ pub(super) fn screen(problem: &Problem<'_>, catalogue: Vec<Applied>, scales: &Sc
         .into_par_iter()
         .map(|applied| {
             let mut tried: Vec<(f64, Vec<f64>)> = Vec::new();
-            let starts = problem.first_guesses(&applied, scales);
+            let mut starts = problem.first_guesses(&applied, scales);
+            starts.extend(applied.effect.scan(scales));
             let evaluate = |values: &[f64]| problem.whitened(&[with(&applied, values)]);
             for (at, start) in starts.iter().enumerate() {
                 if let Some(there) = evaluate(start) {

@@ -68,6 +68,8 @@ pub struct Scales {
     pub sample_time_s: f64,
     /// Length of the longest log, seconds.
     pub duration_s: f64,
+    /// The time in which the fastest output of the nominal simulation moves by its standard deviation, seconds; 0 where none moves.
+    pub timescale_s: f64,
     /// The longest delay and lag that are looked for, seconds.
     pub longest_delay_s: f64,
     /// Every input's |u| at quantiles 0.1, 0.25, 0.5, 0.75, 0.9, 1; then its rms, smallest and largest value, largest change per second.
@@ -131,6 +133,11 @@ pub trait Effect: Sync {
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError>;
     /// First guesses of the parameters, from sizes of the data; each is a full set.
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>>;
+    /// Further first guesses for a cost with many minima: looked at where a candidate stands alone, not beside another.
+    fn scan(&self, scales: &Scales) -> Vec<Vec<f64>> {
+        let _ = scales;
+        Vec::new()
+    }
     /// The parameters make it the identity.
     fn is_identity(&self, values: &[f64], parameters: &[Parameter]) -> bool {
         values.iter().zip(parameters).all(|(v, p)| *v == p.nominal)

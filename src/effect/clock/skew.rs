@@ -4,6 +4,10 @@ use crate::effect::channel;
 use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
 use crate::simulate::{Plan, System};
 
+/// How many rates are looked at on either side, and the furthest of them: clocks that differ by more are no clocks.
+const SCANNED: u32 = 40;
+const FURTHEST: f64 = 0.15;
+
 /// The sensors' clock runs at another rate.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ClockSkew;
@@ -38,6 +42,13 @@ impl Effect for ClockSkew {
         // Shifts of a tenth of a sample to ten samples at the end of the log.
         let shift = |samples: f64| samples * scales.sample_time_s / scales.duration_s.max(f64::MIN_POSITIVE);
         [1.0, 10.0].iter().flat_map(|&n| [vec![1.0 + shift(n)], vec![1.0 - shift(n)]]).collect()
+    }
+
+    fn scan(&self, scales: &Scales) -> Vec<Vec<f64>> {
+        // A guess leads to the minimum from where the shift at the end of the log is off by less than the motion's own time.
+        let step = scales.timescale_s / scales.duration_s.max(f64::MIN_POSITIVE);
+        let ratios = (1..=SCANNED).map(|n| f64::from(n) * step).take_while(|off| *off > 0.0 && *off <= FURTHEST);
+        ratios.flat_map(|off| [vec![1.0 + off], vec![1.0 - off]]).collect()
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
