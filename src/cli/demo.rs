@@ -100,7 +100,7 @@ impl Demo {
         let logs = [log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?];
         let document = ModelDocument::read(&file("uav_lateral_stabilised.toml"))?;
         let found = diagnose(&document, &logs, &[], &GapOptions { seed: self.seed, ..GapOptions::default() }, &|_| ())?;
-        for line in summary(&found.diagnosis).lines() {
+        for line in summary(&found).lines() {
             say!("   {line}");
         }
         say!("\n{}", ranking(&found.diagnosis, 6).to_string().trim_end());

@@ -86,7 +86,7 @@ impl Gap {
         let found = found?;
         let written = save(&found, out)?;
         write_json(json, &found.diagnosis)?;
-        say!("{}", summary(&found.diagnosis));
+        say!("{}", summary(&found));
         for caveat in &found.caveats {
             say!("Caveat: {caveat}.");
         }

@@ -115,6 +115,14 @@ pub enum Caveat {
         /// The residual over the floor.
         times: String,
     },
+    /// Something is left beside what was found.
+    #[error("beside what was found {times} times the noise floor is left of `{output}`: the simulator differs in something else, too")]
+    Rest {
+        /// The residual over the floor.
+        times: String,
+        /// The output on which the verdict was decided.
+        output: String,
+    },
     /// An output without a sample in what is held out.
     #[error("`{output}` has no sample in what is held out: how far its gap shrinks is not known")]
     NothingHeldOut {

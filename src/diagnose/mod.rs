@@ -14,6 +14,7 @@ mod intervals;
 mod isolability;
 mod locate;
 mod lost;
+mod most;
 mod noise;
 mod pairs;
 mod prediction;
@@ -42,6 +43,7 @@ pub use diagnosis::{
 };
 pub use error::GapError;
 pub use isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size, isolability};
+pub use most::Most;
 pub use progress::Stage;
 pub use subject::Subject;
 pub use traces::Trace;
@@ -93,6 +95,8 @@ pub struct Diagnosed {
     pub effects: Vec<Applied>,
     /// What was measured and predicted, by output and then by log.
     pub traces: Vec<Trace>,
+    /// What explains most, where nothing is called the cause.
+    pub most: Option<Most>,
     /// What a reader has to know of the data.
     pub caveats: Vec<Caveat>,
     /// How often a simulator that can only be called was called; `None` for a model file.
@@ -185,6 +189,7 @@ fn search_and_judge(
         verdict::Verdict::Unknown => Vec::new(),
         _ => trust::hangs(&mut problem, &found, judged.found.as_ref(), &catalogue, &scales),
     };
+    let most = most::most(&problem, &judged, &found, &scales);
     let estimate = judged.found.as_ref().and_then(|e| intervals::estimate(&problem, e, &scales));
     let with_found =
         shrink::residuals(&problem, judged.found.as_ref().map_or(NOTHING, Acting::from)).ok_or_else(|| nominal_fails(records))?;
@@ -225,10 +230,14 @@ fn search_and_judge(
     let effects: Vec<Applied> = judged.found.into_iter().flat_map(|e| e.effects).collect();
     let mut caveats = caveats::caveats(system, records);
     caveats.extend(probed.iter().flat_map(|p| p.caveats.clone()));
-    if let Some(times) = judged.left_over.filter(|_| system.is_black_box() && !effects.is_empty()) {
-        caveats.push(Caveat::Incomplete { times: format!("{times:.1}") });
+    if let Some((output, times)) = judged.left_over.filter(|_| !effects.is_empty()) {
+        let times = format!("{times:.1}");
+        caveats.push(match system.is_black_box() {
+            true => Caveat::Incomplete { times },
+            false => Caveat::Rest { times, output: system.outputs[output].name.clone() },
+        });
     }
-    Ok(Diagnosed { diagnosis, model: subject.with(effects.iter().map(Applied::to_entry)), effects, traces, caveats, calls: None })
+    Ok(Diagnosed { diagnosis, model: subject.with(effects.iter().map(Applied::to_entry)), effects, traces, most, caveats, calls: None })
 }
 
 /// What every diagnosis begins with: the simulator, its logs with what is trained on and what is held back, and how outputs are predicted.

@@ -267,9 +267,14 @@ impl<'a> Problem<'a> {
 
     /// A residual whitened over the whole record, whatever is trained on.
     pub(super) fn whiten_whole(&self, at: usize, residual: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut whole = self.records[at].clone();
-        whole.train = Some(Span { from_s: 0.0, to_s: whole.duration_s() });
-        self.noise[at].whiten(&whole, residual)
+        self.whiten_in(at, residual, Span { from_s: 0.0, to_s: self.records[at].duration_s() })
+    }
+
+    /// A residual whitened over a span, whatever is trained on; 0 outside it.
+    pub(super) fn whiten_in(&self, at: usize, residual: &DMatrix<f64>, span: Span) -> DMatrix<f64> {
+        let mut there = self.records[at].clone();
+        there.train = Some(span);
+        self.noise[at].whiten(&there, residual)
     }
 
     /// Anything that moves as a residual does, from any sample on, through the noise's whitening filter.

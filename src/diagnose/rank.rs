@@ -115,7 +115,8 @@ pub(super) fn cause(
     rows.push((judged.unknown, judged.verdict == Verdict::Unknown, plain("unknown", judged.unknown)));
     // The verdict leads its equals.
     rows.sort_by(|a, b| b.1.cmp(&a.1).then(b.0.total_cmp(&a.0)));
-    let classes = judged.found.as_ref().and(judged.best.as_ref()).map(|leader| classes(problem, leader, found)).unwrap_or_default();
+    let classes =
+        judged.found.as_ref().and(judged.best.as_ref()).map(|leader| classes(problem, leader, found, judged.inexact)).unwrap_or_default();
     let next_experiment = match (classes.iter().find(|class| class.len() > 1), judged.best.as_ref()) {
         (Some(class), Some(best)) => {
             let replaced = |a: &Applied| if a.key() == class[0].key() { class[1].clone() } else { a.clone() };
@@ -175,7 +176,7 @@ fn row(explanation: &Explanation, probability: f64, after: Option<f64>) -> Ranki
     }
 }
 
-fn found_effects(problem: &Problem<'_>, explanation: &Explanation, estimate: Option<&Estimate>) -> Vec<FoundEffect> {
+pub(super) fn found_effects(problem: &Problem<'_>, explanation: &Explanation, estimate: Option<&Estimate>) -> Vec<FoundEffect> {
     let parameter = |e: usize, i: usize| {
         let applied = &explanation.effects[e];
         let place = explanation.free.iter().position(|&at| at == (e, i));
@@ -205,11 +206,12 @@ fn found_effects(problem: &Problem<'_>, explanation: &Explanation, estimate: Opt
 }
 
 /// For every effect of the leader: itself and all that could stand in its place with a likelihood and trajectories as good; classes of one are left out.
-fn classes(problem: &Problem<'_>, leader: &Explanation, found: &Found) -> Vec<Vec<Applied>> {
+/// `inexact` is what the simulator is seen to be off by beside the leader: smaller differences say nothing.
+fn classes(problem: &Problem<'_>, leader: &Explanation, found: &Found, inexact: f64) -> Vec<Vec<Applied>> {
     let Some(own) = problem.whitened(leader) else { return Vec::new() };
     let mut classes: Vec<Vec<Applied>> = leader.effects.iter().map(|a| vec![a.clone()]).collect();
     let same_size = if leader.effects.len() == 1 { &found.singles } else { &found.pairs };
-    let slack = slack(leader.gain);
+    let slack = slack(leader.gain).max(inexact);
     for rival in same_size.iter().filter(|r| r.fitted && (r.gain - leader.gain).abs() < slack) {
         let missing = |of: &Explanation, from: &Explanation| {
             let keys: Vec<String> = from.effects.iter().map(Applied::key).collect();

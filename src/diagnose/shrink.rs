@@ -69,6 +69,11 @@ pub(super) fn together(outputs: &[Option<f64>]) -> Option<f64> {
     (count > 0.0).then(|| (known.iter().map(|v| v * v).sum::<f64>() / count).sqrt())
 }
 
+/// The share of the explainable that an explanation takes away, of errors before and after it; `None` where there is nothing to explain.
+pub(super) fn explained(before: f64, after: f64, floor: f64) -> Option<f64> {
+    (before > floor).then(|| (before * before - after * after) / (before * before - floor * floor))
+}
+
 /// Residuals from the posterior start of each record, by the same rule for every explanation: of a held-out log its own samples, else the training span.
 pub(super) fn residuals<'e>(problem: &Problem<'_>, acting: impl Into<Acting<'e>>) -> Option<Vec<DMatrix<f64>>> {
     let acting = acting.into();
@@ -109,8 +114,7 @@ pub(super) fn shrink(
     let (each_before, each_after) = (b.nrmse(), a.nrmse());
     let (all_before, all_after, all_floor) = (together(&each_before), together(&each_after), together(&floor));
     let fraction = all_before.zip(all_after).filter(|(b, _)| *b > 0.0).map(|(b, a)| 1.0 - a / b);
-    let of_explainable =
-        all_before.zip(all_after).zip(all_floor).filter(|((b, _), f)| b > f).map(|((b, a), f)| (b * b - a * a) / (b * b - f * f));
+    let of_explainable = all_before.zip(all_after).zip(all_floor).and_then(|((before, after), floor)| explained(before, after, floor));
     let outputs = (0..system.outputs.len())
         .map(|i| ShrinkOutput { name: system.outputs[i].name.clone(), before: each_before[i], after: each_after[i], floor: floor[i] })
         .collect();

@@ -9,7 +9,7 @@ use super::problem::{Acting, NOTHING, Problem};
 use super::rank::{leader, odds};
 use super::related;
 use super::search::Found;
-use super::shrink::{self, Errors, together};
+use super::shrink::{self, Errors, explained};
 use crate::effect::{Applied, Scales};
 
 /// A residual this many times its floor has something left in it that an effect did not explain.
@@ -32,8 +32,10 @@ pub(super) struct Judged {
     pub(super) best: Option<Explanation>,
     /// Probability of `unknown`.
     pub(super) unknown: f64,
-    /// How many times the noise floor is left, where that is more than noise: on the output on which the verdict was decided.
-    pub(super) left_over: Option<f64>,
+    /// The output on which the verdict was decided, and how many times the noise floor is left of it, where that is more than noise.
+    pub(super) left_over: Option<(usize, f64)>,
+    /// Twice the log-likelihood that a further effect would gain which does not matter: so far off is the simulator beside what was found.
+    pub(super) inexact: f64,
     pub(super) floor: Floor,
 }
 
@@ -50,6 +52,8 @@ struct Level {
     residuals: Vec<DMatrix<f64>>,
     train: Errors,
     held: Errors,
+    /// Mean squares of the whitened residuals, on the training and on the held-out data: the error beside noise of its colour.
+    white: [f64; 2],
 }
 
 impl Level {
@@ -57,7 +61,12 @@ impl Level {
         let residuals = shrink::residuals(problem, explanation.map_or(NOTHING, Acting::from))?;
         let errors = |span: &dyn Fn(&Record) -> Option<Span>| Errors::of(problem.records, &residuals, span);
         let (train, held) = (errors(&|r| r.train), errors(&|r| r.held));
-        Some(Self { explanation: explanation.cloned(), residuals, train, held })
+        let white = [white(problem, &residuals, |r| r.train), white(problem, &residuals, |r| r.held)];
+        Some(Self { explanation: explanation.cloned(), residuals, train, held, white })
+    }
+
+    fn gain(&self) -> f64 {
+        self.explanation.as_ref().map_or(0.0, |e| e.gain)
     }
 
     fn odds(&self, weight: f64) -> f64 {
@@ -82,6 +91,24 @@ impl Level {
     }
 }
 
+/// Mean square of the whitened residuals inside a span.
+#[allow(clippy::cast_precision_loss)]
+fn white(problem: &Problem<'_>, residuals: &[DMatrix<f64>], span: impl Fn(&Record) -> Option<Span>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0_usize);
+    for ((at, record), residual) in problem.records.iter().enumerate().zip(residuals) {
+        let Some(inside) = span(record) else { continue };
+        sum += problem.whiten_in(at, residual, inside).norm_squared();
+        let there = |i: usize| (0..record.time_s.len()).filter(move |&k| record.measured_in(Some(inside), i, k).is_some()).count();
+        count += (0..record.measured.len()).map(there).sum::<usize>();
+    }
+    sum / count.max(1) as f64
+}
+
+/// `after` lowers the whitened error by more than a factor, on data that it was not fitted to as well: what noise with a long memory hides from the rms.
+fn stands_out(before: &Level, after: &Level, factor: f64) -> bool {
+    !after.is_chance() && before.white.iter().zip(after.white).all(|(b, a)| *b > factor * factor * a)
+}
+
 /// `after` lowers the rms of some output by more than a factor.
 fn matters(before: &Errors, after: &Errors, factor: f64) -> bool {
     before.nrmse().iter().zip(after.nrmse()).any(|(b, a)| b.zip(a).is_some_and(|(b, a)| b > factor * a))
@@ -92,6 +119,8 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
     let weight = problem.weight();
     let nothing = Level::of(problem, None)?;
     let mut best = Level::of(problem, None)?;
+    // Something beats no effect, by whatever measure; the best matters only beside noise of its colour; what a further effect would gain that does not matter.
+    let (mut beaten, mut hidden, mut inexact) = (false, false, 0.0);
     let mut reached = vec![(nothing.train.clone(), nothing.residuals.clone())];
     for (size, explanations) in [&found.singles, &found.pairs].into_iter().enumerate() {
         let Some(next) = leader(explanations, weight).and_then(|e| Level::of(problem, Some(e))) else { continue };
@@ -100,8 +129,12 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
         // A lattice needs not lower the error to be seen.
         let lattice = next.is_chance() && !best.is_chance();
         let matters = lattice || matters(&best.smooth(problem)?, &next.smooth(problem)?, MATTERS[size]);
-        if better && matters {
+        beaten |= better;
+        if better && (matters || stands_out(&best, &next, MATTERS[size])) {
+            hidden = !matters;
             best = next;
+        } else if better && best.size() > 0 {
+            inexact = next.gain() - best.gain();
         }
     }
     let acting = best.explanation.as_ref().map_or(NOTHING, Acting::from);
@@ -123,16 +156,22 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
     {
         let above = left / noise.max(1e-9);
         let share = if all > noise { (all * all - left * left) / (all * all - noise * noise) } else { 1.0 };
-        let limit = if size > 0 { ABOVE_FLOOR } else { ABOVE_FLOOR_ALONE };
-        left_over = Some(above).filter(|above| *above > limit && !chance);
+        let limit = if size > 0 || beaten { ABOVE_FLOOR } else { ABOVE_FLOOR_ALONE };
+        left_over = Some((i, above)).filter(|(_, above)| *above > limit && !chance);
         if above > limit && share < EXPLAINS[size.clamp(1, 2) - 1] && !chance {
             unknown = 1.0 - 0.5 * (limit - above).exp();
         }
     }
-    // What does not hold on data that it was not fitted to is no explanation.
-    let held = |e: &Errors| together(&e.nrmse()).unwrap_or(0.0);
-    let (b, a, f) = (held(&nothing.held), held(&best.held), together(&nothing.held.relative(&floor.floor)).unwrap_or(0.0));
-    if size > 0 && !chance && b * b - a * a < GENERALISES[size.min(2) - 1] * (b * b - f * f).max(0.0) {
+    // What does not hold on data that it was not fitted to is no explanation: asked of the error of that output, or by the measure in which it matters.
+    let held = |i: usize, each: Vec<Option<f64>>| each[i].unwrap_or(0.0);
+    let share = |i: usize| {
+        let floor = held(i, nothing.held.relative(&floor.floor));
+        explained(held(i, nothing.held.nrmse()), held(i, best.held.nrmse()), floor).unwrap_or(1.0)
+    };
+    let white = |level: &Level| level.white[1].sqrt();
+    let whitened = explained(white(&nothing), white(&best), best.white[0].sqrt()).unwrap_or(0.0);
+    let holds = if hidden { whitened } else { decisive.map_or(1.0, share) };
+    if size > 0 && !chance && holds < GENERALISES[size.min(2) - 1] {
         unknown = f64::max(unknown, 0.9);
     }
     let verdict = match (unknown > 0.5, size) {
@@ -143,5 +182,5 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
     // What one of several explains alone orders them.
     let alone = |a: &Applied| found.singles.iter().find(|s| s.effects.iter().all(|e| e.key() == a.key())).map_or(0.0, |s| s.gain);
     let best = best.explanation.map(|e| e.ordered(alone));
-    Some(Judged { verdict, found: best.clone().filter(|_| verdict == Verdict::Effects), best, unknown, left_over, floor })
+    Some(Judged { verdict, found: best.clone().filter(|_| verdict == Verdict::Effects), best, unknown, left_over, inexact, floor })
 }

@@ -430,7 +430,7 @@ impl PyDiagnosed {
     /// The sentences.
     #[getter]
     fn summary(&self) -> String {
-        report::diagnosis::summary(&self.found.diagnosis)
+        report::diagnosis::summary(&self.found)
     }
 
     #[getter]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::diagnose::{Diagnosed, Diagnosis, FoundEffect, Mode, Parameter, RankedPair, RankingRow};
+use crate::diagnose::{Diagnosed, Diagnosis, FoundEffect, Mode, Most, Parameter, RankedPair, RankingRow};
 use crate::error::Result;
 use crate::file::write_atomic;
 use crate::report::html::page;
@@ -10,8 +10,9 @@ use crate::report::text::{Table, estimate};
 
 /// Five sentences: how big the gap is, where it sits, what causes it and how sure that is, what else it could be, how far it shrinks.
 #[must_use]
-pub fn summary(d: &Diagnosis) -> String {
-    [size(d), place(d), cause(d), rivals(d), shrink(d)].join("\n")
+pub fn summary(found: &Diagnosed) -> String {
+    let d = &found.diagnosis;
+    [size(d), place(d), cause(d), rivals(d, found.most.as_ref()), shrink(d)].join("\n")
 }
 
 fn percent(share: f64) -> String {
@@ -90,7 +91,21 @@ fn cause(d: &Diagnosis) -> String {
     }
 }
 
-fn rivals(d: &Diagnosis) -> String {
+fn rivals(d: &Diagnosis, most: Option<&Most>) -> String {
+    if let Some(most) = most {
+        let cannot =
+            d.cause.indistinguishable.first().map(|class| format!(" This data cannot tell the verdict from {}.", class.join(", ")));
+        let next = d.cause.next_experiment.as_deref().map(|n| format!(" {n}"));
+        return format!(
+            "Rivals: not the cause of it all, but what explains most is {}: it takes {} of the explainable on what was learnt from and {} on held-out data; \
+             the rest is something else.{}{}",
+            effect(&most.effect),
+            percent(most.learnt),
+            percent(most.held_out),
+            cannot.unwrap_or_default(),
+            next.unwrap_or_default()
+        );
+    }
     if let Some(class) = d.cause.indistinguishable.first() {
         let others: Vec<&str> = class.iter().skip(usize::from(!d.cause.effects.is_empty())).map(String::as_str).collect();
         let next = d.cause.next_experiment.as_deref().map(|n| format!(" {n}")).unwrap_or_default();

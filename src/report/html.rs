@@ -142,7 +142,7 @@ pub fn page(diagnosed: &Diagnosed) -> String {
         model = escape(&d.model),
         verdict = escape(&verdict),
     );
-    for sentence in summary(d).lines() {
+    for sentence in summary(diagnosed).lines() {
         let (what, rest) = sentence.split_once(": ").unwrap_or(("", sentence));
         let _ = writeln!(html, "<p><strong>{}:</strong> {}</p>", escape(what), quoted(rest));
     }
