@@ -16,8 +16,11 @@ use crate::effect::{Applied, Scales};
 const ABOVE_FLOOR: f64 = 1.5;
 /// The same where no effect helps at all: a gap worth the name is well above the noise.
 const ABOVE_FLOOR_ALONE: f64 = 1.75;
-/// An effect that lowers the rms of no output by this factor is within the noise: the model as it is stands at the floor. A second effect likewise.
+/// An effect that lowers the rms of no output by this factor is within the noise: the model as it is stands at the floor. A second effect likewise,
+/// on the training logs and the held-out data together.
 const MATTERS: [f64; 2] = [1.3, 1.25];
+/// The same once more for every parameter beyond a second effect's first: what can take many shapes takes that of a simulator's own errors, too.
+const FLEXIBLE: f64 = 1.1;
 /// The share of the explainable that one effect must explain, and two.
 const EXPLAINS: [f64; 2] = [0.93, 0.97];
 /// The share of the explainable that one effect, and two, must explain on held-out data: less, and they describe the training logs and no cause.
@@ -109,9 +112,25 @@ fn stands_out(before: &Level, after: &Level, factor: f64) -> bool {
     !after.is_chance() && before.white.iter().zip(after.white).all(|(b, a)| *b > factor * factor * a)
 }
 
-/// `after` lowers the rms of some output by more than a factor.
-fn matters(before: &Errors, after: &Errors, factor: f64) -> bool {
-    before.nrmse().iter().zip(after.nrmse()).any(|(b, a)| b.zip(a).is_some_and(|(b, a)| b > factor * a))
+/// `after` lowers the rms of some output by more than a factor; `held` too, errors of the held-out data, where a second effect is asked for: the geometric mean.
+fn matters(before: &Errors, after: &Errors, held: Option<[&Errors; 2]>, factor: f64) -> bool {
+    let falls = |before: &Errors, after: &Errors| -> Vec<Option<f64>> {
+        before.nrmse().iter().zip(after.nrmse()).map(|(b, a)| b.zip(a).map(|(b, a)| b / a)).collect()
+    };
+    let elsewhere = held.map(|[before, after]| falls(before, after));
+    // An output without a held-out sample has only the one.
+    let together = |(i, fall): (usize, f64)| elsewhere.as_ref().and_then(|e| e[i]).map_or(fall, |there| (fall * there).sqrt());
+    falls(before, after).into_iter().enumerate().filter_map(|(i, fall)| Some((i, fall?))).map(together).any(|fall| fall > factor)
+}
+
+/// The factor by which an explanation must lower the error of the one before it.
+fn needed(before: &Level, after: &Level) -> f64 {
+    let parameters = |level: &Level| level.explanation.as_ref().map_or(0, |e| e.free.len());
+    let steps: f64 = MATTERS[before.size().min(1)..after.size().min(2)].iter().product();
+    let further = if after.size() > 1 { parameters(after).saturating_sub(parameters(before) + after.size() - before.size()) } else { 0 };
+    #[allow(clippy::cast_precision_loss)]
+    let flexible = FLEXIBLE.powf(further as f64);
+    steps * flexible
 }
 
 /// Decides between no effect, the leaders of the search and something that is in no catalogue; `None` where the model cannot be simulated.
@@ -128,9 +147,11 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
         let better = next.odds(weight) > best.odds(weight);
         // A lattice needs not lower the error to be seen.
         let lattice = next.is_chance() && !best.is_chance();
-        let matters = lattice || matters(&best.smooth(problem)?, &next.smooth(problem)?, MATTERS[size]);
+        let factor = needed(&best, &next);
+        let held = (size > 0).then_some([&best.held, &next.held]);
+        let matters = lattice || matters(&best.smooth(problem)?, &next.smooth(problem)?, held, factor);
         beaten |= better;
-        if better && (matters || stands_out(&best, &next, MATTERS[size])) {
+        if better && (matters || stands_out(&best, &next, factor)) {
             hidden = !matters;
             best = next;
         } else if better && best.size() > 0 {
