@@ -360,3 +360,39 @@ fn a_shaking_between_the_lines_of_a_coarse_spectrum_is_found() {
         assert!((found / frequency - 1.0).abs() < 1e-3, "{found} instead of {frequency} Hz");
     }
 }
+
+#[test]
+fn clocks_that_differ_by_per_cents_are_found() {
+    // Two seconds too late at the end of a log of 30 s: hundreds of samples, and many minima on the way.
+    let model = document(&servo(", initial_std = 0.02", ""));
+    for (at, ratio) in [0.912, 0.97, 1.07].into_iter().enumerate() {
+        let values = [ratio];
+        let effects: &[(&str, &str, &[f64])] = &[("clock_skew", "*", &values)];
+        let seed = 980 + 10 * at as u64;
+        let logs = [log(&model, effects, 1500, seed, &[0.0, 0.0]), log(&model, effects, 1200, seed + 1, &[0.0, 0.0])];
+        let d = diagnosed(&model, &logs, &[log(&model, effects, 1200, seed + 2, &[0.0, 0.0])]);
+        assert_eq!(keys(&d), ["clock_skew:*"], "{ratio}");
+        let found = d.cause.effects[0].parameters[0].value.unwrap();
+        assert!((found - ratio).abs() < 1e-3, "{found} instead of {ratio}");
+    }
+}
+
+#[test]
+fn a_simulator_that_is_a_little_off_gives_an_effect_no_companion() {
+    // Beside each effect something small is left to explain, which a second one could take the shape of.
+    let model = document(&servo(", initial_std = 0.02", ""));
+    let machine = document(&servo("", " + 0.04*sin(11*x)").replace("value = 9.0", "value = 9.05").replace("value = 2.4", "value = 2.38"));
+    let truths: [(&str, &str, f64); 4] =
+        [("input_delay", "u", 0.09), ("actuator_lag", "u", 0.12), ("coulomb_friction", "v", 1.0), ("deadband", "u", 0.2)];
+    for (at, (effect, channel, value)) in truths.iter().enumerate() {
+        let values = [*value];
+        let effects: &[(&str, &str, &[f64])] = &[(effect, channel, &values)];
+        let seed = 1100 + 10 * at as u64;
+        let logs = [log(&machine, effects, 1500, seed, &[0.0, 0.0]), log(&machine, effects, 1500, seed + 1, &[0.0, 0.0])];
+        let d = diagnosed(&model, &logs, &[log(&machine, effects, 1200, seed + 2, &[0.0, 0.0])]);
+        let named = d.cause.effects.len() == 1
+            && (keys(&d).contains(&format!("{effect}:{channel}"))
+                || d.cause.indistinguishable.iter().any(|class| class.contains(&format!("{effect}:{channel}"))));
+        assert!(named, "{effect} is called {:?}, {:?}", keys(&d), d.cause.indistinguishable);
+    }
+}
