@@ -15,7 +15,7 @@ use rand_distr::StandardNormal;
 
 const TS: f64 = 0.02;
 const DELAY_S: f64 = 0.05;
-/// Samples after which two values of the slow misfit have little to do with each other: (1 + a)/(1 − a) of an autoregression.
+/// The autoregression of the slow misfit: it forgets within (1 + a)/(1 − a) = 39 samples, which passes for noise.
 const POLE: f64 = 0.95;
 
 const MODEL: &str = r#"
@@ -27,8 +27,8 @@ states = [{ name = "x" }]
 outputs = [{ name = "y" }]
 initial = [0.0]
 initial_std = [0.02]
-A = [[-20.0]]
-B = [[20.0]]
+A = [[-60.0]]
+B = [[60.0]]
 C = [[1.0]]
 D = [[0.0]]
 "#;

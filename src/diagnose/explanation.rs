@@ -148,8 +148,7 @@ impl Explanation {
         for at in best.free.clone() {
             let (p, value) = (&best.effects[at.0].parameters[at.1], best.effects[at.0].values[at.1]);
             let mut step = match (p.unit.as_str(), p.nominal.is_finite()) {
-                // A whole sample: where an output follows a held command at once, nothing less changes anything.
-                ("s", _) => scales.sample_time_s,
+                ("s", _) => 0.5 * scales.sample_time_s,
                 (_, true) => 0.1 * (value - p.nominal).abs(),
                 (_, false) => 0.1 * value.abs(),
             };

@@ -9,7 +9,7 @@ use super::problem::{Acting, NOTHING, Problem};
 use super::rank::{leader, odds};
 use super::related;
 use super::search::Found;
-use super::shrink::{self, Errors, explained};
+use super::shrink::{self, Errors, together};
 use crate::effect::{Applied, Scales};
 
 /// A residual this many times its floor has something left in it that an effect did not explain.
@@ -183,16 +183,16 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
             unknown = 1.0 - 0.5 * (limit - above).exp();
         }
     }
-    // What does not hold on data that it was not fitted to is no explanation: asked of the error of that output, or by the measure in which it matters.
-    let held = |i: usize, each: Vec<Option<f64>>| each[i].unwrap_or(0.0);
-    let share = |i: usize| {
-        let floor = held(i, nothing.held.relative(&floor.floor));
-        explained(held(i, nothing.held.nrmse()), held(i, best.held.nrmse()), floor).unwrap_or(1.0)
+    // What does not hold on data that it was not fitted to is no explanation. A single effect answers for that output, a pair for all of them; what matters
+    // only beside noise of its colour is asked by that measure.
+    let held = |each: Vec<Option<f64>>| if size == 1 { decisive.and_then(|i| each[i]) } else { together(&each) }.unwrap_or(0.0);
+    let (before, after, noise) = if hidden {
+        (nothing.white[1].sqrt(), best.white[1].sqrt(), best.white[0].sqrt())
+    } else {
+        (held(nothing.held.nrmse()), held(best.held.nrmse()), held(nothing.held.relative(&floor.floor)))
     };
-    let white = |level: &Level| level.white[1].sqrt();
-    let whitened = explained(white(&nothing), white(&best), best.white[0].sqrt()).unwrap_or(0.0);
-    let holds = if hidden { whitened } else { decisive.map_or(1.0, share) };
-    if size > 0 && !chance && holds < GENERALISES[size.min(2) - 1] {
+    let taken = before * before - after * after;
+    if size > 0 && !chance && taken < GENERALISES[size.min(2) - 1] * (before * before - noise * noise).max(0.0) {
         unknown = f64::max(unknown, 0.9);
     }
     let verdict = match (unknown > 0.5, size) {

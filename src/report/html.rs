@@ -150,7 +150,7 @@ pub fn page(diagnosed: &Diagnosed) -> String {
         let _ = writeln!(html, "<p><strong>Caveat:</strong> {}.</p>", quoted(&caveat.to_string()));
     }
     html += &curves(diagnosed);
-    html += &cause(d);
+    html += &cause(diagnosed);
     html += &size(d);
     html += &place(d);
     html += &checks(d);
@@ -215,12 +215,16 @@ fn describe(d: &Diagnosis, output: usize) -> String {
     escape(&text)
 }
 
-fn cause(d: &Diagnosis) -> String {
+fn cause(diagnosed: &Diagnosed) -> String {
+    let d = &diagnosed.diagnosis;
     let mut html = String::from("<h2>Cause</h2>\n");
-    if !d.cause.effects.is_empty() {
-        let mut table =
-            Table::new("What was found to act", &["effect", "channel", "parameter", "value", "95 % interval", "unit"], &[0, 1, 2, 5]);
-        for effect in &d.cause.effects {
+    let (caption, effects) = match &diagnosed.most {
+        Some(most) => ("What explains most, though not all: not called the cause", std::slice::from_ref(&most.effect)),
+        None => ("What was found to act", d.cause.effects.as_slice()),
+    };
+    if !effects.is_empty() {
+        let mut table = Table::new(caption, &["effect", "channel", "parameter", "value", "95 % interval", "unit"], &[0, 1, 2, 5]);
+        for effect in effects {
             for p in &effect.parameters {
                 let interval =
                     p.ci95.map_or_else(|| "at a bound".to_owned(), |[l, u]| format!("{} to {}", number(Some(l)), number(Some(u))));
