@@ -85,6 +85,11 @@ impl Record {
         self.time_s.last().copied().unwrap_or(0.0)
     }
 
+    /// Samples up to the end of the training span.
+    pub(super) fn trained_samples(&self) -> usize {
+        self.train.map_or(0, |span| self.time_s.partition_point(|t| *t <= span.to_s))
+    }
+
     pub(super) fn commands(&self) -> Commands<'_> {
         Commands { time_s: &self.time_s, inputs: &self.inputs }
     }

@@ -228,6 +228,9 @@ impl Explanation {
 
     /// The gain under the problem's present noise, parameters as they are.
     pub(super) fn rescore(&mut self, problem: &Problem<'_>, nominal_cost: f64) {
+        if self.gain == f64::NEG_INFINITY {
+            return;
+        }
         let price = self.lost.as_ref().map_or(0.0, |l| l.price);
         self.gain = problem.whitened(&*self).map_or(f64::NEG_INFINITY, |e| nominal_cost - problem.inner(&e, &e) - price);
     }
@@ -325,15 +328,14 @@ fn in_own_units(mut normal: Normal, unit: &[f64]) -> Normal {
 
 fn normal(problem: &Problem<'_>, slopes: &Slopes) -> Normal {
     let (e, columns) = (&slopes.residual, &slopes.columns);
+    let all: Vec<&Whitened> = columns.iter().chain([e]).collect();
     let k = columns.len();
-    let mut information = DMatrix::zeros(k, k);
-    for i in 0..k {
-        for j in 0..=i {
-            information[(i, j)] = problem.inner(&columns[i], &columns[j]);
-            information[(j, i)] = information[(i, j)];
-        }
+    let products = problem.inner_of_all(&all);
+    Normal {
+        cost: products[(k, k)],
+        gradient: products.view((0, k), (k, 1)).column(0).into_owned(),
+        information: products.view((0, 0), (k, k)).into_owned(),
     }
-    Normal { cost: problem.inner(e, e), gradient: DVector::from_fn(k, |i, _| problem.inner(&columns[i], e)), information }
 }
 
 /// The step for a numerical derivative.

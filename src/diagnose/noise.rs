@@ -57,7 +57,21 @@ impl Noise {
 
     /// Whitened rows of a residual, or of anything that moves as a residual does; samples that are missing or outside the training span are 0.
     pub(super) fn whiten(&self, record: &Record, residual: &DMatrix<f64>) -> DMatrix<f64> {
-        self.innovations(record, residual) * self.unmix.transpose()
+        self.unmixed(&self.innovations(record, residual))
+    }
+
+    /// Each row through L⁻¹.
+    fn unmixed(&self, innovations: &DMatrix<f64>) -> DMatrix<f64> {
+        let (samples, outputs) = innovations.shape();
+        let mut unmixed = DMatrix::zeros(samples, outputs);
+        for (i, to) in unmixed.as_mut_slice().chunks_exact_mut(samples.max(1)).enumerate() {
+            for (e, &weight) in innovations.as_slice().chunks_exact(samples.max(1)).zip(self.unmix.row(i).iter()) {
+                if weight != 0.0 {
+                    to.iter_mut().zip(e).for_each(|(to, e)| *to += weight * e);
+                }
+            }
+        }
+        unmixed
     }
 
     /// The whitening filter on a response that starts from rest.
@@ -73,17 +87,23 @@ impl Noise {
         let (samples, outputs) = residual.shape();
         let mut e = DMatrix::zeros(samples, outputs);
         let Some(span) = record.train else { return e };
-        let (from, to) = (record.time_s.partition_point(|t| *t < span.from_s), record.time_s.partition_point(|t| *t <= span.to_s));
+        let (from, to) = (record.time_s.partition_point(|t| *t < span.from_s), record.trained_samples());
+        let to = to.max(from);
         let mut past = vec![0.0; samples];
         for i in 0..outputs {
             let ar = &self.ar[i];
             if record.measured[i].present.is_none() {
                 // All there: a plain filter over the span.
                 let left = &residual.as_slice()[i * samples..(i + 1) * samples];
-                for (k, e) in e.as_mut_slice()[i * samples..(i + 1) * samples].iter_mut().enumerate().take(to).skip(from) {
-                    let predicted: f64 = ar.iter().zip(left[..k].iter().rev()).map(|(a, r)| a * r).sum();
-                    *e = left[k] - predicted;
+                let e = &mut e.as_mut_slice()[i * samples..(i + 1) * samples];
+                // Lag by lag: the same sums in the same order, many samples at a time.
+                for (lag, a) in (1..).zip(ar) {
+                    let first = from.max(lag);
+                    if first < to {
+                        e[first..to].iter_mut().zip(&left[first - lag..]).for_each(|(predicted, past)| *predicted += a * past);
+                    }
                 }
+                e[from..to].iter_mut().zip(&left[from..to]).for_each(|(e, left)| *e = left - *e);
                 continue;
             }
             for k in 0..samples {

@@ -1,6 +1,7 @@
 //! The statistical problem that all rivals share: predictions, the initial state as a nuisance, whitened residuals.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Const, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
 
 use super::GapError;
 use super::data::{Record, Span};
@@ -11,7 +12,7 @@ use super::noise::Noise;
 use super::prediction::Prediction;
 use crate::effect::{Applied, Chance, Scales, Site};
 use crate::simulate::plan::Tolerance;
-use crate::simulate::{Commands, Correction, Plan, SimulateError, System};
+use crate::simulate::{Commands, Correction, Plan, SimulateError, System, Wanted};
 use crate::stop::Stop;
 
 /// The nuisances of one record, integrated out alike in all rivals: the initial state with a prior N(0, P) on its deviation, and commands that react to the
@@ -97,6 +98,9 @@ const STEPS_OF_NOMINAL: usize = 4;
 const PUSHED: f64 = 0.2;
 /// First guesses of one effect that are tried where each is a call of a black box.
 const CALLED_STARTS: usize = 10;
+
+/// Per record, what a whitened residual has in common with the nuisances; `None` without nuisances.
+type Projected = Vec<Option<(DVector<f64>, DVector<f64>)>>;
 
 /// A whitened residual, one column of all samples and outputs per record.
 pub(super) type Whitened = Vec<DVector<f64>>;
@@ -222,11 +226,15 @@ impl<'a> Problem<'a> {
 
     /// Predicted outputs of one record from the nominal start, samples × outputs.
     pub(super) fn predict<'e>(&self, record: usize, acting: impl Into<Acting<'e>>) -> Option<DMatrix<f64>> {
-        self.predict_commanded(record, acting.into(), &self.records[record].inputs)
+        self.predict_samples(record, acting.into(), &self.records[record].inputs, usize::MAX)
     }
 
-    /// The same with other commands than those of the log.
-    pub(super) fn predict_commanded(&self, record: usize, acting: Acting<'_>, inputs: &[Vec<f64>]) -> Option<DMatrix<f64>> {
+    /// The same with other commands than those of the log, and as far as parameters are fitted to it: samples after the training span are 0.
+    pub(super) fn predict_trained(&self, record: usize, acting: Acting<'_>, inputs: &[Vec<f64>]) -> Option<DMatrix<f64>> {
+        self.predict_samples(record, acting, inputs, self.records[record].trained_samples())
+    }
+
+    fn predict_samples(&self, record: usize, acting: Acting<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
         if self.stop.is_set() {
             return None;
         }
@@ -234,6 +242,7 @@ impl<'a> Problem<'a> {
         let known = lost.and_then(|l| l.sequences.get(record));
         let mut plan = self.plan(effects, known.map_or(Chance::Mean, |sequences| Chance::Known(sequences)))?;
         plan.tolerance = Tolerance { budget: self.budgets.get(record).copied().unwrap_or(usize::MAX), ..TOLERANCE };
+        plan.wanted = Wanted { samples, states: false };
         let commands = Commands { time_s: &self.records[record].time_s, inputs };
         let run = self.system.simulate(&plan, commands, &self.system.initial, self.correction(record)).ok()?;
         Some(run.y)
@@ -241,28 +250,42 @@ impl<'a> Problem<'a> {
 
     /// measured − predicted, 0 where there is no measurement.
     pub(super) fn residual(&self, record: usize, predicted: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut residual = -predicted;
-        for (mut column, measured) in residual.column_iter_mut().zip(&self.records[record].measured) {
-            for (k, (left, y)) in column.iter_mut().zip(&measured.values).enumerate() {
-                *left = if measured.present.as_ref().is_none_or(|p| p[k]) { *left + y } else { 0.0 };
+        let (samples, outputs) = predicted.shape();
+        let mut residual = Vec::with_capacity(samples * outputs);
+        for (predicted, measured) in predicted.as_slice().chunks_exact(samples.max(1)).zip(&self.records[record].measured) {
+            let both = measured.values.iter().zip(predicted);
+            match &measured.present {
+                None => residual.extend(both.map(|(y, predicted)| y - predicted)),
+                Some(present) => residual.extend(both.zip(present).map(|((y, predicted), there)| if *there { y - predicted } else { 0.0 })),
             }
         }
-        residual
+        DMatrix::from_vec(samples, outputs, residual)
     }
 
     /// Whitened residuals of all training records; `None` where a simulation fails.
     pub(super) fn whitened<'e>(&self, acting: impl Into<Acting<'e>>) -> Option<Whitened> {
         let acting = acting.into();
-        (0..self.records.len())
-            .map(|at| {
-                if self.records[at].train.is_none() {
-                    return Some(DVector::zeros(0));
-                }
-                let residual = self.residual(at, &self.predict(at, acting)?);
-                let e = self.noise[at].whiten(&self.records[at], &residual);
-                e.iter().all(|v| v.is_finite()).then(|| DVector::from_column_slice(e.as_slice()))
-            })
-            .collect()
+        let one = |at: usize| {
+            let record = &self.records[at];
+            if record.train.is_none() {
+                return Some(DVector::zeros(0));
+            }
+            let residual = self.residual(at, &self.predict_trained(at, acting, &record.inputs)?);
+            let e = self.noise[at].whiten(record, &residual);
+            let rows = e.len();
+            e.iter().all(|v| v.is_finite()).then(|| e.reshape_generic(Dyn(rows), Const::<1>))
+        };
+        // The calls of a black box come in their order.
+        if self.system.is_black_box() {
+            return (0..self.records.len()).map(one).collect();
+        }
+        (0..self.records.len()).into_par_iter().map(one).collect()
+    }
+
+    /// Every record can be simulated to its end.
+    pub(super) fn holds_throughout<'e>(&self, acting: impl Into<Acting<'e>>) -> bool {
+        let acting = acting.into();
+        (0..self.records.len()).into_par_iter().all(|at| self.predict(at, acting).is_some())
     }
 
     /// A residual whitened over the whole record, whatever is trained on.
@@ -284,17 +307,47 @@ impl<'a> Problem<'a> {
 
     /// The inner product of whitened residuals with the start integrated out: aᵀ(I + W P Wᵀ)⁻¹b over the training records.
     pub(super) fn inner(&self, a: &Whitened, b: &Whitened) -> f64 {
-        let mut sum = 0.0;
-        for ((a, b), start) in a.iter().zip(b).zip(&self.starts) {
-            if a.is_empty() {
-                continue;
+        let projected = self.projected(b);
+        if std::ptr::eq(a, b) {
+            self.product((a, &projected), (b, &projected))
+        } else {
+            self.product((a, &self.projected(a)), (b, &projected))
+        }
+    }
+
+    /// All inner products among a list.
+    pub(super) fn inner_of_all(&self, all: &[&Whitened]) -> DMatrix<f64> {
+        let projected: Vec<Projected> = all.iter().map(|a| self.projected(a)).collect();
+        let mut products = DMatrix::zeros(all.len(), all.len());
+        for i in 0..all.len() {
+            for j in 0..=i {
+                products[(i, j)] = self.product((all[i], &projected[i]), (all[j], &projected[j]));
+                products[(j, i)] = products[(i, j)];
             }
+        }
+        products
+    }
+
+    fn product(&self, (a, left): (&Whitened, &Projected), (b, right): (&Whitened, &Projected)) -> f64 {
+        let mut sum = 0.0;
+        for ((a, b), (left, right)) in a.iter().zip(b).zip(left.iter().zip(right)) {
             sum += a.dot(b);
-            if let Some(factor) = start.factor.as_ref().filter(|_| start.whitened.ncols() > 0) {
-                sum -= start.whitened.tr_mul(a).dot(&factor.solve(&start.whitened.tr_mul(b)));
+            if let (Some((by_start, _)), Some((_, solved))) = (left, right) {
+                sum -= by_start.dot(solved);
             }
         }
         sum
+    }
+
+    /// What a whitened residual has in common with the nuisances: Wᵀa and (P⁻¹ + WᵀW)⁻¹Wᵀa per record.
+    fn projected(&self, a: &Whitened) -> Projected {
+        let one = |(a, start): (&DVector<f64>, &Start)| {
+            let factor = start.factor.as_ref().filter(|_| !a.is_empty() && start.whitened.ncols() > 0)?;
+            let by_start = start.whitened.tr_mul(a);
+            let solved = factor.solve(&by_start);
+            Some((by_start, solved))
+        };
+        a.iter().zip(&self.starts).map(one).collect()
     }
 
     /// (I + W P Wᵀ)⁻¹a, record by record: [`Self::inner`] is its scalar product with the other vector.

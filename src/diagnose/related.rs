@@ -102,7 +102,7 @@ fn stacked(problem: &Problem<'_>, acting: Acting<'_>, commanded: Option<&Command
     let wanted = |at: usize| problem.records[at].train.is_some();
     let inputs = |at: usize| commanded.map_or(&problem.records[at].inputs, |c| &c[at]);
     let all: Vec<Option<DMatrix<f64>>> = (0..problem.records.len())
-        .map(|at| if wanted(at) { problem.predict_commanded(at, acting, inputs(at)).map(Some) } else { Some(None) })
+        .map(|at| if wanted(at) { problem.predict_trained(at, acting, inputs(at)).map(Some) } else { Some(None) })
         .collect::<Option<_>>()?;
     let outputs = all.iter().flatten().map(DMatrix::ncols).next()?;
     Some(DMatrix::from_fn(rows.len(), outputs, |r, i| all[rows[r].0].as_ref().map_or(0.0, |y| y[(rows[r].1, i)])))

@@ -57,6 +57,9 @@ pub(super) fn search(
     progress(Stage::Pairing);
     found.pairs = pairs(problem, &found.singles, &pool, scales, &nominal);
     members_alone(problem, &mut found, scales, &nominal);
+    for explanations in [&mut found.singles, &mut found.pairs] {
+        give_up_what_breaks(problem, explanations, usize::MAX);
+    }
     for round in 0..ROUNDS {
         progress(Stage::Refitting(round));
         let weight = problem.weight();
@@ -75,7 +78,7 @@ pub(super) fn search(
             let steps = if round + 1 < ROUNDS { STEPS } else { STEPS / 2 };
             let best = explanations.first().map_or(0.0, |e| e.gain);
             let leaders = frugal(problem, explanations.iter().take(LEADERS).map(|e| e.effects.as_slice()), CALLED_LEADERS);
-            explanations.par_iter_mut().zip(leaders).filter(|(_, leads)| *leads).for_each(|(e, _)| {
+            explanations.par_iter_mut().zip(leaders).filter(|(e, leads)| *leads && e.gain.is_finite()).for_each(|(e, _)| {
                 // A sequence that explains much less than the best explanation is not worth another search.
                 let again = e.lost.is_none() || e.gain > AGAIN * best;
                 let sequences = if again { decoded(problem, e.clone(), scales, cost, steps) } else { Some(e.clone()) };
@@ -86,10 +89,21 @@ pub(super) fn search(
                     }
                 }
             });
+            give_up_what_breaks(problem, explanations, LEADERS);
             explanations.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         }
     }
     Some(found)
+}
+
+/// Fits see the training spans only: what the rest of a log breaks is no explanation. Of the first so many.
+fn give_up_what_breaks(problem: &Problem<'_>, explanations: &mut [Explanation], first: usize) {
+    let known = problem.system.is_black_box();
+    explanations.par_iter_mut().take(first).filter(|e| e.fitted && !known).for_each(|e| {
+        if !problem.holds_throughout(&*e) {
+            (e.fitted, e.gain) = (false, f64::NEG_INFINITY);
+        }
+    });
 }
 
 impl Found {

@@ -39,6 +39,11 @@ pub(super) struct Linear {
     seen: Vec<f64>,
     x: Vec<f64>,
     next: Vec<f64>,
+    /// What level signals and the constant add over a step.
+    forced: Vec<f64>,
+    /// The transition and the levels that this belongs to.
+    forced_by: Option<usize>,
+    levels: Vec<f64>,
     series: [Vec<f64>; 2],
 }
 
@@ -72,6 +77,9 @@ impl Linear {
             seen: Vec::new(),
             x: assembly.start.clone(),
             next: vec![0.0; n],
+            forced: vec![0.0; n],
+            forced_by: None,
+            levels: vec![0.0; m],
             series: [vec![0.0; n], vec![0.0; n]],
         }
     }
@@ -96,6 +104,7 @@ impl Linear {
         }
         if self.kept.len() == KEPT {
             self.kept.remove(0);
+            self.forced_by = None;
         }
         let transition = self.dense(h);
         self.kept.push(transition);
@@ -125,6 +134,28 @@ impl Linear {
             phi: columns(0, n),
             held: columns(n, inputs),
             ramp: if self.ramps { columns(n + inputs, inputs) } else { Vec::new() },
+        }
+    }
+
+    /// Fills in what signals and the constant add over a transition; level signals add the same until one of them changes.
+    fn force(&mut self, at: usize, from_s: f64, drive: &Drive) {
+        let level = drive.pieces.iter().all(|piece| piece.slope == 0.0);
+        if level && self.forced_by == Some(at) && self.levels.iter().zip(&drive.pieces).all(|(level, piece)| *level == piece.value) {
+            return;
+        }
+        let n = self.states;
+        let transition = &self.kept[at];
+        let (signals, constant) = transition.held.split_at(n * self.signals);
+        self.forced.copy_from_slice(constant);
+        for (column, piece) in signals.chunks_exact(n).zip(&drive.pieces) {
+            axpy(&mut self.forced, piece.at(from_s), column);
+        }
+        for (column, piece) in transition.ramp.chunks_exact(n).zip(&drive.pieces) {
+            axpy(&mut self.forced, piece.slope, column);
+        }
+        self.forced_by = level.then_some(at);
+        for (level, piece) in self.levels.iter_mut().zip(&drive.pieces) {
+            *level = piece.value;
         }
     }
 
@@ -170,6 +201,19 @@ impl Linear {
     }
 }
 
+/// x ← forced + Φ x, Φ by columns.
+#[inline]
+fn step<const N: usize>(phi: &[f64], forced: &[f64], x: &mut [f64]) {
+    let (Some(x), Some(forced)) = (x.first_chunk_mut::<N>(), forced.first_chunk::<N>()) else { return };
+    let mut next = *forced;
+    for (column, value) in phi.as_chunks::<N>().0.iter().zip(x.iter()) {
+        for (to, entry) in next.iter_mut().zip(column) {
+            *to += value * entry;
+        }
+    }
+    *x = next;
+}
+
 /// to = scale·M·x, M by columns.
 #[inline]
 fn multiply(to: &mut [f64], by_columns: &[f64], x: &[f64], scale: f64) {
@@ -197,19 +241,26 @@ impl Stepper for Linear {
             self.by_series(from_s, h, drive);
             return Ok(());
         };
-        let transition = &self.kept[at];
-        let (signals, constant) = transition.held.split_at(n * self.signals);
-        self.next.copy_from_slice(constant);
-        for (column, piece) in signals.chunks_exact(n).zip(&drive.pieces) {
-            axpy(&mut self.next, piece.at(from_s), column);
+        self.force(at, from_s, drive);
+        let phi = &self.kept[at].phi;
+        // A number of states that the compiler knows keeps them in registers.
+        match n {
+            1 => step::<1>(phi, &self.forced, &mut self.x),
+            2 => step::<2>(phi, &self.forced, &mut self.x),
+            3 => step::<3>(phi, &self.forced, &mut self.x),
+            4 => step::<4>(phi, &self.forced, &mut self.x),
+            5 => step::<5>(phi, &self.forced, &mut self.x),
+            6 => step::<6>(phi, &self.forced, &mut self.x),
+            7 => step::<7>(phi, &self.forced, &mut self.x),
+            8 => step::<8>(phi, &self.forced, &mut self.x),
+            _ => {
+                self.next.copy_from_slice(&self.forced);
+                for (column, value) in phi.chunks_exact(n).zip(&self.x) {
+                    axpy(&mut self.next, *value, column);
+                }
+                std::mem::swap(&mut self.x, &mut self.next);
+            }
         }
-        for (column, piece) in transition.ramp.chunks_exact(n).zip(&drive.pieces) {
-            axpy(&mut self.next, piece.slope, column);
-        }
-        for (column, value) in transition.phi.chunks_exact(n).zip(&self.x) {
-            axpy(&mut self.next, *value, column);
-        }
-        std::mem::swap(&mut self.x, &mut self.next);
         Ok(())
     }
 

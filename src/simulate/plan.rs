@@ -212,6 +212,22 @@ impl Default for Tolerance {
     }
 }
 
+/// What of a simulation is wanted; the rest is not calculated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Wanted {
+    /// So many samples of the log, from its first on: outputs after them stay 0. A sampled model and a simulator that is only called give all.
+    pub samples: usize,
+    /// The plant's states at the log's stamps, beside the outputs.
+    pub states: bool,
+}
+
+impl Default for Wanted {
+    /// Everything.
+    fn default() -> Self {
+        Self { samples: usize::MAX, states: true }
+    }
+}
+
 /// All hooks of one simulation, on a copy of the dynamics that a wrong parameter may change.
 pub struct Plan {
     /// The dynamics.
@@ -231,6 +247,8 @@ pub struct Plan {
     pub hold: Hold,
     /// How closely nonlinear dynamics are integrated.
     pub tolerance: Tolerance,
+    /// What of it is wanted.
+    pub wanted: Wanted,
 }
 
 impl Plan {
@@ -248,6 +266,7 @@ impl Plan {
             clock: SensorClock::default(),
             hold: Hold::Zero,
             tolerance: Tolerance::default(),
+            wanted: Wanted::default(),
         }
     }
 }

@@ -77,12 +77,12 @@ impl System {
         let smooth = !plan.terms.iter().any(|t| matches!(t, Term::Function { .. } | Term::Friction { .. }));
         if equations.is_none() && smooth {
             let ramps = !signals.iter().all(Piecewise::is_held);
-            return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, correction, true);
+            return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, correction);
         }
         let mut integrator = Integrator::with_tolerance(assembly.states, plan.tolerance.relative, plan.tolerance.absolute);
         (integrator.max_steps, integrator.budget) = (plan.tolerance.steps, plan.tolerance.budget);
         let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, integrator);
-        walk(&mut stepper, &signals, plan, time_s, correction, true)
+        walk(&mut stepper, &signals, plan, time_s, correction)
     }
 }
 

@@ -60,8 +60,9 @@ fn lagged(path: &InputPath, signal: &Piecewise, edges_s: &[f64]) -> Result<(Vec<
     );
     let mut plan = Plan::new(&system);
     plan.inputs[0].lags_s.clone_from(&path.lags_s);
+    plan.wanted.states = false;
     let signals = std::slice::from_ref(signal);
-    let run = walk(&mut Linear::new(&first_values(&system, &plan, signals), true), signals, &plan, edges_s, None, false)?;
+    let run = walk(&mut Linear::new(&first_values(&system, &plan, signals), true), signals, &plan, edges_s, None)?;
     let mean = (1..edges_s.len()).map(|k| (run.y[(k, 0)] - run.y[(k - 1, 0)]) / (edges_s[k] - edges_s[k - 1])).collect();
     Ok((mean, (1..edges_s.len()).map(|k| run.y[(k - 1, 1)]).collect()))
 }

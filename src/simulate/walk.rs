@@ -100,20 +100,21 @@ fn groups(plan: &Plan, states: bool, time_s: &[f64]) -> Vec<Group> {
     groups
 }
 
-/// Walks a system through the log's time. `time_s` counts from the log's first sample.
+/// Walks a system through the log's time, as far as samples are wanted. `time_s` counts from the log's first sample.
 pub(super) fn walk(
     system: &mut impl Stepper,
     signals: &[Piecewise],
     plan: &Plan,
     time_s: &[f64],
     correction: Option<Correction<'_>>,
-    states: bool,
 ) -> Result<Run, SimulateError> {
     let samples = time_s.len();
     let outputs = plan.outputs.len();
+    let states = plan.wanted.states;
     let rows = if states { samples } else { 0 };
+    let stamps = &time_s[..samples.min(plan.wanted.samples)];
     let mut run = Run { y: DMatrix::zeros(samples, outputs), x: DMatrix::zeros(rows, system.plant_state().len()), steps: 0 };
-    let mut groups = groups(plan, states, time_s);
+    let mut groups = groups(plan, states, stamps);
     let end = time_s.last().copied().unwrap_or(0.0);
     // Edges and samples that fall together: the edge comes first.
     #[allow(clippy::cast_precision_loss)]
@@ -151,7 +152,7 @@ pub(super) fn walk(
                 let k = group.next;
                 let before_start = group.due_s < -together;
                 group.next += 1;
-                group.look_ahead(plan, time_s);
+                group.look_ahead(plan, stamps);
                 if group.outputs.is_empty() {
                     for (i, value) in system.plant_state().iter().enumerate() {
                         run.x[(k, i)] = *value;
