@@ -397,3 +397,11 @@ fn stops_are_found_where_held_out_commands_go_further() {
     let d = diagnosed(&model, &[uneven(&model, stops, 1.0, 700, 5)], &[uneven(&model, stops, 1.5, 700, 6)]);
     assert_eq!(keys(&d), ["saturation:force"]);
 }
+
+#[test]
+fn an_actuator_far_slower_than_the_plant_is_a_rate_limit() {
+    let model = document(ACCELEROMETER);
+    let slow = ("rate_limit", "force", &[0.3][..]);
+    let d = diagnosed(&model, &[uneven(&model, slow, 1.0, 1500, 7)], &[uneven(&model, slow, 1.0, 900, 8)]);
+    assert_eq!(keys(&d), ["rate_limit:force"]);
+}
