@@ -391,6 +391,22 @@ fn uneven(machine: &ModelDocument, effect: (&str, &str, &[f64]), largest: f64, s
 }
 
 #[test]
+fn a_delay_beside_a_direct_path_is_not_known_better_than_uneven_samples_show_it() {
+    let model = document(ACCELEROMETER);
+    let mut inside = 0;
+    for seed in 1..=6 {
+        let truth = 0.031 + 0.0037 * seed as f64;
+        let late = |seed| uneven(&model, ("input_delay", "force", &[truth]), 1.0, 700, seed);
+        let d = diagnosed(&model, &[late(seed)], &[late(seed + 100)]);
+        assert_eq!(keys(&d), ["input_delay:force"]);
+        let [lower, upper] = d.cause.effects[0].parameters[0].ci95.unwrap();
+        assert!(upper - lower < TS, "{lower} to {upper}");
+        inside += usize::from((lower..=upper).contains(&truth));
+    }
+    assert!(inside >= 5, "{inside} of 6 intervals hold the truth");
+}
+
+#[test]
 fn stops_are_found_where_held_out_commands_go_further() {
     let model = document(ACCELEROMETER);
     let stops = ("saturation", "force", &[-0.85, 0.8][..]);
