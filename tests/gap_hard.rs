@@ -396,3 +396,64 @@ fn a_simulator_that_is_a_little_off_gives_an_effect_no_companion() {
         assert!(named, "{effect} is called {:?}, {:?}", keys(&d), d.cause.indistinguishable);
     }
 }
+
+/// A mass on a spring whose accelerometer sees the force at once; the logger's stamps are uneven.
+const ACCELEROMETER: &str = r#"
+format = "deadtime/model@1"
+name = "mass"
+kind = "lti"
+inputs = [{ name = "force", unit = "N" }]
+states = [{ name = "pos", unit = "m" }, { name = "vel", unit = "m/s" }]
+outputs = [{ name = "pos", unit = "m" }, { name = "acc", unit = "m/s^2" }]
+initial = [0.0, 0.0]
+initial_std = [0.0, 0.0]
+A = [[0.0, 1.0], [-36.0, -3.0]]
+B = [[0.0], [1.0]]
+C = [[1.0, 0.0], [-36.0, -3.0]]
+D = [[0.0], [1.0]]
+"#;
+
+fn uneven(machine: &ModelDocument, effect: (&str, &str, &[f64]), largest: f64, samples: usize, seed: u64) -> Log {
+    let system = System::new(machine, |_| Ok(0.0)).unwrap();
+    let applied = Applied { values: effect.2.to_vec(), ..Applied::nominal(&system, find(effect.0).unwrap(), effect.1).unwrap() };
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let time_s: Vec<f64> = (0..samples).map(|k| TS * (k as f64 + if k > 0 { rng.random_range(-0.15..0.15) } else { 0.0 })).collect();
+    let u = vec![commands(samples, &mut rng).into_iter().map(|u| largest * u).collect::<Vec<f64>>()];
+    let plan = Applied::plan(&system, &[applied], Chance::Seed(seed)).unwrap();
+    let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &u }, &[0.0, 0.0], None).unwrap();
+    let outputs: Vec<Vec<f64>> = run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
+    let channel = |name: &str, values: &[f64]| Channel::new(name, None, values.to_vec());
+    Log::new("uneven", time_s.clone(), vec![channel("force", &u[0]), channel("pos", &outputs[0]), channel("acc", &outputs[1])]).unwrap()
+}
+
+#[test]
+fn a_delay_beside_a_direct_path_is_not_known_better_than_uneven_samples_show_it() {
+    let model = document(ACCELEROMETER);
+    let mut inside = 0;
+    for seed in 1..=6 {
+        let truth = 0.031 + 0.0037 * seed as f64;
+        let late = |seed| uneven(&model, ("input_delay", "force", &[truth]), 1.0, 700, seed);
+        let d = diagnosed(&model, &[late(seed)], &[late(seed + 100)]);
+        assert_eq!(keys(&d), ["input_delay:force"]);
+        let [lower, upper] = d.cause.effects[0].parameters[0].ci95.unwrap();
+        assert!(upper - lower < TS, "{lower} to {upper}");
+        inside += usize::from((lower..=upper).contains(&truth));
+    }
+    assert!(inside >= 5, "{inside} of 6 intervals hold the truth");
+}
+
+#[test]
+fn stops_are_found_where_held_out_commands_go_further() {
+    let model = document(ACCELEROMETER);
+    let stops = ("saturation", "force", &[-0.85, 0.8][..]);
+    let d = diagnosed(&model, &[uneven(&model, stops, 1.0, 700, 5)], &[uneven(&model, stops, 1.5, 700, 6)]);
+    assert_eq!(keys(&d), ["saturation:force"]);
+}
+
+#[test]
+fn an_actuator_far_slower_than_the_plant_is_a_rate_limit() {
+    let model = document(ACCELEROMETER);
+    let slow = ("rate_limit", "force", &[0.3][..]);
+    let d = diagnosed(&model, &[uneven(&model, slow, 1.0, 1500, 7)], &[uneven(&model, slow, 1.0, 900, 8)]);
+    assert_eq!(keys(&d), ["rate_limit:force"]);
+}

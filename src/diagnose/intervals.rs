@@ -16,6 +16,9 @@ use crate::effect::{Applied, EFFECTS, Scales};
 const SIZES: [f64; 7] = [0.0, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.1];
 /// Blocks of time per record for the scores.
 const BLOCKS: usize = 12;
+/// Twice the log-likelihood that is lost at the end of an interval when that is about twice too narrow; and how often an interval is doubled.
+const UNNOTICED: f64 = 1.0;
+const DOUBLINGS: usize = 20;
 /// A relative change of a nominal parameter for its derivative.
 const STEP: f64 = 1e-4;
 /// The same where it is a call of a black box, which may be rough.
@@ -93,14 +96,38 @@ pub(super) fn estimate(problem: &Problem<'_>, explanation: &Explanation, scales:
     }
     let blocks = block_scores(problem, &columns, &slopes.residual, &length, &step);
     let spread = &covariance * &blocks * &covariance;
+    let cost = problem.inner(&slopes.residual, &slopes.residual);
     let std = explanation.free.iter().enumerate().map(|(at, &parameter)| {
         // How far the parameter would move if the nominal ones were free counts as uncertainty of the plain fit.
         let variance = covariance[(at, at)].max(spread[(at, at)]) + step[at] * step[at];
-        let std = variance.sqrt() / length[at];
-        Some(std).filter(|s| s.is_finite() && !explanation.at_bound(parameter, scales))
+        let std = Some(variance.sqrt() / length[at]).filter(|s| s.is_finite() && !explanation.at_bound(parameter, scales))?;
+        Some(as_far_as_unnoticed(problem, explanation, parameter, std, cost))
     });
     let std = std.collect();
     Some(Estimate { std })
+}
+
+/// The standard deviation, doubled for as long as the parameter alone can move to the end of its interval, on either side, and the likelihood hardly notices:
+/// a cost with jumps or kinks (a delay beside a direct path, where uneven samples pass edges of the commands one by one) has no slope that tells its width.
+/// A smooth cost rises by 3.84 or more at the end of a 95 % interval, and nothing changes.
+fn as_far_as_unnoticed(problem: &Problem<'_>, explanation: &Explanation, (e, i): (usize, usize), std: f64, cost: f64) -> f64 {
+    let mut reach = std;
+    if problem.calls(&explanation.effects[e]) {
+        return reach;
+    }
+    let unnoticed = |move_by: f64| {
+        let mut effects = explanation.effects.clone();
+        effects[e].values[i] += move_by;
+        let there = problem.whitened(Acting::from(explanation).with(&effects));
+        there.is_some_and(|there| problem.inner(&there, &there) - cost < UNNOTICED)
+    };
+    for _ in 0..DOUBLINGS {
+        if !unnoticed(1.96 * reach) && !unnoticed(-1.96 * reach) {
+            break;
+        }
+        reach *= 2.0;
+    }
+    reach
 }
 
 /// The step lowers the cost in fact: where the problem bends too much for one step, it says nothing.

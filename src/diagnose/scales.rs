@@ -94,31 +94,36 @@ impl Motion {
         if fastest.is_finite() { fastest } else { 0.0 }
     }
 
-    /// Sizes for first guesses; `residuals` are those of the model as it is.
+    /// Sizes for first guesses, of what is trained on: a limit that only what is held out would reach is no guess. `residuals` are those of the model as it
+    /// is.
     pub(super) fn scales(&self, system: &System, records: &[Record], residuals: &[DMatrix<f64>], longest_delay_s: f64) -> Scales {
         let trained = || records.iter().filter(|r| r.train.is_some());
         let sample_time_s = trained().map(|r| r.sample_time_s).fold(f64::INFINITY, f64::min);
         let column = |x: &DMatrix<f64>, j: usize| x.column(j).iter().copied().collect::<Vec<f64>>();
+        // So many samples of a record are up to the end of what is trained on.
+        let until = |r: &Record| r.train.map_or(0, |span| r.time_s.partition_point(|t| *t <= span.to_s));
+        let moved = || self.states.iter().zip(records).filter(|(_, r)| r.train.is_some());
         let derivative = |j: usize| {
-            let steps = self.states.iter().zip(records).flat_map(|(x, r)| {
+            let steps = moved().flat_map(|(x, r)| {
                 let x = column(x, j);
                 x.windows(2).zip(r.time_s.windows(2)).map(|(x, t)| (x[1] - x[0]) / (t[1] - t[0])).collect::<Vec<_>>()
             });
             root_mean_square(steps)
         };
-        let measured = |i: usize| records.iter().map(|r| (0..r.time_s.len()).filter_map(|k| r.measured[i].get(k)).collect()).collect();
+        let measured = |i: usize| trained().map(|r| (0..until(r)).filter_map(|k| r.measured[i].get(k)).collect()).collect();
+        let state = |j: usize| moved().map(|(x, r)| x.column(j).iter().copied().take(until(r)).collect()).collect();
         Scales {
             sample_time_s,
             duration_s: trained().map(Record::duration_s).fold(0.0, f64::max),
             timescale_s: self.timescale(records),
             longest_delay_s,
             inputs: (0..system.inputs.len())
-                .map(|j| spread(records.iter().map(|r| r.inputs[j].clone()).collect(), sample_time_s))
+                .map(|j| spread(trained().map(|r| r.inputs[j][..until(r)].to_vec()).collect(), sample_time_s))
                 .collect(),
             states: if system.is_black_box() {
                 self.rms.iter().map(|&rms| Spread { rms, std: rms, ..Spread::default() }).collect()
             } else {
-                (0..system.states.len()).map(|j| spread(self.states.iter().map(|x| column(x, j)).collect(), sample_time_s)).collect()
+                (0..system.states.len()).map(|j| spread(state(j), sample_time_s)).collect()
             },
             derivatives: if system.is_black_box() { Vec::new() } else { (0..system.states.len()).map(derivative).collect() },
             outputs: (0..system.outputs.len()).map(|i| spread(measured(i), sample_time_s)).collect(),

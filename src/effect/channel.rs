@@ -132,7 +132,7 @@ pub(super) fn times(scales: &super::Scales) -> Vec<Vec<f64>> {
 pub(super) fn limits(spread: &super::Spread) -> Vec<Vec<f64>> {
     let (middle, half) = (0.5 * (spread.largest + spread.smallest), 0.5 * (spread.largest - spread.smallest));
     let mut starts = Vec::new();
-    for share in [1.0, 0.9, 0.7, 0.45] {
+    for share in [1.0, 0.9, 0.7, 0.45, 0.25] {
         let (lower, upper) = (middle - share * half, middle + share * half);
         starts.extend([vec![lower, upper], vec![f64::NEG_INFINITY, upper], vec![lower, f64::INFINITY]]);
     }

@@ -10,6 +10,9 @@ use crate::simulate::{Piece, Piecewise, Plan, System};
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RateLimit;
 
+/// The slowest first guess: a full swing takes this part of the longest log.
+const LONGEST_SWING: f64 = 0.25;
+
 impl Effect for RateLimit {
     fn name(&self) -> &'static str {
         "rate_limit"
@@ -34,9 +37,10 @@ impl Effect for RateLimit {
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
-        // The time that a full swing takes: from a sample to the longest lag looked for.
-        let swing = spread.largest - spread.smallest;
-        channel::times(scales).into_iter().map(|time| vec![swing / time[0].max(f64::MIN_POSITIVE)]).collect()
+        // The time that a full swing takes: from half a sample to a quarter of a log, one per octave. It has nothing to do with how fast the plant is.
+        let (swing, longest_s) = (spread.largest - spread.smallest, LONGEST_SWING * scales.duration_s);
+        let times = std::iter::successors(Some(0.5 * scales.sample_time_s), |time| Some(2.0 * time).filter(|t| *t > 0.0));
+        times.take_while(|time| *time < longest_s).map(|time| vec![swing / time.max(f64::MIN_POSITIVE)]).collect()
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
