@@ -139,12 +139,16 @@ fn steps_past_samples_are_fewer_and_their_curve_is_as_accurate() {
             let until = f64::from(k / 250 + 1) * 2.5;
             integrator.advance_past(&mut f, (f64::from(k) * 0.01, f64::from(k + 1) * 0.01), until, &mut x).unwrap();
             let there = exact[k as usize];
+            if (k, method) == (9, Method::Rosenbrock) {
+                // The implicit method's curve is not used: one step a sample, until it finds that the explicit one does as well.
+                assert!(integrator.steps().0 >= 10, "{:?}", integrator.steps());
+            }
             worst = worst.max((x[0] - there[0]).abs()).max((x[1] - there[1]).abs());
         }
         assert!(worst < 1e-5, "{method:?}: {worst:e}");
-        // At most a tenth of the steps from sample to sample; the curve of the implicit method is not used.
+        // At most an eighth of the steps from sample to sample.
         let (made, _) = integrator.steps();
-        assert!(if method == Method::Explicit { made < 100 } else { made >= 100 }, "{method:?}: {made}");
+        assert!(made < 125, "{method:?}: {made}");
     }
 }
 
