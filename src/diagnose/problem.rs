@@ -358,16 +358,16 @@ impl<'a> Problem<'a> {
     /// Predicted outputs from the posterior mean of the start, given the samples in `span` of each record.
     pub(super) fn predict_from_posterior<'e>(&self, record: usize, acting: impl Into<Acting<'e>>, span: Span) -> Option<DMatrix<f64>> {
         let y = self.predict(record, acting)?;
-        self.from_posterior(record, y, span)
+        self.moved_to_posterior(record, y, span)
     }
 
     /// The same of the training span given its own samples; samples after it are of no use.
     pub(super) fn predict_trained_from_posterior<'e>(&self, record: usize, acting: impl Into<Acting<'e>>) -> Option<DMatrix<f64>> {
         let y = self.predict_trained(record, acting.into(), &self.records[record].inputs)?;
-        self.from_posterior(record, y, self.records[record].train?)
+        self.moved_to_posterior(record, y, self.records[record].train?)
     }
 
-    fn from_posterior(&self, record: usize, mut y: DMatrix<f64>, span: Span) -> Option<DMatrix<f64>> {
+    fn moved_to_posterior(&self, record: usize, mut y: DMatrix<f64>, span: Span) -> Option<DMatrix<f64>> {
         let start = &self.starts[record];
         if start.raw.is_empty() {
             return Some(y);
