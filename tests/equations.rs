@@ -7,7 +7,7 @@ mod support;
 use std::path::{Path, PathBuf};
 
 use deadtime::model::{Equations, EquationsFile, ModelDocument, OutputVariable, Parameter, StateVariable, Symbol};
-use deadtime::simulate::{Commands, Hold, Plan, Run, System, Tolerance};
+use deadtime::simulate::{Commands, Hold, Plan, Run, System, Tolerance, Wanted};
 use proptest::prelude::*;
 use serde::Deserialize;
 use support::{Comparison, responses_apart, tolerance};
@@ -53,14 +53,43 @@ fn nonlinear_plants_agree_with_scipy_on_even_and_uneven_time_stamps() {
     let mut c = Comparison::new("equations/reference.json");
     for case in cases() {
         let (u, x, y) = (matrix(&case.u), matrix(&case.x), matrix(&case.y));
-        for (how, rtol, allowed) in [("rtol 1e-11", 1e-11, tolerance::EQUATIONS), ("rtol 1e-6", 1e-6, tolerance::EQUATIONS_COARSE)] {
-            let tolerance = Tolerance { relative: rtol, absolute: rtol * 1e-2, ..Tolerance::default() };
+        for (how, rtol, past_samples, allowed) in [
+            ("rtol 1e-11", 1e-11, false, tolerance::EQUATIONS),
+            ("rtol 1e-6", 1e-6, false, tolerance::EQUATIONS_COARSE),
+            ("rtol 1e-6, steps past samples", 1e-6, true, tolerance::EQUATIONS_COARSE),
+        ] {
+            let tolerance = Tolerance { relative: rtol, absolute: rtol * 1e-2, past_samples, ..Tolerance::default() };
             let got = simulate(&case.model, &case.time_s, &u, &case.x0, |plan| plan.tolerance = tolerance);
             c.check(&format!("{how} x (running maximum)"), &case.id, responses_apart(&got.x, &x), allowed);
             c.check(&format!("{how} y (running maximum)"), &case.id, responses_apart(&got.y, &y), allowed);
         }
     }
     c.finish();
+}
+
+/// What is not wanted is left out, and what is wanted stays what it was.
+#[test]
+fn a_part_of_the_samples_is_what_the_whole_begins_with() {
+    for case in cases() {
+        let u = matrix(&case.u);
+        let half = u.nrows() / 2;
+        for past_samples in [false, true] {
+            let run = |wanted: Wanted| {
+                simulate(&case.model, &case.time_s, &u, &case.x0, |plan| {
+                    plan.tolerance.past_samples = past_samples;
+                    plan.outputs.iter_mut().for_each(|output| output.delay_s = 0.3 * (case.time_s[1] - case.time_s[0]));
+                    plan.wanted = wanted;
+                })
+            };
+            let (whole, part) = (run(Wanted::default()), run(Wanted { samples: half, states: false }));
+            assert_eq!(part.y.shape(), whole.y.shape());
+            assert!(part.x.is_empty());
+            assert!(part.y.rows(half, u.nrows() - half).iter().all(|v| *v == 0.0));
+            assert!(part.steps < whole.steps, "{}: {} of {} steps", case.id, part.steps, whole.steps);
+            let apart = (part.y.rows(0, half) - whole.y.rows(0, half)).amax();
+            assert!(apart < 1e-6 * whole.y.amax(), "{}: {apart:e}", case.id);
+        }
+    }
 }
 
 #[test]

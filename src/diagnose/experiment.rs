@@ -10,6 +10,7 @@ use nalgebra::DVector;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use rayon::prelude::*;
 
 use super::diagnosis::Mode;
 use super::problem::Problem;
@@ -87,7 +88,7 @@ pub(super) fn experiment(problem: &Problem<'_>, scales: &Scales, class: &[Applie
     let simulated = (problem.prediction.mode == Mode::Simulation).then(|| trials(problem, scales)).flatten();
     let Some((time_s, trials)) = simulated else { return by_kind(class) };
     let expected = |trial: &Trial| Some((apart(problem, scales, &time_s, trial, own, rival)?, trial.words));
-    let best = trials.iter().filter_map(expected).max_by(|a, b| a.0.total_cmp(&b.0));
+    let best = trials.par_iter().filter_map(expected).collect::<Vec<_>>().into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
     // A simulator that only knows the runs it has recorded.
     if best.is_none() && problem.system.is_black_box() {
         return by_kind(class);

@@ -1,6 +1,7 @@
 //! One or more effects that together explain a gap, and their fit to the training logs.
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use super::lost::Lost;
 use super::problem::{Acting, Problem, Whitened};
@@ -267,17 +268,23 @@ fn slopes(
     steps: &mut [Option<f64>],
 ) -> Option<Slopes> {
     let effects = acting.effects;
+    let column_of = |(e, i): (usize, usize), h: f64| {
+        let mut moved = effects.to_vec();
+        moved[e].values[i] += h;
+        Some(difference(&problem.whitened(acting.with(&moved))?, &residual, 1.0 / h))
+    };
+    let plain = |(e, i): (usize, usize)| column_of((e, i), step(&effects[e], i, scales));
+    if !effects.iter().any(|a| problem.calls(a)) {
+        let columns = free.par_iter().map(|&at| plain(at)).collect::<Option<Vec<_>>>()?;
+        return Some(Slopes { residual, columns });
+    }
     let mut columns = Vec::with_capacity(free.len());
     for (&(e, i), known) in free.iter().zip(steps) {
-        let column = |h: f64| {
-            let mut moved = effects.to_vec();
-            moved[e].values[i] += h;
-            Some(difference(&problem.whitened(acting.with(&moved))?, &residual, 1.0 / h))
-        };
         if !problem.calls(&effects[e]) {
-            columns.push(column(step(&effects[e], i, scales))?);
+            columns.push(plain((e, i))?);
             continue;
         }
+        let column = |h: f64| column_of((e, i), h);
         let p = &effects[e].parameters[i];
         let inside = |h: f64| if effects[e].values[i] + h > p.upper { -h } else { h };
         let mut h = known.unwrap_or_else(|| called_step(&effects[e], i, scales));

@@ -154,7 +154,7 @@ fn with_seconds(
             let first = starts.first().map_or_else(|| applied.clone(), |start| with(applied, start));
             let mut best: Vec<(f64, Applied)> = beside.iter().map(|_| (0.0, first.clone())).collect();
             for start in starts {
-                for share in if has_limit(applied) || problem.calls(applied) { &[1.0][..] } else { &[NEAR, 1.0] } {
+                for share in if has_limit(applied) || problem.calls(applied) || screened.proportional { &[1.0][..] } else { &[NEAR, 1.0] } {
                     let Some(there) = problem.whitened(&[with(applied, &between(applied, &start, *share))]) else { continue };
                     let signature = difference(nominal, &there, 1.0);
                     for (best, beside) in best.iter_mut().zip(&beside) {

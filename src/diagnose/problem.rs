@@ -89,7 +89,7 @@ pub(super) struct Problem<'a> {
 }
 
 /// Far below the noise of any sensor; a rival on its way to infinity gives up early.
-const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 2000, budget: usize::MAX };
+const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 2000, budget: usize::MAX, past_samples: true };
 /// A rival that needs more integration steps than so many per sample and this multiple of the nominal model's is given up.
 const STEPS_PER_SAMPLE: usize = 10;
 const STEPS_OF_NOMINAL: usize = 4;
@@ -362,23 +362,36 @@ impl<'a> Problem<'a> {
 
     /// Predicted outputs from the posterior mean of the start, given the samples in `span` of each record.
     pub(super) fn predict_from_posterior<'e>(&self, record: usize, acting: impl Into<Acting<'e>>, span: Span) -> Option<DMatrix<f64>> {
-        let mut y = self.predict(record, acting)?;
-        let residual = self.residual(record, &y);
-        let mut whole = self.records[record].clone();
-        whole.train = Some(span);
+        let y = self.predict(record, acting)?;
+        self.moved_to_posterior(record, y, span)
+    }
+
+    /// The same of the training span given its own samples; samples after it are of no use.
+    pub(super) fn predict_trained_from_posterior<'e>(&self, record: usize, acting: impl Into<Acting<'e>>) -> Option<DMatrix<f64>> {
+        let y = self.predict_trained(record, acting.into(), &self.records[record].inputs)?;
+        self.moved_to_posterior(record, y, self.records[record].train?)
+    }
+
+    fn moved_to_posterior(&self, record: usize, mut y: DMatrix<f64>, span: Span) -> Option<DMatrix<f64>> {
         let start = &self.starts[record];
-        let noise = &self.noise[record];
-        let columns: Vec<DVector<f64>> =
-            start.raw.iter().map(|raw| DVector::from_column_slice(noise.whiten(&whole, raw).as_slice())).collect();
-        if !columns.is_empty() {
-            let w = DMatrix::from_columns(&columns);
-            let e = DVector::from_column_slice(noise.whiten(&whole, &residual).as_slice());
+        if start.raw.is_empty() {
+            return Some(y);
+        }
+        let (residual, noise) = (self.residual(record, &y), &self.noise[record]);
+        let column = |whitened: DMatrix<f64>| DVector::from_column_slice(whitened.as_slice());
+        let deviation = if self.records[record].train == Some(span) {
+            let e = column(noise.whiten(&self.records[record], &residual));
+            start.factor.as_ref()?.solve(&start.whitened.tr_mul(&e))
+        } else {
+            let mut whole = self.records[record].clone();
+            whole.train = Some(span);
+            let w = DMatrix::from_columns(&start.raw.iter().map(|raw| column(noise.whiten(&whole, raw))).collect::<Vec<_>>());
             let information = w.tr_mul(&w) + self.precision(start);
-            let deviation = information.cholesky()?.solve(&w.tr_mul(&e));
-            // Feedback moves a residual but is no part of what a model predicts.
-            for (raw, by) in start.raw.iter().zip(deviation.iter()).take(start.states) {
-                y += raw * *by;
-            }
+            information.cholesky()?.solve(&w.tr_mul(&column(noise.whiten(&whole, &residual))))
+        };
+        // Feedback moves a residual but is no part of what a model predicts.
+        for (raw, by) in start.raw.iter().zip(deviation.iter()).take(start.states) {
+            y += raw * *by;
         }
         Some(y)
     }

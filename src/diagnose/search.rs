@@ -10,6 +10,7 @@ use super::problem::{Acting, NOTHING, Problem, Whitened};
 use super::progress::Stage;
 use super::rank::{SEARCH_WIDE, odds};
 use super::screen::{Screened, screen};
+use super::shrink::residuals;
 use crate::effect::{Applied, Scales, Site};
 
 /// Candidates that are fitted in full after the screen.
@@ -194,13 +195,7 @@ fn fit_first(problem: &Problem<'_>, pool: &[Screened], scales: &Scales, nominal:
 
 /// The noise of the residuals that one explanation leaves, per record; records of one sample time share it.
 fn noise_of(problem: &Problem<'_>, acting: Acting<'_>, smallest: &[f64]) -> Option<Vec<Noise>> {
-    let residuals = (0..problem.records.len())
-        .map(|at| {
-            let record = &problem.records[at];
-            let span = record.train.or(record.held)?;
-            Some(problem.residual(at, &problem.predict_from_posterior(at, acting, span)?))
-        })
-        .collect::<Option<Vec<_>>>()?;
+    let residuals = residuals(problem, acting)?;
     let same = |a: f64, b: f64| (a - b).abs() <= 0.02 * b;
     let noise = |ts: f64| {
         let members: Vec<usize> =

@@ -4,6 +4,7 @@ use nalgebra::DMatrix;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use rayon::prelude::*;
 
 use super::data::{Record, Span};
 use super::diagnosis::{Shrink, ShrinkOutput};
@@ -78,6 +79,7 @@ pub(super) fn explained(before: f64, after: f64, floor: f64) -> Option<f64> {
 pub(super) fn residuals<'e>(problem: &Problem<'_>, acting: impl Into<Acting<'e>>) -> Option<Vec<DMatrix<f64>>> {
     let acting = acting.into();
     (0..problem.records.len())
+        .into_par_iter()
         .map(|at| {
             let record = &problem.records[at];
             let span = record.train.or(record.held)?;
@@ -86,14 +88,16 @@ pub(super) fn residuals<'e>(problem: &Problem<'_>, acting: impl Into<Acting<'e>>
         .collect()
 }
 
-/// The same of the training logs alone; of the others zeros, which nobody looks at.
+/// The same of the training spans alone; of anything else nothing that means something.
 pub(super) fn trained<'e>(problem: &Problem<'_>, acting: impl Into<Acting<'e>>) -> Option<Vec<DMatrix<f64>>> {
     let acting = acting.into();
     (0..problem.records.len())
         .map(|at| {
             let record = &problem.records[at];
-            let Some(span) = record.train else { return Some(DMatrix::zeros(record.time_s.len(), record.measured.len())) };
-            Some(problem.residual(at, &problem.predict_from_posterior(at, acting, span)?))
+            if record.train.is_none() {
+                return Some(DMatrix::zeros(record.time_s.len(), record.measured.len()));
+            }
+            Some(problem.residual(at, &problem.predict_trained_from_posterior(at, acting)?))
         })
         .collect()
 }

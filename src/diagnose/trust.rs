@@ -47,7 +47,7 @@ pub(super) fn hangs(
     .cloned()
     .collect();
     let Some(nominal) = problem.whitened(NOTHING) else { return Vec::new() };
-    let residuals: Vec<Option<Whitened>> = rivals.iter().map(|e| problem.whitened(e)).collect();
+    let residuals: Vec<Option<Whitened>> = rivals.par_iter().map(|e| problem.whitened(e)).collect();
     let prior = problem.prior().to_vec();
     let signatures = if best.is_none() { signatures(problem, &nominal, catalogue, scales) } else { Vec::new() };
     let mut hangs = Vec::new();

@@ -13,7 +13,7 @@ use crate::simulate::{Commands, Hold, Options, Response, SimulateError, System, 
 use crate::time::TimeError;
 
 /// Tight: a simulation on paper is to differ from a measurement by the model alone.
-const TOLERANCE: Tolerance = Tolerance { relative: 1e-9, absolute: 1e-12, steps: 100_000, budget: usize::MAX };
+const TOLERANCE: Tolerance = Tolerance { relative: 1e-9, absolute: 1e-12, steps: 100_000, budget: usize::MAX, past_samples: false };
 
 /// Where model and log both give a unit, it is the same.
 ///

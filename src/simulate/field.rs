@@ -342,7 +342,8 @@ z = "rate^2 + u*angle"
         let Dynamics::Equations(equations, parameters) = &plan.dynamics else { panic!("linear") };
         let assembly = Assembly::new(&system, &plan, &system.initial, &[0.5, -0.7], |_| vec![0.1, 0.2]);
         let mut field = Field::new(&assembly, Some((equations.as_ref(), parameters.as_slice())), &plan.terms);
-        let drive = Drive { pieces: vec![Piece { start_s: 0.0, value: 0.5, slope: 0.3 }, Piece { start_s: 0.0, value: -0.7, slope: 0.0 }] };
+        let pieces = vec![Piece { start_s: 0.0, value: 0.5, slope: 0.3 }, Piece { start_s: 0.0, value: -0.7, slope: 0.0 }];
+        let drive = Drive { pieces, alone_until_s: None };
         field.begin(0.4, &drive);
         let n = assembly.states;
         let mut x: Vec<f64> = (0..n).map(|i| 0.4 - 0.23 * f64::from(u32::try_from(i).unwrap())).collect();

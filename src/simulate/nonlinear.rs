@@ -89,7 +89,10 @@ impl Stepper for Nonlinear<'_> {
                 self.pieces.clone_from(&drive.pieces);
             }
             let mut driven = Driven { field: &mut self.field, drive };
-            self.integrator.advance(&mut driven, from_s, to_s, &mut self.x)
+            match drive.alone_until_s {
+                Some(until_s) => self.integrator.advance_past(&mut driven, (from_s, to_s), until_s, &mut self.x),
+                None => self.integrator.advance(&mut driven, from_s, to_s, &mut self.x),
+            }
         } else {
             self.watch.begin(from_s, drive);
             self.advance_with_contacts(from_s, to_s, drive)

@@ -203,12 +203,14 @@ pub struct Tolerance {
     pub steps: usize,
     /// Steps of the whole run before it gives up.
     pub budget: usize,
+    /// Steps may go past samples, up to the next edge: the state there is then read off the step's curve, to the same tolerance but one order lower.
+    pub past_samples: bool,
 }
 
 impl Default for Tolerance {
     /// Errors far below what a sensor resolves, at a price that a fit can pay.
     fn default() -> Self {
-        Self { relative: 1e-8, absolute: 1e-10, steps: 100_000, budget: usize::MAX }
+        Self { relative: 1e-8, absolute: 1e-10, steps: 100_000, budget: usize::MAX, past_samples: false }
     }
 }
 

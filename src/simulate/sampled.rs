@@ -91,7 +91,7 @@ impl Sensor<'_> {
         let mut assembly = Assembly::new(&system, &plan, &[], &[piece.value], |_| Vec::new());
         assembly.start.copy_from_slice(state);
         let mut linear = Linear::new(&assembly, true);
-        linear.advance(piece.start_s, to_s, &Drive { pieces: vec![piece] })?;
+        linear.advance(piece.start_s, to_s, &Drive { pieces: vec![piece], alone_until_s: None })?;
         Ok(linear.state().to_vec())
     }
 

@@ -9,6 +9,8 @@ use super::plan::Plan;
 /// The piece that every signal is on.
 pub(super) struct Drive {
     pub(super) pieces: Vec<Piece>,
+    /// Until when nothing but the system itself will move its state; `None`: not known.
+    pub(super) alone_until_s: Option<f64>,
 }
 
 /// A system that can be moved through time.
@@ -76,11 +78,16 @@ struct Group {
 impl Group {
     /// Takes note of when the next sample is taken.
     fn look_ahead(&mut self, plan: &Plan, time_s: &[f64]) {
-        self.due_s = match (time_s.get(self.next), self.outputs.is_empty()) {
+        self.due_s = self.due_at(self.next, plan, time_s);
+    }
+
+    /// When a sample is taken; infinite after the last.
+    fn due_at(&self, sample: usize, plan: &Plan, time_s: &[f64]) -> f64 {
+        match (time_s.get(sample), self.outputs.is_empty()) {
             (None, _) => f64::INFINITY,
             (Some(&stamp_s), true) => stamp_s,
             (Some(&stamp_s), false) => plan.clock.commands_time_s(stamp_s) - self.delay_s,
-        };
+        }
     }
 }
 
@@ -119,8 +126,10 @@ pub(super) fn walk(
     // Edges and samples that fall together: the edge comes first.
     #[allow(clippy::cast_precision_loss)]
     let together = TOGETHER * if samples > 1 { end / (samples - 1) as f64 } else { 1.0 };
-    let mut drive = Drive { pieces: signals.iter().map(|s| s.pieces().first().copied().unwrap_or(LEVEL)).collect() };
+    let mut drive = Drive { pieces: signals.iter().map(|s| s.pieces().first().copied().unwrap_or(LEVEL)).collect(), alone_until_s: None };
     let mut edges = vec![1_usize; signals.len()];
+    let past_samples = plan.tolerance.past_samples && correction.is_none();
+    let last_s = groups.iter().map(|group| group.due_at(stamps.len().saturating_sub(1), plan, stamps)).fold(0.0, f64::max);
     let mut now = 0.0;
     let mut y = vec![0.0; outputs];
     loop {
@@ -138,6 +147,7 @@ pub(super) fn walk(
         // Samples that a clock or a delay puts before the start see the start.
         let to = to.max(now);
         if to > now + together {
+            drive.alone_until_s = past_samples.then(|| edge.min(last_s).max(to));
             system.advance(now, to, &drive)?;
             now = to;
         }

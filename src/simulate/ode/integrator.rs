@@ -2,7 +2,7 @@
 
 use super::dormand_prince::DormandPrince;
 use super::rodas::Rodas;
-use super::{Rhs, event};
+use super::{Rhs, event, past::Past};
 use crate::simulate::SimulateError;
 
 /// Which formula steps.
@@ -63,9 +63,11 @@ pub struct Integrator {
     away: u32,
     easy: u32,
     /// Where the last call ended, NaN: not known. The slope there is the last of the step's.
-    end: f64,
+    pub(super) end: f64,
     /// The right-hand side is as it was in the last call.
-    same: bool,
+    pub(super) same: bool,
+    /// A step that went past the end of the last call.
+    pub(super) past: Past,
     broken: Option<f64>,
     broken_x: Vec<f64>,
     steps: usize,
@@ -103,6 +105,7 @@ impl Integrator {
             easy: 0,
             end: f64::NAN,
             same: false,
+            past: Past::new(n),
             broken: None,
             broken_x: vec![0.0; n],
             steps: 0,
@@ -115,6 +118,7 @@ impl Integrator {
         (self.h, self.method) = (0.0, Method::Explicit);
         (self.at_the_edge, self.away, self.easy) = (0, 0, 0);
         (self.end, self.broken) = (f64::NAN, None);
+        self.past.forget();
     }
 
     /// Promises that the next call's right-hand side is that of the last one. If it also begins where that ended, the slope there need not be found again.
@@ -146,7 +150,7 @@ impl Integrator {
     /// [`SimulateError`]: undefined at the start, explodes, too stiff, time that runs back.
     #[inline]
     pub fn advance<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t0: f64, t1: f64, x: &mut [f64]) -> Result<(), SimulateError> {
-        self.drive(rhs, (t0, t1), x, None).map(drop)
+        self.drive(rhs, (t0, t1), t1, x, None).map(drop)
     }
 
     /// As [`Self::advance`], but stops at the first change of sign of `event` in (t0, t1], just behind it: x is then the state there and the time is given
@@ -162,13 +166,15 @@ impl Integrator {
         x: &mut [f64],
         event: &mut impl FnMut(f64, &[f64]) -> f64,
     ) -> Result<Option<f64>, SimulateError> {
-        self.drive(rhs, (t0, t1), x, Some(event))
+        self.drive(rhs, (t0, t1), t1, x, Some(event))
     }
 
-    fn drive<R: Rhs + ?Sized>(
+    /// Integrates to t1, or until a step reaches `wanted` before it: x is then the state at that step's start, and `past` knows the step.
+    pub(super) fn drive<R: Rhs + ?Sized>(
         &mut self,
         rhs: &mut R,
         (t0, t1): (f64, f64),
+        wanted: f64,
         x: &mut [f64],
         mut event: Option<Event<'_>>,
     ) -> Result<Option<f64>, SimulateError> {
@@ -202,7 +208,9 @@ impl Integrator {
         let smallest = 16.0 * f64::EPSILON * t0.abs().max(t1.abs()).max((t1 - t0).min(1.0) * 1e-3);
         let (mut steps, mut after_rejection, mut broken_h) = (0, false, None);
         loop {
-            let remaining = t1 - t;
+            // The curve through a Rosenbrock step is of a low order: it ends where a state is wanted.
+            let target = if self.method == Method::Explicit { t1 } else { wanted };
+            let remaining = target - t;
             let (h, last) = if self.h >= 0.99 * remaining {
                 (remaining, true)
             } else if 2.0 * self.h > remaining {
@@ -238,7 +246,7 @@ impl Integrator {
                 }
                 continue;
             }
-            let end = if last { t1 } else { t + h };
+            let end = if last { target } else { t + h };
             if let Some(event) = event.as_mut()
                 && let Some(at) = event::within(self, rhs, (t, end), x, *event, &mut sign)
             {
@@ -252,6 +260,10 @@ impl Integrator {
             self.h = if last && factor >= 1.0 { self.h.max(h * factor) } else { h * factor };
             after_rejection = false;
             self.choose(h, steps > 1 || !last);
+            if end >= wanted && wanted < t1 {
+                self.past.keep(t, end);
+                return Ok(None);
+            }
             x.copy_from_slice(&self.next);
             if last {
                 self.end = t1;

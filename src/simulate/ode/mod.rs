@@ -6,6 +6,7 @@ mod dormand_prince;
 mod event;
 mod integrator;
 mod lu;
+mod past;
 mod rodas;
 #[cfg(test)]
 mod tests;

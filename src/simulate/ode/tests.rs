@@ -117,6 +117,41 @@ fn a_sample_costs_one_step_of_seven_evaluations() {
     assert_eq!(f.2, 7001);
 }
 
+/// The state between steps is that of the curve through them, whatever the samples; a new right-hand side or a pushed state starts a new step.
+#[test]
+fn steps_past_samples_are_fewer_and_their_curve_is_as_accurate() {
+    let exact = {
+        let (mut f, mut integrator, mut x) = (oscillator(), Integrator::with_tolerance(2, 1e-13, 1e-15), [1.0, 0.3]);
+        let mut at = |k: u32| {
+            integrator.advance(&mut f, f64::from(k) * 0.01, f64::from(k + 1) * 0.01, &mut x).unwrap();
+            x
+        };
+        (0..1000).map(&mut at).collect::<Vec<_>>()
+    };
+    for method in [Method::Explicit, Method::Rosenbrock] {
+        let (mut f, mut integrator, mut x) = (oscillator(), Integrator::with_tolerance(2, 1e-7, 1e-9), [1.0, 0.3]);
+        integrator.method = method;
+        let mut worst: f64 = 0.0;
+        for k in 0..1000_u32 {
+            if k % 250 != 0 {
+                integrator.same_right_hand_side();
+            }
+            let until = f64::from(k / 250 + 1) * 2.5;
+            integrator.advance_past(&mut f, (f64::from(k) * 0.01, f64::from(k + 1) * 0.01), until, &mut x).unwrap();
+            let there = exact[k as usize];
+            if (k, method) == (9, Method::Rosenbrock) {
+                // The implicit method's curve is not used: one step a sample, until it finds that the explicit one does as well.
+                assert!(integrator.steps().0 >= 10, "{:?}", integrator.steps());
+            }
+            worst = worst.max((x[0] - there[0]).abs()).max((x[1] - there[1]).abs());
+        }
+        assert!(worst < 1e-5, "{method:?}: {worst:e}");
+        // At most an eighth of the steps from sample to sample.
+        let (made, _) = integrator.steps();
+        assert!(made < 125, "{method:?}: {made}");
+    }
+}
+
 #[test]
 fn a_bouncing_ball_hits_the_floor_when_it_should() {
     let mut f = System(2, |_: f64, x: &[f64], dx: &mut [f64]| (dx[0], dx[1]) = (x[1], -9.81), 0);
