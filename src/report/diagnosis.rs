@@ -12,7 +12,7 @@ use crate::report::text::{Table, estimate};
 #[must_use]
 pub fn summary(found: &Diagnosed) -> String {
     let d = &found.diagnosis;
-    [size(d), place(d), cause(d), rivals(d, found.most.as_ref()), shrink(d)].join("\n")
+    [size(d), place(d), cause(d, found.most.is_some()), rivals(d, found.most.as_ref()), shrink(d)].join("\n")
 }
 
 fn percent(share: f64) -> String {
@@ -73,7 +73,8 @@ fn same_pair(row: &RankedPair, found: &[FoundEffect]) -> bool {
     row.effects.len() == found.len() && found.iter().all(holds)
 }
 
-fn cause(d: &Diagnosis) -> String {
+/// `helped`: something lowers the error, though not by enough to be called its cause.
+fn cause(d: &Diagnosis, helped: bool) -> String {
     let probability = |name: &str| {
         let of = |row: &RankingRow| match row {
             RankingRow::Single(r) if d.cause.effects.len() < 2 && r.effect == name && r.channel == d.cause.channel => Some(r.probability),
@@ -85,6 +86,7 @@ fn cause(d: &Diagnosis) -> String {
     let sure = percent(probability(&d.cause.verdict));
     match d.cause.verdict.as_str() {
         "none" if d.gap.before.is_none() => "Cause: none could be looked for, because no output moves.".to_owned(),
+        "none" if helped => format!("Cause: none that matters; what is left is hardly above the noise (probability {sure})."),
         "none" => format!("Cause: none; no effect of the catalogue helps and what is left is noise (probability {sure})."),
         "unknown" => format!("Cause: unknown; a gap above the noise stays that no effect of the catalogue explains (probability {sure})."),
         _ => format!("Cause: {} (probability {sure}).", d.cause.effects.iter().map(effect).collect::<Vec<_>>().join(" and ")),
