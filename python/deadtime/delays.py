@@ -377,7 +377,7 @@ def estimate(
     method : str or sequence of str
         Names of methods, or `all`; `deadtime.methods()` lists them.
     max_delay : float, optional
-        Longest delay to search, s; default 35 samples, doubled once where an answer is the longest.
+        Longest delay to search, s; default 35 samples (at most a quarter of the longest record), doubled once where an answer is the longest.
     model : model-like, optional
         Linear model of the plant: adds `state_least_squares` (its pairs have the output `*`) and the model's own degree bias.
     detrend : {"mean", "none", "line"}
@@ -450,7 +450,7 @@ def estimate_delay(
     method : str
         The method; `deadtime.methods()` lists them. For all methods and a verdict give the arrays to `estimate`.
     max_delay : float, optional
-        Longest delay to search, s; default 35 samples.
+        Longest delay to search, s; default 35 samples, at most a quarter of the record.
     detrend : {"mean", "none", "line"}
         What to take off each channel first.
     degree_bias : int, optional
@@ -554,7 +554,7 @@ def predict_precision(
     method : str or sequence of str
         Names of methods, or `all`.
     max_delay : float, optional
-        Longest delay to be searched, s; default 35 samples. No prediction is worse than this window's width over √12.
+        Longest delay to be searched, s; default 35 samples, at most a quarter of the longest record. No prediction is worse than this window's width over √12.
     model : model-like, optional
         As in `estimate`.
     detrend : {"mean", "none", "line"}
@@ -795,7 +795,7 @@ def _asked(
     if resample is not None:
         logs = [one.resample(resample, held) for one in logs]
     asked = {"name": name, "inputs": held, "outputs": _names(outputs), "methods": chosen, "max_delay": max_delay}
-    asked |= {"degree_bias": perhaps("degree_bias", degree_bias, 0), "detrend": detrend, "loop": loop, "resampled": resample is not None}
+    asked |= {"degree_bias": perhaps("degree_bias", degree_bias, 0), "detrend": detrend, "loop": loop}
     return logs, asked
 
 

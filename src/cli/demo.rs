@@ -61,7 +61,6 @@ impl Demo {
             degree_bias: None,
             detrend: Detrend::Mean,
             feedback: Feedback::Auto,
-            resampled: false,
             stop: Stop::default(),
         };
         let report = job.run()?;

@@ -33,7 +33,7 @@ pub(super) struct Estimate {
     /// Method, or `all`; may be repeated; `deadtime list methods` shows them
     #[arg(long, value_name = "NAME", default_value = "all")]
     method: Vec<String>,
-    /// Longest delay to search, seconds; default 35 samples
+    /// Longest delay to search, seconds; default 35 samples, at most a quarter of the longest record
     #[arg(long, value_name = "S")]
     max_delay: Option<f64>,
     /// Model of the plant: adds `state_least_squares` and the model's own relative degree
@@ -91,7 +91,6 @@ impl Estimate {
             degree_bias: self.degree_bias,
             detrend: self.detrend,
             feedback: self.feedback,
-            resampled: self.source.reading.resample.is_some(),
             stop: Stop::default(),
         })
     }

@@ -67,6 +67,33 @@ pub fn conditions(records: &[Record], max_delay: usize) -> Vec<Finding> {
     found
 }
 
+/// How far a single output sample stands off the median of the five around it to be looked at, in what all but one of twenty samples stay within.
+const STANDS_OFF: f64 = 5.0;
+
+/// Output samples that stand alone, far off those before and after, as outliers do and as a response that lasts seldom does.
+///
+/// The scale is the 95 % point of all samples' distances, not their median as Hampel's filter has it: what answers to a random input stays near its neighbours mostly, and
+/// then moves.
+#[must_use]
+pub fn standing_off(records: &[Record]) -> usize {
+    let mut off: Vec<Vec<f64>> = Vec::with_capacity(records.len());
+    for record in records {
+        let there = record.y.iter().enumerate().filter(|(t, _)| record.present.as_ref().is_none_or(|p| p[*t]));
+        let values: Vec<f64> = there.map(|(_, y)| *y).collect();
+        off.push(values.windows(5).map(|w| (w[2] - point(w.to_vec(), 10)).abs()).collect());
+    }
+    let scale = point(off.iter().flatten().copied().collect(), 19);
+    let far = |d: f64| scale > 0.0 && d > STANDS_OFF * scale;
+    let alone = |d: &&[f64]| far(d[1]) && !far(d[0]) && !far(d[2]);
+    off.iter().map(|d| d.windows(3).filter(alone).count()).sum()
+}
+
+/// The value below which so many twentieths lie; 0 of none.
+fn point(mut values: Vec<f64>, twentieths: usize) -> f64 {
+    let at = values.len() * twentieths / 20;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(at, f64::total_cmp).1 }
+}
+
 /// Correlation of two inputs, at any lag of the window, from which what one does passes for what the other does.
 const TOGETHER: f64 = 0.3;
 

@@ -8,10 +8,11 @@ use rayon::prelude::*;
 use serde_json::Value;
 
 use super::events::check_times;
+use super::process::rough;
 use super::report::{Bias, Estimate, FORMAT, Pair, Report, Response, Searched};
 use super::{
     Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Events, Experiment, Finding, Information, METHODS, Method, Outcome,
-    PlantModel, Recording, Richness, Scope, Search, Start, Threshold, conditions, moving_together, richness, verdict,
+    PlantModel, Recording, Richness, Scope, Search, Start, Threshold, conditions, moving_together, richness, standing_off, verdict,
 };
 use crate::error::Result;
 use crate::identify::fir;
@@ -83,7 +84,7 @@ pub struct Job {
     pub methods: Vec<Ready>,
     /// The plant: its relative degrees, and A and B for the methods that look at states.
     pub model: Option<ModelFile>,
-    /// Longest delay to search, s; `None`: that of [`Search`].
+    /// Longest delay to search, s; `None`: that of [`Search`], of records shorter than four times that a quarter of the longest.
     pub max_delay_s: Option<f64>,
     /// Samples that the plant needs to respond without any dead time; `None`: the model's, or 1.
     pub degree_bias: Option<usize>,
@@ -91,8 +92,6 @@ pub struct Job {
     pub detrend: Detrend,
     /// What is known of feedback.
     pub feedback: Feedback,
-    /// The logs were put onto an even grid, which is said.
-    pub resampled: bool,
     /// Looked at between methods, pairs, and the delays of long scans.
     pub stop: Stop,
 }
@@ -111,7 +110,7 @@ impl Job {
             pairs.extend(self.inputs_by_state(&experiment, &search)?);
         }
         let samples = self.logs.iter().map(Log::len).sum();
-        let searched = Searched::Samples { samples, records: self.logs.len(), bias, resampled: self.resampled };
+        let searched = Searched::Samples { samples, records: self.logs.len(), bias, early_s: self.early_s() };
         #[allow(clippy::cast_precision_loss)]
         let max_delay_s = ts.to_seconds(search.max_delay as f64);
         Ok(Report { format: FORMAT, log: self.name.clone(), sample_time_s: ts.seconds(), max_delay_s, pairs, searched })
@@ -175,10 +174,16 @@ impl Job {
         Ok((experiment, search, bias))
     }
 
+    /// By how much a response may look too early because the logs were put onto another grid than their own, s.
+    fn early_s(&self) -> f64 {
+        self.logs.iter().map(Log::early_s).fold(0.0, f64::max)
+    }
+
     fn max_delay(&self, ts: SampleTime) -> Result<usize> {
-        let Some(seconds) = self.max_delay_s else { return Ok(Search::default().max_delay) };
-        let longest = whole(ts, seconds)?;
         let samples = self.logs.iter().map(Log::len).max().unwrap_or(0);
+        // Of a short record no method could search more.
+        let Some(seconds) = self.max_delay_s else { return Ok(Search::default().max_delay.min(samples / 4).max(1)) };
+        let longest = whole(ts, seconds)?;
         if longest == 0 || longest >= samples {
             return Err(DelayError::MaxDelay { seconds, step_s: ts.seconds(), samples }.into());
         }
@@ -223,7 +228,9 @@ impl Job {
                 };
                 let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
                 self.stop.check()?;
-                pairs.push(pair(input, output, &answers, findings, experiment.sample_time));
+                let mut pair = pair(input, output, &answers, findings, experiment.sample_time, self.early_s());
+                pair.standing_off = standing_off(&seen.one.pair(0, 0)?);
+                pairs.push(pair);
             }
         }
         Ok(pairs)
@@ -232,11 +239,30 @@ impl Job {
     /// One pair of the experiment.
     fn seen(&self, experiment: &Experiment, search: &Search, i: usize, o: usize) -> Result<Seen> {
         let one = experiment.select(i, o)?;
-        let rested = if self.detrend == Detrend::Mean { one.from_rest() } else { None };
+        let rested = if self.detrend == Detrend::Mean { self.from_rest(&one, search.max_delay)? } else { None };
         let degree = |input: usize| search.bias.get(o).and_then(|row| row.get(input)).copied().unwrap_or(search.default_bias);
         let inputs = std::iter::once(i).chain((0..self.inputs.len()).filter(|other| *other != i));
         let own = vec![inputs.map(degree).collect()];
         Ok(Seen { rested, together: experiment.towards(i, o)?, search: Search { bias: own, ..search.clone() }, one })
+    }
+
+    /// The pair measured from where it rested, where that explains it better than its mean: from its level before the inputs moved, or as logged, where that is zero. A
+    /// rough model judges, as an input that is still for a while at first may be one that moves seldom, and a controller that rests at zero moves at once.
+    fn from_rest(&self, one: &Experiment, max_delay: usize) -> Result<Option<Experiment>> {
+        let logged = Experiment::from_logs(&self.logs, &one.inputs, &one.outputs, Detrend::None)?.select(0, 0)?;
+        let left = |seen: &Experiment| -> Result<f64> {
+            let fitted = rough(&seen.pair(0, 0)?, 2, max_delay, 0);
+            Ok(fitted.map_or(f64::INFINITY, |r| r.residual.iter().map(|e| e * e).sum()))
+        };
+        let mut best = (left(one)?, None);
+        for start in [one.from_rest(), Some(logged)].into_iter().flatten() {
+            self.stop.check()?;
+            let less = left(&start)?;
+            if less < best.0 {
+                best = (less, Some(start));
+            }
+        }
+        Ok(best.1)
     }
 
     /// What the record shows, corrected by what the user knows of its loop.
@@ -268,7 +294,7 @@ impl Job {
                     Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                 };
                 let answer = Answer { method: ready.method, estimate, predicted: None, time_s };
-                pairs.push(pair(input, "*", &[answer], Vec::new(), experiment.sample_time));
+                pairs.push(pair(input, "*", &[answer], Vec::new(), experiment.sample_time, self.early_s()));
             }
         }
         Ok(pairs)
@@ -439,7 +465,7 @@ impl EventsJob {
         }
         #[allow(clippy::cast_precision_loss)]
         let max_delay_s = step.to_seconds(max_delay as f64);
-        let pairs = vec![pair(&a, &b, &answers, Vec::new(), step)];
+        let pairs = vec![pair(&a, &b, &answers, Vec::new(), step, 0.0)];
         let searched = Searched::Events { counts, interval_s };
         Ok(Report { format: FORMAT, log: name, sample_time_s: step.seconds(), max_delay_s, pairs, searched })
     }
@@ -453,8 +479,8 @@ struct Answer {
     time_s: f64,
 }
 
-fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, sample_time: SampleTime) -> Pair {
-    let by_trust: Vec<(&Method, &DelayEstimate)> = answers.iter().map(|a| (a.method, &a.estimate)).collect();
+fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, sample_time: SampleTime, early_s: f64) -> Pair {
+    let by_trust: Vec<_> = answers.iter().map(|a| (a.method, &a.estimate, a.predicted.map(|p| p.std_s))).collect();
     Pair {
         input: input.to_owned(),
         output: output.to_owned(),
@@ -463,7 +489,8 @@ fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, s
             .map(|a| Estimate::new(a.method, &a.estimate, a.predicted.map(|p| p.std_s), a.time_s, &findings))
             .collect(),
         poor_std_s: poor(answers),
-        verdict: verdict(&by_trust, &findings, sample_time),
+        standing_off: 0,
+        verdict: verdict(&by_trust, &findings, sample_time, early_s),
         findings,
     }
 }
@@ -511,7 +538,6 @@ mod tests {
             degree_bias: None,
             detrend: Detrend::Mean,
             feedback: Feedback::Auto,
-            resampled: false,
             stop,
         }
     }

@@ -23,7 +23,7 @@ mod threshold;
 mod verdict;
 
 pub use area::{Area1, Area2, Area3, Moment};
-pub use conditions::{Finding, conditions, moving_together};
+pub use conditions::{Finding, conditions, moving_together, standing_off};
 pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot};
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome, PairEstimate};
@@ -43,7 +43,7 @@ pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel,
 pub use richness::{Richness, richness};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Cusum, CusumStep, Impulseest, Prewindow, Records, Step, Threshold};
-pub use verdict::{Verdict, distrust, verdict};
+pub use verdict::{Said, Verdict, distrust, verdict};
 
 pub use crate::identify::{Initial, Record};
 

@@ -76,6 +76,9 @@ pub struct Pair {
     /// Where the data hardly tell neighbouring delays apart: the standard deviation that was to be expected before any method ran, s.
     #[serde(skip)]
     pub poor_std_s: Option<f64>,
+    /// Output samples that stand alone, far off their neighbours.
+    #[serde(skip)]
+    pub standing_off: usize,
     /// What to believe.
     pub verdict: Verdict,
 }
@@ -109,8 +112,8 @@ pub enum Searched {
         records: usize,
         /// Where the degree bias came from.
         bias: Bias,
-        /// The log was put onto an even grid first.
-        resampled: bool,
+        /// By how much a response may look too early because the log was put onto an even grid first, s.
+        early_s: f64,
     },
     /// Two sequences of event times.
     Events {

@@ -76,7 +76,8 @@ impl Log {
             values: channel.values.get(from..to).unwrap_or_default().to_vec(),
             present: channel.present.as_ref().map(|present| present.get(from..to).unwrap_or_default().to_vec()),
         });
-        Self::assemble(self.source.clone(), time_s, channels.collect(), self.unusable.clone(), self.rows.cut(from, to))
+        let part = Self::assemble(self.source.clone(), time_s, channels.collect(), self.unusable.clone(), self.rows.cut(from, to))?;
+        Ok(Self { early_s: self.early_s, ..part })
     }
 
     /// The log on an even grid from its first sample to its last: the channels named in `held` keep their previous value (as a held input
@@ -116,7 +117,10 @@ impl Log {
             time_s.push(t);
         }
         let channels = self.channels.iter().map(|channel| channel.at(&places, held.contains(&channel.name.as_str())));
-        Self::assemble(self.source.clone(), time_s, channels.collect(), self.unusable.clone(), rows)
+        let moved = places.iter().any(|(_, fraction)| fraction.min(1.0 - fraction) > EVEN_SAMPLES);
+        let early_s = self.early_s + if moved { self.median_step_s() + ts } else { 0.0 };
+        let even = Self::assemble(self.source.clone(), time_s, channels.collect(), self.unusable.clone(), rows)?;
+        Ok(Self { early_s, ..even })
     }
 
     fn median_step_s(&self) -> f64 {

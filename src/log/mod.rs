@@ -24,6 +24,7 @@ pub struct Log {
     channels: Vec<Channel>,
     unusable: Vec<Unusable>,
     rows: Rows,
+    early_s: f64,
 }
 
 /// One named column of numbers.
@@ -251,7 +252,8 @@ impl Log {
         let (name, file) = (name.into(), self.source.clone());
         let error = LogError::NotANumber { file, place: self.rows.place(sample), channel: name.clone(), text: text.into() };
         self.unusable.push(Unusable { name, error });
-        Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows)
+        let early_s = self.early_s;
+        Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows).map(|log| Self { early_s, ..log })
     }
 
     fn assemble(source: String, time_s: Vec<f64>, channels: Vec<Channel>, unusable: Vec<Unusable>, rows: Rows) -> Result<Self, LogError> {
@@ -267,7 +269,7 @@ impl Log {
             before_s = Some(now_s);
         }
         let channels = channels.into_iter().map(|channel| channel.checked(&source, time_s.len(), &rows)).collect::<Result<Vec<_>, _>>()?;
-        let log = Self { source, time_s, channels, unusable, rows };
+        let log = Self { source, time_s, channels, unusable, rows, early_s: 0.0 };
         let mut seen = HashSet::new();
         if let Some(twice) = log.all_names().find(|name| !seen.insert(*name)) {
             return Err(LogError::DuplicateChannel { file: log.source.clone(), channel: twice.into() });
@@ -279,6 +281,13 @@ impl Log {
     #[must_use]
     pub fn source(&self) -> &str {
         &self.source
+    }
+
+    /// By how much a response may look too early because the log was put onto another grid, s: a step of the log's own, as outputs are interpolated, and one of the grid,
+    /// as inputs are held. 0 where no sample had to be moved.
+    #[must_use]
+    pub fn early_s(&self) -> f64 {
+        self.early_s
     }
 
     /// The time stamps as logged, in seconds; strictly increasing.
@@ -421,7 +430,9 @@ impl Log {
                 channel.name = name.into();
             }
         }
-        Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows).map_err(|error| match error {
+        let early_s = self.early_s;
+        let renamed = Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows);
+        renamed.map(|log| Self { early_s, ..log }).map_err(|error| match error {
             LogError::DuplicateChannel { file, channel } => LogError::NameTaken { file, channel },
             other => other,
         })

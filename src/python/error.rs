@@ -92,7 +92,7 @@ const REMEDIES: [(&str, &str); 6] = [
 ];
 
 /// A message with the remedies of Python in place of those of the command line: options are arguments, called alike.
-fn in_python(message: &str) -> String {
+pub(super) fn in_python(message: &str) -> String {
     let mut text = REMEDIES.iter().fold(message.to_owned(), |text, (option, call)| text.replace(option, call));
     // `--map NAME=COLUMN` of a name that is known.
     while let Some((before, after)) = text.split_once("--map ")

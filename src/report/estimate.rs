@@ -12,15 +12,17 @@ impl Report {
     pub fn preamble(&self) -> String {
         let (name, until) = (&self.log, self.max_delay_s);
         match &self.searched {
-            Searched::Samples { samples, records, bias, resampled } => {
+            Searched::Samples { samples, records, bias, early_s } => {
                 let records = if *records > 1 { format!(" in {records} records") } else { String::new() };
                 let bias = match bias {
                     Bias::Assumed => "assumed relative degree 1 (a strictly proper plant behind a zero-order hold)".to_owned(),
                     Bias::Model(model) => format!("relative degrees of {model} behind a zero-order hold"),
                     Bias::Given(degree) => format!("relative degree {degree} as given"),
                 };
-                let interpolated = "; outputs were interpolated, which makes a response up to a step of the log's own too early";
-                let caveat = if *resampled { interpolated } else { "" };
+                let held = "; outputs were interpolated and inputs held, which makes a response look up to";
+                let early =
+                    || format!("{held} {} s too early: a verdict's interval ends that much later", seconds(*early_s, self.sample_time_s));
+                let caveat = if *early_s > 0.0 { early() } else { String::new() };
                 format!(
                     "{name}: {samples} samples{records}, one every {} s; searched 0 to {until:.4} s; {bias}{caveat}",
                     self.sample_time_s
@@ -124,10 +126,20 @@ impl Pair {
     /// That the data hardly tell neighbouring delays apart, if so.
     #[must_use]
     pub fn warning(&self, sample_time_s: f64) -> Option<String> {
-        let std = seconds(self.poor_std_s?, sample_time_s);
-        Some(format!(
-            "poor data: a standard deviation of {std} s was to be expected before any method ran, so delays {sample_time_s} s apart are hardly told apart"
-        ))
+        let poor = |std_s: f64| {
+            let std = seconds(std_s, sample_time_s);
+            format!(
+                "poor data: a standard deviation of {std} s was to be expected before any method ran, so delays {sample_time_s} s apart are hardly told apart"
+            )
+        };
+        let off = |count: usize| {
+            format!(
+                "{count} output samples stand alone, far off their neighbours: where they are no response but outliers, leave their cells empty, which makes them missing"
+            )
+        };
+        let warnings: Vec<String> =
+            [self.poor_std_s.map(poor), (self.standing_off > 0).then(|| off(self.standing_off))].into_iter().flatten().collect();
+        (!warnings.is_empty()).then(|| warnings.join("; "))
     }
 }
 

@@ -170,6 +170,7 @@ mod tests {
             output: "y".into(),
             findings: Vec::new(),
             poor_std_s: None,
+            standing_off: 0,
             estimates: ["oestruc", "arxstruc"]
                 .iter()
                 .zip([&found, &none])

@@ -78,6 +78,14 @@ def test_remedies_are_those_of_python(tmp_path: Path) -> None:
         deadtime.read(folded)
 
 
+def test_notes_of_answers_name_arguments_too() -> None:
+    short = deadtime.Log(_TIME[:30], {"u": _WAVE[:30], "y": numpy.roll(_WAVE, 3)[:30]})
+    notes = [answer.note for answer in deadtime.estimate(short, "u", "y").pair.estimates if answer.note]
+    assert any("max_delay=" in note for note in notes)
+    assert not [note for note in notes if "--" in note]
+
+
+
 COUNTS: list[tuple[str, Callable[[], object]]] = [
     ("threads is 0", lambda: deadtime.estimate(_log(), "u", "y", threads=0)),
     ("threads is -1", lambda: deadtime.predict_precision(_log(), "u", "y", threads=-1)),
