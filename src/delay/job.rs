@@ -229,7 +229,10 @@ impl Job {
                 let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
                 self.stop.check()?;
                 let mut pair = pair(input, output, &answers, findings, experiment.sample_time, self.early_s());
-                pair.standing_off = standing_off(&seen.one.pair(0, 0)?);
+                // Between interpolated samples every jump stands off.
+                if self.early_s() == 0.0 {
+                    pair.standing_off = standing_off(&seen.one.pair(0, 0)?);
+                }
                 pairs.push(pair);
             }
         }
