@@ -229,7 +229,10 @@ impl Job {
                 let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
                 self.stop.check()?;
                 let mut pair = pair(input, output, &answers, findings, experiment.sample_time, self.early_s());
-                pair.standing_off = standing_off(&seen.one.pair(0, 0)?);
+                // Between interpolated samples every jump stands off.
+                if self.early_s() == 0.0 {
+                    pair.standing_off = standing_off(&seen.one.pair(0, 0)?);
+                }
                 pairs.push(pair);
             }
         }
@@ -239,7 +242,7 @@ impl Job {
     /// One pair of the experiment.
     fn seen(&self, experiment: &Experiment, search: &Search, i: usize, o: usize) -> Result<Seen> {
         let one = experiment.select(i, o)?;
-        let rested = if self.detrend == Detrend::Mean { self.from_rest(&one, search.max_delay)? } else { None };
+        let rested = if self.detrend == Detrend::Mean { self.best_start(&one, search.max_delay)? } else { None };
         let degree = |input: usize| search.bias.get(o).and_then(|row| row.get(input)).copied().unwrap_or(search.default_bias);
         let inputs = std::iter::once(i).chain((0..self.inputs.len()).filter(|other| *other != i));
         let own = vec![inputs.map(degree).collect()];
@@ -248,7 +251,7 @@ impl Job {
 
     /// The pair measured from where it rested, where that explains it better than its mean: from its level before the inputs moved, or as logged, where that is zero. A
     /// rough model judges, as an input that is still for a while at first may be one that moves seldom, and a controller that rests at zero moves at once.
-    fn from_rest(&self, one: &Experiment, max_delay: usize) -> Result<Option<Experiment>> {
+    fn best_start(&self, one: &Experiment, max_delay: usize) -> Result<Option<Experiment>> {
         let logged = Experiment::from_logs(&self.logs, &one.inputs, &one.outputs, Detrend::None)?.select(0, 0)?;
         let left = |seen: &Experiment| -> Result<f64> {
             let fitted = rough(&seen.pair(0, 0)?, 2, max_delay, 0);
