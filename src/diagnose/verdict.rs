@@ -5,6 +5,7 @@ use nalgebra::DMatrix;
 use super::data::{Record, Span};
 use super::explanation::Explanation;
 use super::floor::{self, Floor};
+use super::intervals;
 use super::problem::{Acting, NOTHING, Problem};
 use super::rank::{leader, odds};
 use super::related;
@@ -100,7 +101,9 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
         // A lattice needs not lower the error to be seen.
         let lattice = next.is_chance() && !best.is_chance();
         let matters = lattice || matters(&best.smooth(problem)?, &next.smooth(problem)?, MATTERS[size]);
-        if better && matters {
+        // Two effects are named only where each is more than a nominal model that is a little off.
+        let established = |e: &Explanation| e.effects.len() < 2 || intervals::established(problem, e, scales);
+        if better && matters && next.explanation.as_ref().is_none_or(established) {
             best = next;
         }
     }
