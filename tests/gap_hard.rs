@@ -97,7 +97,22 @@ fn as_log(name: &str, time_s: Vec<f64>, u: &[f64], outputs: &[Vec<f64>]) -> Log 
 }
 
 fn diagnosed(model: &ModelDocument, logs: &[Log], held: &[Log]) -> Diagnosis {
-    diagnose(model, logs, held, &GapOptions::default(), &|_| ()).unwrap().diagnosis
+    let d = diagnose(model, logs, held, &GapOptions::default(), &|_| ()).unwrap().diagnosis;
+    each_of_two_effects_is_more_than_nothing(model, &d);
+    d
+}
+
+/// Of two effects neither has an interval of its size that holds the value at which it does nothing.
+fn each_of_two_effects_is_more_than_nothing(model: &ModelDocument, d: &Diagnosis) {
+    let system = System::new(model, |_| Ok(0.0)).unwrap();
+    for found in d.cause.effects.iter().filter(|_| d.cause.effects.len() > 1) {
+        let nominal = Applied::nominal(&system, find(&found.effect).unwrap(), &found.channel).unwrap();
+        let apart: Vec<bool> = (found.parameters.iter().zip(&nominal.parameters))
+            .filter(|(p, n)| n.nominal.is_finite() && !matches!(p.name.as_str(), "frequency" | "damping" | "phase"))
+            .map(|(p, n)| p.ci95.is_none_or(|[lower, upper]| !(lower..=upper).contains(&n.nominal)))
+            .collect();
+        assert!(apart.is_empty() || apart.contains(&true), "{found:?}");
+    }
 }
 
 fn keys(d: &Diagnosis) -> Vec<String> {
@@ -413,12 +428,19 @@ C = [[1.0, 0.0], [-36.0, -3.0]]
 D = [[0.0], [1.0]]
 "#;
 
-fn uneven(machine: &ModelDocument, effect: (&str, &str, &[f64]), largest: f64, samples: usize, seed: u64) -> Log {
+/// With stamps that are up to 0.15 samples off.
+fn uneven(
+    machine: &ModelDocument,
+    effect: (&str, &str, &[f64]),
+    u: impl Fn(usize, &mut ChaCha8Rng) -> Vec<f64>,
+    samples: usize,
+    seed: u64,
+) -> Log {
     let system = System::new(machine, |_| Ok(0.0)).unwrap();
     let applied = Applied { values: effect.2.to_vec(), ..Applied::nominal(&system, find(effect.0).unwrap(), effect.1).unwrap() };
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let time_s: Vec<f64> = (0..samples).map(|k| TS * (k as f64 + if k > 0 { rng.random_range(-0.15..0.15) } else { 0.0 })).collect();
-    let u = vec![commands(samples, &mut rng).into_iter().map(|u| largest * u).collect::<Vec<f64>>()];
+    let u = vec![u(samples, &mut rng)];
     let plan = Applied::plan(&system, &[applied], Chance::Seed(seed)).unwrap();
     let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &u }, &[0.0, 0.0], None).unwrap();
     let outputs: Vec<Vec<f64>> = run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
@@ -429,31 +451,34 @@ fn uneven(machine: &ModelDocument, effect: (&str, &str, &[f64]), largest: f64, s
 #[test]
 fn a_delay_beside_a_direct_path_is_not_known_better_than_uneven_samples_show_it() {
     let model = document(ACCELEROMETER);
+    let every_sample = |samples, rng: &mut ChaCha8Rng| (0..samples).map(|_| rng.random_range(-1.0..1.0)).collect();
     let mut inside = 0;
-    for seed in 1..=6 {
-        let truth = 0.031 + 0.0037 * seed as f64;
-        let late = |seed| uneven(&model, ("input_delay", "force", &[truth]), 1.0, 700, seed);
+    for seed in 1..=10 {
+        let truth = 0.031 + 0.0027 * seed as f64;
+        let late = |seed| uneven(&model, ("input_delay", "force", &[truth]), every_sample, 400, seed);
         let d = diagnosed(&model, &[late(seed)], &[late(seed + 100)]);
         assert_eq!(keys(&d), ["input_delay:force"]);
         let [lower, upper] = d.cause.effects[0].parameters[0].ci95.unwrap();
-        assert!(upper - lower < TS, "{lower} to {upper}");
+        assert!(upper - lower < TS && upper - lower > 1e-3 * TS, "{lower} to {upper}");
         inside += usize::from((lower..=upper).contains(&truth));
     }
-    assert!(inside >= 5, "{inside} of 6 intervals hold the truth");
+    assert!(inside >= 8, "{inside} of 10 intervals hold the truth");
 }
 
 #[test]
 fn stops_are_found_where_held_out_commands_go_further() {
     let model = document(ACCELEROMETER);
-    let stops = ("saturation", "force", &[-0.85, 0.8][..]);
-    let d = diagnosed(&model, &[uneven(&model, stops, 1.0, 700, 5)], &[uneven(&model, stops, 1.5, 700, 6)]);
+    let stops = ("saturation", "force", &[-0.7, 0.6][..]);
+    let further = |samples, rng: &mut ChaCha8Rng| commands(samples, rng).into_iter().map(|u| 2.5 * u).collect();
+    let d = diagnosed(&model, &[uneven(&model, stops, commands, 700, 5)], &[uneven(&model, stops, further, 700, 6)]);
     assert_eq!(keys(&d), ["saturation:force"]);
 }
 
 #[test]
-fn an_actuator_far_slower_than_the_plant_is_a_rate_limit() {
+fn an_actuator_far_slower_than_any_delay_looked_for_is_a_rate_limit() {
     let model = document(ACCELEROMETER);
-    let slow = ("rate_limit", "force", &[0.3][..]);
-    let d = diagnosed(&model, &[uneven(&model, slow, 1.0, 1500, 7)], &[uneven(&model, slow, 1.0, 900, 8)]);
+    let slow = |samples, seed| uneven(&model, ("rate_limit", "force", &[0.3]), commands, samples, seed);
+    let options = GapOptions { longest_delay_s: Some(0.1), ..GapOptions::default() };
+    let d = diagnose(&model, &[slow(1500, 7)], &[slow(900, 8)], &options, &|_| ()).unwrap().diagnosis;
     assert_eq!(keys(&d), ["rate_limit:force"]);
 }

@@ -345,9 +345,6 @@ fn normal(problem: &Problem<'_>, slopes: &Slopes) -> Normal {
     }
 }
 
-/// The step, in samples, for derivatives by a delay or an offset in time.
-const SHIFT: f64 = 0.02;
-
 /// The step for a numerical derivative.
 fn step(applied: &Applied, at: usize, scales: &Scales) -> f64 {
     let (p, value) = (&applied.parameters[at], applied.values[at]);
@@ -356,9 +353,7 @@ fn step(applied: &Applied, at: usize, scales: &Scales) -> f64 {
         "s" => 0.01 * scales.sample_time_s,
         _ => 1e-6 * value.abs(),
     };
-    let shift = p.unit == "s" && matches!(p.name, "delay" | "offset");
-    // Commands jump: a derivative in time is that over a small part of a sample, not over so little that a single jump or none at all falls into it.
-    let step = if shift { SHIFT * scales.sample_time_s } else { (1e-4 * size).max(1e-4 * least).max(1e-12) };
+    let step = (1e-4 * size).max(1e-4 * least).max(1e-12);
     if value + step > p.upper { -step } else { step }
 }
 

@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::explanation::{Explanation, difference};
 use super::problem::{Acting, Problem, Whitened};
+use super::screen::is_shape;
 use crate::effect::{Applied, EFFECTS, Scales};
 
 /// Prior sizes of the nominal parameters' relative errors that are tried.
@@ -105,6 +106,22 @@ pub(super) fn estimate(problem: &Problem<'_>, explanation: &Explanation, scales:
     });
     let std = std.collect();
     Some(Estimate { std })
+}
+
+/// No effect has an interval that holds the value at which it does nothing: as far as these data go, each is more than nominal parameters that are a little
+/// off. What has no such value (a limit) or no interval counts as it is.
+pub(super) fn established(problem: &Problem<'_>, explanation: &Explanation, scales: &Scales) -> bool {
+    let Some(estimate) = estimate(problem, explanation, scales) else { return true };
+    explanation.effects.iter().enumerate().all(|(e, applied)| {
+        let sizes = explanation.free.iter().zip(&estimate.std).filter(|((of, i), _)| {
+            let p = &applied.parameters[*i];
+            *of == e && p.nominal.is_finite() && !is_shape(p)
+        });
+        let mut apart =
+            sizes.map(|((_, i), std)| std.is_none_or(|s| (applied.values[*i] - applied.parameters[*i].nominal).abs() > 1.96 * s));
+        let first = apart.next();
+        first.is_none_or(|first| first || apart.any(|a| a))
+    })
 }
 
 /// The standard deviation, doubled for as long as the parameter alone can move to the end of its interval, on either side, and the likelihood hardly notices:

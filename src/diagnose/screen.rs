@@ -66,6 +66,11 @@ pub(super) fn between(applied: &Applied, start: &[f64], share: f64) -> Vec<f64> 
     keep_shape(applied, start, start.iter().zip(&applied.parameters).map(move_one).collect())
 }
 
+/// A parameter that says what an effect is like, not how large it is.
+pub(super) fn is_shape(parameter: &crate::effect::Parameter) -> bool {
+    matches!(parameter.name, "frequency" | "damping" | "phase")
+}
+
 /// Frequency, damping and phase keep the start's value when a signature is scaled.
 fn keep_shape(applied: &Applied, start: &[f64], mut values: Vec<f64>) -> Vec<f64> {
     for ((value, start), p) in values.iter_mut().zip(start).zip(&applied.parameters) {

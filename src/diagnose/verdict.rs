@@ -5,6 +5,7 @@ use nalgebra::DMatrix;
 use super::data::{Record, Span};
 use super::explanation::Explanation;
 use super::floor::{self, Floor};
+use super::intervals;
 use super::problem::{Acting, NOTHING, Problem};
 use super::rank::{leader, odds};
 use super::related;
@@ -150,8 +151,10 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
         let factor = needed(&best, &next);
         let held = (size > 0).then_some([&best.held, &next.held]);
         let matters = lattice || matters(&best.smooth(problem)?, &next.smooth(problem)?, held, factor);
+        // Two effects are named only where each is more than a nominal model that is a little off.
+        let established = |e: &Explanation| e.effects.len() < 2 || intervals::established(problem, e, scales);
         beaten |= better;
-        if better && (matters || stands_out(&best, &next, factor)) {
+        if better && (matters || stands_out(&best, &next, factor)) && next.explanation.as_ref().is_none_or(established) {
             hidden = !matters;
             best = next;
         } else if better && best.size() > 0 {
