@@ -67,7 +67,7 @@ pub(super) fn between(applied: &Applied, start: &[f64], share: f64) -> Vec<f64> 
 }
 
 /// A parameter that says what an effect is like, not how large it is.
-pub(super) fn is_shape(parameter: &crate::effect::Parameter) -> bool {
+pub(super) fn is_shape(parameter: &Parameter) -> bool {
     matches!(parameter.name, "frequency" | "damping" | "phase")
 }
 
@@ -79,10 +79,6 @@ fn keep_shape(applied: &Applied, start: &[f64], mut values: Vec<f64>) -> Vec<f64
         }
     }
     values
-}
-
-fn is_shape(p: &Parameter) -> bool {
-    matches!(p.name, "frequency" | "damping" | "phase")
 }
 
 /// No bound is in the way from nominal to a share of a start.
