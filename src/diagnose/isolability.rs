@@ -206,11 +206,6 @@ fn moved(applied: &Applied, values: &[f64]) -> Applied {
     Applied { values: values.to_vec(), ..applied.clone() }
 }
 
-/// A parameter that gives a shape, not a size.
-fn is_shape(name: &str) -> bool {
-    matches!(name, "frequency" | "damping" | "phase")
-}
-
 /// The whitened change that these values make; `None` where they cannot be simulated.
 fn change(problem: &Problem<'_>, applied: &Applied, values: &[f64], nominal: &Whitened) -> Option<Whitened> {
     let there = problem.whitened(&[moved(applied, values)])?;
@@ -237,7 +232,7 @@ fn signature(problem: &Problem<'_>, applied: &Applied, start: Vec<f64>, nominal:
     let parameters = &applied.parameters;
     let halfway = |values: &[f64]| -> Vec<f64> {
         let half = |(v, p): (&f64, &crate::effect::Parameter)| {
-            if p.nominal.is_infinite() || is_shape(p.name) { *v } else { p.nominal + 0.5 * (v - p.nominal) }
+            if p.nominal.is_infinite() || screen::is_shape(p) { *v } else { p.nominal + 0.5 * (v - p.nominal) }
         };
         values.iter().zip(parameters).map(half).collect()
     };
@@ -346,7 +341,7 @@ fn basis(gram: &DMatrix<f64>) -> DMatrix<f64> {
 fn smallest(c: &Candidate) -> Option<Size> {
     let weakest = c.signatures.iter().filter(|s| s.strength >= VISIBLE).min_by(|a, b| a.strength.total_cmp(&b.strength))?;
     let named = c.applied.parameters.iter().zip(&weakest.values);
-    let (p, value) = named.rev().find(|(p, v)| !is_shape(p.name) && v.is_finite())?;
+    let (p, value) = named.rev().find(|(p, v)| !screen::is_shape(p) && v.is_finite())?;
     let nominal = p.nominal.is_finite().then_some(p.nominal);
     // Small effects grow with their size.
     let value = nominal.map_or(*value, |n| n + (value - n) * (VISIBLE / weakest.strength).sqrt());
