@@ -113,12 +113,10 @@ pub(super) fn estimate(problem: &Problem<'_>, explanation: &Explanation, scales:
 pub(super) fn established(problem: &Problem<'_>, explanation: &Explanation, scales: &Scales) -> bool {
     let Some(estimate) = estimate(problem, explanation, scales) else { return true };
     explanation.effects.iter().enumerate().all(|(e, applied)| {
-        let sizes = explanation.free.iter().zip(&estimate.std).filter(|((of, i), _)| {
-            let p = &applied.parameters[*i];
-            *of == e && p.nominal.is_finite() && !is_shape(p)
-        });
-        let mut apart =
-            sizes.map(|((_, i), std)| std.is_none_or(|s| (applied.values[*i] - applied.parameters[*i].nominal).abs() > 1.96 * s));
+        let own = explanation.free.iter().zip(&estimate.std).filter(|((of, _), _)| *of == e);
+        let sizes = own.map(|((_, i), std)| (&applied.parameters[*i], applied.values[*i], std));
+        let sizes = sizes.filter(|(p, _, _)| p.nominal.is_finite() && !is_shape(p));
+        let mut apart = sizes.map(|(p, value, std)| std.is_none_or(|s| (value - p.nominal).abs() > 1.96 * s));
         let first = apart.next();
         first.is_none_or(|first| first || apart.any(|a| a))
     })
