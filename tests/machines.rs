@@ -81,8 +81,8 @@ fn the_silverbox_lacks_its_hardening_spring() {
 fn the_hobby_servo_lacks_its_dead_time_beside_a_slow_misfit() {
     let Some(d) = diagnosis("servo", "servo_real_and_sim/servo_action_real_sim.csv", &["--records", "rollout"]) else { return };
     let (effect, [lower, upper]) = leading(&d);
-    let class = d.cause.indistinguishable.iter().find(|c| c.contains(&effect)).cloned().unwrap_or_default();
-    assert!(effect == "input_delay:action_rad" || class.iter().any(|e| e == "input_delay:action_rad"), "{effect} {class:?}");
+    // The angle has a sensor of its own: which of the two is late is not known.
+    assert!(["input_delay:action_rad", "output_delay:*"].contains(&effect.as_str()), "{effect}");
     // Motion starts three samples of 0.02 s after most steps, two in the author's simulator.
     assert!(lower > 0.005 && upper < 0.04 && lower < 0.021 && upper > 0.019, "{lower} to {upper}");
 }
