@@ -94,7 +94,10 @@ pub(super) fn pairs(
 ) -> Vec<Explanation> {
     let weight = problem.weight();
     let firsts: Vec<Explanation> = firsts(singles, weight).into_iter().cloned().collect();
-    if !something_beside(problem, firsts.first(), pool, scales, nominal) {
+    // A hidden sequence takes a little of everything: what is left beside it does not speak for the others.
+    let plain = firsts.iter().find(|first| !first.loses_commands());
+    let mut asked = firsts.first().filter(|best| best.loses_commands()).into_iter().chain(plain);
+    if !asked.any(|first| something_beside(problem, first, pool, scales, nominal)) {
         return Vec::new();
     }
     let mut pairs = with_seconds(problem, &firsts, pool, scales, nominal, &[]);
@@ -112,9 +115,9 @@ pub(super) fn pairs(
     pairs
 }
 
-/// Something of the catalogue promises to take a part of what the best single leaves.
-fn something_beside(problem: &Problem<'_>, best: Option<&Explanation>, pool: &[Screened], scales: &Scales, nominal: &Whitened) -> bool {
-    let Some(beside) = best.and_then(|best| Beside::new(problem, best, scales)) else { return false };
+/// Something of the catalogue promises to take a part of what a single leaves.
+fn something_beside(problem: &Problem<'_>, single: &Explanation, pool: &[Screened], scales: &Scales, nominal: &Whitened) -> bool {
+    let Some(beside) = Beside::new(problem, single, scales) else { return false };
     let promises = |screened: &Screened| {
         // A lattice in raw values need not promise anything.
         let traced = screened.applied.effect.leaves_residual() && !screened.starts.is_empty();
