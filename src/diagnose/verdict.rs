@@ -22,6 +22,8 @@ const ABOVE_FLOOR_ALONE: f64 = 1.75;
 const MATTERS: [f64; 2] = [1.3, 1.25];
 /// The same once more for every parameter beyond a second effect's first: what can take many shapes takes that of a simulator's own errors, too.
 const FLEXIBLE: f64 = 1.1;
+/// A second effect that lowers the rms by this factor is no simulator's own error, however little is known of its parameters.
+const CLEAR: f64 = 2.0;
 /// The share of the explainable that one effect must explain, and two.
 const EXPLAINS: [f64; 2] = [0.93, 0.97];
 /// The share of the explainable that one effect, and two, must explain on held-out data: less, and they describe the training logs and no cause.
@@ -150,9 +152,11 @@ pub(super) fn judge(problem: &Problem<'_>, found: &Found, catalogue: &[Applied],
         let lattice = next.is_chance() && !best.is_chance();
         let factor = needed(&best, &next);
         let held = (size > 0).then_some([&best.held, &next.held]);
-        let matters = lattice || matters(&best.smooth(problem)?, &next.smooth(problem)?, held, factor);
-        // Two effects are named only where each is more than a nominal model that is a little off.
-        let established = |e: &Explanation| e.effects.len() < 2 || intervals::established(problem, e, scales);
+        let (before, after) = (best.smooth(problem)?, next.smooth(problem)?);
+        let clear = matters(&before, &after, held, factor.max(CLEAR));
+        let matters = lattice || matters(&before, &after, held, factor);
+        // Two effects that do not matter clearly are named only where each is more than a nominal model that is a little off.
+        let established = |e: &Explanation| e.effects.len() < 2 || clear || intervals::established(problem, e, scales);
         beaten |= better;
         if better && (matters || stands_out(&best, &next, factor)) && next.explanation.as_ref().is_none_or(established) {
             hidden = !matters;
