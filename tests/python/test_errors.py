@@ -85,7 +85,6 @@ def test_notes_of_answers_name_arguments_too() -> None:
     assert not [note for note in notes if "--" in note]
 
 
-
 COUNTS: list[tuple[str, Callable[[], object]]] = [
     ("threads is 0", lambda: deadtime.estimate(_log(), "u", "y", threads=0)),
     ("threads is -1", lambda: deadtime.predict_precision(_log(), "u", "y", threads=-1)),
