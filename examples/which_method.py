@@ -127,8 +127,8 @@ assert pair.verdict.ci95_s is not None and pair.verdict.ci95_s[0] <= DELAY <= pa
 # %% [markdown]
 # ## Where a record begins
 #
-# The record begins at rest at zero. Its mean is taken off by default, which is right for most logs, but here it would make a start at rest one that is not. So `estimate` looks which of the
-# two explains the record better, and measures it from its rest: `p1d` stays as precise.
+# The record begins at rest at zero. Its mean is taken off by default, which is right for most logs, but here it would make a start at rest one that is not.
+# So `estimate` looks which of the two explains the record better, and measures it from its rest: `p1d` stays as precise.
 
 # %%
 by_default = study(snr=20.0, detrend="mean")
