@@ -26,7 +26,6 @@ fn log(document: &ModelDocument, seed: u64) -> Result<Log, deadtime::Error> {
     let input = document.inputs()[0].clone();
     let lag = Applied { values: vec![0.08], ..Applied::nominal(&system, find("actuator_lag")?, &input.name)? };
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    #[allow(clippy::cast_precision_loss)]
     let time_s: Vec<f64> = (0..SAMPLES).map(|k| k as f64 * 0.01).collect();
     let mut level = 0.0;
     let held = (0..SAMPLES).map(|k| {

@@ -44,7 +44,6 @@ fn simulations(criterion: &mut Criterion) -> Outcome {
     let mut group = criterion.benchmark_group("lsim, 9 states");
     for samples in support::SAMPLES {
         support::pace(&mut group, samples);
-        #[allow(clippy::cast_precision_loss)]
         let u = DMatrix::from_fn(samples, sys.inputs(), |k, j| ((k * 7919 + j * 104_729) % 23) as f64 / 11.0 - 1.0);
         for (name, hold) in [("zero", Hold::Zero), ("linear", Hold::Linear)] {
             let options = Options { hold, ..Options::default() };

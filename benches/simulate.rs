@@ -28,9 +28,7 @@ const CASES: [Case; 5] = [
 ];
 
 fn simulations(criterion: &mut Criterion) -> Result<(), deadtime::Error> {
-    #[allow(clippy::cast_precision_loss)]
     let time_s: Vec<f64> = (0..SAMPLES).map(|k| k as f64 * 0.01).collect();
-    #[allow(clippy::cast_precision_loss)]
     let inputs = [(0..SAMPLES).map(|k| ((k * 7919) % 23) as f64 / 11.0 - 1.0).collect::<Vec<f64>>()];
     let commands = Commands { time_s: &time_s, inputs: &inputs };
     let loose = Tolerance { relative: 1e-6, absolute: 1e-8, ..Tolerance::default() };

@@ -74,7 +74,6 @@ impl SampleTime {
         }
         let nearest = samples.round();
         // The comparisons above bound `samples` to what a usize holds exactly.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         Ok(if (samples - nearest).abs() < WHOLE {
             Samples { whole: nearest as usize, fraction: 0.0 }
         } else {
@@ -100,7 +99,6 @@ impl SampleTime {
 impl Samples {
     /// The delay as one number of samples.
     #[must_use]
-    #[allow(clippy::cast_precision_loss)]
     pub fn total(self) -> f64 {
         self.whole as f64 + self.fraction
     }

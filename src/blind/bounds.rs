@@ -16,7 +16,6 @@ const SEED: u64 = 1;
 /// Equation: (p̂ + z²/2n ± z·√(p̂(1 − p̂)/n + z²/4n²))/(1 + z²/n).
 /// Source: E. B. Wilson, Probable inference, the law of succession, and statistical inference, J. Am. Stat. Assoc. 22 (1927), 209–212.
 #[must_use]
-#[allow(clippy::cast_precision_loss)]
 pub fn wilson(hits: usize, of: usize) -> Option<[f64; 2]> {
     if of == 0 {
         return None;
@@ -33,7 +32,6 @@ pub fn wilson(hits: usize, of: usize) -> Option<[f64; 2]> {
 
 /// The quantile at `q` between 0 and 1, linear between order statistics (type 7); none of nothing.
 #[must_use]
-#[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 pub fn quantile(values: &[f64], q: f64) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -158,12 +158,10 @@ fn measure_all(cases: &[&Judged]) -> Vec<Score> {
     SCORES.iter().map(|d| measure(d, cases)).collect()
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn measure(definition: &Definition, cases: &[&Judged]) -> Score {
     let share = |flags: Vec<bool>| {
         let hits = flags.iter().filter(|f| **f).count();
@@ -204,7 +202,6 @@ fn confusion(answers: &[Judged]) -> Vec<Confusion> {
     rows
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn reliability(answers: &[Judged]) -> Vec<Reliability> {
     let said: Vec<(f64, bool)> = answers.iter().filter_map(|c| Some((c.judgement.verdict_probability?, c.judgement.exact))).collect();
     (0..BINS)

@@ -34,7 +34,6 @@ fn one(value: Option<f64>) -> Vec<f64> {
     value.into_iter().collect()
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn size(value: Option<usize>) -> Vec<f64> {
     value.map(|v| v as f64).into_iter().collect()
 }

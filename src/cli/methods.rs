@@ -37,7 +37,6 @@ impl Methods {
         let study = Common { trials: self.trials, samples: self.samples, seed: self.seed };
         let bar = Bar::new();
         let mut done = 0.0;
-        #[allow(clippy::cast_precision_loss)]
         let rows = study.run(&mut |name| {
             done += 1.0;
             bar.show(done / METHODS.len() as f64, &name);

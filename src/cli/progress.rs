@@ -20,7 +20,6 @@ impl Bar {
     /// The part that is done, 0 to 1, and what is being done now. A terminal that cannot be written to stops nothing.
     pub(super) fn show(&self, share: f64, what: &dyn Display) {
         if self.seen {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
             let (done, cells) = ((share.clamp(0.0, 1.0) * CELLS).round() as usize, CELLS as usize);
             let mut out = stderr().lock();
             let _ = write!(out, "\r\x1b[K[{}{}] {:3.0} % {what}", "#".repeat(done), "-".repeat(cells - done), 100.0 * share);

@@ -66,14 +66,12 @@ impl Study {
     }
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn share(p: Progress) -> f64 {
     p.done as f64 / p.all.max(1) as f64
 }
 
 /// Estimates made, and the time that the rest will take at the pace so far.
 fn left(p: Progress, clock: Instant) -> String {
-    #[allow(clippy::cast_precision_loss)]
     let left_s = clock.elapsed().as_secs_f64() / p.now.max(1) as f64 * (p.all - p.done) as f64;
     let time = match left_s {
         _ if p.now == 0 => "…".to_owned(),

@@ -190,7 +190,6 @@ fn integral([from, to]: [f64; 2], f: impl Fn(f64) -> f64) -> f64 {
     (0..STEPS).map(|i| f(from + (count(i) + 0.5) * step)).sum::<f64>() * step
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn count(n: usize) -> f64 {
     n as f64
 }

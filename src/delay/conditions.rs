@@ -48,7 +48,6 @@ pub fn conditions(records: &[Record], max_delay: usize) -> Vec<Finding> {
     }
     let Arxstruc { na, nb, .. } = Arxstruc::default();
     let scan = arx_scan(records, na, nb, max_delay);
-    #[allow(clippy::cast_precision_loss)]
     let rows = scan.rows as f64;
     let best = (0..scan.loss.len()).filter(|&nk| scan.loss[nk].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
     let Some(best) = best.filter(|_| scan.rows > 4 * (na + nb)) else { return found };
@@ -135,7 +134,6 @@ fn lag(a: &[f64], b: &[f64]) -> f64 {
     let counted: Vec<(usize, f64)> = response.iter().map(|h| h.abs()).enumerate().filter(|(_, h)| *h > least).collect();
     let begun = counted.first().map_or(0, |(k, _)| *k);
     let total: f64 = counted.iter().map(|(_, h)| h).sum();
-    #[allow(clippy::cast_precision_loss)]
     let moment: f64 = counted.iter().map(|(k, h)| (k - begun) as f64 * h).sum();
     if total > 0.0 { moment / total } else { 0.0 }
 }
@@ -153,7 +151,6 @@ fn residual(regression: Regression, records: &[Record]) -> Option<(f64, usize)> 
     (triangle.rows > 2 * last).then(|| (triangle.r[(last, last)].powi(2), triangle.rows))
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn colour(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
     let lags = lags(records, max_delay);
     let (free, rows) = residual(Regression { na: 0, lags }, records)?;
@@ -165,7 +162,6 @@ fn colour(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
     })
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn feedback(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
     let lags = lags(records, max_delay).max(na + 1);
     let cut = |r: &Record, u: std::ops::Range<usize>, y: std::ops::Range<usize>| Record {

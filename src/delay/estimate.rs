@@ -86,7 +86,6 @@ impl DelayEstimate {
 
     /// An answer of a method that counts samples: raw value, standard deviation and interval in samples, before the bias is taken off.
     pub(super) fn counted(raw: f64, std: f64, interval: [f64; 2], at_edge: bool, bias: usize, sample_time: SampleTime) -> Self {
-        #[allow(clippy::cast_precision_loss)]
         Self::measured(raw, std, interval, at_edge, bias as f64, sample_time)
     }
 

@@ -231,7 +231,6 @@ impl Detrend {
     /// Takes the trend off the samples that are there.
     fn apply(self, series: &mut Series) {
         let there = |t: usize| series.present.as_ref().is_none_or(|p| p[t]);
-        #[allow(clippy::cast_precision_loss)]
         let points: Vec<(f64, f64)> = series.values.iter().enumerate().filter(|(t, _)| there(*t)).map(|(t, v)| (t as f64, *v)).collect();
         // A constant leaves nothing, not the rounding of its mean.
         if let Some(&(_, level)) = points.first()
@@ -242,7 +241,6 @@ impl Detrend {
             }
             return;
         }
-        #[allow(clippy::cast_precision_loss)]
         let count = points.len().max(1) as f64;
         let (mean_t, mean) = (points.iter().map(|p| p.0).sum::<f64>() / count, points.iter().map(|p| p.1).sum::<f64>() / count);
         let slope = match self {
@@ -253,7 +251,6 @@ impl Detrend {
                 if spread > 0.0 { points.iter().map(|p| (p.0 - mean_t) * (p.1 - mean)).sum::<f64>() / spread } else { 0.0 }
             }
         };
-        #[allow(clippy::cast_precision_loss)]
         for (t, value) in series.values.iter_mut().enumerate() {
             *value -= mean + slope * (t as f64 - mean_t);
         }
@@ -329,7 +326,6 @@ impl Experiment {
                 if before.is_empty() {
                     return None;
                 }
-                #[allow(clippy::cast_precision_loss)]
                 let level = before.iter().sum::<f64>() / before.len() as f64;
                 y.values.iter_mut().for_each(|v| *v -= level);
             }

@@ -111,7 +111,6 @@ impl Job {
         }
         let samples = self.logs.iter().map(Log::len).sum();
         let searched = Searched::Samples { samples, records: self.logs.len(), bias, early_s: self.early_s() };
-        #[allow(clippy::cast_precision_loss)]
         let max_delay_s = ts.to_seconds(search.max_delay as f64);
         Ok(Report { format: FORMAT, log: self.name.clone(), sample_time_s: ts.seconds(), max_delay_s, pairs, searched })
     }
@@ -466,7 +465,6 @@ impl EventsJob {
             };
             answers.push(Answer { method: ready.method, estimate, predicted: None, time_s: clock.elapsed().as_secs_f64() });
         }
-        #[allow(clippy::cast_precision_loss)]
         let max_delay_s = step.to_seconds(max_delay as f64);
         let pairs = vec![pair(&a, &b, &answers, Vec::new(), step, 0.0)];
         let searched = Searched::Events { counts, interval_s };

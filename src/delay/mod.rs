@@ -124,7 +124,6 @@ fn every_pair(
                 estimate = wider;
             }
             search.go_on()?;
-            #[allow(clippy::cast_precision_loss)]
             let estimate = estimate.finished(experiment.sample_time.to_seconds(skip as f64));
             estimates.push(PairEstimate { input, output: Some(output), estimate });
         }
@@ -154,7 +153,6 @@ fn every_output(
             estimates = wider;
         }
         search.go_on()?;
-        #[allow(clippy::cast_precision_loss)]
         let moved_s = experiment.sample_time.to_seconds(skip as f64);
         let all = estimates.into_iter().enumerate();
         answers.extend(all.map(|(input, e)| PairEstimate { input, output: Some(output), estimate: e.finished(moved_s) }));

@@ -26,7 +26,6 @@ impl Posterior {
     /// Nearly all delays are about as probable: e^H, the number of equal probabilities that say as little (H the entropy), is above 19 in 20.
     pub(super) fn is_flat(&self) -> bool {
         let entropy: f64 = self.weights.iter().filter(|w| **w > 0.0).map(|w| -w * w.ln()).sum();
-        #[allow(clippy::cast_precision_loss)]
         let delays = self.weights.len() as f64;
         entropy.exp() > 0.95 * delays
     }
@@ -60,7 +59,6 @@ pub(super) fn posterior(losses: &[f64], power: f64, samples: f64) -> Option<Post
 /// Source: Schwarz (1978), Ann. Statist. 6(2), 461-464, doi:10.1214/aos/1176344136.
 pub(super) fn posterior_of_start(losses: &[Vec<f64>], power: f64, samples: f64) -> Option<Posterior> {
     let floor = ROUNDING * power;
-    #[allow(clippy::cast_precision_loss)]
     let evidence = |m: usize, loss: f64| log_weight(loss, floor, samples) - 0.5 * (m as f64 + 1.0) * samples.ln();
     let logs: Vec<f64> =
         losses.iter().map(|counts| log_sum(&counts.iter().enumerate().map(|(m, &loss)| evidence(m, loss)).collect::<Vec<f64>>())).collect();
@@ -90,7 +88,6 @@ pub(super) fn from_logs(logs: &[f64], ties: usize) -> Option<Posterior> {
     let weight = |nk: usize| (logs[nk] - logs[best]).exp();
     let total: f64 = (0..logs.len()).map(weight).sum();
     let weights: Vec<f64> = (0..logs.len()).map(|nk| weight(nk) / total).collect();
-    #[allow(clippy::cast_precision_loss)]
     let real = |nk: usize| nk as f64;
     let variance: f64 = weights.iter().enumerate().map(|(nk, w)| w * (real(nk) - real(best)).powi(2)).sum();
     let mut order: Vec<usize> = (0..logs.len()).collect();
@@ -110,7 +107,6 @@ pub(super) const RESOLUTION: f64 = 1.0 / 12.0;
 
 /// How many of `residuals` are independent: N/(1 + 2Σρ), the sum up to the first correlation that is not positive.
 pub(super) fn effective_samples(residuals: &[f64]) -> f64 {
-    #[allow(clippy::cast_precision_loss)]
     let n = residuals.len() as f64;
     let power: f64 = residuals.iter().map(|e| e * e).sum();
     if power <= 0.0 {
@@ -131,7 +127,6 @@ pub(super) fn effective_samples(residuals: &[f64]) -> f64 {
 ///
 /// Source: Bartlett (1935), J. R. Stat. Soc. 98(3), 536-543, doi:10.2307/2342284.
 pub(super) fn samples_under(signal: &[f64], residuals: &[f64]) -> f64 {
-    #[allow(clippy::cast_precision_loss)]
     let n = residuals.len() as f64;
     let product = |x: &[f64], lag: usize| -> f64 { x.iter().zip(x.get(lag..).unwrap_or_default()).map(|(a, b)| a * b).sum() };
     let power = product(signal, 0) * product(residuals, 0);
@@ -156,14 +151,12 @@ const BY_CHANCE: f64 = 0.003;
 /// The smallest N·ln(V₀/V) that `parameters` free parameters, searched over `delays`, reach [`BY_CHANCE`].
 pub(super) fn visible_gain(parameters: usize, delays: usize) -> f64 {
     use statrs::distribution::{ChiSquared, ContinuousCDF};
-    #[allow(clippy::cast_precision_loss)]
     let (freedom, tried) = (parameters.max(1) as f64, delays.max(1) as f64);
     ChiSquared::new(freedom).map_or(f64::INFINITY, |d| d.inverse_cdf(1.0 - BY_CHANCE / tried))
 }
 
 /// Why the output does not visibly follow the input, judged by how much better ARX models with the input predict than past outputs alone; `None`: it does.
 pub(super) fn unseen_by(scan: &ArxScan, nb: usize) -> Option<String> {
-    #[allow(clippy::cast_precision_loss)]
     let rows = scan.rows as f64;
     let smallest = scan.loss.iter().copied().filter(|v| v.is_finite()).min_by(f64::total_cmp)?;
     let gain = rows * (scan.loss_without_input / smallest.max(f64::MIN_POSITIVE)).ln();

@@ -156,7 +156,6 @@ impl Estimate {
 }
 
 /// A whole number without a point, as the format has it.
-#[allow(clippy::trivially_copy_pass_by_ref, clippy::cast_possible_truncation)]
 fn whole_if_it_is<S: serde::Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
     if value.fract() == 0.0 && value.abs() < 1e15 { serializer.serialize_i64(*value as i64) } else { serializer.serialize_f64(*value) }
 }

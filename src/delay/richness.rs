@@ -80,7 +80,6 @@ impl Data<'_> {
             Information::TwoSensors | Information::Response | Information::KnownModel => 2,
             Information::Events => return None,
         };
-        #[allow(clippy::cast_precision_loss)]
         let prior = (self.max_delay as f64) * posterior::RESOLUTION.sqrt();
         let (records, max_delay) = (self.records, self.max_delay);
         let taps = Threshold::default().taps.max(max_delay + 1);
@@ -104,10 +103,8 @@ impl Data<'_> {
 impl Rough {
     /// The noise's standard deviation as it counts under a signal.
     fn noise(&self, signal: &[f64]) -> f64 {
-        #[allow(clippy::cast_precision_loss)]
         let freedom = (self.samples - self.parameters as f64).max(1.0);
         let cost: f64 = self.residual.iter().map(|e| e * e).sum();
-        #[allow(clippy::cast_precision_loss)]
         let share = posterior::samples_under(signal, &self.residual) / signal.len().max(1) as f64;
         // On noise-free data what is left is rounding.
         (cost.max(posterior::ROUNDING * self.power) / freedom / share).sqrt()
@@ -135,7 +132,6 @@ fn first_coefficient(records: &[Record], rough: &Rough, taps: usize, bias: usize
     for i in 0..=max_delay {
         let height = rough.impulse[i] / covariance[(i, i)].max(0.0).sqrt().max(f64::MIN_POSITIVE);
         let crosses = normal.cdf(height - limit) + normal.cdf(-height - limit);
-        #[allow(clippy::cast_precision_loss)]
         let late = i as f64 - bias as f64 - rough.delay;
         sum += none_yet * crosses * late * late;
         none_yet *= 1.0 - crosses;

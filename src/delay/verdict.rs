@@ -206,7 +206,6 @@ impl<'a> Found<'a> {
 
 /// The voice of each class, shared by its methods.
 fn voices(found: &[&Found<'_>]) -> Vec<f64> {
-    #[allow(clippy::cast_precision_loss)]
     found.iter().map(|f| f.class.voice() / found.iter().filter(|g| g.class == f.class).count() as f64).collect()
 }
 

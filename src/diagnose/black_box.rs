@@ -129,7 +129,6 @@ impl Probe<'_> {
 
 /// Standard deviation; of what stands still its size, of what is 0 one.
 fn spread(values: &[f64]) -> f64 {
-    #[allow(clippy::cast_precision_loss)]
     let count = values.len().max(1) as f64;
     let mean = values.iter().sum::<f64>() / count;
     let std = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt();

@@ -67,7 +67,6 @@ impl Record {
             let samples = c.samples();
             (c.name().to_owned(), (0..log.len()).map(|k| samples.get(k).unwrap_or(f64::NAN)).collect())
         };
-        #[allow(clippy::cast_precision_loss)]
         let sample_time_s = log.duration_s() / (log.len() - 1) as f64;
         Ok(Self {
             name: log.source().to_owned(),

@@ -42,7 +42,6 @@ fn trials(problem: &Problem<'_>, scales: &Scales) -> Option<(Vec<f64>, Vec<Trial
     let time_s = record.time_s[..count].to_vec();
     let still = problem.system.initial.clone();
     let moved: Vec<f64> = still.iter().enumerate().map(|(j, x)| x + scales.states.get(j).map_or(0.0, |s| s.std)).collect();
-    #[allow(clippy::cast_precision_loss)]
     let mean: Vec<f64> = record.inputs.iter().map(|u| u.iter().sum::<f64>() / u.len().max(1) as f64).collect();
     let spread: Vec<f64> = scales.inputs.iter().map(|s| s.std).collect();
     let each = |value: &mut dyn FnMut(usize, usize) -> f64| -> Vec<Vec<f64>> {
@@ -50,7 +49,6 @@ fn trials(problem: &Problem<'_>, scales: &Scales) -> Option<(Vec<f64>, Vec<Trial
     };
     let logged = |scale: f64, shift: f64| each(&mut |j, k| mean[j] + scale * (record.inputs[j][k] - mean[j]) + shift * spread[j]);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    #[allow(clippy::cast_precision_loss)]
     let phase = |k: usize| (4 * k) as f64 / count as f64 % 1.0;
     let trial = |words, inputs, start: &Vec<f64>| Trial { words, inputs, start: start.clone(), released: *start != still };
     let all = vec![

@@ -36,7 +36,6 @@ pub(super) fn regressors(record: &Record, residual: &DMatrix<f64>) -> Vec<DMatri
         for output in 0..outputs {
             let innovations = innovations(record, residual, output);
             let here = DVector::from_iterator(rows.len(), rows.iter().map(|&k| innovations[k]));
-            #[allow(clippy::cast_precision_loss)]
             let scale = (rows.len() as f64).sqrt();
             let correlation = with_outputs.dot(&here) / (with_outputs.norm() * here.norm()).max(f64::MIN_POSITIVE);
             if correlation.abs() * scale > CORRELATED {

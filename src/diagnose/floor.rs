@@ -58,7 +58,6 @@ pub(super) fn estimate(
     Floor { floor: (0..related.len()).into_par_iter().map(one).collect() }
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0_usize), |(s, n), v| (s + v * v, n + 1));
     sum / count.max(1) as f64
@@ -90,7 +89,6 @@ fn calmest(records: &[Record], residuals: &[DMatrix<f64>], output: usize) -> f64
 }
 
 /// As [`calmest`], with so many windows per record.
-#[allow(clippy::cast_precision_loss)]
 fn calmest_of(series: &[Vec<Option<f64>>], count: usize) -> f64 {
     let mut windows: Vec<Vec<Option<f64>>> = Vec::new();
     for inside in series {
@@ -129,7 +127,6 @@ fn power(window: &[Option<f64>]) -> f64 {
 }
 
 /// Means of the calmest quarter and of all, of sorted powers.
-#[allow(clippy::cast_precision_loss)]
 fn calm_and_all(powers: &[f64]) -> (f64, f64) {
     let mean = |p: &[f64]| p.iter().sum::<f64>() / p.len().max(1) as f64;
     (mean(&powers[..powers.len() / 4]), mean(powers))

@@ -193,7 +193,6 @@ fn motion_size(records: &[Record], noise: &[f64]) -> f64 {
     let output = |(i, noise): (usize, &f64)| {
         let of = |record: &Record| {
             let values: Vec<f64> = (0..record.time_s.len()).filter_map(|k| record.measured_in(record.train, i, k)).collect();
-            #[allow(clippy::cast_precision_loss)]
             let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
             values.iter().map(|v| ((v - mean) / noise.max(f64::MIN_POSITIVE)).powi(2)).sum::<f64>()
         };
@@ -316,9 +315,8 @@ fn cosines(candidates: &[Candidate]) -> DMatrix<f64> {
             let (a, b) = (&bases[ends[i].clone()], &bases[ends[j].clone()]);
             let toward = |a: &[(usize, DMatrix<f64>)], b: &[(usize, DMatrix<f64>)]| {
                 let best = |one: &(usize, DMatrix<f64>)| b.iter().map(|other| between(one, other)).fold(0.0, f64::max);
-                #[allow(clippy::cast_precision_loss)]
-                let mean = a.iter().map(best).sum::<f64>() / a.len().max(1) as f64;
-                mean
+
+                a.iter().map(best).sum::<f64>() / a.len().max(1) as f64
             };
             // Alike in both directions.
             let cosine = toward(a, b).min(toward(b, a));

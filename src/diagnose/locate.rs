@@ -103,7 +103,6 @@ fn significant(cells: &[Cell], noise: Noise) -> Vec<f64> {
     let p: Vec<f64> = cells.iter().map(chance).collect();
     let mut sorted: Vec<f64> = p.clone();
     sorted.sort_by(f64::total_cmp);
-    #[allow(clippy::cast_precision_loss)]
     let limit =
         sorted.iter().enumerate().filter(|(n, p)| **p <= FALSE * (n + 1) as f64 / cells.len() as f64).map(|(_, p)| *p).fold(-1.0, f64::max);
     cells.iter().zip(&p).map(|(c, p)| if *p <= limit { (c.sum - c.count * noise.square).max(0.0) } else { 0.0 }).collect()
@@ -163,10 +162,8 @@ fn times(records: &[Record], residuals: &[DMatrix<f64>], i: usize, noise: Noise,
     let cells_of = |record: &Record, residual: &DMatrix<f64>| {
         let mut cells = vec![Cell::default(); CELLS];
         let Some(span) = record.train else { return (span_of(record), Vec::new()) };
-        #[allow(clippy::cast_precision_loss)]
         let width = (span.to_s - span.from_s) / CELLS as f64;
         for k in (0..record.time_s.len()).filter(|&k| record.measured_in(record.train, i, k).is_some()) {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
             let cell = (((record.time_s[k] - span.from_s) / width) as usize).min(CELLS - 1);
             cells[cell].add(residual[(k, i)].powi(2));
         }
@@ -180,7 +177,6 @@ fn times(records: &[Record], residuals: &[DMatrix<f64>], i: usize, noise: Noise,
         let (here, further) = rest.split_at(cells.len());
         rest = further;
         let Some((from, to, share)) = shortest(here, NEARLY_ALL) else { continue };
-        #[allow(clippy::cast_precision_loss)]
         found.push(TimeSpan {
             log: record.name.clone(),
             output: name.to_owned(),
@@ -192,7 +188,6 @@ fn times(records: &[Record], residuals: &[DMatrix<f64>], i: usize, noise: Noise,
 }
 
 fn span_of(record: &Record) -> (f64, f64) {
-    #[allow(clippy::cast_precision_loss)]
     let width = record.duration_s() / CELLS as f64;
     (0.0, width)
 }
@@ -205,7 +200,6 @@ fn spectrum(records: &[Record], residuals: &[DMatrix<f64>], i: usize) -> Option<
     if !(low > 0.0 && high > low && high.is_finite()) {
         return None;
     }
-    #[allow(clippy::cast_precision_loss)]
     let edges: Vec<f64> = (0..=CELLS).map(|c| low * (high / low).powf(c as f64 / CELLS as f64)).collect();
     let mut cells = vec![Cell::default(); CELLS];
     let mut planner = FftPlanner::new();
@@ -216,7 +210,6 @@ fn spectrum(records: &[Record], residuals: &[DMatrix<f64>], i: usize) -> Option<
             .collect();
         let n = values.len();
         planner.plan_fft_forward(n).process(&mut values);
-        #[allow(clippy::cast_precision_loss)]
         for (bin, value) in values.iter().enumerate().take(n / 2).skip(1) {
             let hz = bin as f64 / (n as f64 * record.sample_time_s);
             let cell = edges.partition_point(|e| *e <= hz).clamp(1, CELLS) - 1;
@@ -276,10 +269,8 @@ fn regime(
         return None;
     }
     let mut cells = vec![Cell::default(); CELLS];
-    #[allow(clippy::cast_precision_loss)]
     let width = (high - low) / CELLS as f64;
     for (u, e) in values() {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let cell = (((u - low) / width) as usize).min(CELLS - 1);
         cells[cell].add(e * e);
     }
@@ -287,7 +278,6 @@ fn regime(
     let (inside, all): (f64, f64) = (cells[from..=to].iter().map(|c| c.count).sum(), cells.iter().map(|c| c.count).sum());
     let part = inside / all;
     // Where the gap's share is that of the samples, the variable tells nothing.
-    #[allow(clippy::cast_precision_loss)]
     let regime = || Regime {
         output: name.to_owned(),
         variable: variable.name.clone(),

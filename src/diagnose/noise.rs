@@ -153,7 +153,6 @@ pub(super) fn autoregression_of(stretches: &[Vec<Option<f64>>]) -> Vec<f64> {
         for (lag, sum) in covariance.iter_mut().enumerate() {
             *sum += inside.iter().zip(inside.iter().skip(lag)).filter_map(|(a, b)| Some(a.as_ref()? * b.as_ref()?)).sum::<f64>();
         }
-        #[allow(clippy::cast_precision_loss)]
         let here = inside.iter().flatten().count() as f64;
         count += here;
     }
@@ -176,7 +175,6 @@ pub(super) fn autoregression_of(stretches: &[Vec<Option<f64>>]) -> Vec<f64> {
         }
         ar.push(reflection);
         variance *= 1.0 - reflection * reflection;
-        #[allow(clippy::cast_precision_loss)]
         let criterion = count * variance.ln() + 2.0 * order as f64;
         if criterion < lowest {
             (best, lowest) = (ar.clone(), criterion);

@@ -37,7 +37,6 @@ fn sampled(system: &System, record: &Record, ts: SampleTime) -> Option<[DMatrix<
         Dynamics::Linear(matrices) => continuous(matrices),
         Dynamics::BlackBox(..) => None,
         Dynamics::Equations(equations, parameters) => {
-            #[allow(clippy::cast_precision_loss)]
             let mean = |u: &Vec<f64>| u.iter().sum::<f64>() / u.len().max(1) as f64;
             let u: Vec<f64> = record.inputs.iter().map(mean).collect();
             let at = equations.linearise(0.0, &system.initial, &u, parameters);
@@ -55,7 +54,6 @@ impl Prediction {
         for record in records {
             let Ok(ts) = SampleTime::new(record.sample_time_s) else { continue };
             let Some([phi, ..]) = sampled(system, record, ts) else { continue };
-            #[allow(clippy::cast_precision_loss)]
             let limit = 1.0 - 1.0 / record.time_s.len() as f64;
             for z in phi.complex_eigenvalues().iter().map(|z| z.norm()) {
                 if z >= limit && z > slowest {
@@ -88,7 +86,6 @@ fn gain(system: &System, record: &Record) -> DMatrix<f64> {
     let (n, p) = (system.states.len(), system.outputs.len());
     let none = DMatrix::zeros(n, p);
     let Some([phi, gamma, c]) = SampleTime::new(record.sample_time_s).ok().and_then(|ts| sampled(system, record, ts)) else { return none };
-    #[allow(clippy::cast_precision_loss)]
     let alpha = 1.0 / (1.0 - (FORGETS / record.time_s.len() as f64).min(0.5));
     let a = phi * alpha;
     let r = DMatrix::from_diagonal(&DVector::from_fn(p, |i, _| roughness(record, i)));
@@ -121,7 +118,6 @@ fn iterate(a: &DMatrix<f64>, c: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64
 }
 
 /// Standard deviation of a command.
-#[allow(clippy::cast_precision_loss)]
 fn deviation(values: &[f64]) -> f64 {
     let count = values.len().max(1) as f64;
     let mean = values.iter().sum::<f64>() / count;
@@ -131,7 +127,6 @@ fn deviation(values: &[f64]) -> f64 {
 /// The variance of an output's white noise, from its second differences; not less than a millionth of its variance.
 fn roughness(record: &Record, output: usize) -> f64 {
     let values: Vec<f64> = (0..record.time_s.len()).filter_map(|k| record.measured[output].get(k)).collect();
-    #[allow(clippy::cast_precision_loss)]
     let mean = |v: &mut dyn Iterator<Item = f64>| {
         let (sum, count) = v.fold((0.0, 0.0_f64), |(s, n), v| (s + v, n + 1.0));
         sum / count.max(1.0)

@@ -174,7 +174,6 @@ impl<'a> Problem<'a> {
     pub(super) fn rounding(&self) -> f64 {
         let noise = self.noise_std();
         let parts = self.resolution.iter().zip(&noise).map(|(r, s)| (r / s.max(f64::MIN_POSITIVE)).powi(2));
-        #[allow(clippy::cast_precision_loss)]
         let samples = self.records.iter().filter(|r| r.train.is_some()).map(|r| r.time_s.len()).sum::<usize>() as f64;
         (parts.sum::<f64>() * samples).sqrt()
     }
@@ -414,8 +413,7 @@ impl<'a> Problem<'a> {
             let inside = (0..record.time_s.len()).flat_map(|k| (0..record.measured.len()).map(move |i| (i, k)));
             inside.filter(|&(i, k)| record.measured_in(record.train, i, k).is_some()).count()
         };
-        #[allow(clippy::cast_precision_loss)]
-        let weight = self.records.iter().map(here).sum::<usize>() as f64;
-        weight
+
+        self.records.iter().map(here).sum::<usize>() as f64
     }
 }

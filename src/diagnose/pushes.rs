@@ -57,7 +57,6 @@ pub(super) fn pushes(problem: &Problem<'_>, acting: Acting<'_>, catalogue: &[App
 
 /// Standard deviation over several records.
 fn std<'a>(records: impl Iterator<Item = &'a [f64]> + Clone) -> f64 {
-    #[allow(clippy::cast_precision_loss)]
     let count = records.clone().map(<[f64]>::len).sum::<usize>().max(1) as f64;
     let mean = records.clone().flatten().sum::<f64>() / count;
     (records.flatten().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt()

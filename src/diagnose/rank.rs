@@ -26,7 +26,6 @@ const PAIRS: usize = 5;
 
 /// Twice the log of the posterior odds against no effect (Schwarz 1978, doi:10.1214/aos/1176344136).
 pub(super) fn odds(explanation: &Explanation, weight: f64) -> f64 {
-    #[allow(clippy::cast_precision_loss)]
     let (further, effects) = (explanation.further_parameters() as f64, explanation.effects.len() as f64);
     explanation.gain - further * weight.max(2.0).ln() - effects * SEARCH_WIDE
 }

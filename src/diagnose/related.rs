@@ -116,7 +116,6 @@ fn predicted(left: &DVector<f64>, mut regressors: DMatrix<f64>) -> f64 {
         return 0.0;
     }
     for mut column in regressors.column_iter_mut() {
-        #[allow(clippy::cast_precision_loss)]
         let size = column.norm() / (count as f64).sqrt();
         if size > 0.0 {
             column /= size;
@@ -136,7 +135,6 @@ fn predicted(left: &DVector<f64>, mut regressors: DMatrix<f64>) -> f64 {
         for (f, part) in parts.iter().enumerate() {
             let mut others = &gram - &part.0;
             for i in 0..width {
-                #[allow(clippy::cast_precision_loss)]
                 let weight = ridge * count as f64;
                 others[(i, i)] += weight;
             }

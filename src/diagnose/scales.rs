@@ -144,11 +144,9 @@ fn spread(records: Vec<Vec<f64>>, sample_time_s: f64) -> Spread {
     if all.is_empty() {
         return Spread::default();
     }
-    #[allow(clippy::cast_precision_loss)]
     let mean = all.iter().sum::<f64>() / all.len() as f64;
     let mut sizes: Vec<f64> = all.iter().map(|v| v.abs()).collect();
     sizes.sort_by(f64::total_cmp);
-    #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let at = |q: f64| sizes[(q * (sizes.len() - 1) as f64) as usize];
     Spread {
         quantiles: [0.1, 0.25, 0.5, 0.75, 0.9, 1.0].map(at),

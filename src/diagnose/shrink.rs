@@ -34,7 +34,6 @@ impl Errors {
             for (record, residual) in records.iter().zip(residuals) {
                 let inside: Vec<(f64, f64)> =
                     (0..record.time_s.len()).filter_map(|k| Some((record.measured_in(span(record), i, k)?, residual[(k, i)]))).collect();
-                #[allow(clippy::cast_precision_loss)]
                 let count = inside.len() as f64;
                 let mean = inside.iter().map(|v| v.0).sum::<f64>() / count.max(1.0);
                 errors.squares[i] += inside.iter().map(|v| v.1 * v.1).sum::<f64>();
@@ -65,7 +64,6 @@ impl Errors {
 /// The rms of the outputs' numbers; `None` where there is none.
 pub(super) fn together(outputs: &[Option<f64>]) -> Option<f64> {
     let known: Vec<f64> = outputs.iter().flatten().copied().collect();
-    #[allow(clippy::cast_precision_loss)]
     let count = known.len() as f64;
     (count > 0.0).then(|| (known.iter().map(|v| v * v).sum::<f64>() / count).sqrt())
 }
@@ -139,12 +137,10 @@ fn bootstrap(
     let mut blocks: Vec<[f64; 2]> = Vec::new();
     for ((record, before), after) in records.iter().zip(before).zip(after) {
         let Some(span) = record.held else { continue };
-        #[allow(clippy::cast_precision_loss)]
         let length = block_s.min((span.to_s - span.from_s) / BLOCKS as f64).max(record.sample_time_s);
         let mut sums: std::collections::BTreeMap<usize, [f64; 2]> = std::collections::BTreeMap::new();
         for k in 0..record.time_s.len() {
             for i in (0..deviations.len()).filter(|&i| deviations[i] > 0.0 && record.measured_in(record.held, i, k).is_some()) {
-                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
                 let block = ((record.time_s[k] - span.from_s) / length) as usize;
                 let sum = sums.entry(block).or_default();
                 sum[0] += before[(k, i)].powi(2) / deviations[i];
@@ -169,7 +165,6 @@ fn bootstrap(
         .collect();
     draws.sort_by(f64::total_cmp);
     let last = draws.len().checked_sub(1)?;
-    #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let at = |q: f64| draws[(q * last as f64).round() as usize];
     Some([at(0.025), at(0.975)])
 }

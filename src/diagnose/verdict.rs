@@ -98,7 +98,6 @@ impl Level {
 }
 
 /// Mean square of the whitened residuals inside a span.
-#[allow(clippy::cast_precision_loss)]
 fn white(problem: &Problem<'_>, residuals: &[DMatrix<f64>], span: impl Fn(&Record) -> Option<Span>) -> f64 {
     let (mut sum, mut count) = (0.0, 0_usize);
     for ((at, record), residual) in problem.records.iter().enumerate().zip(residuals) {
@@ -131,7 +130,6 @@ fn needed(before: &Level, after: &Level) -> f64 {
     let parameters = |level: &Level| level.explanation.as_ref().map_or(0, |e| e.free.len());
     let steps: f64 = MATTERS[before.size().min(1)..after.size().min(2)].iter().product();
     let further = if after.size() > 1 { parameters(after).saturating_sub(parameters(before) + after.size() - before.size()) } else { 0 };
-    #[allow(clippy::cast_precision_loss)]
     let flexible = FLEXIBLE.powf(further as f64);
     steps * flexible
 }

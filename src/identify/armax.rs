@@ -193,7 +193,6 @@ impl<'a> Problem<'a> {
             };
             sum += value;
         }
-        #[allow(clippy::cast_precision_loss)]
         let rows = self.rows as f64;
         Some(sum / rows)
     }
@@ -477,7 +476,6 @@ impl Armax {
     pub fn scan_until(&self, records: &[Record], first: usize, max_delay: usize, stop: &Stop) -> ArmaxScan {
         let mut problem = Problem::new(*self, records, max_delay);
         let delays = max_delay + 1;
-        #[allow(clippy::cast_precision_loss)]
         let rows = problem.rows.max(1) as f64;
         let power = problem.power / rows;
         let mut fits: Vec<Vec<Option<ArmaxFit>>> = vec![vec![None; self.nb]; delays];
@@ -596,7 +594,6 @@ fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
     let cost = problem.cost(&fit.parameters)?;
     let Normal { gradient, information, .. } = fit.normal;
     let step = ridged(information).cholesky().map(|c| c.solve(&gradient));
-    #[allow(clippy::cast_precision_loss)]
     let to_gain = step.map_or(f64::INFINITY, |s| problem.rows as f64 * s.dot(&gradient) / cost.max(f64::MIN_POSITIVE));
     Some(problem.fit(cost, fit.parameters, fit.stopped, to_gain))
 }
@@ -604,7 +601,6 @@ fn search(problem: &mut Problem<'_>, start: &[f64]) -> Option<ArmaxFit> {
 impl Problem<'_> {
     fn fit(&self, cost: f64, c: Vec<f64>, stopped: Stopped, to_gain: f64) -> ArmaxFit {
         let na = self.orders.na;
-        #[allow(clippy::cast_precision_loss)]
         let rows = self.rows.max(1) as f64;
         ArmaxFit {
             loss: cost / rows,

@@ -106,7 +106,6 @@ fn read(triangle: &Triangle, na: usize, nb: usize, max_delay: usize) -> ArxScan 
     let last = na + max_delay + nb;
     // Rows that the past outputs use up; where one of them repeats the others, its row stays with the input.
     let (used, free): (Vec<usize>, Vec<usize>) = (0..na).partition(|&i| r[(i, i)].abs() > DEPENDENT * norms[i]);
-    #[allow(clippy::cast_precision_loss)]
     let rows = triangle.rows.max(1) as f64;
     let tail = |column: usize, from: usize| -> Vec<f64> {
         free.iter().map(|&i| r[(i, column)]).chain((na..from).map(|i| r[(i, column)])).collect()

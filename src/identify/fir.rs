@@ -32,7 +32,6 @@ pub(crate) fn estimate(records: &[Record], taps: usize) -> Result<Fir, Rank> {
     let singular = Rank { rank, columns: taps };
     let coefficients = r.solve_upper_triangular(&target).ok_or(singular)?;
     let inverse = r.solve_upper_triangular(&DMatrix::identity(taps, taps)).ok_or(singular)?;
-    #[allow(clippy::cast_precision_loss)]
     let variance = triangle.r[(taps, taps)].powi(2) / (triangle.rows - taps) as f64;
     Ok(Fir { coefficients, covariance: &inverse * inverse.transpose() * variance, variance, rows: triangle.rows })
 }

@@ -74,7 +74,6 @@ impl Evidence {
             let before = sums.column(j - 1).clone_owned();
             sums.column_mut(j).zip_apply(&before, |s, b| *s += b);
         }
-        #[allow(clippy::cast_precision_loss)]
         let (rows, count) = (triangle.rows as f64, taps as f64);
         let evidence = Self {
             taps,
@@ -92,7 +91,6 @@ impl Evidence {
     fn increments(&self, start: usize, prior: Prior) -> DVector<f64> {
         let (count, lambda) = (self.taps - start, prior.lambda());
         DVector::from_fn(count, |j, _| {
-            #[allow(clippy::cast_precision_loss)]
             let power = (prior.decay.exp() * -(j as f64)).exp();
             (power * if j + 1 < count { 1.0 - lambda } else { 1.0 }).sqrt()
         })
@@ -176,7 +174,6 @@ impl Evidence {
             variance,
             decay: prior.lambda(),
             scale: gamma,
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
             rows: self.rows as usize,
         })
     }

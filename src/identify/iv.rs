@@ -150,9 +150,8 @@ impl RefinedIv {
 
     fn rows(&self, records: &[Record]) -> f64 {
         let rows: usize = records.iter().map(|r| r.len().saturating_sub(self.noise)).sum();
-        #[allow(clippy::cast_precision_loss)]
-        let rows = rows.max(1) as f64;
-        rows
+
+        rows.max(1) as f64
     }
 
     /// F and B with the given instruments in the place of the past outputs.

@@ -82,7 +82,6 @@ pub(crate) fn laguerre(records: &[Record], pole: f64, order: usize) -> Option<La
     let c = factor.solve(&right);
     // Rounding may take the difference below zero.
     let squares = (power - c.dot(&right)).max(1e-15 * power);
-    #[allow(clippy::cast_precision_loss)]
     let (loss, variance) = (squares / rows as f64, squares / (rows - order) as f64);
     let covariance = factor.inverse() * variance;
     let sound = c.iter().chain(&covariance).all(|v| v.is_finite());

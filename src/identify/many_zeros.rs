@@ -89,7 +89,6 @@ impl ManyZeros {
         }
         let inverse = inverse(regression, &at.gradients)?;
         let rows: usize = records.iter().map(|r| r.len().saturating_sub(regression.first_row())).sum();
-        #[allow(clippy::cast_precision_loss)]
         let variance = at.cost / rows.saturating_sub(nf + nb).max(1) as f64;
         let covariance = inverse.view((nf, nf), (nb, nb)) * variance;
         // Past outputs come first: without them the regression is that of B alone, over some rows more.

@@ -127,7 +127,6 @@ impl Triangle {
         let triangle = r.view((0, 0), (rank, rank));
         let solved = triangle.solve_upper_triangular(&r.view((0, rank), (rank, 1)).column(0).into_owned())?;
         let root = triangle.solve_upper_triangular(&DMatrix::identity(rank, rank))?;
-        #[allow(clippy::cast_precision_loss)]
         let variance = r[(rank, rank)].powi(2) / (self.rows - rank) as f64;
         let each = &root * root.transpose();
         let (mut coefficients, mut inverse) = (DVector::zeros(columns), DMatrix::zeros(columns, columns));

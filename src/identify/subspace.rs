@@ -93,7 +93,6 @@ impl Subspace {
             y: data.select_columns(&[output(0)]),
             rows: triangle.rows,
         };
-        #[allow(clippy::cast_precision_loss)]
         let criterion = |m: &Innovations| {
             let rows = triangle.rows as f64;
             rows * m.loss.max(DEPENDENT * DEPENDENT * triangle.norms[output(0)].powi(2) / rows).ln() + 3.0 * m.b.len() as f64 * rows.ln()
@@ -121,7 +120,6 @@ impl Realisation {
         let (of_output, e) = solve(&seen, &self.y, &small(&seen));
         let moved = join(&join(&x, &self.u), &e);
         let (of_states, _) = solve(&moved, &next, &small(&moved));
-        #[allow(clippy::cast_precision_loss)]
         let loss = e.norm_squared() / self.rows as f64;
         let model = Innovations {
             a: of_states.rows(0, n).transpose(),

@@ -16,7 +16,6 @@ pub fn d2c(sys: &StateSpace<Sampled>) -> Result<StateSpace<super::Continuous>, M
     let ts = sys.sample_time().seconds();
     let log = matrix::log(&block).map_err(|re| ModelError::NoLogarithm { re })? / ts;
     let (a, b) = (log.view((0, 0), (n, n)).into_owned(), log.view((0, n), (n, m)).into_owned());
-    #[allow(clippy::cast_precision_loss)]
     let delays = sys.input_delay().iter().map(|&d| sys.sample_time().to_seconds(d as f64)).collect();
     StateSpace::continuous(a, b, sys.c().clone(), sys.d().clone())?.with_input_delay(delays)
 }

@@ -56,7 +56,6 @@ impl TimeDomain for Sampled {
     fn point(self, omega_rad_s: f64) -> Complex<f64> {
         Complex::from_polar(1.0, omega_rad_s * self.0.seconds())
     }
-    #[allow(clippy::cast_precision_loss)]
     fn delay_s(self, delay: usize) -> f64 {
         self.0.to_seconds(delay as f64)
     }

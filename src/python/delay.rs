@@ -131,7 +131,6 @@ fn _impulse_response<'py>(
 fn _of_arrays(py: Python<'_>, u: Numbers<'_>, y: Numbers<'_>, sample_time: f64) -> PyResult<Log> {
     let step = SampleTime::new(sample_time).or_raise(py)?;
     let (u, y) = (vector(&u), vector(&y));
-    #[allow(clippy::cast_precision_loss)]
     let time_s = (0..u.len()).map(|k| step.to_seconds(k as f64)).collect();
     Ok(Log(crate::log::Log::new("arrays", time_s, vec![channel("u", None, u), channel("y", None, y)]).or_raise(py)?))
 }

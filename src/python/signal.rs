@@ -34,7 +34,6 @@ fn _excite<'py>(
 fn _of_channel(py: Python<'_>, channel: &str, values: Numbers<'_>, sample_time: f64) -> PyResult<Log> {
     let step = SampleTime::new(sample_time).or_raise(py)?;
     let values = vector(&values);
-    #[allow(clippy::cast_precision_loss)]
     let time_s = (0..values.len()).map(|k| step.to_seconds(k as f64)).collect();
     Ok(Log(crate::log::Log::new("excitation", time_s, vec![Channel::new(channel, None, values)]).or_raise(py)?))
 }

@@ -92,7 +92,6 @@ pub(super) fn chart(id: usize, traces: &[Trace], points: usize, title: &str, des
     );
     axes(&mut svg, &[curves, below], traces, &lanes);
     for ((trace, lane), rests) in traces.iter().zip(&lanes).zip(&rests) {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
         let columns = ((points as f64 * lane.width / (WIDTH - LEFT - RIGHT)) as usize).max(8);
         let mut draw = |class: &str, name: &str, panel: Panel, samples: &[Sample]| {
             let path = path(samples, *lane, panel, columns);
@@ -156,7 +155,6 @@ fn rest_panel(traces: &[Trace], rests: &[[Option<Vec<Sample>>; 2]]) -> Panel {
     Panel::new(TOP + CURVES + BETWEEN, REST, -reach, reach)
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn lanes(traces: &[Trace]) -> Vec<Lane> {
     let durations: Vec<f64> = traces.iter().map(|t| t.time_s.last().copied().unwrap_or(0.0).max(f64::MIN_POSITIVE)).collect();
     let free = WIDTH - LEFT - RIGHT - APART * (traces.len().saturating_sub(1)) as f64;
@@ -236,9 +234,7 @@ fn ticks(lowest: f64, highest: f64, about: f64) -> Vec<(f64, String)> {
     let power = 10_f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 5.0].into_iter().map(|s| s * power).find(|s| *s >= 0.999 * rough).unwrap_or(10.0 * power);
     let first = (lowest / step).ceil();
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let count = ((highest / step).floor() - first).clamp(-1.0, 50.0) + 1.0;
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let decimals = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
     let most = lowest.abs().max(highest.abs());
     let label = |value: f64| {
@@ -247,13 +243,11 @@ fn ticks(lowest: f64, highest: f64, about: f64) -> Vec<(f64, String)> {
         }
         if !(1e-4..1e6).contains(&most) {
             // The same digits for all: those that tell neighbours apart.
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
             let digits = (most.log10().floor() - step.log10().floor()).clamp(0.0, 6.0) as usize;
             return format!("{value:.digits$e}").replace('-', "−");
         }
         format!("{value:.decimals$}").replace('-', "−")
     };
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let numbers = (0..count as u32).map(|i| (first + f64::from(i)) * step);
     // A zero that rounding made −0 is 0.
     numbers.map(|v| if v.abs() < 1e-9 * step { 0.0 } else { v }).map(|v| (v, label(v))).collect()
@@ -271,7 +265,6 @@ fn path(samples: &[Sample], lane: Lane, panel: Panel, columns: usize) -> String 
         // A sample on its own is a dot.
         let _ = if lift { write!(out, "M{x:.1} {y:.1}h0") } else { write!(out, "L{x:.1} {y:.1}") };
     };
-    #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let column = |s: &Sample| if samples.len() <= 2 * columns { usize::MAX } else { (s.0 / lane.duration_s * columns as f64) as usize };
     let mut at = 0;
     while at < samples.len() {

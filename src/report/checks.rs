@@ -24,7 +24,6 @@ pub fn text(found: &Inspection) -> String {
             let _ = writeln!(text, "  {finding}");
         }
         for c in log.channels.iter().filter(|c| c.ok && c.missing > 0) {
-            #[allow(clippy::cast_precision_loss)]
             let percent = 100.0 * c.missing as f64 / log.samples.max(1) as f64;
             let _ = writeln!(text, "  `{}` misses {} samples ({percent:.1} %)", c.channel, c.missing);
         }

@@ -83,7 +83,6 @@ fn number(value: Option<f64>) -> String {
     let text = if v == 0.0 {
         "0".to_owned()
     } else if (1e-4..1e6).contains(&v.abs()) {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let decimals = (3.0 - v.abs().log10().floor()).clamp(0.0, 8.0) as usize;
         format!("{v:.decimals$}")
     } else {

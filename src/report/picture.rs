@@ -81,7 +81,6 @@ fn answers(root: &Area<'_>, area: &Area<'_>, pair: &Pair, axis: Range<f64>) -> D
     let target = if pair.output == "*" { "the states" } else { &pair.output };
     let estimates = shown(pair);
     let rows = estimates.len();
-    #[allow(clippy::cast_precision_loss)]
     let top = rows as f64;
     let mut chart = ChartBuilder::on(area)
         .caption(format!("{} to {target}: dead time by method, 95 % intervals (grey: not counted)", pair.input), ("sans-serif", 17))
@@ -97,7 +96,6 @@ fn answers(root: &Area<'_>, area: &Area<'_>, pair: &Pair, axis: Range<f64>) -> D
     let label = TextStyle::from(("sans-serif", 14).into_font()).pos(Pos::new(HPos::Right, VPos::Center));
     let aside = TextStyle::from(("sans-serif", 13).into_font()).color(&RGBColor(110, 110, 110)).pos(Pos::new(HPos::Left, VPos::Center));
     for (i, estimate) in estimates.iter().enumerate() {
-        #[allow(clippy::cast_precision_loss)]
         let y = (rows - 1 - i) as f64;
         let (x, row) = chart.backend_coord(&(axis.start, y));
         // Positions are those of the whole picture.
@@ -124,7 +122,6 @@ fn answers(root: &Area<'_>, area: &Area<'_>, pair: &Pair, axis: Range<f64>) -> D
 
 /// The coefficients as stems, their threshold as a band.
 fn impulse(area: &Area<'_>, response: &Response, axis: Range<f64>, sample_time_s: f64) -> Drawn {
-    #[allow(clippy::cast_precision_loss)]
     let at = |i: usize| i as f64 * sample_time_s;
     let shown: Vec<usize> = (0..response.values.len()).filter(|&i| at(i) <= axis.end).collect();
     let reach = shown.iter().map(|&i| response.values[i].abs().max(BAND * response.std[i])).fold(f64::MIN_POSITIVE, f64::max) * 1.1;

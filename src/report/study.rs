@@ -19,7 +19,6 @@ fn significant(value: f64, digits: i32) -> String {
     if !(-4.0..6.0).contains(&size) {
         return format!("{value:.1e}");
     }
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let decimals = (digits - 1 - size as i32).max(0) as usize;
     format!("{value:.decimals$}")
 }
@@ -88,10 +87,8 @@ pub fn summary(study: &Study) -> Table {
                 && s.kept_percent >= 100.0
         });
         let trials: usize = group.iter().map(|c| c.trials).sum();
-        #[allow(clippy::cast_precision_loss)]
         let of_all =
             |count: &dyn Fn(&Cell) -> usize| share(Some(group.iter().map(|c| count(c)).sum::<usize>() as f64 / trials.max(1) as f64));
-        #[allow(clippy::cast_precision_loss)]
         let total = group.iter().map(|c| c.time_per_estimate_s.unwrap_or(0.0) * c.trials as f64).sum::<f64>();
         table.row(vec![
             first.grid.clone(),
@@ -153,7 +150,6 @@ fn place<T: PartialEq>(list: &mut Vec<T>, value: T) -> usize {
     })
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn mean(cells: &[&Cell], value: impl Fn(&Cell) -> Option<f64>) -> Option<f64> {
     let some: Vec<f64> = cells.iter().filter_map(|c| value(c)).collect();
     (!some.is_empty()).then(|| some.iter().sum::<f64>() / some.len() as f64)
@@ -167,7 +163,6 @@ fn median(cells: &[&Cell], value: impl Fn(&Cell) -> Option<f64>) -> Option<f64> 
 }
 
 /// One number of a [`Layout`].
-#[allow(clippy::cast_precision_loss)]
 fn shown(what: Shown, cells: &[&Cell]) -> String {
     // Rounding is not an error of a method.
     let settled = |v: f64| if v.abs() < 1e-6 { 0.0 } else { v };
@@ -388,12 +383,10 @@ pub fn growth(study: &Study) -> Option<Table> {
             if from == to {
                 continue;
             }
-            #[allow(clippy::cast_precision_loss)]
             let points: Vec<[f64; 2]> =
                 group.iter().filter_map(|c| Some([(of(c) as f64).ln(), c.time_per_estimate_s.filter(|t| *t > 0.0)?.ln()])).collect();
             let times = |which: usize| {
                 let there: Vec<f64> = group.iter().filter(|c| of(c) == which).filter_map(|c| c.time_per_estimate_s).collect();
-                #[allow(clippy::cast_precision_loss)]
                 let count = there.len() as f64;
                 time((!there.is_empty()).then(|| there.iter().sum::<f64>() / count))
             };
@@ -415,7 +408,6 @@ pub fn growth(study: &Study) -> Option<Table> {
 
 /// The slope of the straight line through the points.
 fn inclination(points: &[[f64; 2]]) -> Option<f64> {
-    #[allow(clippy::cast_precision_loss)]
     let n = points.len() as f64;
     let mean = |i: usize| points.iter().map(|p| p[i]).sum::<f64>() / n;
     let (x, y) = (mean(0), mean(1));

@@ -76,7 +76,6 @@ impl fmt::Display for Table {
 #[must_use]
 pub fn seconds(value_s: f64, step_s: f64) -> String {
     // Two digits below the step: 0.08 s shows 0.1600.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let decimals = if step_s > 0.0 { (2.0 - step_s.log10().floor()).clamp(0.0, 9.0) as usize } else { 6 };
     format!("{value_s:.decimals$}")
 }
@@ -87,7 +86,6 @@ pub(super) fn estimate(value: f64, ci95: Option<[f64; 2]>) -> (String, Option<[S
     // Half the interval keeps a digit; without one, the value keeps three.
     let finest = ci95.map(|[lower, upper]| 0.5 * (upper - lower)).filter(|half| *half > 0.0).unwrap_or(0.01 * value.abs());
     let place = |v: f64| if v > 0.0 && v.is_finite() { v.log10().floor() } else { 0.0 };
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let digits = |count: f64| count.clamp(0.0, 15.0) as usize;
     let (fixed, mantissa) = (digits((-place(finest)).max(4.0)), digits(place(value.abs()) - place(finest)));
     let text = |v: f64| if fixed <= 8 { format!("{v:.fixed$}") } else { format!("{v:.mantissa$e}") };

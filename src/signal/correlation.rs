@@ -90,7 +90,6 @@ impl Correlator {
             spectrum
         };
         let mut product = transformed(a, &mut samples);
-        #[allow(clippy::cast_precision_loss)]
         let share = 1.0 / length as f64;
         for (x, y) in product.iter_mut().zip(transformed(b, &mut samples)) {
             *x = x.conj() * y * share;

@@ -71,7 +71,6 @@ impl RealFourier {
         spectrum.resize(self.length / 2 + 1, Complex::new(0.0, 0.0));
         let mut x = self.inverse.make_output_vec();
         self.inverse(&mut spectrum, &mut x, &mut self.scratch());
-        #[allow(clippy::cast_precision_loss)]
         let share = 1.0 / self.length as f64;
         x.iter_mut().for_each(|v| *v *= share);
         x

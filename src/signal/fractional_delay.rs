@@ -27,12 +27,10 @@ pub fn fractional_delay(x: &[f64], samples: f64) -> Vec<f64> {
     let n = x.len();
     let whole = samples.floor();
     let fraction = samples - whole;
-    #[allow(clippy::cast_precision_loss)]
     if !samples.is_finite() || whole.abs() > n as f64 {
         return vec![0.0; n];
     }
     // The comparison above bounds it.
-    #[allow(clippy::cast_possible_truncation)]
     let whole = whole as isize;
     if fraction == 0.0 {
         return (0..n).map(|t| t.checked_add_signed(-whole).and_then(|i| x.get(i)).copied().unwrap_or(0.0)).collect();
@@ -47,9 +45,7 @@ pub fn fractional_delay(x: &[f64], samples: f64) -> Vec<f64> {
 fn turned(x: &[f64], fraction: f64) -> Vec<f64> {
     let fourier = RealFourier::new(fast_length(3 * x.len() + 2 * REST));
     let mut spectrum = fourier.spectrum(x.iter().copied());
-    #[allow(clippy::cast_precision_loss)]
     let step = 2.0 * PI / fourier.length() as f64;
-    #[allow(clippy::cast_precision_loss)]
     for (k, line) in spectrum.iter_mut().enumerate() {
         *line *= if 2 * k == fourier.length() {
             Complex::new((PI * fraction).cos(), 0.0)

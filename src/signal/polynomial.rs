@@ -23,7 +23,6 @@ fn newton(c: &[f64], reversed: &[f64], x: Complex<f64>) -> Complex<f64> {
         return p / slope;
     }
     // p(x) = xⁿ·q(1/x), so p′/p = n/x − q′/q/x².
-    #[allow(clippy::cast_precision_loss)]
     let degree = (c.len() - 1) as f64;
     let inverse = x.inv();
     let [q, slope] = evaluate(reversed, inverse);
@@ -66,7 +65,6 @@ pub(crate) fn roots(c: &[f64]) -> Vec<Complex<f64>> {
 
 /// As many points on circles as the upper convex hull of (k, ln|cₖ|) has roots of that size.
 fn start(c: &[f64]) -> Vec<Complex<f64>> {
-    #[allow(clippy::cast_precision_loss)]
     let point = |k: usize| (k as f64, c[k].abs().ln());
     let mut hull: Vec<usize> = Vec::new();
     for k in (0..c.len()).filter(|&k| c[k] != 0.0) {
@@ -86,7 +84,6 @@ fn start(c: &[f64]) -> Vec<Complex<f64>> {
         let radius = ((ya - yb) / (xb - xa)).exp();
         for i in from..to {
             // An angle that is no fraction of a turn, so that no start lies on the real axis or on another's mirror image.
-            #[allow(clippy::cast_precision_loss)]
             let turn = std::f64::consts::TAU * (i - from) as f64 / (xb - xa) + 0.7 + 0.4 * edge as f64;
             points.push(Complex::from_polar(radius, turn));
         }

@@ -68,7 +68,6 @@ impl CrossSpectra {
         if power > 0.0 {
             spectra.uu.iter_mut().chain(&mut spectra.yy).for_each(|v| *v /= power);
             spectra.uy.iter_mut().for_each(|v| *v /= power);
-            #[allow(clippy::cast_precision_loss)]
             let length = segment as f64;
             spectra.looks = power * power / squares / length;
         }
@@ -87,14 +86,12 @@ impl CrossSpectra {
 
     /// The frequency of a line, rad per sample.
     #[must_use]
-    #[allow(clippy::cast_precision_loss)]
     pub fn omega(&self, line: usize) -> f64 {
         2.0 * PI * line as f64 / self.segment as f64
     }
 }
 
 fn hann(n: usize) -> Vec<f64> {
-    #[allow(clippy::cast_precision_loss)]
     (0..n).map(|t| (PI * (t as f64 + 0.5) / n as f64).sin().powi(2)).collect()
 }
 

@@ -163,12 +163,9 @@ impl Linear {
     /// lengths that come once. The derivative of the signals enters with the second term.
     fn by_series(&mut self, from_s: f64, h: f64, drive: &Drive) {
         let n = self.states;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let parts = (self.norm * h).ceil().max(1.0) as usize;
-        #[allow(clippy::cast_precision_loss)]
         let step = h / parts as f64;
         for part in 0..parts {
-            #[allow(clippy::cast_precision_loss)]
             let at = from_s + step * part as f64;
             let [term, other] = &mut self.series;
             // M·(x; v; 1)·h

@@ -56,7 +56,6 @@ impl Recursion {
         let n = phi.nrows();
         let (mut ends, mut terms) = (Vec::with_capacity(n + c.nrows()), Vec::new());
         // Indices count states and taps of one model: far below 2³².
-        #[allow(clippy::cast_possible_truncation)]
         let mut row = |of_state: &dyn Fn(usize) -> f64, of_tap: &dyn Fn(usize) -> f64| {
             let states = (0..n).map(|j| (j as u32, of_state(j)));
             let inputs = (0..taps.len()).map(|t| ((n + t) as u32, of_tap(t)));
@@ -133,7 +132,6 @@ impl Recursion {
             }
             if !finite {
                 let first = block.chunks_exact(stride).position(|row| row[..n].iter().any(|v| !v.is_finite())).unwrap_or(0);
-                #[allow(clippy::cast_precision_loss)]
                 return Err(SimulateError::Explodes { time_s: (start + first + 1) as f64 * ts });
             }
             rows.copy_within(count * stride..(count + 1) * stride, 0);
@@ -284,7 +282,6 @@ pub fn lsim(sys: &StateSpace<Continuous>, u: &DMatrix<f64>, sample_time: SampleT
     let delays = sys.input_delay().iter().map(|&d| sample_time.samples(d)).collect::<Result<Vec<_>, _>>()?;
     if (options.hold, options.prehistory) == (Hold::Linear, Prehistory::Rest) && delays.iter().any(|d| d.total() > 0.0) {
         // The delayed jump from rest to u[0] is no straight line between two samples.
-        #[allow(clippy::cast_precision_loss)]
         let time_s: Vec<f64> = (0..u.nrows()).map(|k| sample_time.to_seconds(k as f64)).collect();
         return lsim_uneven(sys, &time_s, u, options);
     }
@@ -430,7 +427,6 @@ pub fn lsim_at(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64>, o
 ///
 /// # Errors
 /// As [`lsim_sampled`], and [`SimulateError::Samples`] or [`SimulateError::Grid`].
-#[allow(clippy::cast_precision_loss)]
 pub fn lsim_sampled_at(sys: &StateSpace<Sampled>, time_s: &[f64], u: &DMatrix<f64>, options: &Options) -> Result<Response, SimulateError> {
     if time_s.len() != u.nrows() {
         return Err(SimulateError::Samples { time: time_s.len(), input: u.nrows() });
@@ -449,7 +445,6 @@ pub fn lsim_sampled_at(sys: &StateSpace<Sampled>, time_s: &[f64], u: &DMatrix<f6
 }
 
 /// The sample time of stamps that only rounding parts from an even grid.
-#[allow(clippy::cast_precision_loss)]
 pub(super) fn even(time_s: &[f64]) -> Option<SampleTime> {
     let (&[first, .., last], count) = (time_s, time_s.len()) else { return None };
     let step = (last - first) / (count - 1) as f64;

@@ -53,7 +53,6 @@ pub fn impulse_response(sys: &StateSpace<Continuous>, sample_time: SampleTime, s
         let mut y = DMatrix::zeros(samples, sys.outputs());
         for k in first..samples {
             if x.iter().any(|v| !v.is_finite()) {
-                #[allow(clippy::cast_precision_loss)]
                 return Err(SimulateError::Explodes { time_s: sample_time.to_seconds(k as f64) });
             }
             y.set_row(k, &(sys.c() * &x).transpose());

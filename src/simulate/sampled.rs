@@ -189,9 +189,7 @@ pub(super) fn run(
     // A clock that runs ahead reads outputs after the log's last sample: the model goes on with the last command.
     let last = time_s.last().copied().unwrap_or(0.0);
     let ahead = plan.outputs.iter().map(|path| taken(plan.clock, path, last) - last).fold(0.0, f64::max) / ts.seconds();
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let beyond = if correction.is_none() { (ahead.ceil() as usize).min(samples) } else { 0 };
-    #[allow(clippy::cast_precision_loss)]
     let grid: Vec<f64> = time_s.iter().copied().chain((1..=beyond).map(|k| last + ts.to_seconds(k as f64))).collect();
     let [mean, instant] = arriving(&plan.inputs, signals, &grid, ts.seconds())?;
     let about = |u: &DMatrix<f64>, k: usize| DVector::from_fn(u.ncols(), |i, _| u[(k, i)] - system.input_operating[i]);

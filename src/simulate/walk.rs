@@ -124,7 +124,6 @@ pub(super) fn walk(
     let mut groups = groups(plan, states, stamps);
     let end = time_s.last().copied().unwrap_or(0.0);
     // Edges and samples that fall together: the edge comes first.
-    #[allow(clippy::cast_precision_loss)]
     let together = TOGETHER * if samples > 1 { end / (samples - 1) as f64 } else { 1.0 };
     let mut drive = Drive { pieces: signals.iter().map(|s| s.pieces().first().copied().unwrap_or(LEVEL)).collect(), alone_until_s: None };
     let mut edges = vec![1_usize; signals.len()];

@@ -83,7 +83,6 @@ impl Aim {
             (Some(cell), value)
         } else {
             let some: Vec<f64> = cells.into_iter().filter_map(|(_, v)| v).collect();
-            #[allow(clippy::cast_precision_loss)]
             let count = some.len() as f64;
             (None, (!some.is_empty()).then(|| some.iter().sum::<f64>() / count)?)
         };
@@ -101,7 +100,6 @@ impl Aim {
         match self.measure {
             Measure::RmsSamples => cell.kept.iter().find(|k| k.percent == self.kept_percent)?.rms_samples,
             Measure::RmsOverBound => Some(cell.rms_samples? / cell.bound_rms_samples?),
-            #[allow(clippy::cast_precision_loss)]
             Measure::Flagged => Some(cell.flagged as f64 / cell.trials.max(1) as f64),
             Measure::Coverage95 => cell.coverage95,
         }

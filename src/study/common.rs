@@ -214,7 +214,6 @@ impl Common {
     }
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn f(n: usize) -> f64 {
     n as f64
 }
@@ -231,7 +230,6 @@ impl First {
     fn new(delay: f64) -> Self {
         let pole = (-1.0 / 8.0_f64).exp();
         let rest = (-(1.0 - delay.fract()) / 8.0).exp();
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         Self { pole, gains: [1.0 - rest, rest - pole], whole: delay.floor() as usize }
     }
 

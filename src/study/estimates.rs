@@ -81,7 +81,6 @@ pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usiz
                 Some(expected.std_s / setting.sample_time.seconds())
             };
             let mine: Vec<&(usize, Slot)> = slots.iter().filter(|(_, s)| s.method == method).collect();
-            #[allow(clippy::cast_precision_loss)]
             let each_s = time_s / mine.len().max(1) as f64;
             rows.extend(mine.into_iter().map(|&(cell, slot)| {
                 let of_slot = |p: &&PairEstimate| p.input == slot.input && (slot.output.is_none() || p.output == slot.output);
@@ -137,7 +136,6 @@ fn row(
     let ts = setting.sample_time.seconds();
     let true_delay_s = record.delay_s.get(slot.input).copied().unwrap_or(0.0);
     let found = estimate.filter(|e| e.outcome.has_delay());
-    #[allow(clippy::cast_precision_loss)]
     let degree = slot.output.and_then(|o| record.degree.get(o)?.get(slot.input)).copied().unwrap_or(0) as f64;
     let off = found.and_then(|e| match truth {
         // The raw answer less what its method takes off is not cut off at 0.

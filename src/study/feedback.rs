@@ -106,7 +106,6 @@ pub(super) fn of_states(plant: &StateSpace<Sampled>, reference: &[Vec<f64>]) -> 
 
 fn bounded(closed: Closed, sample_time: SampleTime) -> crate::Result<Closed> {
     let explodes = closed.u.iter().chain(&closed.y).filter_map(|c| c.iter().position(|v| !v.is_finite())).min();
-    #[allow(clippy::cast_precision_loss)]
     explodes.map_or(Ok(closed), |sample| Err(SimulateError::Explodes { time_s: sample_time.to_seconds(sample as f64) }.into()))
 }
 

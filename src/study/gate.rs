@@ -312,7 +312,6 @@ impl Gate {
                 *sum += squares[i].unwrap_or(0.0);
                 *count += 1.0;
             }
-            #[allow(clippy::cast_precision_loss)]
             let z = sums.values().map(|[sum, count]| sum / count).sum::<f64>() / (sums.len() as f64).sqrt();
             let answered = || pairs.iter().filter(|p| p.before.rms_samples.is_some() && p.after.rms_samples.is_some());
             let mean = |of: &dyn Fn(&Pair) -> Option<f64>| average(answered().filter_map(|p| of(p)));
@@ -495,7 +494,6 @@ fn shown(measured: Measured, bad: Option<f64>) -> Option<f64> {
     bad.map(|bad| if matches!(measured, Measured::WithInterval | Measured::Coverage95) { 1.0 - bad } else { bad })
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn ratio(count: u64, all: u64) -> Option<f64> {
     (all > 0).then(|| count as f64 / all as f64)
 }
@@ -506,7 +504,6 @@ fn shares(pair: &Pair) -> Vec<(Measured, Counts)> {
         let answers = (cell.trials - cell.flagged) as u64;
         // A study of an older program does not count its intervals.
         let intervals = if cell.intervals == 0 && cell.coverage95.is_some() { answers } else { cell.intervals as u64 };
-        #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let outside = ((1.0 - cell.coverage95.unwrap_or(1.0)) * intervals as f64).round() as u64;
         let trials = cell.trials as u64;
         [
@@ -540,13 +537,11 @@ impl Counts {
     }
 
     /// Bad ones after beyond those that the share before would have made.
-    #[allow(clippy::cast_precision_loss)]
     fn surplus(&self) -> f64 {
         self.bad[1] as f64 - ratio(self.bad[0], self.all[0]).unwrap_or(0.0) * self.all[1] as f64
     }
 
     /// Bad ones after that were to be expected, had nothing changed.
-    #[allow(clippy::cast_precision_loss)]
     fn expected(&self) -> f64 {
         (self.bad[0] + self.bad[1]) as f64 * self.all[1] as f64 / (self.all[0] + self.all[1]).max(1) as f64
     }
@@ -557,7 +552,6 @@ fn reversed(tables: &[Counts]) -> Vec<Counts> {
 }
 
 /// By how much the share of bad ones grew, cell by cell: numbers of intervals may have moved between cells of different difficulty.
-#[allow(clippy::cast_precision_loss)]
 fn growth(tables: &[Counts]) -> f64 {
     let of: u64 = tables.iter().map(|t| t.all[1]).sum();
     tables.iter().map(Counts::surplus).sum::<f64>() / of.max(1) as f64
@@ -582,7 +576,6 @@ fn clusters(pairs: &[&Pair]) -> Vec<usize> {
 }
 
 /// Standard score of the growth of a cell's mean square error; `None` where it cannot have grown, or nothing is known of its spread.
-#[allow(clippy::cast_precision_loss)]
 fn score(pair: &Pair) -> Option<f64> {
     let [b, a] = [Moments::of(pair.before)?, Moments::of(pair.after)?];
     let all = b.count + a.count;
@@ -615,7 +608,6 @@ struct Moments {
 
 impl Moments {
     /// As the study's interval tells them.
-    #[allow(clippy::cast_precision_loss)]
     fn of(cell: &Cell) -> Option<Self> {
         let (rms, [_, high]) = (cell.rms_samples?, cell.rms_ci95_samples?);
         let count = scored(cell) as f64;
@@ -652,7 +644,6 @@ fn stratified(tables: &[Counts], shared: f64) -> [f64; 2] {
         let bad: u64 = tables.iter().map(|t| t.bad[0] + t.bad[1]).sum();
         let all: u64 = tables.iter().map(|t| t.all[0] + t.all[1]).sum();
         let tables: Vec<Counts> = if 2 * bad > all { tables.iter().map(|t| t.turned()).collect() } else { tables.to_vec() };
-        #[allow(clippy::cast_precision_loss)]
         let [events, seen] =
             [tables.iter().map(|t| t.bad[0] + t.bad[1]).sum::<u64>() as f64, tables.iter().map(|t| t.bad[1]).sum::<u64>() as f64];
         let mean: f64 = tables.iter().map(Counts::expected).sum();
@@ -666,7 +657,6 @@ fn stratified(tables: &[Counts], shared: f64) -> [f64; 2] {
 }
 
 /// p-values that may be compared with the chance of a single false alarm among all of them.
-#[allow(clippy::cast_precision_loss)]
 fn holm(p: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p.len()).collect();
     order.sort_by(|&i, &j| p[i].total_cmp(&p[j]));
@@ -679,7 +669,6 @@ fn holm(p: &[f64]) -> Vec<f64> {
     corrected
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn average(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (sum, count) = values.fold((0.0, 0_usize), |(s, n), v| (s + v, n + 1));
     (count > 0).then(|| sum / count as f64)

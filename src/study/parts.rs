@@ -112,7 +112,6 @@ impl Runner {
     pub fn tasks(&self, cost_s: &[f64], task_s: f64) -> Vec<usize> {
         let kind = self.kind_of();
         // The share of a task that a block is.
-        #[allow(clippy::cast_precision_loss)]
         let share = |setting: usize, block: usize| {
             let records = self.blocks.get(block).map_or(0, |b| b.end - b.first) as f64;
             let cost = kind.get(setting).and_then(|k| cost_s.get(*k)).copied().unwrap_or(0.0);
@@ -128,7 +127,6 @@ impl Runner {
                 held = 0.0;
             }
             if whole > 1.0 {
-                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
                 let pieces = (whole.ceil() as usize).min(end - first);
                 ends.extend((1..=pieces).map(|piece| first + (end - first) * piece / pieces));
             } else {
@@ -146,7 +144,6 @@ impl Runner {
     #[must_use]
     pub fn tasks_of(&self, blocks: usize) -> Vec<usize> {
         let kinds = self.kinds();
-        #[allow(clippy::cast_precision_loss)]
         let task_s = (blocks.max(1) * BLOCK) as f64;
         self.tasks(&vec![1.0; kinds.len()], task_s)
     }

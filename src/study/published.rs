@@ -159,11 +159,9 @@ impl Published {
         }
         let mean = |of: &dyn Fn(&Cell) -> Option<f64>| {
             let values: Vec<f64> = cells.iter().filter_map(|c| of(c)).collect();
-            #[allow(clippy::cast_precision_loss)]
             let count = values.len() as f64;
             (!values.is_empty()).then(|| values.iter().sum::<f64>() / count)
         };
-        #[allow(clippy::cast_precision_loss)]
         let ours = match self.statistic {
             Statistic::RmsSamples => mean(&|c| c.kept.iter().find(|k| k.percent == self.kept_percent)?.rms_samples),
             Statistic::MeanRawS => mean(&|c| c.mean_raw_s),

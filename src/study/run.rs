@@ -241,7 +241,6 @@ impl Runner {
                 }
                 let Some(&first) = members.first() else { continue };
                 let some: Vec<f64> = rms.iter().flatten().copied().collect();
-                #[allow(clippy::cast_precision_loss)]
                 let count = some.len() as f64;
                 let mean = (!some.is_empty()).then(|| some.iter().sum::<f64>() / count);
                 // Cells are independent of each other.

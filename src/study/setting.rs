@@ -314,9 +314,7 @@ impl Setting {
             Delay::Drawn(Drawn { uniform_s: [from, to], whole }) => (0..self.inputs.len())
                 .map(|_| {
                     if *whole {
-                        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
                         let (first, last) = ((from / ts).ceil() as u64, (to / ts + 1e-9).floor() as u64);
-                        #[allow(clippy::cast_precision_loss)]
                         let drawn = rng.random_range(first..=last.max(first)) as f64;
                         drawn * ts
                     } else if from < to {
@@ -414,7 +412,6 @@ impl Setting {
 }
 
 fn spread(x: &[f64]) -> f64 {
-    #[allow(clippy::cast_precision_loss)]
     let n = x.len().max(1) as f64;
     let mean = x.iter().sum::<f64>() / n;
     (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()

@@ -76,7 +76,6 @@ impl Tally {
         }
     }
 
-    #[allow(clippy::cast_precision_loss)]
     fn count(&self) -> f64 {
         self.scored as f64
     }
@@ -122,7 +121,6 @@ impl Tally {
         (n > 1.0).then(|| (squares / (n - 1.0)).sqrt())
     }
 
-    #[allow(clippy::cast_precision_loss)]
     pub(super) fn coverage95(&self) -> Option<f64> {
         (self.intervals > 0).then(|| self.holding / self.intervals as f64)
     }
@@ -135,7 +133,6 @@ impl Tally {
         (self.predicted[0] > 0.0).then(|| (self.predicted[1] / self.predicted[0]).sqrt())
     }
 
-    #[allow(clippy::cast_precision_loss)]
     pub(super) fn time_s(&self) -> Option<f64> {
         (self.trials > 0).then(|| self.time_s / self.trials as f64)
     }

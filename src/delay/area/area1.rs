@@ -82,7 +82,6 @@ pub(in crate::delay) const METHOD: Method = Method {
 impl DelayEstimator for Area1 {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
         if self.held < END {
-            #[allow(clippy::cast_precision_loss)]
             return Err(DelayError::Option { method: NAME, option: "held", value: self.held as f64, allowed: "4 or more" });
         }
         every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
@@ -97,7 +96,6 @@ struct Response {
 }
 
 fn mean(x: &[f64]) -> f64 {
-    #[allow(clippy::cast_precision_loss)]
     let n = x.len().max(1) as f64;
     x.iter().sum::<f64>() / n
 }
@@ -154,7 +152,6 @@ impl Area1 {
         }
         let end = response.step.len() - response.step.len() / END;
         let (gain, before) = (mean(&response.step[end..]), mean(&response.step[response.step.len() / 2..end]));
-        #[allow(clippy::cast_precision_loss)]
         let noise = (response.variance / (response.step.len() - end) as f64).sqrt();
         let told = gain.abs() > TOLD * noise;
         if !told {
@@ -176,7 +173,6 @@ fn readings(response: &Response, gain: f64, end: usize) -> Option<[Reading; 2]> 
     let residence = |until: usize| step.iter().take(until).map(|s| 1.0 - s / gain).sum::<f64>() - 0.5;
     let mut until = end;
     for _ in 0..3 {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let over = (OVER * residence(until)).max(OVER) as usize;
         until = over.min(end);
     }
@@ -184,7 +180,6 @@ fn readings(response: &Response, gain: f64, end: usize) -> Option<[Reading; 2]> 
     let Area { a1, height, weights } = area(step, gain, t_ar)?;
     let reading = |lags: Lags| {
         let c = lags.of_area();
-        #[allow(clippy::cast_precision_loss)]
         let (tail, summed) = ((step.len() - end) as f64, until as f64);
         // Each sample as part of A₀, of A₁, and of the end.
         let gradient: Vec<f64> = (0..step.len())
@@ -195,7 +190,6 @@ fn readings(response: &Response, gain: f64, end: usize) -> Option<[Reading; 2]> 
             })
             .collect();
         // All are measured from one level, which is the mean of at least as many samples as a rest has.
-        #[allow(clippy::cast_precision_loss)]
         let level = gradient.iter().sum::<f64>().powi(2) / REST as f64;
         let squares: f64 = gradient.iter().map(|g| g * g).sum();
         Reading { delay: t_ar - c * a1, std: (response.variance * (squares + level)).sqrt() }

@@ -60,7 +60,6 @@ fn answer(lags: Lags, [one, two]: [Reading; 2], bias: usize, max_delay: usize, e
     let interval = [from.delay - 1.96 * from.std - BETWEEN, to.delay + 1.96 * to.std + BETWEEN];
     // The structure is anywhere between the two.
     let std = chosen.std.hypot((to.delay - from.delay + 2.0 * BETWEEN) / 12.0_f64.sqrt());
-    #[allow(clippy::cast_precision_loss)]
     let (longest, off) = (max_delay as f64, bias as f64 - 1.0);
     let narrower = std <= longest.max(1.0) / 12.0_f64.sqrt();
     if !narrower {
@@ -89,7 +88,6 @@ struct Area {
 
 /// Of a step response s at t = 0, 1, … samples with the end `gain`, straight between its samples; `None` where T_ar lies outside it.
 fn area(step: &[f64], gain: f64, t_ar: f64) -> Option<Area> {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
     let (whole, part) = if t_ar >= 0.0 && t_ar < step.len() as f64 { (t_ar as usize, t_ar.fract()) } else { return None };
     let mut weights = vec![0.0; step.len()];
     let (head, last) = (weights.get_mut(..=whole)?, step.get(whole)?);
@@ -153,7 +151,6 @@ fn pulse_response(
 /// Both readings of the areas of an impulse response; `None` where they have no solution.
 fn by_areas(fir: &Fir, gain: f64) -> Option<[Reading; 2]> {
     let h = &fir.coefficients;
-    #[allow(clippy::cast_precision_loss)]
     let mean = h.iter().enumerate().map(|(j, h)| j as f64 * h).sum::<f64>() / gain;
     let step: Vec<f64> = h
         .iter()
@@ -172,7 +169,6 @@ fn by_areas(fir: &Fir, gain: f64) -> Option<[Reading; 2]> {
     }
     let reading = |lags: Lags| {
         let c = lags.of_area();
-        #[allow(clippy::cast_precision_loss)]
         let gradient: Vec<f64> =
             after.iter().enumerate().map(|(j, w)| ((1.0 - c * height) * (j as f64 - mean) - c * (w - a1)) / gain).collect();
         Reading { delay: t_ar - c * a1, std: propagated(&gradient, &fir.covariance) }

@@ -102,12 +102,10 @@ const HOLD: f64 = 0.25;
 
 /// Both readings of mean and variance; `None` where the variance is not told from noise, or negative.
 fn by_moments(fir: &Fir, gain: f64) -> Option<[Reading; 2]> {
-    #[allow(clippy::cast_precision_loss)]
     let about =
         |from: f64, power: i32| fir.coefficients.iter().enumerate().map(|(j, h)| (j as f64 - from).powi(power) * h).sum::<f64>() / gain;
     let mean = about(0.0, 1);
     let variance = about(mean, 2);
-    #[allow(clippy::cast_precision_loss)]
     let spread: Vec<f64> = (0..fir.coefficients.len()).map(|j| ((j as f64 - mean).powi(2) - variance) / gain).collect();
     let told = variance + HOLD > TOLD * propagated(&spread, &fir.covariance);
     if !told {
@@ -115,7 +113,6 @@ fn by_moments(fir: &Fir, gain: f64) -> Option<[Reading; 2]> {
     }
     let width = (variance + HOLD).sqrt();
     let reading = |times: f64| {
-        #[allow(clippy::cast_precision_loss)]
         let gradient: Vec<f64> =
             (0..fir.coefficients.len()).map(|j| j as f64 - mean).map(|t| (t - 0.5 * times * (t * t - variance) / width) / gain).collect();
         Reading { delay: mean - 0.5 - times * width, std: propagated(&gradient, &fir.covariance) }

@@ -134,7 +134,6 @@ pub(in crate::delay) fn segment_length(asked: usize, longest: usize, max_delay: 
 /// Refuses what cannot be used at all.
 pub(in crate::delay) fn enough(method: &'static str, segment: usize, got: usize, max_delay: usize) -> Result<(), DelayError> {
     if segment > 0 && segment < SHORTEST_SEGMENT {
-        #[allow(clippy::cast_precision_loss)]
         let value = segment as f64;
         return Err(DelayError::Option { method, option: "segment", value, allowed: "0 (automatic) or 8 and more" });
     }
@@ -412,7 +411,6 @@ impl Alike {
         // An exact copy is known no better than rounding tells.
         let std = (std.powi(2) + spread).sqrt().max(ROUNDING);
         let ends = [ends[0].min(raw - ROUNDING), ends[1].max(raw + ROUNDING)];
-        #[allow(clippy::cast_precision_loss)]
         let estimate = DelayEstimate::measured(raw, std, ends, self.lag == max_delay, bias as f64, experiment.sample_time);
         let estimate = estimate.contradicted(self.bent.map(|spread| {
             format!("frequencies differ in their delay by {spread:.2} samples: the output is no delayed copy, and the plant's own lag counts as delay")
@@ -424,7 +422,6 @@ impl Alike {
 /// Samples below which a delay is rounding.
 const ROUNDING: f64 = 1e-9;
 
-#[allow(clippy::cast_precision_loss)]
 pub(in crate::delay) fn real(i: usize) -> f64 {
     i as f64
 }

@@ -45,7 +45,6 @@ pub(in crate::delay) fn all_pass(b: &[f64], [covariance, noise]: [&DMatrix<f64>;
     let (first, last) = (b.iter().position(counts)?, b.iter().rposition(counts)?);
     // Roots do not depend on the scale, but their last digits do, unless it is always the same.
     let trimmed: Vec<f64> = b.get(first..=last)?.iter().map(|v| v / largest).collect();
-    #[allow(clippy::cast_precision_loss)]
     let (mut raw, mut left_out) = (first as f64, 0);
     let mut gradient = vec![0.0; b.len()];
     for x in roots(&trimmed).into_iter().filter(|x| x.norm_sqr() < 1.0) {
@@ -84,7 +83,6 @@ fn hidden(b: &[f64], covariance: &DMatrix<f64>) -> [f64; 2] {
     let taps = b.len();
     let variances: Vec<f64> =
         (0..taps).map(|lag| (0..taps - lag).map(|i| covariance[(i, i + lag)]).sum::<f64>() * if lag == 0 { 1.0 } else { 2.0 }).collect();
-    #[allow(clippy::cast_precision_loss)]
     let frequency = |i: usize| PI * (i as f64 + 0.5) / FREQUENCIES as f64;
     // Powers of e^{−iω} by Horner's rule; the variance is real and even.
     let gain: Vec<f64> = (0..FREQUENCIES).map(|i| polynomial(b, Complex::cis(-frequency(i)))[0].norm_sqr()).collect();
@@ -97,7 +95,6 @@ fn hidden(b: &[f64], covariance: &DMatrix<f64>) -> [f64; 2] {
         let excess = 0.5 * (gain.max(f64::MIN_POSITIVE) / edge).ln();
         let fall = ((0.5 * w).tan() / (0.5 * frequency(from)).tan()).ln();
         for (sum, slope) in hidden.iter_mut().zip([0.0, 2.0]) {
-            #[allow(clippy::cast_precision_loss)]
             let share = 0.5 / FREQUENCIES as f64;
             *sum += share * (excess + slope * fall) / (0.5 * w).sin().powi(2);
         }
@@ -117,14 +114,12 @@ impl AllPass {
 
     /// The same of a numerator whose first `samples` coefficients were left out.
     pub(in crate::delay) fn behind(self, samples: usize) -> Self {
-        #[allow(clippy::cast_precision_loss)]
         let samples = samples as f64;
         Self { raw: self.raw + samples, ..self }
     }
 
     /// The answer of a method.
     pub(in crate::delay) fn answer(&self, bias: usize, max_delay: usize, experiment: &Experiment) -> DelayEstimate {
-        #[allow(clippy::cast_precision_loss)]
         let (longest, off) = (max_delay as f64, bias as f64);
         let delay = self.raw - 0.5 * (self.hidden[0] + self.hidden[1]);
         let [least, most] = [self.hidden[0].min(self.hidden[1]), self.hidden[0].max(self.hidden[1])];

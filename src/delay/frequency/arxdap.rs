@@ -108,7 +108,6 @@ impl Arxdap {
         }
         let b = solution.coefficients.rows(self.na, lags).into_owned();
         let covariance = solution.inverse.view((self.na, self.na), (lags, lags)) * solution.variance;
-        #[allow(clippy::cast_precision_loss)]
         let Some(found) = all_pass(b.as_slice(), [&covariance; 2], max_delay.max(1) as f64) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the numerator has no zeros that can be told apart"));
         };

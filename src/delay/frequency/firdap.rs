@@ -101,7 +101,6 @@ impl Firdap {
         if let Some(note) = posterior::unseen(records, max_delay) {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
-        #[allow(clippy::cast_precision_loss)]
         let Some(found) = all_pass(fir.coefficients.as_slice(), [&fir.covariance; 2], max_delay.max(1) as f64) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the impulse response has no zeros that can be told apart"));
         };

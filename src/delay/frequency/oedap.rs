@@ -74,7 +74,6 @@ pub(in crate::delay) const METHOD: Method = Method {
 
 impl DelayEstimator for Oedap {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        #[allow(clippy::cast_precision_loss)]
         for (option, value, ok, allowed) in [
             ("nb", self.nb, self.nb >= 1, "1 or more"),
             ("nf", self.nf, self.nf <= MAX_OE_ORDER, "at most 16"),
@@ -111,7 +110,6 @@ impl Oedap {
         let Some(fit) = ManyZeros::fit(&ahead, self.nf, lags) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the regression on filtered signals has no solution"));
         };
-        #[allow(clippy::cast_precision_loss)]
         let Some(found) = all_pass(fit.b.as_slice(), [&fit.covariance, &fit.given_poles], max_delay.max(1) as f64) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the numerator has no zeros that can be told apart"));
         };

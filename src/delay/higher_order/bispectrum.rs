@@ -90,7 +90,6 @@ pub(in crate::delay) const METHOD: Method = Method {
 
 impl DelayEstimator for Bispectrum {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        #[allow(clippy::cast_precision_loss)]
         for (option, value, ok, allowed) in [
             ("segment", self.segment, (8..=256).contains(&self.segment), "from 8 to 256"),
             ("max_samples", self.max_samples, self.max_samples >= 1000, "1000 or more"),
@@ -177,7 +176,6 @@ impl Third {
         let fourier = RealFourier::new(crate::signal::fast_length(reach));
         let length = fourier.length();
         let half = length / 2;
-        #[allow(clippy::cast_precision_loss)]
         let window: Vec<f64> = (0..segment).map(|t| (std::f64::consts::PI * (t as f64 + 0.5) / segment as f64).sin().powi(2)).collect();
         // (record, first sample): every segment whose longest delay lies in the record.
         let spectra = |(u, y): (&[f64], &[f64]), start: usize| {

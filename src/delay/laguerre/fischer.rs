@@ -81,7 +81,6 @@ pub(in crate::delay) const METHOD: Method = Method {
 impl DelayEstimator for Fischer {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
         if self.order < LEAST {
-            #[allow(clippy::cast_precision_loss)]
             return Err(DelayError::Option { method: NAME, option: "order", value: self.order as f64, allowed: "10 or more" });
         }
         every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
@@ -101,13 +100,11 @@ impl Fischer {
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
         }
         // Each sequence delays the next by (1 + a)/(1 − a) samples.
-        #[allow(clippy::cast_precision_loss)]
         let each = (FILLED * got as f64 / self.order as f64).max(1.0);
         let pole = (each - 1.0) / (each + 1.0);
         let mut spectra: Vec<Record> = records
             .iter()
             .map(|r| {
-                #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
                 let order = self.order.min((FILLED * r.len() as f64 / each) as usize);
                 let [u, y] = laguerre_spectra([&r.u, &r.y], pole, order);
                 // The zeros of the model, (1 + aw)².
@@ -131,9 +128,7 @@ impl Fischer {
             }
         }
         let power = crate::identify::power(&spectra);
-        #[allow(clippy::cast_precision_loss)]
         let exact = smallest <= posterior::ROUNDING * power;
-        #[allow(clippy::cast_precision_loss)]
         let independent = if exact { residuals.len() as f64 } else { posterior::effective_samples(&residuals) };
         let Some(posterior) = posterior::posterior(&losses, power, independent) else {
             return Ok(DelayEstimate::without(Outcome::NotRichEnough, "the input is zero wherever the sequences could see it"));
@@ -143,7 +138,6 @@ impl Fischer {
             return Ok(DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set)));
         }
         let best = posterior.best;
-        #[allow(clippy::cast_precision_loss)]
         let (raw, [from, to]) = (best as f64, posterior.ends);
         Ok(DelayEstimate::counted(raw, posterior.std, [from - 0.5, to + 0.5], best == max_delay, bias, experiment.sample_time))
     }

@@ -88,7 +88,6 @@ pub(in crate::delay) const METHOD: Method = Method {
 
 impl DelayEstimator for Lagudap {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        #[allow(clippy::cast_precision_loss)]
         for (option, value, ok, allowed) in [
             ("order", self.order.unwrap_or(LEAST) as f64, self.order.is_none_or(|n| n >= 2), "2 or more"),
             ("pole", self.pole.unwrap_or_default(), self.pole.is_none_or(|a| (0.0..1.0).contains(&a)), "0 or more and below 1"),
@@ -112,7 +111,6 @@ impl Lagudap {
         }
         let cut: Vec<Record> = records.iter().map(|r| r.head(self.max_samples)).collect();
         // A series that outlasts half the record would be fitted to noise.
-        #[allow(clippy::cast_precision_loss)]
         let lasts = |a: &f64| order as f64 * (1.0 + a) <= 0.5 * got as f64 * (1.0 - a);
         let poles: Vec<f64> = self.pole.map_or_else(|| POLES.into_iter().filter(lasts).collect(), |a| vec![a]);
         let mut fits: Vec<Laguerre> = poles.iter().filter_map(|&a| laguerre(&cut, a, order)).collect();
@@ -125,7 +123,6 @@ impl Lagudap {
         }
         let read = |fit: &Laguerre| {
             let scale = (1.0 + fit.pole) / (1.0 - fit.pole);
-            #[allow(clippy::cast_precision_loss)]
             let longest = max_delay.max(1) as f64 / scale;
             Some(all_pass(fit.c.as_slice(), [&fit.covariance; 2], longest)?.scaled(scale, 1.0, 0.0))
         };

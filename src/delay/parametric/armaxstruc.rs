@@ -98,7 +98,6 @@ pub(in crate::delay) const METHOD: Method = Method {
 
 impl DelayEstimator for Armaxstruc {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        #[allow(clippy::cast_precision_loss)]
         for (option, value, ok, allowed) in [
             ("na", self.na, self.na <= MAX_OE_ORDER, "at most 16"),
             ("nb", self.nb, (1..=MAX_OE_ORDER).contains(&self.nb), "from 1 to 16"),
@@ -137,7 +136,6 @@ impl Armaxstruc {
         let losses: Vec<Vec<f64>> =
             scan.fits.iter().map(|counts| counts.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect()).collect();
         let full: Vec<f64> = losses.iter().map(|counts| counts.last().copied().unwrap_or(f64::NAN)).collect();
-        #[allow(clippy::cast_precision_loss)]
         let rows = scan.rows as f64;
         let minimum = (0..full.len()).filter(|&nk| full[nk].is_finite()).min_by(|&a, &b| full[a].total_cmp(&full[b]));
         let (Some(minimum), Some(posterior), Some(without)) =
@@ -159,7 +157,6 @@ impl Armaxstruc {
         }
         // The most probable number of coefficients at the most probable delay.
         let evidence = |m: usize| -rows * losses[best][m].max(posterior::ROUNDING * scan.power).ln() - (m as f64) * rows.ln();
-        #[allow(clippy::cast_precision_loss)]
         let count = (0..self.nb).filter(|&m| losses[best][m].is_finite()).max_by(|&a, &b| evidence(a).total_cmp(&evidence(b)));
         let fit = count.and_then(|m| scan.fits[best][m].as_ref());
         if let Some(fit) = fit.filter(|f| !f.stopped.converged() && f.to_gain > WORTH && !on_circle(f)) {
@@ -175,7 +172,6 @@ impl Armaxstruc {
             let residuals = orders.residuals(records, max_delay, best, f);
             super::misfit(&residuals, self.na + self.nc, best + f.b.len())
         });
-        #[allow(clippy::cast_precision_loss)]
         let (start, raw) = (best as f64, minimum as f64);
         let estimate = DelayEstimate::counted(
             start,

@@ -199,7 +199,6 @@ pub(super) fn answer(scan: &ArxScan, nb: usize, max_delay: usize, bias: usize, e
             "past outputs explain every lag of the input: it hardly moves in the rows used",
         );
     }
-    #[allow(clippy::cast_precision_loss)]
     let rows = scan.rows as f64;
     let minimum = (0..scan.loss.len()).filter(|&nk| scan.loss[nk].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
     let (Some(minimum), Some(posterior)) = (minimum, posterior::posterior_of_start(&scan.by_count, scan.power, rows)) else {
@@ -213,7 +212,6 @@ pub(super) fn answer(scan: &ArxScan, nb: usize, max_delay: usize, bias: usize, e
     if posterior.is_flat() {
         return DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set));
     }
-    #[allow(clippy::cast_precision_loss)]
     let (start, raw) = (best as f64, minimum as f64);
     let estimate = DelayEstimate::counted(
         start,

@@ -105,7 +105,6 @@ impl DelayEstimator for Elnaggar {
             }
             let best = posterior.best;
             let from = scores.run(best);
-            #[allow(clippy::cast_precision_loss)]
             let (raw, from) = (best as f64, (from as f64).min(posterior.ends[0]));
             let interval = posterior::first_coefficient(from, posterior.ends[1], bias);
             let note = (raw - from > 1.5).then(|| format!("the products stand out from nk = {from} on: the response may begin there"));
@@ -142,7 +141,6 @@ impl Scores {
 /// Σ (Δy(t) − b·u(t − d))² for every d, over the rows that the longest delay has.
 fn products(records: &[Record], max_delay: usize) -> Scores {
     let delays = max_delay + 1;
-    #[allow(clippy::cast_precision_loss)]
     let mean = records.iter().flat_map(|r| &r.u).sum::<f64>() / records.iter().map(Record::len).sum::<usize>().max(1) as f64;
     let (mut cross, mut energy, mut power, mut rows) = (vec![0.0; delays], vec![0.0; delays], 0.0, 0.0);
     for record in records {
@@ -172,7 +170,6 @@ fn products(records: &[Record], max_delay: usize) -> Scores {
 /// The losses of first-order models with one input coefficient.
 fn regression(records: &[Record], max_delay: usize) -> Scores {
     let scan = arx_scan(records, 1, 1, max_delay);
-    #[allow(clippy::cast_precision_loss)]
     let rows = scan.rows.max(1) as f64;
     let least = scan.loss.iter().copied().filter(|v| v.is_finite()).fold(f64::INFINITY, f64::min).max(f64::MIN_POSITIVE);
     let gain = |loss: &f64| (rows * (scan.loss_without_input - loss).max(0.0) / least).sqrt();

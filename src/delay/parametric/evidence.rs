@@ -28,7 +28,6 @@ struct Prior {
 
 impl Prior {
     fn new(records: &[Record]) -> Self {
-        #[allow(clippy::cast_precision_loss)]
         let longest = records.iter().map(Record::len).max().unwrap_or(0) as f64;
         Self { range: [SHORTEST.ln(), (LONGEST * longest).max(1.0).ln()] }
     }
@@ -39,7 +38,6 @@ impl Prior {
 
     /// Denominators spread as the prior is, and the probability of each.
     fn nodes(&self, nf: usize) -> Vec<(Vec<f64>, f64)> {
-        #[allow(clippy::cast_precision_loss)]
         let lags: Vec<f64> = (0..NODES).map(|i| (self.range[0] + self.span() * (i as f64 + 0.5) / NODES as f64).exp()).collect();
         let poles: Vec<f64> = lags.iter().map(|lag| (-1.0 / lag).exp()).collect();
         if nf == 1 {
@@ -53,7 +51,6 @@ impl Prior {
         let mut complex = Vec::new();
         for lag in &lags {
             for k in 0..DAMPINGS {
-                #[allow(clippy::cast_precision_loss)]
                 let damping = (k as f64 + 0.5) / DAMPINGS as f64;
                 let (radius, angle) = ((-damping / lag).exp(), (1.0 - damping * damping).sqrt() / lag);
                 if angle < std::f64::consts::PI {

@@ -86,7 +86,6 @@ pub(in crate::delay) const METHOD: Method = Method {
 
 impl DelayEstimator for Ivstruc {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        #[allow(clippy::cast_precision_loss)]
         for (option, value, ok, allowed) in [
             ("nb", self.nb, (1..=MAX_OE_ORDER).contains(&self.nb), "from 1 to 16"),
             ("nf", self.nf, self.nf <= MAX_OE_ORDER, "at most 16"),
@@ -130,7 +129,6 @@ impl Ivstruc {
         let fits = orders.scan_until(records, max_delay, stop);
         let losses: Vec<f64> = fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect();
         let power = crate::identify::power(records);
-        #[allow(clippy::cast_precision_loss)]
         let rows = records.iter().map(|r| r.len().saturating_sub(self.noise)).sum::<usize>() as f64;
         let (Some(posterior), Some(without)) = (posterior::posterior(&losses, power, rows), orders.loss_without_input(records)) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "no delay has a finite loss: the numbers overflow; scale the channels"));
@@ -139,7 +137,6 @@ impl Ivstruc {
         let delays = max_delay + 1;
         let gain = rows * (without / losses[best].max(f64::MIN_POSITIVE)).ln();
         // A pole pair may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let tried = delays + if self.nf >= 2 { (rows / 2.0) as usize } else { 0 };
         if gain < posterior::visible_gain(parameters, tried) {
             let note = format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input");
@@ -163,7 +160,6 @@ impl Ivstruc {
             );
             return Ok(DelayEstimate::without(Outcome::NotConverged, note));
         }
-        #[allow(clippy::cast_precision_loss)]
         let raw = best as f64;
         let note = cut.is_some().then(|| format!("used the first {} of {got} samples", self.max_samples));
         let [from, to] = posterior.ends;

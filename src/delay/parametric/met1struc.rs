@@ -90,7 +90,6 @@ pub(in crate::delay) const METHOD: Method = Method {
 
 impl DelayEstimator for Met1struc {
     fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        #[allow(clippy::cast_precision_loss)]
         for (option, value, ok, allowed) in [
             ("order", self.order, (1..=MAX_OE_ORDER).contains(&self.order), "from 1 to 16"),
             ("past", self.past, (self.order..=1000).contains(&self.past), "from the order to 1000"),

@@ -42,7 +42,6 @@ type Stretch = (Vec<f64>, Vec<f64>);
 /// Source: Ljung and Box (1978), Biometrika 65(2), 297-303, doi:10.1093/biomet/65.2.297; Ljung (1999), "System Identification", 2nd ed., section 16.6.
 fn misfit(residuals: &[Stretch], parameters: usize, after: usize) -> Option<String> {
     use statrs::distribution::{ChiSquared, ContinuousCDF};
-    #[allow(clippy::cast_precision_loss)]
     let real = |i: usize| i as f64;
     let sum = |a: fn(&Stretch) -> &Vec<f64>, lag: usize| -> f64 {
         let each = |s: &Stretch| s.0.get(lag..).unwrap_or_default().iter().zip(a(s)).map(|(e, x)| e * x).sum::<f64>();

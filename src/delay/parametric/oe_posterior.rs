@@ -115,10 +115,8 @@ impl DelayEstimator for OePosterior {
             let answer = match self.center {
                 Center::Mean => mean(weights, |_| true),
                 Center::Median => median(weights),
-                #[allow(clippy::cast_precision_loss)]
                 Center::Mode => posterior.best as f64,
             };
-            #[allow(clippy::cast_precision_loss)]
             let variance: f64 = weights.iter().enumerate().map(|(nk, w)| w * (nk as f64 - answer).powi(2)).sum();
             let [from, to] = posterior.ends;
             let [early, late] = first_coefficient(from, to, bias);
@@ -135,7 +133,6 @@ impl DelayEstimator for OePosterior {
             let at_edge = posterior.best == max_delay;
             let std = (variance + RESOLUTION).sqrt();
             let estimate = DelayEstimate::counted(answer, std, interval, at_edge, bias, experiment.sample_time);
-            #[allow(clippy::cast_precision_loss)]
             let raw_delay_s = Some(experiment.sample_time.to_seconds(posterior.best as f64));
             Ok(DelayEstimate { raw_delay_s, ..estimate }.noting(note).noting(spread).noting(leans))
         })
@@ -144,7 +141,6 @@ impl DelayEstimator for OePosterior {
 
 /// What to say where delays that the data all but exclude move the mean.
 fn leans(weights: &[f64], [from, to]: [f64; 2], max_delay: usize) -> Option<String> {
-    #[allow(clippy::cast_precision_loss)]
     let pulled = mean(weights, |_| true) - mean(weights, |nk| (from..=to).contains(&(nk as f64)));
     (pulled.abs() > 0.5).then(|| {
         format!("delays outside the 95 % set move the mean by {pulled:+.1} samples: it leans on the search window (0 to {max_delay})")
@@ -155,7 +151,6 @@ fn leans(weights: &[f64], [from, to]: [f64; 2], max_delay: usize) -> Option<Stri
 fn mean(weights: &[f64], counts: impl Fn(usize) -> bool) -> f64 {
     let (mut sum, mut total) = (0.0, 0.0);
     for (nk, w) in weights.iter().enumerate().filter(|(nk, _)| counts(*nk)) {
-        #[allow(clippy::cast_precision_loss)]
         let nk = nk as f64;
         sum += w * nk;
         total += w;
@@ -170,9 +165,8 @@ fn median(weights: &[f64]) -> f64 {
         mass += w;
         mass >= 0.5
     });
-    #[allow(clippy::cast_precision_loss)]
-    let at = at.unwrap_or(weights.len().saturating_sub(1)) as f64;
-    at
+
+    at.unwrap_or(weights.len().saturating_sub(1)) as f64
 }
 
 #[cfg(test)]

@@ -91,7 +91,6 @@ impl DelayEstimator for Oestruc {
                 };
             // The published rule does not ask whether the search for that delay's model came to an end.
             let best = Some(&fits).filter(|_| self.always_answers).and_then(|f| smallest(f)).unwrap_or(posterior.best);
-            #[allow(clippy::cast_precision_loss)]
             let raw = best as f64;
             let [from, to] = posterior.ends;
             let interval = posterior::first_coefficient(from, to, bias);
@@ -114,7 +113,6 @@ impl Oestruc {
     ) -> DelayEstimate {
         let fits = orders.scan(&shortened(records, self.max_samples).0, max_delay);
         let Some(best) = smallest(&fits) else { return answer };
-        #[allow(clippy::cast_precision_loss)]
         let (raw, window) = (best as f64, max_delay as f64);
         // Nothing speaks for it: as uncertain as a delay anywhere in the window.
         let std = window * posterior::RESOLUTION.sqrt();

@@ -32,7 +32,6 @@ pub(super) enum Weighing {
 
 /// Options out of their range.
 pub(super) fn check(name: &'static str, orders: &OutputError, max_samples: usize) -> Result<(), DelayError> {
-    #[allow(clippy::cast_precision_loss)]
     for (option, value, ok, allowed) in [
         ("nb", orders.nb, orders.nb >= 1, "1 or more"),
         ("nf", orders.nf, orders.nf <= MAX_OE_ORDER, "at most 16"),
@@ -94,7 +93,6 @@ pub(super) fn profile(
     };
     let residuals = fits[at].as_ref().and_then(|fit| orders.residuals(&records, at, &fit.f)).unwrap_or_default();
     // Residuals of rounding size are correlated as rounding happens to be, which says nothing of how much the data know.
-    #[allow(clippy::cast_precision_loss)]
     let samples = residuals.len() as f64;
     let exact = losses[at] <= floor;
     let independent = if exact { samples } else { posterior::effective_samples(&residuals) };
@@ -112,7 +110,6 @@ pub(super) fn profile(
     let gain = counting * (power / losses[best].max(f64::MIN_POSITIVE)).ln();
     let free = parameters + if orders.initial == Initial::Estimated { orders.nf } else { 0 };
     // A pole pair may settle on any band: of N/2 narrow ones, of half as many that are twice as wide, and so on, N in all. These are tries too.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let tried = delays + if orders.nf >= 2 { counting as usize } else { 0 };
     if gain < posterior::visible_gain(free, tried) {
         let note = format!("no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input");

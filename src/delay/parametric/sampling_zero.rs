@@ -98,7 +98,6 @@ impl DelayEstimator for SamplingZero {
     }
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn as_f64(count: usize) -> f64 {
     count as f64
 }

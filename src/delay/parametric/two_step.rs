@@ -126,13 +126,11 @@ impl TwoStep {
             return DelayEstimate::without(Outcome::NotConverged, note);
         }
         let residuals = MODEL.residuals(&interpolated(records, best.delay), 0, &best.fit.f).unwrap_or_default();
-        #[allow(clippy::cast_precision_loss)]
         let samples = residuals.len() as f64;
         let floor = posterior::ROUNDING * power(records);
         let independent = if best.fit.loss <= floor { samples } else { posterior::effective_samples(&residuals) };
         let gain = |loss: f64| independent * (loss.max(floor) / best.fit.loss.max(floor).max(f64::MIN_POSITIVE)).ln();
         let [from, to] = reach(records, best, max_delay, |loss| gain(loss) <= LIKELY);
-        #[allow(clippy::cast_precision_loss)]
         let longest = max_delay as f64;
         if to - from > 0.5 * longest.max(2.0) {
             let note = format!("every delay from {from:.1} to {to:.1} samples fits: other lags make up for it");
@@ -159,7 +157,6 @@ impl TwoStep {
     /// Turns from one start until the delay stands still.
     fn turns(&self, records: &[Record], max_delay: usize, start: &[f64]) -> Option<Rest> {
         let dynamics = |delay: f64, f: &[f64]| MODEL.refine(&interpolated(records, delay), 0, f);
-        #[allow(clippy::cast_precision_loss)]
         let longest = max_delay as f64;
         let mut delay = best_delay(records, start, max_delay)?;
         let mut fit = dynamics(delay, start)?;
@@ -232,7 +229,6 @@ fn one_lag(f: &[f64], share: f64) -> f64 {
 fn nearest_whole(records: &[Record], rest: &Rest, max_delay: usize) -> Option<Rest> {
     let (n, _) = split(rest.delay);
     let at = |n: usize| {
-        #[allow(clippy::cast_precision_loss)]
         let delay = n as f64;
         Some(Rest { delay, fit: MODEL.refine(&interpolated(records, delay), 0, &rest.fit.f)?, came_to_rest: true })
     };
@@ -246,7 +242,6 @@ const LIKELY: f64 = 3.841;
 ///
 /// A profile of the likelihood and not the curvature at its top: where a pole and the fraction can stand for each other the curvature is that of rounding.
 fn reach(records: &[Record], rest: &Rest, max_delay: usize, likely: impl Fn(f64) -> bool) -> [f64; 2] {
-    #[allow(clippy::cast_precision_loss)]
     let longest = max_delay as f64;
     [-1.0, 1.0].map(|side| {
         let clamped = |delay: f64| delay.clamp(0.0, longest);
@@ -298,9 +293,7 @@ fn interpolated(records: &[Record], delay: f64) -> Vec<Record> {
 
 /// Whole samples and the share of the next.
 fn split(delay: f64) -> (usize, f64) {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
     let n = delay.max(0.0) as usize;
-    #[allow(clippy::cast_precision_loss)]
     let share = (delay - n as f64).clamp(0.0, 1.0);
     (n, share)
 }
@@ -332,7 +325,6 @@ fn best_delay(records: &[Record], f: &[f64], max_delay: usize) -> Option<f64> {
         }
     };
     for n in 0..delays {
-        #[allow(clippy::cast_precision_loss)]
         let whole = n as f64;
         offer(alone(n), whole);
         let Some(&y1) = with_y.get(n + 1) else { break };

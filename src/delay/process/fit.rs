@@ -22,12 +22,10 @@ impl Place {
     /// The place of a delay; at a whole sample the one whose input has just changed.
     pub(super) fn of(delay: f64) -> Self {
         let lag = delay.max(0.0).ceil();
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         Self { lag: lag as usize, g: lag - delay.max(0.0) }
     }
 
     pub(super) fn delay(self) -> f64 {
-        #[allow(clippy::cast_precision_loss)]
         let lag = self.lag as f64;
         lag - self.g
     }
@@ -107,7 +105,6 @@ impl<'a> Problem<'a> {
         };
         let records: Vec<Work<'a>> = records.iter().map(work).collect();
         let longest = records.iter().map(|w| w.u.len()).max().unwrap_or(0);
-        #[allow(clippy::cast_precision_loss)]
         let longest = (longest.max(2) as f64).ln();
         let (mut lower, mut upper) = (vec![LEAST_LAG.ln(); shape.denominator()], vec![longest; shape.denominator()]);
         if let Some(at) = shape.ratio() {
@@ -484,7 +481,6 @@ const STARTS: usize = 12;
 /// Time constants of the table, samples: half a decade apart, as costs vary slowly with the logarithm.
 const LAGS: [f64; 8] = [0.1, 0.6, 2.0, 5.0, 12.0, 30.0, 100.0, 1000.0];
 
-#[allow(clippy::cast_precision_loss)]
 fn count(n: usize) -> f64 {
     n as f64
 }

@@ -259,7 +259,6 @@ impl Process {
         let delays = max_delay + 1;
         let gain = knowledge.counting * (problem.power / knowledge.floored(best.cost)).ln();
         // A pair of poles may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let resonances = if self.poles == Poles::Any && shape.poles > 1 { (knowledge.counting / 2.0) as usize } else { 0 };
         if gain.is_nan() || gain < posterior::visible_gain(problem.parameters() - 1, delays + resonances) {
             let note = format!("no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input");
@@ -285,7 +284,6 @@ impl Process {
         }
         let [from, to] = knowledge.interval(&problem, &best, &minima);
         let delay = best.place.delay();
-        #[allow(clippy::cast_precision_loss)]
         let longest = max_delay as f64;
         if to - from > 0.5 * longest {
             let note = format!("delays from {from:.1} to {to:.1} samples fit equally well");

@@ -267,7 +267,6 @@ impl StateLeastSquares {
             return Ok(angles.iter().map(|a| DelayEstimate::without(Outcome::Singular, note(a))).collect());
         };
         let explained_by_all = (gamma.dot(&right) / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-        #[allow(clippy::cast_precision_loss)]
         let freedom = (samples * n).saturating_sub(parameters).max(1) as f64;
         let noise = power * (1.0 - explained_by_all) / freedom;
         let of = |j: usize| (0..lags).map(move |i| j * lags + i);
@@ -276,7 +275,6 @@ impl StateLeastSquares {
         let start: Vec<f64> = (0..m).map(|j| interpolated(&gamma.as_slice()[j * lags..(j + 1) * lags], largest(j))).collect();
         let refined = refine(&plant, &recordings, first, &start, max_delay);
         let explained = (1.0 - refined.residual / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-        #[allow(clippy::cast_precision_loss)]
         let gain = freedom * -(1.0 - explained_by_all).max(1e-300).ln();
         Ok((0..m)
             .map(|j| {
@@ -348,7 +346,6 @@ impl StateLeastSquares {
     }
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn real(i: usize) -> f64 {
     i as f64
 }
@@ -503,7 +500,6 @@ fn evaluate(plant: &Plant, recordings: &[Rows<'_>], first: usize, delays: &[f64]
     let m = delays.len();
     let parts: Vec<(usize, [DVector<f64>; 3])> = (delays.iter().enumerate())
         .map(|(j, &d)| {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
             let whole = d.floor() as usize;
             (whole, plant.split(j, d - d.floor()))
         })

@@ -139,11 +139,9 @@ impl Cusum {
         let misfits = misfits(values, std, alarm);
         let start = (first..=alarm).rev().min_by(|&a, &b| misfits[a].total_cmp(&misfits[b])).unwrap_or(alarm);
         let began = onset(&misfits).min(start);
-        #[allow(clippy::cast_precision_loss)]
         let [raw, start, began, alarm] = [first, start, began, alarm].map(|i| i as f64);
         let interval = posterior::first_coefficient(began, alarm, bias);
         let std = (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt();
-        #[allow(clippy::cast_precision_loss)]
         let at_edge = start == max_delay as f64;
         let estimate = DelayEstimate::counted(start, std, interval, at_edge, bias, experiment.sample_time);
         DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(raw)), ..estimate }.noting(response.note.clone())
@@ -191,7 +189,6 @@ fn alarm_level(response: &Response, samples: usize, drift: f64, probability: f64
     }
     // Errors without a covariance to speak of (noise-free data) are drawn independent.
     let root = correlation.cholesky().map_or_else(|| DMatrix::identity(samples, samples), |c| c.l());
-    #[allow(clippy::cast_precision_loss)]
     let freedom = response.freedom.max(1) as f64;
     let scale = ChiSquared::new(freedom).ok();
     // A stream of its own with a fixed seed: the same record gives the same level.
@@ -205,7 +202,6 @@ fn alarm_level(response: &Response, samples: usize, drift: f64, probability: f64
         })
         .collect();
     tops.sort_by(f64::total_cmp);
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
     let at = ((1.0 - probability) * DRAWS as f64) as usize;
     tops.get(at).or(tops.last()).copied().unwrap_or(f64::INFINITY)
 }

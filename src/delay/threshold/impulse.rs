@@ -116,7 +116,6 @@ impl Threshold {
 
     fn crossing(&self, response: &Response, settles: bool, max_delay: usize, bias: usize, experiment: &Experiment) -> DelayEstimate {
         let taps = response.values.len();
-        #[allow(clippy::cast_precision_loss)]
         let multiple = match self.family_wise {
             None => self.h_std,
             Some(level) => {
@@ -135,7 +134,6 @@ impl Threshold {
             );
         };
         let began = onset(&misfits(&response.values, &response.std, first));
-        #[allow(clippy::cast_precision_loss)]
         let (raw, began) = (first as f64, began as f64);
         let interval = posterior::first_coefficient(began, raw, bias);
         let at_edge = first == max_delay;

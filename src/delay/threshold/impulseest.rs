@@ -116,7 +116,6 @@ impl Impulseest {
         let Some(whole) = evidence.response(0, prior) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the numbers overflow; scale the channels"));
         };
-        #[allow(clippy::cast_precision_loss)]
         let each = 1.0 - (1.0 - self.false_alarm).powf(1.0 / taps as f64);
         let multiple = Normal::new(0.0, 1.0).map_or(f64::INFINITY, |n| n.inverse_cdf(1.0 - 0.5 * each));
         let above = |i: &usize| whole.coefficients[*i].abs() > multiple * whole.covariance[(*i, *i)].max(0.0).sqrt();
@@ -142,7 +141,6 @@ impl Impulseest {
         if posterior.set > delays / 2 {
             return Ok(DelayEstimate::without(Outcome::Flat, format!("{} of {delays} starts are as probable", posterior.set)));
         }
-        #[allow(clippy::cast_precision_loss)]
         let (raw, first) = (posterior.best as f64, crossing as f64);
         let interval = posterior::first_coefficient(posterior.ends[0], posterior.ends[1], bias);
         let at_edge = posterior.best == max_delay;

@@ -114,7 +114,6 @@ fn one(kind: &Kind, fir: &Fir) -> Response {
 
 /// Mean response and mean standard deviation over records.
 fn averaged(responses: Vec<Response>) -> Response {
-    #[allow(clippy::cast_precision_loss)]
     let share = 1.0 / responses.len().max(1) as f64;
     let mut all = responses.into_iter();
     let Some(mut sum) = all.next() else {
@@ -159,7 +158,6 @@ fn from_rest(record: &Record, taps: usize) -> Record {
     let (mut level_u, mut level_y) = (0.0, 0.0);
     if rest >= STILL {
         let resting: Vec<f64> = (0..rest).filter(|&t| there(t)).map(|t| record.y[t]).collect();
-        #[allow(clippy::cast_precision_loss)]
         let count = resting.len().max(1) as f64;
         (level_u, level_y) = (record.u[0], resting.iter().sum::<f64>() / count);
     }
@@ -181,7 +179,6 @@ pub(super) fn misfits(values: &DVector<f64>, std: &DVector<f64>, crossing: usize
         let (mut up, mut down, mut total) = (0.0, 0.0, 0.0);
         for k in 0..=crossing {
             let weight = 1.0 / std[k].max(ROUNDING * values[crossing].abs()).max(f64::MIN_POSITIVE).powi(2).max(f64::MIN_POSITIVE);
-            #[allow(clippy::cast_precision_loss)]
             let ramp = if k < start { 0.0 } else { (k - start + 1) as f64 };
             up += weight * ramp * values[k];
             down += weight * ramp * ramp;

@@ -45,7 +45,6 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
 }
 
 /// The limit and how many samples are at it.
-#[allow(clippy::cast_precision_loss)]
 fn limit(e: &Evidence<'_>, at: usize, output: usize, trace: &Trace<'_>, upper: bool) -> Option<(f64, usize)> {
     let value = if upper { trace.largest() } else { trace.smallest() };
     if !value.is_finite() || trace.smallest() == trace.largest() {

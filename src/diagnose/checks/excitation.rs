@@ -93,7 +93,6 @@ fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) 
 }
 
 /// The frequency below which most of the power is.
-#[allow(clippy::cast_precision_loss)]
 fn band_hz(u: &[f64], sample_time_s: f64) -> Option<f64> {
     let n = u.len();
     let centre = mean(u.iter().copied());
@@ -110,7 +109,6 @@ fn band_hz(u: &[f64], sample_time_s: f64) -> Option<f64> {
 }
 
 /// The largest change over a time, in standard deviations.
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 fn changes(u: &[Vec<f64>], samples: f64) -> f64 {
     let of = |r: &Vec<f64>| {
         let lag = (samples.round().max(1.0) as usize).min(r.len() / 2);
@@ -120,7 +118,6 @@ fn changes(u: &[Vec<f64>], samples: f64) -> f64 {
 }
 
 /// How many of the command's delayed copies are independent (persistency of excitation; Ljung 1999, "System Identification", 2nd ed., section 13.2).
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 fn rank(u: &[Vec<f64>], view: &View<'_>) -> usize {
     let fast = view.time_constants_s.first().copied().unwrap_or(0.0);
     let lag = ((0.5 * fast / view.sample_time_s()).round().max(1.0) as usize).min(u.iter().map(Vec::len).min().unwrap_or(0) / (4 * COPIES));

@@ -37,7 +37,6 @@ pub(super) struct Measured {
 
 /// Numbers that differ from point to point and are no simple fractions.
 fn spread(at: usize, index: usize) -> f64 {
-    #[allow(clippy::cast_precision_loss)]
     let phase = 1.0 + at as f64 * 1.618_033_988_75 + index as f64 * 2.399_963_23;
     phase.sin()
 }

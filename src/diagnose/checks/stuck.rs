@@ -43,7 +43,6 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     found
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn judge(trace: &Trace<'_>, name: &str, others_move: impl Fn(std::ops::Range<usize>) -> bool, command: bool) -> Option<Check> {
     let run = trace.longest().filter(|r| r.len() >= SHORTEST)?;
     let count = trace.values.len();

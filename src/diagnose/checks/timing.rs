@@ -69,7 +69,6 @@ fn lag_of(samples: &[usize], y: &[f64], x: &[f64], around: isize, range: isize) 
     }
     let (before, after) = (at(best.0 - 1)?, at(best.0 + 1)?);
     let bend = before - 2.0 * best.1 + after;
-    #[allow(clippy::cast_precision_loss)]
     (bend < 0.0).then(|| best.0 as f64 + 0.5 * (before - after) / bend)
 }
 
@@ -78,7 +77,6 @@ pub(super) fn measure(view: &View<'_>, search: &Search) -> Vec<Option<Timing>> {
     (0..view.outputs()).map(|i| if view.is_even() { of_output(view, search, i) } else { None }).collect()
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn of_output(view: &View<'_>, search: &Search, output: usize) -> Option<Timing> {
     let fit = search.fits.get(output).copied().flatten().filter(agrees)?;
     let range = isize::try_from(view.lags()).ok()?;
@@ -126,7 +124,6 @@ fn of_output(view: &View<'_>, search: &Search, output: usize) -> Option<Timing> 
 }
 
 /// What shifting the model by `lag` takes off the misfit, over what a short two-sided filter does. The gain is free in both.
-#[allow(clippy::cast_possible_truncation)]
 fn purity(view: &View<'_>, search: &Search, output: usize, lag: f64) -> Option<f64> {
     let whole = lag.floor() as isize;
     let shifted = misfit(view, search, output, &[whole, whole + 1], &[])?;
@@ -137,7 +134,6 @@ fn purity(view: &View<'_>, search: &Search, output: usize, lag: f64) -> Option<f
 }
 
 /// What commands to come take off the misfit that the model's and the commands' present and past leave.
-#[allow(clippy::cast_possible_truncation)]
 fn ahead(view: &View<'_>, search: &Search, output: usize, lag: f64) -> Option<f64> {
     let back: Vec<isize> = TAPS.iter().copied().filter(|l| *l >= 0).collect();
     let furthest = lag.floor() as isize;

@@ -182,7 +182,6 @@ impl<'a> View<'a> {
     /// The time stamps are so even that a lag in samples is one in seconds.
     pub(super) fn is_even(&self) -> bool {
         let off = |r: &Record| {
-            #[allow(clippy::cast_precision_loss)]
             let samples = r.time_s.iter().enumerate().map(|(k, t)| (t / r.sample_time_s - k as f64).abs());
             samples.fold(0.0, f64::max)
         };

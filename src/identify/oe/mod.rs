@@ -72,7 +72,6 @@ impl OutputError {
         let mut problem = Problem::new(*self, records);
         problem.nk = nk;
         let (information, cost) = problem.information(f)?;
-        #[allow(clippy::cast_precision_loss)]
         let freedom = count(records) - information.nrows() as f64;
         if freedom < 1.0 {
             return None;
@@ -113,7 +112,6 @@ pub(crate) fn power(records: &[Record]) -> f64 {
 /// Measured output samples.
 fn count(records: &[Record]) -> f64 {
     let samples: usize = records.iter().map(|r| r.present.as_ref().map_or(r.len(), |p| p.iter().filter(|&&p| p).count())).sum();
-    #[allow(clippy::cast_precision_loss)]
-    let samples = samples as f64;
-    samples
+
+    samples as f64
 }

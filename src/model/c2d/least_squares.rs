@@ -48,7 +48,6 @@ impl Conversion for LeastSquares {
         if self.grid < needed {
             return Err(ModelError::Count { what: "grid frequencies for a least-squares conversion", needed, got: self.grid });
         }
-        #[allow(clippy::cast_precision_loss)]
         let omegas: Vec<f64> = (0..self.grid).map(|i| (i as f64 + 0.5) * sample_time.nyquist_rad_s() / self.grid as f64).collect();
         let target = omegas.iter().map(|&w| tf.at(Complex::new(0.0, w)) * Complex::from_polar(1.0, -w * ts * delay.fraction)).collect();
         let problem = Problem::new(tf.poles(), ts, &omegas, target);
@@ -352,7 +351,6 @@ struct Sequence {
 impl Sequence {
     fn next_point(&mut self) -> Vec<f64> {
         self.at += 1;
-        #[allow(clippy::cast_precision_loss)]
         let (at, dimensions) = (self.at as f64, self.dimensions as f64);
         let mut ratio = 2.0_f64;
         for _ in 0..40 {

@@ -32,15 +32,12 @@ type Filter = Option<AllPass>;
 /// Whole samples, and the all-pass filter for the rest.
 fn split(delay: Samples, order: usize) -> Result<(usize, Filter), ModelError> {
     let total = delay.total();
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let nearest = (total + 0.5).floor() as usize;
     let m = order.min(nearest);
     if delay.fraction == 0.0 || m == 0 {
         return Ok((nearest, None));
     }
-    #[allow(clippy::cast_precision_loss)]
     let pure = nearest - m;
-    #[allow(clippy::cast_precision_loss)]
     let (a, b, c, d) = all_pass(m, total - pure as f64)?;
     Ok((pure, Some((a, b, c, d))))
 }
@@ -50,7 +47,6 @@ fn split(delay: Samples, order: usize) -> Result<(usize, Filter), ModelError> {
 ///
 /// Source: Thiran (1971), IEEE Trans. Circuit Theory 18(6), 659-664, doi:10.1109/TCT.1971.1083363.
 fn all_pass(m: usize, delay: f64) -> Result<AllPass, ModelError> {
-    #[allow(clippy::cast_precision_loss)]
     let real = |k: usize| k as f64;
     let mut coefficients = vec![1.0];
     let mut binomial = 1.0;

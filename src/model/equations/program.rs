@@ -335,7 +335,6 @@ impl Program {
 }
 
 /// Registers are counted by expressions of bounded length: far below 2³².
-#[allow(clippy::cast_possible_truncation)]
 fn register(at: usize) -> u32 {
     at as u32
 }

@@ -127,7 +127,6 @@ impl ModelFile {
         outputs: Vec<Channel>,
     ) -> std::result::Result<Self, ModelError> {
         let ts = sys.sample_time();
-        #[allow(clippy::cast_precision_loss)]
         let delays = sys.input_delay().iter().map(|&d| ts.to_seconds(d as f64)).collect();
         // A realisation with fewer states than named (after cancellation) or of another kind has states of its own.
         if sys.order() < states.len() {

@@ -119,7 +119,6 @@ impl DormandPrince {
             let scale = atol + rtol * x[i].abs().max(to[i].abs());
             sum += (h * e / scale).powi(2);
         }
-        #[allow(clippy::cast_precision_loss)]
         let count = n.max(1) as f64;
         (sum / count).sqrt()
     }

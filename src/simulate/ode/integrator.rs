@@ -300,7 +300,6 @@ impl Integrator {
         }
         let states = self.error.iter().zip(x).zip(&self.next);
         let sum: f64 = states.map(|((error, x), next)| (error / (self.atol + self.rtol * x.abs().max(next.abs()))).powi(2)).sum();
-        #[allow(clippy::cast_precision_loss)]
         let count = n.max(1) as f64;
         (sum / count).sqrt()
     }
@@ -378,7 +377,6 @@ impl Integrator {
 
 /// error^(−1/order), as exactly as a step size needs it.
 #[inline]
-#[allow(clippy::cast_possible_truncation)]
 fn rough_root(error: f64, order: f64) -> f64 {
     f64::from((error as f32).powf(-1.0 / order as f32))
 }

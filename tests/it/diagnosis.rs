@@ -1,0 +1,111 @@
+//! The diagnosis file: what is written can be read, and is what the published schema says.
+
+use deadtime::diagnose::{Diagnosis, RankingRow};
+use serde_json::{Value, json};
+
+const SCHEMA: &str = include_str!("../../docs/diagnosis.schema.json");
+/// A diagnosis with all its sections, written by hand.
+const EXAMPLE: &str = include_str!("../../examples/diagnosis.json");
+
+fn schema() -> jsonschema::Validator {
+    let schema: Value = serde_json::from_str(SCHEMA).unwrap();
+    assert!(jsonschema::draft202012::meta::is_valid(&schema));
+    jsonschema::draft202012::new(&schema).unwrap()
+}
+
+fn example() -> Value {
+    serde_json::from_str(EXAMPLE).unwrap()
+}
+
+#[test]
+fn example_survives_reading_and_writing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out/diagnosis.json");
+    let diagnosis: Diagnosis = serde_json::from_str(EXAMPLE).unwrap();
+    diagnosis.write(&path).unwrap();
+    assert_eq!(Diagnosis::read(&path).unwrap(), diagnosis);
+    let written: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+    assert_eq!(written, example());
+    assert!(schema().is_valid(&written));
+    assert!(matches!(diagnosis.cause.ranking.as_slice(), [RankingRow::Single(_), RankingRow::Pair(_), RankingRow::Single(_), ..]));
+}
+
+#[test]
+fn nan_is_written_as_null_where_a_number_may_be_missing_and_refused_elsewhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("diagnosis.json");
+    let mut diagnosis: Diagnosis = serde_json::from_str(EXAMPLE).unwrap();
+    diagnosis.shrink.after = Some(f64::NAN);
+    diagnosis.cause.effects[0].parameters[0].std = Some(f64::INFINITY);
+    diagnosis.write(&path).unwrap();
+    let read = Diagnosis::read(&path).unwrap();
+    assert_eq!((read.shrink.after, read.cause.effects[0].parameters[0].std), (None, None));
+    assert!(schema().is_valid(&serde_json::to_value(&read).unwrap()));
+
+    diagnosis.holdout[0].to_s = f64::NAN;
+    let earlier = std::fs::read(&path).unwrap();
+    let error = diagnosis.write(&path).unwrap_err().to_string();
+    assert!(error.contains("diagnosis.json") && error.contains("NaN"), "{error}");
+    assert_eq!(std::fs::read(&path).unwrap(), earlier);
+}
+
+#[test]
+fn wrong_documents_are_refused_by_the_schema() {
+    let schema = schema();
+    assert!(schema.is_valid(&example()), "{:?}", schema.iter_errors(&example()).map(|e| e.to_string()).collect::<Vec<_>>());
+    let changes: [(&str, Value); 12] = [
+        ("/format", json!("deadtime/diagnosis@2")),
+        ("/model", json!(null)),
+        ("/gap/before", json!("0.49")),
+        ("/gap/before", json!(-0.1)),
+        ("/gap/more", json!(1)),
+        ("/cause/verdict", json!("gremlins")),
+        ("/cause/verdict", json!("none")), // with a channel and effects
+        ("/cause/ranking/0/probability", json!(1.5)),
+        ("/cause/ranking/1/effects", json!([["input_delay"], ["sensor_bias", "ay"]])),
+        ("/cause/effects/0/parameters/0/ci95", json!([0.1])),
+        ("/checks/0/check", json!("colour")),
+        ("/prediction/mode", json!("guess")),
+    ];
+    for (pointer, value) in changes {
+        let mut wrong = example();
+        let (parent, key) = pointer.rsplit_once('/').unwrap();
+        match wrong.pointer_mut(parent).unwrap() {
+            Value::Array(list) => list[key.parse::<usize>().unwrap()] = value.clone(),
+            object => object[key] = value.clone(),
+        }
+        assert!(!schema.is_valid(&wrong), "{pointer}: {value}");
+    }
+    for section in ["holdout", "where", "shrink"] {
+        let mut wrong = example();
+        wrong.as_object_mut().unwrap().remove(section);
+        assert!(!schema.is_valid(&wrong), "{section}");
+        assert!(serde_json::from_value::<Diagnosis>(wrong).is_err(), "{section}");
+    }
+}
+
+#[test]
+fn none_and_unknown_have_no_channel() {
+    let schema = schema();
+    for verdict in ["none", "unknown"] {
+        let mut answer = example();
+        answer["cause"]["verdict"] = json!(verdict);
+        answer["cause"]["channel"] = json!(null);
+        answer["cause"]["effects"] = json!([]);
+        answer["cause"]["next_experiment"] = json!(null);
+        assert!(schema.is_valid(&answer), "{verdict}");
+        let read: Diagnosis = serde_json::from_value(answer.clone()).unwrap();
+        assert_eq!(serde_json::to_value(&read).unwrap(), answer);
+    }
+}
+
+#[test]
+fn unreadable_diagnosis_names_file_and_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("diagnosis.json");
+    for text in [EXAMPLE.replace("diagnosis@1", "diagnosis@7"), EXAMPLE.replacen("\"logs\"", "\"lags\"", 1), EXAMPLE[..200].to_owned()] {
+        std::fs::write(&path, text).unwrap();
+        let error = Diagnosis::read(&path).unwrap_err().to_string();
+        assert!(error.contains("diagnosis.json") && error.contains("line"), "{error}");
+    }
+}

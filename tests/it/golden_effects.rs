@@ -1,0 +1,82 @@
+//! Every effect, alone and combined, on linear, nonlinear and sampled models against a simulator that shares nothing with the crate.
+
+use std::path::Path;
+
+use deadtime::effect::{Applied, Chance, EFFECTS};
+use deadtime::model::{EffectEntry, ModelDocument};
+use deadtime::simulate::{Commands, Drops, System};
+use serde_json::Value;
+
+/// Relative to the largest output of a linear or sampled case: the reference's own accuracy (golden/effects/SOURCE.md).
+const LINEAR: f64 = 1e-8;
+/// The same for a case that is integrated: the integrator's tolerance is 1e-8 per step.
+const INTEGRATED: f64 = 1e-6;
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+}
+
+fn columns(rows: &Value) -> Vec<Vec<f64>> {
+    let rows: Vec<Vec<f64>> = rows.as_array().unwrap().iter().map(numbers).collect();
+    (0..rows[0].len()).map(|j| rows.iter().map(|r| r[j]).collect()).collect()
+}
+
+fn entry(value: &Value) -> EffectEntry {
+    let parameters = value["parameters"].as_object().unwrap().iter();
+    EffectEntry {
+        effect: value["effect"].as_str().unwrap().to_owned(),
+        channel: value["channel"].as_str().unwrap().to_owned(),
+        parameters: parameters.filter_map(|(name, v)| Some((name.clone(), v.as_f64()?))).collect(),
+    }
+}
+
+#[test]
+fn every_effect_agrees_with_an_independent_simulation() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/effects/reference.json");
+    let file: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let model = folder.path().join("model.json");
+    let (mut seen, mut wrong, mut worst) = (std::collections::BTreeSet::new(), Vec::new(), [0.0_f64; 2]);
+    for case in file["cases"].as_array().unwrap() {
+        let id = case["id"].as_str().unwrap();
+        std::fs::write(&model, case["model"].to_string()).unwrap();
+        let system = System::new(&ModelDocument::read(&model).unwrap_or_else(|e| panic!("{id}: {e}")), |_| Ok(0.0)).unwrap();
+        let effects: Vec<Applied> = case["effects"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|e| Applied::from_entry(&system, &entry(e)).unwrap_or_else(|e| panic!("{id}: {e}")))
+            .collect();
+        let mut plan = Applied::plan(&system, &effects, Chance::Mean).unwrap();
+        let (time_s, inputs) = (numbers(&case["time"]), columns(&case["u"]));
+        if let Some(drops) = case["drops"].as_array() {
+            for (j, path) in plan.inputs.iter_mut().enumerate().filter(|(_, p)| p.drops.is_some()) {
+                path.drops = Some(Drops::Sequence(drops.iter().map(|row| row[j].as_bool().unwrap()).collect()));
+            }
+        }
+        let x0 = if case["x0"].is_null() { system.initial.clone() } else { numbers(&case["x0"]) };
+        let expected = columns(&case["y"]);
+        let run = match system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &x0, None) {
+            Ok(run) => run,
+            Err(e) => {
+                wrong.push(format!("{id}: {e}"));
+                continue;
+            }
+        };
+        let size = expected.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
+        let integrated = id.starts_with("equations")
+            || effects.iter().any(|e| ["coulomb_friction", "quadratic_drag", "cubic_stiffness"].contains(&e.effect.name()));
+        let off = expected.iter().enumerate().flat_map(|(i, c)| {
+            c.iter().zip(run.y.column(i).iter().copied().collect::<Vec<_>>()).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>()
+        });
+        let off = off.fold(0.0, f64::max) / size;
+        worst[usize::from(integrated)] = worst[usize::from(integrated)].max(off);
+        if off.is_nan() || off > if integrated { INTEGRATED } else { LINEAR } {
+            wrong.push(format!("{id}: {off:.2e} of the largest output, effects {effects:?}"));
+        }
+        seen.extend(effects.iter().map(|e| e.effect.name()));
+    }
+    println!("effects: largest difference {:.1e} linear and sampled, {:.1e} integrated", worst[0], worst[1]);
+    assert!(wrong.is_empty(), "{} cases differ:\n{}", wrong.len(), wrong.join("\n"));
+    assert!(EFFECTS.iter().all(|e| seen.contains(e.name())), "no case for some effect: {seen:?}");
+}

@@ -1,0 +1,71 @@
+//! Every integration test in one binary, a module a file: one link instead of one a file.
+//! `cargo test --test it gap::` runs one file's tests.
+
+// Helpers of tests may stop the test; the lints' own exception covers test functions only.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod support;
+
+#[cfg(feature = "cli")]
+mod bad_effects;
+#[cfg(feature = "cli")]
+mod bad_equations;
+#[cfg(feature = "cli")]
+mod bad_gap;
+#[cfg(feature = "cli")]
+mod bad_input;
+mod bjorklund;
+mod black_box;
+mod black_box_pushes;
+mod blind;
+#[cfg(feature = "cli")]
+mod blind_program;
+mod blind_run;
+mod bounds;
+#[cfg(feature = "cli")]
+mod checks;
+#[cfg(feature = "cli")]
+mod cli;
+mod conditions;
+mod contract;
+mod correlation;
+mod diagnosis;
+mod differential;
+#[cfg(feature = "cli")]
+mod effect_list;
+mod effects;
+mod equations;
+#[cfg(feature = "cli")]
+mod events;
+#[cfg(feature = "cli")]
+mod gap;
+mod gap_coarse;
+mod gap_hard;
+mod gate;
+mod golden;
+mod golden_effects;
+mod higher_order;
+#[cfg(feature = "cli")]
+mod isolability;
+#[cfg(feature = "cli")]
+mod machines;
+mod model_laws;
+mod options;
+mod phase_and_area;
+mod predictor;
+mod process;
+mod properties;
+#[cfg(feature = "cli")]
+mod readme;
+#[cfg(feature = "cli")]
+mod real_logs;
+#[cfg(feature = "cli")]
+mod report_html;
+mod richness;
+mod sampled_models;
+#[cfg(feature = "cli")]
+mod study;
+mod study_bjorklund;
+mod study_thesis;
+mod thresholds;
+mod verdicts;

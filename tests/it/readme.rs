@@ -1,0 +1,59 @@
+//! The console blocks of the README and of docs/estimating.md do what they show, and the README's lists are complete.
+
+use std::path::Path;
+use std::process::Command;
+
+const README: &str = include_str!("../../README.md");
+const ESTIMATING: &str = include_str!("../../docs/estimating.md");
+
+/// Run times differ from run to run: `1.2 ms`, `345 µs`, `0.8 s` at the end of a table row become `TIME`, and the blanks before them one.
+fn masked(text: &str) -> String {
+    let mask = |line: &str| {
+        let mut words: Vec<&str> = line.split_whitespace().collect();
+        if let [.., number, unit] = words[..]
+            && ["µs", "ms", "s"].contains(&unit)
+            && number.parse::<f64>().is_ok()
+        {
+            words.truncate(words.len() - 2);
+            words.push("TIME");
+        }
+        words.join(" ")
+    };
+    text.trim().lines().map(mask).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn every_console_block_prints_what_the_pages_show() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut run = 0;
+    let pages = [README, ESTIMATING];
+    for block in pages.iter().flat_map(|p| p.split("```console\n").skip(1)).filter_map(|rest| rest.split("```").next()) {
+        for session in block.split("$ ").skip(1) {
+            let (command, expected) = session.split_once('\n').unwrap_or((session, ""));
+            let Some(arguments) = command.strip_prefix("deadtime ") else { continue };
+            // Paths of the repository are read where it is; everything written goes to a temporary folder.
+            let words = arguments
+                .split_whitespace()
+                .map(|w| if w.starts_with("examples/") { root.join(w).display().to_string() } else { w.to_owned() });
+            let output = Command::new(env!("CARGO_BIN_EXE_deadtime")).args(words).current_dir(folder.path()).output().unwrap();
+            let printed = String::from_utf8(output.stdout).unwrap().replace(&format!("{}/", root.display()), "");
+            assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
+            if !expected.trim().is_empty() {
+                assert_eq!(masked(&printed), masked(expected), "{command}");
+            }
+            run += 1;
+        }
+    }
+    assert!(run >= 9, "the pages show {run} commands");
+}
+
+#[test]
+fn every_method_excitation_and_conversion_is_named() {
+    let methods = deadtime::delay::METHODS.iter().map(|m| m.entry.name);
+    let excitations = deadtime::signal::EXCITATIONS.iter().map(|e| e.name);
+    let conversions = deadtime::model::c2d::CONVERSIONS.iter().map(|e| e.name);
+    for name in methods.chain(excitations).chain(conversions) {
+        assert!(README.contains(&format!("`{name}`")), "{name}");
+    }
+}

@@ -1,0 +1,10 @@
+//! What the tests share.
+
+// Which helpers are used differs from feature set to feature set.
+#![allow(dead_code)]
+
+pub(crate) mod blind;
+pub(crate) mod compare;
+pub(crate) mod plants;
+#[cfg(feature = "cli")]
+pub(crate) mod program;
