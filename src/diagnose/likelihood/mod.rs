@@ -1,0 +1,6 @@
+//! How well effects at work describe the logs: whitened residuals with the nuisances integrated out.
+
+pub(in crate::diagnose) mod active_effects;
+pub(in crate::diagnose) mod errors;
+pub(in crate::diagnose) mod likelihood;
+pub(in crate::diagnose) mod residuals;
