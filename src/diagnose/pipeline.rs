@@ -33,10 +33,10 @@ use crate::diagnose::judge::prior_sensitivity::{PriorSensitivity, prior_sensitiv
 use crate::diagnose::judge::verdict::{GapVerdict, Judged, judge};
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::errors::{Errors, overall};
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::likelihood::{Likelihood, Terms};
 use crate::diagnose::likelihood::residuals::{residuals, trained};
 use crate::diagnose::search::catalogue::{Catalogue, catalogue};
-use crate::diagnose::search::catalogue_search::{SearchResult, search};
+use crate::diagnose::search::catalogue_search::{SearchResult, Searched, search};
 use crate::effect::{Applied, Scales};
 use crate::error::Result;
 use crate::log::Log;
@@ -149,11 +149,16 @@ impl Baseline {
     /// The likelihood of the logs under white noise of the first size.
     fn likelihood<'a>(&'a self, simulator: &'a Simulator, inputs: &'a Inputs, options: &GapOptions) -> Result<Likelihood<'a>> {
         let system = &simulator.system;
-        let prior = self.motion.prior(system);
-        let mut likelihood =
-            Likelihood::new(system, &inputs.records, &self.predictor, inputs.model_effects.clone(), prior, &self.noise_std, &options.stop)?;
-        likelihood.set_resolution(inputs.probed.as_ref().map(|p| p.resolution.clone()).unwrap_or_default());
-        Ok(likelihood)
+        Likelihood::new(Terms {
+            system,
+            records: &inputs.records,
+            predictor: &self.predictor,
+            model_effects: inputs.model_effects.clone(),
+            prior: self.motion.prior(system),
+            noise_std: &self.noise_std,
+            resolution: inputs.probed.as_ref().map(|p| p.resolution.clone()).unwrap_or_default(),
+            stop: options.stop.clone(),
+        })
     }
 }
 
@@ -167,7 +172,7 @@ struct Judgement {
 
 impl Judgement {
     /// `None` where the model cannot be simulated.
-    fn of(likelihood: &mut Likelihood<'_>, found: &SearchResult, candidates: &[Applied], scales: &Scales) -> Option<Self> {
+    fn of(likelihood: &Likelihood<'_>, found: &SearchResult, candidates: &[Applied], scales: &Scales) -> Option<Self> {
         let judged = judge(likelihood, found, candidates, scales)?;
         let sensitivities = match judged.verdict {
             GapVerdict::Unknown => Vec::new(),
@@ -191,14 +196,14 @@ fn in_stages(
     let system = &simulator.system;
     let inputs = Inputs::new(subject, simulator, logs, holdout, options)?;
     let baseline = Baseline::of(simulator, &inputs, options)?;
-    let mut likelihood = baseline.likelihood(simulator, &inputs, options)?;
+    let likelihood = baseline.likelihood(simulator, &inputs, options)?;
     let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
     must_not_explode(system, &inputs.records, &before)?;
     let scales = baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
 
     let Catalogue { candidates, left_out } = catalogue(system, inputs.probed.as_ref());
-    let found = search(&mut likelihood, candidates.clone(), &scales, &baseline.motion.smallest, progress)
-        .ok_or_else(|| not_finite(&inputs.records))?;
+    let Searched { likelihood, found } =
+        search(likelihood, candidates.clone(), &scales, &baseline.motion.smallest, progress).ok_or_else(|| not_finite(&inputs.records))?;
     let longer_s = f64::min(LONGER * inputs.longest_delay_s, 0.5 * inputs.limit_s);
     if options.longest_delay_s.is_none() && longer_s > 1.2 * inputs.longest_delay_s && found.wants_longer_delays(&scales) {
         progress(Stage::Longer);
@@ -207,7 +212,7 @@ fn in_stages(
     }
 
     progress(Stage::Judging);
-    let judgement = Judgement::of(&mut likelihood, &found, &candidates, &scales).ok_or_else(|| not_finite(&inputs.records))?;
+    let judgement = Judgement::of(&likelihood, &found, &candidates, &scales).ok_or_else(|| not_finite(&inputs.records))?;
     let answer = Answer { subject, simulator, inputs: &inputs, likelihood: &likelihood, found: &found, scales: &scales, left_out };
     answer.sections(judgement, logs, options.seed).ok_or_else(|| not_finite(&inputs.records))
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::diagnose::input::record::LogRecord;
+use crate::diagnose::input::record::{LogRecord, Span};
 
 /// The longest autoregression that is tried.
 const LONGEST: usize = 16;
@@ -31,7 +31,7 @@ impl Noise {
         let mut count: f64 = 0.0;
         let plain = Self { ar: ar.clone(), unmix: DMatrix::identity(outputs, outputs) };
         for (record, residual) in records.iter().zip(residuals) {
-            let e = plain.innovations(record, residual);
+            let e = plain.innovations(record, record.train, residual);
             for k in 0..record.time_s.len() {
                 if (0..outputs).all(|i| record.measured_in(record.train, i, k).is_some()) {
                     let row = e.row(k);
@@ -55,9 +55,9 @@ impl Noise {
         mix.row_iter().map(|row| row.norm()).collect()
     }
 
-    /// Whitened rows of a residual, or of anything that moves as a residual does; samples that are missing or outside the training span are 0.
-    pub(in crate::diagnose) fn whiten(&self, record: &LogRecord, residual: &DMatrix<f64>) -> DMatrix<f64> {
-        self.unmixed(&self.innovations(record, residual))
+    /// Whitened rows of a residual, or of anything that moves as a residual does; samples that are missing or outside the span are 0.
+    pub(in crate::diagnose) fn whiten(&self, record: &LogRecord, span: Option<Span>, residual: &DMatrix<f64>) -> DMatrix<f64> {
+        self.unmixed(&self.innovations(record, span, residual))
     }
 
     /// Each row through L⁻¹.
@@ -83,11 +83,11 @@ impl Noise {
     }
 
     /// A missing residual is replaced by its prediction, so the map stays linear.
-    fn innovations(&self, record: &LogRecord, residual: &DMatrix<f64>) -> DMatrix<f64> {
+    fn innovations(&self, record: &LogRecord, span: Option<Span>, residual: &DMatrix<f64>) -> DMatrix<f64> {
         let (samples, outputs) = residual.shape();
         let mut e = DMatrix::zeros(samples, outputs);
-        let Some(span) = record.train else { return e };
-        let (from, to) = (record.time_s.partition_point(|t| *t < span.from_s), record.trained_samples());
+        let Some(span) = span else { return e };
+        let (from, to) = (record.time_s.partition_point(|t| *t < span.from_s), record.time_s.partition_point(|t| *t <= span.to_s));
         let to = to.max(from);
         let mut past = vec![0.0; samples];
         for i in 0..outputs {
@@ -186,7 +186,6 @@ pub(in crate::diagnose) fn autoregression_of(stretches: &[Vec<Option<f64>>]) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::input::record::Span;
     use crate::simulate::Measured;
 
     /// Lag by lag is the filter written out, to the bit: also where the span begins before the filter has all its past, and with an output that counts nothing.
@@ -212,7 +211,7 @@ mod tests {
             for measured in &mut all_there.measured {
                 measured.present = Some(vec![true; samples]);
             }
-            let (fast, plain) = (noise.whiten(&record, &residual), noise.whiten(&all_there, &residual));
+            let (fast, plain) = (noise.whiten(&record, record.train, &residual), noise.whiten(&all_there, record.train, &residual));
             assert_eq!(fast, plain);
             let at = 25;
             let first =

@@ -28,9 +28,9 @@ pub(in crate::diagnose) struct PriorSensitivity {
     pub(in crate::diagnose) instead: Vec<Applied>,
 }
 
-/// The states on whose prior the lead sensitivities, `best` being what leads.
+/// The states on whose prior the lead hangs, `best` being what leads.
 pub(in crate::diagnose) fn prior_sensitivities(
-    likelihood: &mut Likelihood<'_>,
+    likelihood: &Likelihood<'_>,
     found: &SearchResult,
     best: Option<&Hypothesis>,
     catalogue: &[Applied],
@@ -56,7 +56,7 @@ pub(in crate::diagnose) fn prior_sensitivities(
         for factor in FACTORS {
             let mut other = prior.clone();
             other[state] *= factor;
-            likelihood.set_prior(other);
+            let likelihood = likelihood.with_prior(other);
             let cost = likelihood.inner(&nominal, &nominal);
             let mut again = rivals.clone();
             for (e, residual) in again.iter_mut().zip(&residuals) {
@@ -88,7 +88,6 @@ pub(in crate::diagnose) fn prior_sensitivities(
             }
         }
     }
-    likelihood.set_prior(prior);
     sensitivities
 }
 

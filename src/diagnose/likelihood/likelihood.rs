@@ -1,9 +1,10 @@
-//! The statistical likelihood that all rivals share: predictions, the initial state as a nuisance, whitened residuals.
+//! The likelihood that all rivals share: predictions, the initial state as a nuisance, whitened residuals.
 
 use nalgebra::{Const, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 use super::active_effects::{ActiveEffects, NO_EFFECT};
+use super::nuisances::{Common, Nuisances};
 use crate::diagnose::baseline::feedback;
 use crate::diagnose::baseline::noise::Noise;
 use crate::diagnose::baseline::predictor::Predictor;
@@ -14,31 +15,34 @@ use crate::simulate::plan::Tolerance;
 use crate::simulate::{Commands, Correction, Plan, SimulateError, System, Wanted};
 use crate::stop::Stop;
 
-/// The nuisances of one record, integrated out alike in all rivals: the initial state with a prior N(0, P) on its deviation, and commands that react to the
-/// noise of their own sample.
-#[derive(Debug, Clone)]
-struct Start {
-    /// ∂y/∂x0, samples × outputs per free state; then the regressors of feedback without a delay.
-    raw: Vec<DMatrix<f64>>,
-    /// How many of them are states; the others have no prior.
-    states: usize,
-    /// The same whitened, as columns.
-    whitened: DMatrix<f64>,
-    /// (P⁻¹ + WᵀW)⁻¹Wᵀ is applied with this factor.
-    factor: Option<nalgebra::Cholesky<f64, nalgebra::Dyn>>,
+/// What a likelihood is made of.
+pub(in crate::diagnose) struct Terms<'a> {
+    pub(in crate::diagnose) system: &'a System,
+    pub(in crate::diagnose) records: &'a [LogRecord],
+    pub(in crate::diagnose) predictor: &'a Predictor,
+    /// Effects that belong to the simulator.
+    pub(in crate::diagnose) model_effects: Vec<Applied>,
+    /// Prior standard deviations of the start; 0: exactly known.
+    pub(in crate::diagnose) prior: Vec<f64>,
+    /// Standard deviation of every output's noise.
+    pub(in crate::diagnose) noise_std: &'a [f64],
+    /// Per output of a black box, what is no more than rounding.
+    pub(in crate::diagnose) resolution: Vec<f64>,
+    pub(in crate::diagnose) stop: Stop,
 }
 
-/// The likelihood.
+/// The likelihood of the logs under whatever is at work. It never changes: another noise or another prior makes a new one.
+#[derive(Clone)]
 pub(in crate::diagnose) struct Likelihood<'a> {
     pub(in crate::diagnose) system: &'a System,
     pub(in crate::diagnose) records: &'a [LogRecord],
     pub(in crate::diagnose) predictor: &'a Predictor,
     /// Effects that belong to the simulator.
-    own: Vec<Applied>,
+    model_effects: Vec<Applied>,
     /// Prior standard deviations of the start; 0: exactly known.
     prior: Vec<f64>,
     noise: Vec<Noise>,
-    starts: Vec<Start>,
+    nuisances: Vec<Nuisances>,
     /// Integration steps allowed, per record.
     budgets: Vec<usize>,
     /// Per output of a black box, what is no more than rounding.
@@ -58,41 +62,25 @@ const PUSHED: f64 = 0.2;
 const CALLED_STARTS: usize = 10;
 
 /// Per record, what a whitened residual has in common with the nuisances; `None` without nuisances.
-type Projected = Vec<Option<(DVector<f64>, DVector<f64>)>>;
+type Projected = Vec<Option<Common>>;
 
 /// A whitened residual, one column of all samples and outputs per record.
 pub(in crate::diagnose) type Whitened = Vec<DVector<f64>>;
 
 impl<'a> Likelihood<'a> {
-    /// With white noise of these standard deviations and this prior.
+    /// With white noise.
     ///
     /// # Errors
     /// [`GapError::Nominal`] where the nominal model cannot be simulated, [`crate::Error::Stopped`].
-    pub(in crate::diagnose) fn new(
-        system: &'a System,
-        records: &'a [LogRecord],
-        predictor: &'a Predictor,
-        own: Vec<Applied>,
-        prior: Vec<f64>,
-        noise_std: &[f64],
-        stop: &Stop,
-    ) -> crate::Result<Self> {
+    pub(in crate::diagnose) fn new(terms: Terms<'a>) -> crate::Result<Self> {
+        let Terms { system, records, predictor, model_effects, prior, noise_std, resolution, stop } = terms;
         let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
-        let plan = Applied::plan(system, &own, Chance::Mean)?;
-        let mut likelihood = Self {
-            system,
-            records,
-            predictor,
-            own,
-            prior,
-            noise: Vec::new(),
-            starts: Vec::new(),
-            budgets: Vec::new(),
-            resolution: Vec::new(),
-            stop: stop.clone(),
-        };
+        let plan = Applied::plan(system, &model_effects, Chance::Mean)?;
+        let noise = vec![Noise::white(noise_std); records.len()];
+        let mut likelihood =
+            Self { system, records, predictor, model_effects, prior, noise, nuisances: Vec::new(), budgets: Vec::new(), resolution, stop };
         for (at, record) in records.iter().enumerate() {
-            stop.check()?;
+            likelihood.stop.check()?;
             // What rounding adds to a start's response is then a small part of what the prior lets it do.
             let share = if system.is_black_box() { PUSHED } else { 1e-3 };
             let scale: Vec<f64> = likelihood.prior.iter().map(|s| share * s).collect();
@@ -105,15 +93,22 @@ impl<'a> Likelihood<'a> {
             if let Some(predicted) = likelihood.predict(at, NO_EFFECT) {
                 raw.extend(feedback::regressors(record, &likelihood.residual(at, &predicted)));
             }
-            likelihood.starts.push(Start { raw, states: free.len(), whitened: DMatrix::zeros(0, 0), factor: None });
+            likelihood.nuisances.push(Nuisances::new(raw, free.len(), record, &likelihood.noise[at], &likelihood.prior));
         }
-        likelihood.set_noise(vec![Noise::white(noise_std); records.len()]);
         Ok(likelihood)
     }
 
-    /// Takes note of what is rounding in the outputs of a black box.
-    pub(in crate::diagnose) fn set_resolution(&mut self, resolution: Vec<f64>) {
-        self.resolution = resolution;
+    /// Under another noise model; one per record.
+    pub(in crate::diagnose) fn with_noise(&self, noise: Vec<Noise>) -> Self {
+        let whitened = self.nuisances.iter().zip(self.records).zip(&noise);
+        let nuisances = whitened.map(|((nuisances, record), noise)| nuisances.with_noise(record, noise, &self.prior)).collect();
+        Self { noise, nuisances, ..self.clone() }
+    }
+
+    /// With other prior standard deviations of the start; those that are 0 stay so.
+    pub(in crate::diagnose) fn with_prior(&self, prior: Vec<f64>) -> Self {
+        let nuisances = self.nuisances.iter().map(|nuisances| nuisances.with_prior(&prior)).collect();
+        Self { prior, nuisances, ..self.clone() }
     }
 
     /// To try the effect a black box must be called: what comes after it costs nothing.
@@ -136,40 +131,8 @@ impl<'a> Likelihood<'a> {
         (parts.sum::<f64>() * samples).sqrt()
     }
 
-    /// Takes another noise model; one per record.
-    pub(in crate::diagnose) fn set_noise(&mut self, noise: Vec<Noise>) {
-        self.noise = noise;
-        for ((start, record), noise) in self.starts.iter_mut().zip(self.records).zip(&self.noise) {
-            let rows = record.time_s.len() * record.measured.len();
-            let mut whitened = DMatrix::zeros(rows, start.raw.len());
-            for (mut column, raw) in whitened.column_iter_mut().zip(&start.raw) {
-                column.copy_from_slice(noise.whiten(record, raw).as_slice());
-            }
-            start.whitened = whitened;
-        }
-        self.set_prior(self.prior.clone());
-    }
-
-    /// Takes other prior standard deviations of the start; those that are 0 stay so.
-    pub(in crate::diagnose) fn set_prior(&mut self, prior: Vec<f64>) {
-        self.prior = prior;
-        for at in 0..self.starts.len() {
-            let precision = self.precision(&self.starts[at]);
-            let start = &mut self.starts[at];
-            start.factor = (start.whitened.tr_mul(&start.whitened) + precision).cholesky();
-        }
-    }
-
     pub(in crate::diagnose) fn prior(&self) -> &[f64] {
         &self.prior
-    }
-
-    /// P⁻¹; regressors without a prior get next to none, so that the sum can be factored.
-    fn precision(&self, start: &Start) -> DMatrix<f64> {
-        let known = self.prior.iter().filter(|s| **s > 0.0).map(|s| 1.0 / (s * s));
-        let loose = start.raw.len() - start.states;
-        let all: Vec<f64> = known.chain(std::iter::repeat_n(1e-9, loose)).collect();
-        DMatrix::from_diagonal(&DVector::from_vec(all))
     }
 
     pub(in crate::diagnose) fn correction(&self, record: usize) -> Option<Correction<'_>> {
@@ -178,7 +141,7 @@ impl<'a> Likelihood<'a> {
 
     /// The plan of the simulator with its own and these effects.
     pub(in crate::diagnose) fn plan(&self, effects: &[Applied], chance: Chance<'_>) -> Option<Plan> {
-        Applied::plan(self.system, self.own.iter().chain(effects), chance).ok()
+        Applied::plan(self.system, self.model_effects.iter().chain(effects), chance).ok()
     }
 
     /// Predicted outputs of one record from the nominal start, samples × outputs.
@@ -233,7 +196,7 @@ impl<'a> Likelihood<'a> {
                 return Some(DVector::zeros(0));
             }
             let residual = self.residual(at, &self.predict_trained(at, active, &record.inputs)?);
-            let e = self.noise[at].whiten(record, &residual);
+            let e = self.noise[at].whiten(record, record.train, &residual);
             let rows = e.len();
             e.iter().all(|v| v.is_finite()).then(|| e.reshape_generic(Dyn(rows), Const::<1>))
         };
@@ -257,9 +220,7 @@ impl<'a> Likelihood<'a> {
 
     /// A residual whitened over a span, whatever is trained on; 0 outside it.
     pub(in crate::diagnose) fn whiten_in(&self, at: usize, residual: &DMatrix<f64>, span: Span) -> DMatrix<f64> {
-        let mut there = self.records[at].clone();
-        there.train = Some(span);
-        self.noise[at].whiten(&there, residual)
+        self.noise[at].whiten(&self.records[at], Some(span), residual)
     }
 
     /// Anything that moves as a residual does, from any sample on, through the noise's whitening filter.
@@ -303,23 +264,12 @@ impl<'a> Likelihood<'a> {
 
     /// What a whitened residual has in common with the nuisances: Wᵀa and (P⁻¹ + WᵀW)⁻¹Wᵀa per record.
     fn projected(&self, a: &Whitened) -> Projected {
-        let one = |(a, start): (&DVector<f64>, &Start)| {
-            let factor = start.factor.as_ref().filter(|_| !a.is_empty() && start.whitened.ncols() > 0)?;
-            let by_start = start.whitened.tr_mul(a);
-            let solved = factor.solve(&by_start);
-            Some((by_start, solved))
-        };
-        a.iter().zip(&self.starts).map(one).collect()
+        a.iter().zip(&self.nuisances).map(|(a, nuisances)| nuisances.projected(a)).collect()
     }
 
     /// (I + W P Wᵀ)⁻¹a, record by record: [`Self::inner`] is its scalar product with the other vector.
     pub(in crate::diagnose) fn reduced(&self, a: &Whitened) -> Whitened {
-        let reduce =
-            |(a, start): (&DVector<f64>, &Start)| match start.factor.as_ref().filter(|_| start.whitened.ncols() > 0 && !a.is_empty()) {
-                Some(factor) => a - &start.whitened * factor.solve(&start.whitened.tr_mul(a)),
-                None => a.clone(),
-            };
-        a.iter().zip(&self.starts).map(reduce).collect()
+        a.iter().zip(&self.nuisances).map(|(a, nuisances)| nuisances.reduced(a)).collect()
     }
 
     /// Predicted outputs from the posterior mean of the start, given the samples in `span` of each record.
@@ -344,26 +294,16 @@ impl<'a> Likelihood<'a> {
     }
 
     fn moved_to_posterior(&self, record: usize, mut y: DMatrix<f64>, span: Span) -> Option<DMatrix<f64>> {
-        let start = &self.starts[record];
-        if start.raw.is_empty() {
+        let nuisances = &self.nuisances[record];
+        if nuisances.is_empty() {
             return Some(y);
         }
-        let (residual, noise) = (self.residual(record, &y), &self.noise[record]);
-        let column = |whitened: DMatrix<f64>| DVector::from_column_slice(whitened.as_slice());
-        let deviation = if self.records[record].train == Some(span) {
-            let e = column(noise.whiten(&self.records[record], &residual));
-            start.factor.as_ref()?.solve(&start.whitened.tr_mul(&e))
-        } else {
-            let mut whole = self.records[record].clone();
-            whole.train = Some(span);
-            let w = DMatrix::from_columns(&start.raw.iter().map(|raw| column(noise.whiten(&whole, raw))).collect::<Vec<_>>());
-            let information = w.tr_mul(&w) + self.precision(start);
-            information.cholesky()?.solve(&w.tr_mul(&column(noise.whiten(&whole, &residual))))
-        };
-        // Feedback moves a residual but is no part of what a model predicts.
-        for (raw, by) in start.raw.iter().zip(deviation.iter()).take(start.states) {
-            y += raw * *by;
-        }
+        let (noise, log) = (&self.noise[record], &self.records[record]);
+        let whitened = noise.whiten(log, Some(span), &self.residual(record, &y));
+        let e = DVector::from_column_slice(whitened.as_slice());
+        let deviation =
+            if log.train == Some(span) { nuisances.posterior(&e)? } else { nuisances.posterior_in(span, &e, log, noise, &self.prior)? };
+        nuisances.add_starts(&mut y, &deviation);
         Some(y)
     }
 

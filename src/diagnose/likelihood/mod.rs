@@ -3,4 +3,5 @@
 pub(in crate::diagnose) mod active_effects;
 pub(in crate::diagnose) mod errors;
 pub(in crate::diagnose) mod likelihood;
+mod nuisances;
 pub(in crate::diagnose) mod residuals;

@@ -29,24 +29,30 @@ pub(in crate::diagnose) struct SearchResult {
     pub(in crate::diagnose) pairs: Vec<Hypothesis>,
 }
 
-/// Searches the whole catalogue; leaves `likelihood` with the noise of the largest hypothesis in play.
-pub(in crate::diagnose) fn search(
-    likelihood: &mut Likelihood<'_>,
+/// A search's result, and the likelihood under the noise of the largest hypothesis in play.
+pub(in crate::diagnose) struct Searched<'a> {
+    pub(in crate::diagnose) likelihood: Likelihood<'a>,
+    pub(in crate::diagnose) found: SearchResult,
+}
+
+/// Searches the whole catalogue, from a likelihood under white noise.
+pub(in crate::diagnose) fn search<'a>(
+    mut likelihood: Likelihood<'a>,
     catalogue: Vec<Applied>,
     scales: &Scales,
     smallest: &[f64],
     progress: &dyn Fn(Stage),
-) -> Option<SearchResult> {
+) -> Option<Searched<'a>> {
     let nominal = likelihood.whitened(NO_EFFECT)?;
     progress(Stage::Screening(catalogue.len()));
-    let pool = screen(likelihood, catalogue, scales, &nominal);
+    let pool = screen(&likelihood, catalogue, scales, &nominal);
     progress(Stage::Fitting);
-    let mut found = SearchResult { singles: fit_first(likelihood, &pool, scales, &nominal), pairs: Vec::new() };
+    let mut found = SearchResult { singles: fit_first(&likelihood, &pool, scales, &nominal), pairs: Vec::new() };
     progress(Stage::Pairing);
-    found.pairs = pairs(likelihood, &found.singles, &pool, scales, &nominal);
-    members_alone(likelihood, &mut found, scales, &nominal);
+    found.pairs = pairs(&likelihood, &found.singles, &pool, scales, &nominal);
+    members_alone(&likelihood, &mut found, scales, &nominal);
     for hypotheses in [&mut found.singles, &mut found.pairs] {
-        give_up_what_breaks(likelihood, hypotheses, usize::MAX);
+        give_up_what_breaks(&likelihood, hypotheses, usize::MAX);
     }
     for round in 0..ROUNDS {
         progress(Stage::Refitting(round));
@@ -58,32 +64,32 @@ pub(in crate::diagnose) fn search(
         let pair =
             leading(&found.pairs).filter(|pair| single.as_ref().is_none_or(|s| penalised_gain(pair, weight) > penalised_gain(s, weight)));
         let largest = pair.or(single);
-        let Some(noise) = noise_of(likelihood, largest.as_ref().map_or(NO_EFFECT, ActiveEffects::from), smallest) else { break };
-        likelihood.set_noise(noise);
+        let Some(noise) = noise_of(&likelihood, largest.as_ref().map_or(NO_EFFECT, ActiveEffects::from), smallest) else { break };
+        likelihood = likelihood.with_noise(noise);
         let nominal = likelihood.whitened(NO_EFFECT)?;
         let cost = likelihood.inner(&nominal, &nominal);
         for hypotheses in [&mut found.singles, &mut found.pairs] {
-            hypotheses.par_iter_mut().for_each(|e| e.rescore(likelihood, cost));
+            hypotheses.par_iter_mut().for_each(|e| e.rescore(&likelihood, cost));
             hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
             let steps = if round + 1 < ROUNDS { STEPS } else { STEPS / 2 };
             let best = hypotheses.first().map_or(0.0, |e| e.gain);
-            let leaders = frugal(likelihood, hypotheses.iter().take(LEADERS).map(|e| e.effects.as_slice()), CALLED_LEADERS);
+            let leaders = frugal(&likelihood, hypotheses.iter().take(LEADERS).map(|e| e.effects.as_slice()), CALLED_LEADERS);
             hypotheses.par_iter_mut().zip(leaders).filter(|(e, leads)| *leads && e.gain.is_finite()).for_each(|(e, _)| {
                 // A sequence that explains much less than the best hypothesis is not worth another search.
                 let again = e.lost.is_none() || e.gain > AGAIN * best;
-                let sequences = if again { decoded(likelihood, e.clone(), scales, cost, steps) } else { Some(e.clone()) };
-                if let Some(better) = sequences.and_then(|e| Hypothesis::refit(likelihood, e, scales, cost, steps)) {
-                    *e = better.with_missing_limits(likelihood, scales, cost, steps);
+                let sequences = if again { decoded(&likelihood, e.clone(), scales, cost, steps) } else { Some(e.clone()) };
+                if let Some(better) = sequences.and_then(|e| Hypothesis::refit(&likelihood, e, scales, cost, steps)) {
+                    *e = better.with_missing_limits(&likelihood, scales, cost, steps);
                     if round == 0 {
-                        *e = e.clone().polished(likelihood, scales, cost, steps);
+                        *e = e.clone().polished(&likelihood, scales, cost, steps);
                     }
                 }
             });
-            give_up_what_breaks(likelihood, hypotheses, LEADERS);
+            give_up_what_breaks(&likelihood, hypotheses, LEADERS);
             hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         }
     }
-    Some(found)
+    Some(Searched { likelihood, found })
 }
 
 /// Fits see the training spans only: what the rest of a log breaks is no hypothesis. Of the first so many.
