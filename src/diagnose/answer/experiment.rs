@@ -16,7 +16,7 @@ use crate::diagnose::format::diagnosis::Mode;
 use crate::diagnose::hypothesis::penalised_gain::SELECTION_PENALTY;
 use crate::diagnose::judge::prior_sensitivity::PriorSensitivity;
 use crate::diagnose::likelihood::likelihood::Likelihood;
-use crate::effect::{Applied, Chance, Scales, Site};
+use crate::effect::{Applied, Chance, Scales, Site, Telling};
 use crate::simulate::Commands;
 
 /// Samples of an experiment that is simulated.
@@ -167,14 +167,12 @@ pub(in crate::diagnose) fn by_kind(class: &[Applied]) -> String {
 
 fn advice(class: &[Applied]) -> &'static str {
     let sites = |site: Site| class.iter().any(|c| c.effect.site() == site);
-    let is = |list: &[&str]| class.iter().filter(|c| list.contains(&c.effect.name())).count() > 1;
-    if is(&["deadband", "saturation", "input_gain", "input_curve", "backlash", "quadratic_drag", "coulomb_friction", "sensor_gain"]) {
+    let told_by = |telling| class.iter().filter(|c| c.effect.told_by() == Some(telling)).count() > 1;
+    if told_by(Telling::Amplitude) {
         "repeat the experiment at two or more amplitudes, with slow reversals through zero"
-    } else if is(&["input_offset", "sensor_bias", "constant_disturbance", "sensor_drift", "gain_fade"]) {
+    } else if told_by(Telling::OperatingPoint) {
         "step the operating point, and start from a known state"
-    } else if is(&["input_delay", "actuator_lag", "rate_limit", "dropped_commands", "unmodelled_mode", "output_delay", "sensor_lag"])
-        && !sites(Site::Output)
-    {
+    } else if told_by(Telling::Bandwidth) && !sites(Site::Output) {
         "excite with a broadband signal that reaches well above one over the lag, at two amplitudes"
     } else if sites(Site::Output) || sites(Site::Clock) {
         "record motion that is not caused by the commands (a release from a displaced start, a push by hand), beside the same commands"

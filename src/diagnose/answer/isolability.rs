@@ -10,12 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use super::experiment;
 use crate::diagnose::format::diagnosis::Prediction;
-use crate::diagnose::hypothesis::direction::is_shape;
 use crate::diagnose::hypothesis::penalised_gain::SELECTION_PENALTY as VISIBLE;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
-use crate::effect::{Applied, Scales};
+use crate::effect::{Applied, Role, Scales};
 
 /// Cosines from which on two effects count as alike.
 const ALIKE: f64 = 0.95;
@@ -220,7 +219,7 @@ fn signature(likelihood: &Likelihood<'_>, applied: &Applied, start: Vec<f64>, no
     let parameters = &applied.parameters;
     let halfway = |values: &[f64]| -> Vec<f64> {
         let half = |(v, p): (&f64, &crate::effect::Parameter)| {
-            if p.nominal.is_infinite() || is_shape(p) { *v } else { p.nominal + 0.5 * (v - p.nominal) }
+            if p.nominal.is_infinite() || p.role.is_shape() { *v } else { p.nominal + 0.5 * (v - p.nominal) }
         };
         values.iter().zip(parameters).map(half).collect()
     };
@@ -245,7 +244,7 @@ fn signature(likelihood: &Likelihood<'_>, applied: &Applied, start: Vec<f64>, no
     // A sine of any phase, limits of either side: all directions that the effect has at this size.
     for (at, p) in parameters.iter().enumerate().filter(|_| parameters.len() > 1) {
         let mut other = values.clone();
-        if p.name == "phase" {
+        if p.role == Role::Phase {
             other[at] += std::f64::consts::FRAC_PI_2;
         } else if p.nominal.is_infinite() && values.iter().filter(|v| v.is_finite()).count() > 1 {
             other[at] = p.nominal;
@@ -328,7 +327,7 @@ fn basis(gram: &DMatrix<f64>) -> DMatrix<f64> {
 fn smallest(c: &Candidate) -> Option<Size> {
     let weakest = c.signatures.iter().filter(|s| s.strength >= VISIBLE).min_by(|a, b| a.strength.total_cmp(&b.strength))?;
     let named = c.applied.parameters.iter().zip(&weakest.values);
-    let (p, value) = named.rev().find(|(p, v)| !is_shape(p) && v.is_finite())?;
+    let (p, value) = named.rev().find(|(p, v)| !p.role.is_shape() && v.is_finite())?;
     let nominal = p.nominal.is_finite().then_some(p.nominal);
     // Small effects grow with their size.
     let value = nominal.map_or(*value, |n| n + (value - n) * (VISIBLE / weakest.strength).sqrt());

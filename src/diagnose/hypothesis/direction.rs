@@ -25,15 +25,10 @@ pub(in crate::diagnose) fn between(applied: &Applied, start: &[f64], share: f64)
     keep_shape(applied, start, start.iter().zip(&applied.parameters).map(move_one).collect())
 }
 
-/// A parameter that says what an effect is like, not how large it is.
-pub(in crate::diagnose) fn is_shape(parameter: &Parameter) -> bool {
-    matches!(parameter.name, "frequency" | "damping" | "phase")
-}
-
-/// Frequency, damping and phase keep the start's value when a signature is scaled.
+/// What says what an effect is like keeps the start's value when a signature is scaled.
 fn keep_shape(applied: &Applied, start: &[f64], mut values: Vec<f64>) -> Vec<f64> {
     for ((value, start), p) in values.iter_mut().zip(start).zip(&applied.parameters) {
-        if is_shape(p) {
+        if p.role.is_shape() {
             *value = *start;
         }
     }

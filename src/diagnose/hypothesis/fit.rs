@@ -3,7 +3,6 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::hypothesis::Hypothesis;
-use super::ranges::range;
 use super::slopes::{Slopes, slopes};
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
@@ -52,7 +51,7 @@ impl Hypothesis {
         let scaled = |bounds: Vec<f64>| bounds.iter().zip(&unit).map(|(b, u)| b / u).collect::<Vec<f64>>();
         let in_units = |values: &[f64]| values.iter().zip(&unit).map(|(v, u)| v * u).collect::<Vec<f64>>();
         let begin: Vec<f64> = free.iter().zip(&unit).map(|(&(e, i), u)| effects[e].values[i] / u).collect();
-        let (lower, upper): (Vec<f64>, Vec<f64>) = free.iter().map(|&(e, i)| range(&effects[e], i, scales)).unzip();
+        let (lower, upper): (Vec<f64>, Vec<f64>) = free.iter().map(|&(e, i)| effects[e].range(i, scales)).unzip();
         let search = LevenbergMarquardt {
             max_iterations: iterations,
             gradient_tolerance: 1e-4,
@@ -109,7 +108,7 @@ impl Hypothesis {
 
     /// A parameter stands at the edge of what was searched.
     pub(in crate::diagnose) fn at_bound(&self, (e, i): (usize, usize), scales: &Scales) -> bool {
-        let (lower, upper) = range(&self.effects[e], i, scales);
+        let (lower, upper) = self.effects[e].range(i, scales);
         let value = self.effects[e].values[i];
         value <= lower || value >= upper
     }

@@ -5,7 +5,6 @@ pub(in crate::diagnose) mod dropouts;
 pub(in crate::diagnose) mod fit;
 pub(in crate::diagnose) mod hypothesis;
 pub(in crate::diagnose) mod penalised_gain;
-pub(in crate::diagnose) mod ranges;
 pub(in crate::diagnose) mod refine;
 pub(in crate::diagnose) mod sequence;
 pub(in crate::diagnose) mod slopes;

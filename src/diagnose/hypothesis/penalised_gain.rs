@@ -1,7 +1,7 @@
 //! How much better than no effect a hypothesis is, its parameters and the search over the whole catalogue paid for; and which of several leads.
 
 use super::hypothesis::Hypothesis;
-use crate::effect::EFFECTS;
+use crate::effect::row;
 
 /// Twice the log-likelihood by which the best of a whole catalogue must beat no effect, and the best second effect a single one: the best of 50 to 100
 /// rivals reaches 10 to 25 on noise alone.
@@ -31,7 +31,6 @@ pub(in crate::diagnose) fn leader(hypotheses: &[Hypothesis], weight: f64) -> Opt
     let top = best(&|_| true);
     let fewest = fitted().filter(|e| penalised_gain(e, weight) > top - NEAR).map(|e| e.free.len()).min()?;
     let top = best(&|e| e.free.len() <= fewest);
-    let place =
-        |e: &Hypothesis| e.effects.iter().filter_map(|a| EFFECTS.iter().position(|t| t.name() == a.effect.name())).collect::<Vec<_>>();
+    let place = |e: &Hypothesis| e.effects.iter().map(|a| row(a.effect)).collect::<Vec<_>>();
     fitted().filter(|e| e.free.len() <= fewest && penalised_gain(e, weight) > top - NEAR).min_by_key(|e| place(e))
 }

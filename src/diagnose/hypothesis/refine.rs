@@ -1,7 +1,6 @@
 //! What a fit alone does not find: minima beyond a kink, limits that were left out.
 
 use super::hypothesis::Hypothesis;
-use super::ranges::range;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::likelihood::Likelihood;
 use crate::effect::{Applied, Scales};
@@ -18,12 +17,8 @@ impl Hypothesis {
         let before = cost;
         for at in best.free.clone() {
             let (p, value) = (&best.effects[at.0].parameters[at.1], best.effects[at.0].values[at.1]);
-            let mut step = match (p.unit.as_str(), p.nominal.is_finite()) {
-                ("s", _) => 0.5 * scales.sample_time_s,
-                (_, true) => 0.1 * (value - p.nominal).abs(),
-                (_, false) => 0.1 * value.abs(),
-            };
-            let (lower, upper) = range(&best.effects[at.0], at.1, scales);
+            let mut step = p.leap(value, scales);
+            let (lower, upper) = p.range(scales);
             for _ in 0..POLISHES {
                 let try_at = |value: f64| {
                     let mut there = best.clone();

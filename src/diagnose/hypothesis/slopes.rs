@@ -4,7 +4,6 @@ use rayon::prelude::*;
 
 use super::direction::difference;
 use super::hypothesis::Hypothesis;
-use super::ranges::{called_step, step};
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
 use crate::effect::Scales;
@@ -38,7 +37,7 @@ pub(in crate::diagnose) fn slopes(
         moved[e].values[i] += h;
         Some(difference(&likelihood.whitened(active.with(&moved))?, &residual, 1.0 / h))
     };
-    let plain = |(e, i): (usize, usize)| column_of((e, i), step(&effects[e], i, scales));
+    let plain = |(e, i): (usize, usize)| column_of((e, i), effects[e].parameters[i].derivative_step(effects[e].values[i], scales));
     if !effects.iter().any(|a| likelihood.calls(a)) {
         let columns = free.par_iter().map(|&at| plain(at)).collect::<Option<Vec<_>>>()?;
         return Some(Slopes { residual, columns });
@@ -52,7 +51,7 @@ pub(in crate::diagnose) fn slopes(
         let column = |h: f64| column_of((e, i), h);
         let p = &effects[e].parameters[i];
         let inside = |h: f64| if effects[e].values[i] + h > p.upper { -h } else { h };
-        let mut h = known.unwrap_or_else(|| called_step(&effects[e], i, scales));
+        let mut h = known.unwrap_or_else(|| p.rough_derivative_step(effects[e].values[i], scales));
         let mut found = column(inside(h))?;
         // As large as the noise lets it show, and far above rounding.
         let wanted = SHOWS.max(ABOVE_ROUNDING * likelihood.rounding());

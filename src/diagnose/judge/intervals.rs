@@ -8,7 +8,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::diagnose::hypothesis::direction::{difference, is_shape};
+use crate::diagnose::hypothesis::direction::difference;
 use crate::diagnose::hypothesis::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
@@ -34,7 +34,7 @@ pub(in crate::diagnose) struct Estimate {
 
 /// The nominal parameters whose error could be mistaken for a part of an effect: one column each for a relative error of 1.
 fn nominal_columns(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, residual: &Whitened) -> Vec<(Applied, Whitened)> {
-    let Some(effect) = EFFECTS.iter().find(|e| e.name() == "parameter_error") else { return Vec::new() };
+    let Some(effect) = EFFECTS.iter().find(|e| e.corrects_model()) else { return Vec::new() };
     let found: Vec<String> = hypothesis.effects.iter().map(Applied::key).collect();
     let step = if likelihood.system.is_black_box() { CALLED_STEP } else { STEP };
     let column = |channel: String| {
@@ -116,7 +116,7 @@ pub(in crate::diagnose) fn established(likelihood: &Likelihood<'_>, hypothesis: 
     hypothesis.effects.iter().enumerate().all(|(e, applied)| {
         let own = hypothesis.free.iter().zip(&estimate.std).filter(|((of, _), _)| *of == e);
         let sizes = own.map(|((_, i), std)| (&applied.parameters[*i], applied.values[*i], std));
-        let sizes = sizes.filter(|(p, _, _)| p.nominal.is_finite() && !is_shape(p));
+        let sizes = sizes.filter(|(p, _, _)| p.nominal.is_finite() && !p.role.is_shape());
         let mut apart = sizes.map(|(p, value, std)| std.is_none_or(|s| (value - p.nominal).abs() > 1.96 * s));
         let first = apart.next();
         first.is_none_or(|first| first || apart.any(|a| a))

@@ -14,7 +14,7 @@ use crate::diagnose::hypothesis::penalised_gain::{SELECTION_PENALTY, penalised_g
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
 use crate::diagnose::likelihood::residuals::residuals;
-use crate::effect::{Applied, Scales};
+use crate::effect::{Applied, Role, Scales};
 
 /// Hypotheses of each size that are fitted again once the noise is known.
 const LEADERS: usize = 8;
@@ -109,7 +109,7 @@ impl SearchResult {
         let at_edge = |e: &Hypothesis| {
             e.free.iter().any(|&(at, i)| {
                 let p = &e.effects[at].parameters[i];
-                p.unit == "s" && matches!(p.name, "delay" | "offset") && e.effects[at].values[i] > p.nominal && e.at_bound((at, i), scales)
+                matches!(p.role, Role::Delay | Role::Clock) && e.effects[at].values[i] > p.nominal && e.at_bound((at, i), scales)
             })
         };
         self.singles.iter().any(|e| e.fitted && e.gain > SELECTION_PENALTY.max(0.25 * best) && at_edge(e))

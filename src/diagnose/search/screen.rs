@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, is_shape, with};
+use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
 use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
 use crate::effect::{Applied, Parameter, Scales};
 
@@ -23,7 +23,8 @@ pub(in crate::diagnose) struct Screened {
 
 /// No bound is in the way from nominal to a share of a start.
 fn unbounded(applied: &Applied, start: &[f64], share: f64) -> bool {
-    let free = |(value, p): (&f64, &Parameter)| is_shape(p) || (p.lower..=p.upper).contains(&(p.nominal + share * (value - p.nominal)));
+    let free =
+        |(value, p): (&f64, &Parameter)| p.role.is_shape() || (p.lower..=p.upper).contains(&(p.nominal + share * (value - p.nominal)));
     start.iter().zip(&applied.parameters).all(free)
 }
 
@@ -48,7 +49,7 @@ pub(in crate::diagnose) fn screen(
             let mut starts = likelihood.first_guesses(&applied, scales);
             starts.extend(applied.effect.scan(scales));
             let evaluate = |values: &[f64]| likelihood.whitened(&[with(&applied, values)]);
-            let shaped = applied.parameters.iter().any(is_shape);
+            let shaped = applied.parameters.iter().any(|p| p.role.is_shape());
             let (mut proportional, mut always) = (false, true);
             for (at, start) in starts.iter().enumerate() {
                 let there = evaluate(start);

@@ -9,7 +9,7 @@ use crate::diagnose::hypothesis::dropouts::decoded;
 use crate::diagnose::hypothesis::hypothesis::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::{SELECTION_PENALTY, penalised_gain};
 use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
-use crate::effect::{Applied, EFFECTS, Scales};
+use crate::effect::{Applied, Scales, row};
 
 /// First effects of pairs: so many of the best, and so many more that have one parameter; leading singles are often flexible impostors.
 const FIRSTS: (usize, usize) = (2, 4);
@@ -202,7 +202,7 @@ fn with_seconds(
             if pair.iter().filter(|a| a.effect.loses_commands()).count() > 1 || pair[0].key() == pair[1].key() {
                 continue;
             }
-            pair.sort_by_key(|a| EFFECTS.iter().position(|e| e.name() == a.effect.name()));
+            pair.sort_by_key(|a| row(a.effect));
             let keys = |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>();
             if wanted.iter().chain(known.iter().map(|k| &k.effects)).all(|known| keys(known) != keys(&pair)) {
                 wanted.push(pair);
