@@ -95,6 +95,12 @@ impl Applied {
         }
     }
 
+    /// The bounds of a parameter in a search.
+    #[must_use]
+    pub fn range(&self, at: usize, scales: &Scales) -> (f64, f64) {
+        self.parameters[at].range(scales)
+    }
+
     /// `effect:channel`.
     #[must_use]
     pub fn key(&self) -> String {

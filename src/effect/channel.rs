@@ -1,20 +1,36 @@
 //! Channels by name: `name`, `from->to`, `u->site:name`, `*`.
 
-use super::{Effect, EffectError, Parameter};
+use super::{Effect, EffectError, Parameter, Role};
 use crate::model::Wrt;
 use crate::simulate::{Dynamics, Port, Source, System};
 
 /// All outputs.
 pub(super) const ALL: &str = "*";
 
-/// A parameter without bounds.
+/// A parameter without bounds: a size, or a limit where it is infinite when nominal.
 pub(super) fn free(name: &'static str, unit: String, nominal: f64) -> Parameter {
-    Parameter { name, unit, nominal, lower: f64::NEG_INFINITY, upper: f64::INFINITY }
+    let role = if nominal.is_infinite() { Role::Limit } else { Role::Size };
+    Parameter { name, unit, role, nominal, lower: f64::NEG_INFINITY, upper: f64::INFINITY }
 }
 
 /// A parameter that is not negative.
 pub(super) fn not_negative(name: &'static str, unit: String, nominal: f64) -> Parameter {
     Parameter { lower: 0.0, ..free(name, unit, nominal) }
+}
+
+/// A dead time.
+pub(super) fn delay(name: &'static str) -> Parameter {
+    Parameter { role: Role::Delay, ..not_negative(name, "s".to_owned(), 0.0) }
+}
+
+/// The time constant of a lag.
+pub(super) fn time_constant(name: &'static str) -> Parameter {
+    Parameter { role: Role::TimeConstant, ..not_negative(name, "s".to_owned(), 0.0) }
+}
+
+/// A frequency.
+pub(super) fn frequency(name: &'static str) -> Parameter {
+    Parameter { role: Role::Frequency, lower: 1e-9, ..free(name, "Hz".to_owned(), 1.0) }
 }
 
 fn unknown(effect: &dyn Effect, system: &System, channel: &str) -> EffectError {

@@ -10,11 +10,13 @@ mod dynamics;
 mod input;
 mod on_log;
 mod output;
+mod parameter;
 mod table;
 
 pub use applied::{Applied, Chance};
 pub use channel::depends;
 pub use on_log::{OnLog, Still, check_units};
+pub use parameter::{Parameter, Role};
 pub use table::{Line, menu, table};
 
 use crate::simulate::{Plan, System};
@@ -44,21 +46,6 @@ impl Site {
             Self::Clock => "clock",
         }
     }
-}
-
-/// A parameter of an effect on one channel.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Parameter {
-    /// Its name.
-    pub name: &'static str,
-    /// Its unit.
-    pub unit: String,
-    /// Where the effect is the identity; infinite for a limit.
-    pub nominal: f64,
-    /// The smallest value that makes sense.
-    pub lower: f64,
-    /// The largest.
-    pub upper: f64,
 }
 
 /// What a search over parameters may know of the data: the sizes that its first guesses are made of.
@@ -101,6 +88,17 @@ pub struct Spread {
     pub fastest: f64,
     /// The step of the lattice on which all values lie, if they lie on one that is coarse.
     pub lattice: Option<f64>,
+}
+
+/// What tells an effect from others that are like it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Telling {
+    /// It changes with the amplitude, or with the direction of motion.
+    Amplitude,
+    /// It is a constant or a slow change: another operating point and a known start.
+    OperatingPoint,
+    /// It shows at high frequencies.
+    Bandwidth,
 }
 
 /// An effect.
@@ -150,6 +148,14 @@ pub trait Effect: Sync {
     fn loses_commands(&self) -> bool {
         false
     }
+    /// It changes a number that the model already has: all of them together are what a model that is a little off may be off by.
+    fn corrects_model(&self) -> bool {
+        false
+    }
+    /// What tells it from effects that are like it; `None` where that depends on the case.
+    fn told_by(&self) -> Option<Telling> {
+        None
+    }
     /// Parameters that mean the same written in the one usual way.
     fn canonical(&self, values: Vec<f64>) -> Vec<f64> {
         values
@@ -193,6 +199,12 @@ pub static EFFECTS: [&dyn Effect; 29] = [
     &clock::skew::ClockSkew,
     &clock::offset::ClockOffset,
 ];
+
+/// The place of an effect in the table.
+#[must_use]
+pub fn row(effect: &dyn Effect) -> usize {
+    EFFECTS.iter().position(|e| e.name() == effect.name()).unwrap_or(EFFECTS.len())
+}
 
 /// The effect called `name`.
 ///

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::diagnose::{Diagnosed, Diagnosis, FoundEffect, Mode, Most, Parameter, RankedPair, RankingRow};
+use crate::diagnose::{Diagnosed, Diagnosis, FoundEffect, FoundParameter, LargestContributor, Mode, RankedPair, RankingRow};
 use crate::error::Result;
 use crate::file::write_atomic;
 use crate::report::html::page;
@@ -12,7 +12,7 @@ use crate::report::text::{Table, estimate};
 #[must_use]
 pub fn summary(found: &Diagnosed) -> String {
     let d = &found.diagnosis;
-    [size(d), place(d), cause(d, found.most.is_some()), rivals(d, found.most.as_ref()), shrink(d)].join("\n")
+    [size(d), place(d), cause(d, found.largest_contributor.is_some()), rivals(d, found.largest_contributor.as_ref()), shrink(d)].join("\n")
 }
 
 fn percent(share: f64) -> String {
@@ -53,7 +53,7 @@ fn place(d: &Diagnosis) -> String {
     text + "."
 }
 
-fn parameter(p: &Parameter) -> String {
+fn parameter(p: &FoundParameter) -> String {
     let unit = if p.unit == "1" { String::new() } else { format!(" {}", p.unit) };
     let Some(value) = p.value else { return format!("no {} limit", p.name) };
     match estimate(value, p.ci95) {
@@ -93,7 +93,7 @@ fn cause(d: &Diagnosis, helped: bool) -> String {
     }
 }
 
-fn rivals(d: &Diagnosis, most: Option<&Most>) -> String {
+fn rivals(d: &Diagnosis, most: Option<&LargestContributor>) -> String {
     if let Some(most) = most {
         let cannot =
             d.cause.indistinguishable.first().map(|class| format!(" This data cannot tell the verdict from {}.", class.join(", ")));

@@ -217,7 +217,7 @@ fn describe(d: &Diagnosis, output: usize) -> String {
 fn cause(diagnosed: &Diagnosed) -> String {
     let d = &diagnosed.diagnosis;
     let mut html = String::from("<h2>Cause</h2>\n");
-    let (caption, effects) = match &diagnosed.most {
+    let (caption, effects) = match &diagnosed.largest_contributor {
         Some(most) => ("What explains most, though not all: not called the cause", std::slice::from_ref(&most.effect)),
         None => ("What was found to act", d.cause.effects.as_slice()),
     };

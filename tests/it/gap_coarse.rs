@@ -98,7 +98,7 @@ fn where_something_else_is_left_the_effect_that_explains_most_is_told_with_its_s
     let hum = |t: f64| if (t % 11.0) < 3.0 { 0.4 * (9.0 * t).sin() } else { 0.0 };
     let found = diagnosed(&[0, 1, 2].map(|i| log(DELAY_S, 0.02, hum, 980 + i)));
     assert_eq!(found.diagnosis.cause.verdict, "unknown", "{:?}", found.diagnosis.cause.effects);
-    let most = found.most.as_ref().expect("a dead time explains a part");
+    let most = found.largest_contributor.as_ref().expect("a dead time explains a part");
     assert_eq!((most.effect.effect.as_str(), most.effect.channel.as_str()), ("input_delay", "u"));
     let p = &most.effect.parameters[0];
     assert!((p.value.unwrap() - DELAY_S).abs() < 0.005, "{p:?}");
@@ -111,5 +111,5 @@ fn where_something_else_is_left_the_effect_that_explains_most_is_told_with_its_s
     );
     // Where an effect is the cause, nothing of the kind is said.
     let clean = diagnosed(&[0, 1, 2].map(|i| log(DELAY_S, 0.02, |_| 0.0, 990 + i)));
-    assert!(clean.most.is_none() && clean.diagnosis.cause.verdict == "input_delay", "{:?}", clean.diagnosis.cause.verdict);
+    assert!(clean.largest_contributor.is_none() && clean.diagnosis.cause.verdict == "input_delay", "{:?}", clean.diagnosis.cause.verdict);
 }

@@ -1,9 +1,9 @@
 //! Channels that changed places.
 
+use super::evidence::{Evidence, result, short};
 use super::faults::{Fault, GOOD, SIZE, agreement};
 use super::view::Columns;
-use super::{Evidence, result, short};
-use crate::diagnose::diagnosis::{Check, CheckKind};
+use crate::diagnose::format::diagnosis::{Check, CheckKind};
 
 /// Correlation of two outputs' models from which on they cannot be told apart: just below where a swap is no longer looked for.
 const ALIKE: f64 = 0.95 * GOOD;

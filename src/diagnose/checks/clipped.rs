@@ -1,10 +1,11 @@
 //! An output at its limit: its largest or smallest value comes again and again, to the bit.
 
+use super::evidence::{ALL, Evidence, result, short};
 use super::faults::agrees;
-use super::runs::{Trace, deviation};
-use super::view::mean;
-use super::{ALL, Evidence, result, short};
-use crate::diagnose::diagnosis::{Check, CheckKind};
+use super::moments::deviation;
+use super::moments::mean;
+use super::runs::Trace;
+use crate::diagnose::format::diagnosis::{Check, CheckKind};
 
 /// So many samples at the limit at least,
 const FEWEST: usize = 5;

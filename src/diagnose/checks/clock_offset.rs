@@ -1,9 +1,9 @@
 //! Sensors' and commands' clocks that are apart by a constant.
 
+use super::evidence::{ALL, Evidence, result, short};
 use super::one_sample_shift::is_one;
 use super::timing::Timing;
-use super::{ALL, Evidence, result, short};
-use crate::diagnose::diagnosis::{Check, CheckKind};
+use crate::diagnose::format::diagnosis::{Check, CheckKind};
 
 /// The part of what a filter could correct that the lag alone must correct.
 const PURE: f64 = 0.9;

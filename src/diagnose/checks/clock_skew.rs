@@ -1,8 +1,8 @@
 //! Sensors' and commands' clocks that run at different rates: the lag grows.
 
+use super::evidence::{ALL, Evidence, result, short};
 use super::timing::Timing;
-use super::{ALL, Evidence, result, short};
-use crate::diagnose::diagnosis::{Check, CheckKind};
+use crate::diagnose::format::diagnosis::{Check, CheckKind};
 
 /// The growth over a log that is worth a word, samples.
 const GROWS: f64 = 0.5;

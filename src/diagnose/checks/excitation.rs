@@ -3,10 +3,11 @@
 use nalgebra::{Complex, DMatrix};
 use rustfft::FftPlanner;
 
-use super::runs::deviation;
-use super::view::{View, mean};
-use super::{Evidence, result, short};
-use crate::diagnose::diagnosis::{Check, CheckKind};
+use super::evidence::{Evidence, result, short};
+use super::moments::deviation;
+use super::moments::mean;
+use super::view::View;
+use crate::diagnose::format::diagnosis::{Check, CheckKind};
 
 /// Eigenvalues of the delayed command's covariance below this part of the largest are 0: what is left of a pure sine is rounding.
 const RANK: f64 = 1e-9;

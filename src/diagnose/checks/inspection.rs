@@ -2,13 +2,16 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::every;
+use super::evidence::{ALL, result, short};
 use super::units;
-use crate::diagnose::black_box::{probe, remembering};
-use crate::diagnose::data::{Record, Span};
-use crate::diagnose::diagnosis::{Check, CheckKind};
-use crate::diagnose::prediction::Prediction;
-use crate::diagnose::subject::Subject;
-use crate::effect::Applied;
+use crate::diagnose::baseline::predictor::Predictor;
+use crate::diagnose::format::diagnosis::{Check, CheckKind};
+use crate::diagnose::input::black_box::probe;
+use crate::diagnose::input::inputs::{Simulator, model_effects};
+use crate::diagnose::input::poles::Poles;
+use crate::diagnose::input::record::{LogRecord, Span};
+use crate::diagnose::input::subject::Subject;
 use crate::error::Result;
 use crate::log::{Channel, Log, LogError};
 use crate::stop::Stop;
@@ -121,7 +124,7 @@ fn channel(log: &Log, name: &str, unit: Option<&str>, role: Role) -> ChannelRepo
     report.ok = report.finding.is_none();
     if log.check_unit(name, unit).is_err() {
         let (logged, modelled) = (report.log_unit.clone().unwrap_or_default(), unit.unwrap_or_default());
-        let factor = units::between(&logged, modelled).map(|f| format!(" (factor {})", super::short(f))).unwrap_or_default();
+        let factor = units::between(&logged, modelled).map(|f| format!(" (factor {})", short(f))).unwrap_or_default();
         let text =
             format!("`{name}` is in {logged} in the log, in {modelled} in the model{factor}: convert the column or correct the header");
         report.finding = Some(report.finding.map_or(text.clone(), |before| format!("{before}; {text}")));
@@ -195,8 +198,8 @@ fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop) -> Result<Inspection> {
         let stated = c.finding.as_ref().filter(|_| c.ok && c.log_unit.is_some());
         let known = found.checks.iter().any(|k| k.check == CheckKind::Unit && k.channel == c.channel && k.ok == Some(false));
         if let Some(finding) = stated.filter(|_| !known) {
-            found.checks.retain(|k| k.check != CheckKind::Unit || k.channel != super::ALL);
-            found.checks.push(super::result(CheckKind::Unit, &c.channel, Some(false), finding.clone()));
+            found.checks.retain(|k| k.check != CheckKind::Unit || k.channel != ALL);
+            found.checks.push(result(CheckKind::Unit, &c.channel, Some(false), finding.clone()));
         }
     }
     Ok(found)
@@ -204,9 +207,9 @@ fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop) -> Result<Inspection> {
 
 fn checks(subject: Subject<'_>, logs: &[Log], reports: &[LogReport], stop: &Stop) -> Result<Vec<Check>> {
     let logs: Vec<Log> = logs.iter().zip(reports).map(|(log, report)| usable(log, report)).collect::<std::result::Result<_, _>>()?;
-    let (system, memory) = remembering(subject.system(&logs)?, stop);
-    let own = subject.effects().iter().map(|e| Applied::from_entry(&system, e)).collect::<std::result::Result<Vec<_>, _>>()?;
-    let mut records = logs.iter().map(|log| Record::new(log, &system)).collect::<Result<Vec<_>>>()?;
+    let Simulator { system, memory } = Simulator::of(subject, &logs, stop)?;
+    let model_effects = model_effects(subject, &system)?;
+    let mut records = logs.iter().map(|log| LogRecord::new(log, &system)).collect::<Result<Vec<_>>>()?;
     for (record, report) in records.iter_mut().zip(reports) {
         record.train = Some(Span { from_s: 0.0, to_s: record.duration_s() });
         let outputs = report.channels.iter().filter(|c| c.role == Role::Output);
@@ -216,6 +219,7 @@ fn checks(subject: Subject<'_>, logs: &[Log], reports: &[LogReport], stop: &Stop
         }
     }
     let probed = probe(&system, memory.as_ref(), &records)?;
-    let prediction = probed.map_or_else(|| Prediction::choose(&system, &records, None), |p| p.prediction());
-    Ok(super::all(&system, &own, &records, prediction))
+    let poles = probed.as_ref().map_or_else(|| Poles::of(&system, &records), Poles::probed);
+    let predictor = Predictor::of(&system, &records, &poles, probed.as_ref(), None);
+    Ok(every::checks(&system, &model_effects, &records, predictor))
 }

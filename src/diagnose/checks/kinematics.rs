@@ -3,7 +3,8 @@
 
 use nalgebra::DVector;
 
-use super::view::{View, correlation, mean};
+use super::moments::{correlation, mean};
+use super::view::View;
 use crate::simulate::{Dynamics, Matrices};
 
 /// Points and parameters at which equations are tried.

@@ -1,8 +1,8 @@
 //! A channel that is one sample late or early: an off-by-one in a logger.
 
+use super::evidence::{ALL, Evidence, result, short};
 use super::timing::Timing;
-use super::{ALL, Evidence, result, short};
-use crate::diagnose::diagnosis::{Check, CheckKind};
+use crate::diagnose::format::diagnosis::{Check, CheckKind};
 
 /// How close to one sample a lag must be, samples.
 const NEAR: f64 = 0.1;

@@ -1,14 +1,14 @@
 //! Values that repeat exactly.
 
-use super::super::data::Record;
-use super::view::mean;
+use super::moments::mean;
+use crate::diagnose::input::record::LogRecord;
 
 /// A channel is coarse where each of its values comes so often in the mean.
 const COARSE: usize = 3;
 
 /// One channel of one log, its samples in order; `index` are their places in the log.
 pub(super) struct Trace<'a> {
-    pub(super) record: &'a Record,
+    pub(super) record: &'a LogRecord,
     pub(super) index: Vec<usize>,
     pub(super) values: Vec<f64>,
 }
@@ -27,13 +27,13 @@ impl Stretch {
 }
 
 impl<'a> Trace<'a> {
-    pub(super) fn output(record: &'a Record, i: usize) -> Self {
+    pub(super) fn output(record: &'a LogRecord, i: usize) -> Self {
         let there = (0..record.time_s.len()).filter_map(|k| Some((k, record.measured_in(record.train, i, k)?)));
         let (index, values) = there.unzip();
         Self { record, index, values }
     }
 
-    pub(super) fn input(record: &'a Record, j: usize) -> Self {
+    pub(super) fn input(record: &'a LogRecord, j: usize) -> Self {
         let there = (0..record.time_s.len()).filter(|&k| record.train.is_some_and(|s| s.holds(record.time_s[k])));
         let (index, values) = there.map(|k| (k, record.inputs[j][k])).unzip();
         Self { record, index, values }
@@ -86,9 +86,4 @@ impl<'a> Trace<'a> {
         let at = |k: usize| self.index.get(k).copied().unwrap_or(0);
         at(s.from)..at(s.to.saturating_sub(1)) + 1
     }
-}
-
-pub(super) fn deviation(values: &[f64]) -> f64 {
-    let centre = mean(values.iter().copied());
-    mean(values.iter().map(|v| (v - centre).powi(2))).sqrt()
 }

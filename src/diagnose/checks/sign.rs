@@ -1,9 +1,9 @@
 //! A channel that has the other sign.
 
+use super::evidence::{Evidence, result, short};
 use super::faults::{Fault, FoundFault};
 use super::kinematics::TOGETHER;
-use super::{Evidence, result, short};
-use crate::diagnose::diagnosis::{Check, CheckKind};
+use crate::diagnose::format::diagnosis::{Check, CheckKind};
 
 pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let mut found = Vec::new();

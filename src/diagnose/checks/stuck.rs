@@ -1,8 +1,9 @@
 //! A channel that repeats its value although everything else moves.
 
-use super::runs::{Stretch, Trace, deviation};
-use super::{ALL, Evidence, result, short};
-use crate::diagnose::diagnosis::{Check, CheckKind};
+use super::evidence::{ALL, Evidence, result, short};
+use super::moments::deviation;
+use super::runs::{Stretch, Trace};
+use crate::diagnose::format::diagnosis::{Check, CheckKind};
 
 /// Shorter stretches are not looked at, samples.
 const SHORTEST: usize = 10;

@@ -3,7 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::faults::{Search, agrees};
-use super::view::{View, correlation, mean};
+use super::moments::{correlation, mean};
+use super::view::View;
 
 /// Stretches per log in which a lag is looked for,
 const STRETCHES: usize = 12;

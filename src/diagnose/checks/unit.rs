@@ -1,10 +1,10 @@
 //! A channel in another unit.
 
+use super::evidence::{Evidence, result, short};
 use super::faults::{Fault, Port, agrees};
 use super::kinematics::TOGETHER;
 use super::units::alternatives;
-use super::{Evidence, result, short};
-use crate::diagnose::diagnosis::{Check, CheckKind};
+use crate::diagnose::format::diagnosis::{Check, CheckKind};
 
 /// How close a measured factor between two sensors comes to that of a unit; nothing but their own gains lies between.
 const CLOSE: f64 = 1.15;
@@ -63,7 +63,7 @@ fn kinematic(e: &Evidence<'_>, found: &mut Vec<Check>) {
             Some(check) => check.finding += &format!("; {text}"),
             None => {
                 let finding = format!("{text}: {}", guesses.join(", or "));
-                found.push(result(super::CheckKind::Unit, e.output(rate), Some(false), finding));
+                found.push(result(CheckKind::Unit, e.output(rate), Some(false), finding));
             }
         }
     }

@@ -6,9 +6,9 @@
 
 use nalgebra::DMatrix;
 
-use super::super::data::Record;
-use super::super::prediction::Prediction;
-use super::runs::deviation;
+use super::moments::{correlation, deviation, mean};
+use crate::diagnose::baseline::predictor::Predictor;
+use crate::diagnose::input::record::LogRecord;
 use crate::effect::{Applied, Chance};
 use crate::simulate::{Commands, Correction, Dynamics, Matrices, Measured, Plan, System};
 
@@ -30,7 +30,7 @@ pub(super) type Columns = Vec<Vec<f64>>;
 pub(super) struct View<'a> {
     pub(super) system: &'a System,
     /// The training logs that share a sample time.
-    pub(super) records: Vec<&'a Record>,
+    pub(super) records: Vec<&'a LogRecord>,
     /// The model, linear where it needs a predictor.
     simulator: System,
     plan: Option<Plan>,
@@ -58,11 +58,11 @@ pub(super) struct Fit {
 }
 
 impl<'a> View<'a> {
-    pub(super) fn new(system: &'a System, own: &[Applied], records: &'a [Record], prediction: Prediction) -> Self {
+    pub(super) fn new(system: &'a System, model_effects: &[Applied], records: &'a [LogRecord], predictor: Predictor) -> Self {
         let trained = || records.iter().enumerate().filter(|(_, r)| r.train.is_some());
         let ts = trained().max_by_key(|(_, r)| r.time_s.len()).map_or(0.0, |(_, r)| r.sample_time_s);
         let chosen: Vec<usize> = trained().filter(|(_, r)| (r.sample_time_s - ts).abs() <= SAME_TIME * ts).map(|(at, _)| at).collect();
-        let mut plan = Applied::plan(system, own, Chance::Mean).ok();
+        let mut plan = Applied::plan(system, model_effects, Chance::Mean).ok();
         let mut simulator = system.clone();
         let mut time_constants_s = Vec::new();
         let record = chosen.first().map(|&at| &records[at]);
@@ -83,7 +83,7 @@ impl<'a> View<'a> {
             time_constants_s = matrices.a.complex_eigenvalues().iter().map(|p| seconds(p.re, p.norm())).filter(|t| *t > 0.0).collect();
             time_constants_s.retain(|t| t.is_finite());
             time_constants_s.sort_by(f64::total_cmp);
-            if !prediction.gains.is_empty() {
+            if !predictor.gains.is_empty() {
                 simulator.input_operating.fill(0.0);
                 simulator.output_operating.fill(0.0);
                 simulator.initial.fill(0.0);
@@ -95,15 +95,18 @@ impl<'a> View<'a> {
         }
         let mut view = Self {
             system,
-            gains: chosen.iter().filter_map(|&at| prediction.gains.get(at).cloned()).collect(),
+            gains: chosen.iter().filter_map(|&at| predictor.gains.get(at).cloned()).collect(),
             records: chosen.iter().map(|&at| &records[at]).collect(),
             simulator,
             plan,
-            settling_s: prediction.settling_s,
+            settling_s: predictor.settling_s,
             time_constants_s,
             why_not: "the model cannot be simulated on the log",
         };
-        if (matches!(system.dynamics, Dynamics::Equations(..)) || !own.is_empty()) && view.predicts() && !view.is_linear_enough(own) {
+        if (matches!(system.dynamics, Dynamics::Equations(..)) || !model_effects.is_empty())
+            && view.predicts()
+            && !view.is_linear_enough(model_effects)
+        {
             view.why_not = "the model does not decay within a log, and what it does there is far from what its linearisation does";
             view.plan = None;
         }
@@ -111,9 +114,9 @@ impl<'a> View<'a> {
     }
 
     /// The innovations of the model itself are near those of its linearisation.
-    fn is_linear_enough(&self, own: &[Applied]) -> bool {
+    fn is_linear_enough(&self, model_effects: &[Applied]) -> bool {
         let Some(record) = self.records.first() else { return false };
-        let Ok(plan) = Applied::plan(self.system, own, Chance::Mean) else { return false };
+        let Ok(plan) = Applied::plan(self.system, model_effects, Chance::Mean) else { return false };
         let correction = self.gains.first().map(|gain| Correction { gain, measured: &record.measured });
         let run = self.system.simulate(&plan, record.commands(), &self.system.initial, correction);
         let linear = self.measured(0, &record.measured).zip(self.modelled(0, &record.inputs));
@@ -181,7 +184,7 @@ impl<'a> View<'a> {
 
     /// The time stamps are so even that a lag in samples is one in seconds.
     pub(super) fn is_even(&self) -> bool {
-        let off = |r: &Record| {
+        let off = |r: &LogRecord| {
             let samples = r.time_s.iter().enumerate().map(|(k, t)| (t / r.sample_time_s - k as f64).abs());
             samples.fold(0.0, f64::max)
         };
@@ -209,23 +212,4 @@ impl<'a> View<'a> {
 
 fn thinned(samples: &[usize]) -> Vec<usize> {
     samples.iter().copied().step_by(samples.len() / SAMPLES + 1).collect()
-}
-
-pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0.0_f64), |(s, n), v| (s + v, n + 1.0));
-    sum / count.max(1.0)
-}
-
-/// Correlation and ratio of standard deviations of y(k) and x(k − lag) at the samples given, each part about its own means.
-pub(super) fn correlation(parts: &[(&[usize], &[f64], &[f64])], lag: isize) -> Option<(f64, f64)> {
-    let (mut yy, mut xx, mut xy) = (0.0, 0.0, 0.0);
-    for (samples, y, x) in parts {
-        let pairs = || samples.iter().filter_map(|&k| Some((*y.get(k)?, *x.get(k.checked_add_signed(-lag)?)?)));
-        let (y_mean, x_mean) = (mean(pairs().map(|p| p.0)), mean(pairs().map(|p| p.1)));
-        for (y, x) in pairs() {
-            let (y, x) = (y - y_mean, x - x_mean);
-            (yy, xx, xy) = (yy + y * y, xx + x * x, xy + x * y);
-        }
-    }
-    (yy > 0.0 && xx > 0.0).then(|| (xy / (yy * xx).sqrt(), (yy / xx).sqrt())).filter(|(c, r)| c.is_finite() && r.is_finite() && *r > 0.0)
 }

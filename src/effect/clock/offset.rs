@@ -1,7 +1,7 @@
 //! The sensors' clock is set differently: it reads t + offset. Positive: outputs seem late.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site};
 use crate::simulate::{Plan, System};
 
 /// The sensors' clock is set differently.
@@ -30,7 +30,7 @@ impl Effect for ClockOffset {
             return Err(EffectError::Channel { effect: self.name(), channel: channel.to_owned(), known: self.channels(system) });
         }
 
-        Ok(vec![channel::free("offset", "s".to_owned(), 0.0)])
+        Ok(vec![Parameter { role: Role::Clock, ..channel::free("offset", "s".to_owned(), 0.0) }])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {

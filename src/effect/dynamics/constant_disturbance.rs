@@ -1,7 +1,7 @@
 //! Something pushes all the time: a level on a state's derivative.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System, Term};
 
 /// Something pushes all the time.
@@ -33,6 +33,10 @@ impl Effect for ConstantDisturbance {
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let Some(size) = channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i)) else { return Vec::new() };
         channel::both_signs([0.1 * size])
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::OperatingPoint)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

@@ -1,7 +1,7 @@
 //! Dry friction: −level·sign(x) on the derivative of the velocity x, which sticks at 0.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System, Term};
 
 /// Dry friction that sticks.
@@ -33,6 +33,10 @@ impl Effect for CoulombFriction {
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let Some(size) = channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i)) else { return Vec::new() };
         [0.05, 0.2, 0.6].map(|share| vec![share * size]).to_vec()
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Amplitude)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

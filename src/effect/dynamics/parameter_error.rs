@@ -31,6 +31,10 @@ impl Effect for ParameterError {
         false
     }
 
+    fn corrects_model(&self) -> bool {
+        true
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         match &system.dynamics {
             Dynamics::Equations(..) | Dynamics::BlackBox(..) => channel::names(&system.parameters),

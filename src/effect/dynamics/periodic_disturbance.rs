@@ -1,7 +1,7 @@
 //! Something shakes: amplitude·sin(2π·frequency·t + phase) on a state's derivative, t from the log's first sample.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site};
 use crate::simulate::{Plan, System, Term};
 
 /// Something shakes at one frequency.
@@ -28,9 +28,9 @@ impl Effect for PeriodicDisturbance {
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         let unit = channel::per(&system.states[channel::state(self, system, channel)?], "s");
         Ok(vec![
-            Parameter { lower: 1e-9, ..channel::free("frequency", "Hz".to_owned(), 1.0) },
+            channel::frequency("frequency"),
             channel::free("amplitude", unit, 0.0),
-            channel::free("phase", "rad".to_owned(), 0.0),
+            Parameter { role: Role::Phase, ..channel::free("phase", "rad".to_owned(), 0.0) },
         ])
     }
 

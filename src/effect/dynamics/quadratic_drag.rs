@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System, Term};
 
 /// Drag that grows with the square of a velocity.
@@ -38,6 +38,10 @@ impl Effect for QuadraticDrag {
         let Ok(i) = channel::state(self, system, channel) else { return Vec::new() };
         let Some((size, derivative)) = scales.states.get(i).zip(scales.derivatives.get(i)) else { return Vec::new() };
         channel::both_signs([0.2 * derivative / (size.rms * size.rms).max(f64::MIN_POSITIVE)])
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Amplitude)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

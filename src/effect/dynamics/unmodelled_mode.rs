@@ -1,7 +1,7 @@
 //! A resonance that the model lacks: q″ + 2ζω·q′ + ω²·q = ω²·u, gain·q added to an input, a state's derivative or an output.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
 use crate::simulate::{Mode, Plan, System, plan};
 
 /// A resonance that the model lacks.
@@ -45,8 +45,8 @@ impl Effect for UnmodelledMode {
             plan::Site::Output(i) => over(channel::unit(&system.outputs[i])),
         };
         Ok(vec![
-            Parameter { lower: 1e-9, ..channel::free("frequency", "Hz".to_owned(), 1.0) },
-            Parameter { lower: 1e-4, upper: 10.0, ..channel::free("damping", "1".to_owned(), 0.1) },
+            channel::frequency("frequency"),
+            Parameter { role: Role::Damping, lower: 1e-4, upper: 10.0, ..channel::free("damping", "1".to_owned(), 0.1) },
             channel::free("gain", gain, 0.0),
         ])
     }
@@ -65,6 +65,10 @@ impl Effect for UnmodelledMode {
 
     fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
         values[2] == 0.0
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Bandwidth)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

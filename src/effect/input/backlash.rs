@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Piece, Piecewise, Plan, System};
 
 /// Play between command and plant.
@@ -35,6 +35,10 @@ impl Effect for Backlash {
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
         [0.05, 0.15, 0.35, 0.7].map(|share| vec![share * spread.quantiles[5]]).to_vec()
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Amplitude)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

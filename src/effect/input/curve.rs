@@ -1,7 +1,7 @@
 //! The actuator is not straight: u + quadratic·u·|u|.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The actuator has a quadratic characteristic.
@@ -33,6 +33,10 @@ impl Effect for InputCurve {
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
         channel::both_signs([0.3 / spread.quantiles[5].max(f64::MIN_POSITIVE)])
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Amplitude)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

@@ -1,7 +1,7 @@
 //! Commands get lost on the way: the last one that arrived is held.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Drops, Plan, System};
 
 /// Each logged command is lost with this probability, independently; a plan holds the mean over all sequences until a seed draws one.
@@ -37,6 +37,10 @@ impl Effect for DroppedCommands {
 
     fn loses_commands(&self) -> bool {
         true
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Bandwidth)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

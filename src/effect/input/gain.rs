@@ -1,7 +1,7 @@
 //! The actuator does more or less than commanded: gain·u.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The actuator has another gain.
@@ -33,6 +33,10 @@ impl Effect for InputGain {
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = (system, channel, scales);
         vec![vec![0.8], vec![1.25], vec![-1.0]]
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Amplitude)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The gain of the actuator fades with time.
@@ -35,6 +35,10 @@ impl Effect for GainFade {
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = (system, channel);
         channel::both_signs([0.3 / scales.duration_s.max(f64::MIN_POSITIVE)])
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::OperatingPoint)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Piece, Piecewise, Plan, System};
 
 /// The actuator moves no faster than this.
@@ -41,6 +41,10 @@ impl Effect for RateLimit {
         let (swing, longest_s) = (spread.largest - spread.smallest, LONGEST_SWING * scales.duration_s);
         let times = std::iter::successors(Some(0.5 * scales.sample_time_s), |time| Some(2.0 * time).filter(|t| *t > 0.0));
         times.take_while(|time| *time < longest_s).map(|time| vec![swing / time.max(f64::MIN_POSITIVE)]).collect()
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Bandwidth)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The actuator has stops.
@@ -35,6 +35,10 @@ impl Effect for Saturation {
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let Some(spread) = channel::input(self, system, channel).ok().and_then(|i| scales.inputs.get(i)) else { return Vec::new() };
         channel::limits(spread)
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Amplitude)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

@@ -1,7 +1,7 @@
 //! A measurement is written down late: y(t − delay).
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// Dead time between the plant and the log; continuous, never rounded to samples.
@@ -31,12 +31,16 @@ impl Effect for OutputDelay {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         channel::outputs(self, system, channel)?;
-        Ok(vec![channel::not_negative("delay", "s".to_owned(), 0.0)])
+        Ok(vec![channel::delay("delay")])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = (system, channel);
         channel::delays(scales)
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Bandwidth)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

@@ -1,7 +1,7 @@
 //! A sensor lags: z′ = (y − z)/time_constant.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The sensor follows with a first-order lag.
@@ -31,12 +31,16 @@ impl Effect for SensorLag {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         channel::outputs(self, system, channel)?;
-        Ok(vec![channel::not_negative("time_constant", "s".to_owned(), 0.0)])
+        Ok(vec![channel::time_constant("time_constant")])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = (system, channel);
         channel::times(scales)
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Bandwidth)
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {

@@ -1,0 +1,114 @@
+//! The section `cause`: the verdict with its effects, the ranking, and what the data cannot tell apart.
+
+use rayon::prelude::*;
+
+use super::alternatives::classes;
+use super::experiment::{self, experiment};
+use super::found_effects::found_effects;
+use super::probabilities::Probabilities;
+use crate::diagnose::format::diagnosis::{Cause, RankedPair, RankedSingle, RankingRow};
+use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::judge::intervals::Estimate;
+use crate::diagnose::judge::prior_sensitivity::PriorSensitivity;
+use crate::diagnose::judge::verdict::{GapVerdict, Judged};
+use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::search::catalogue_search::SearchResult;
+use crate::effect::{Applied, Scales};
+
+/// How many pairs the ranking lists.
+const PAIRS: usize = 5;
+
+/// The section `cause`; `after` gives an hypothesis's training nrmse, `estimate` belongs to what was found.
+pub(in crate::diagnose) fn cause(
+    likelihood: &Likelihood<'_>,
+    judged: &Judged,
+    found: &SearchResult,
+    estimate: Option<&Estimate>,
+    scales: &Scales,
+    sensitivities: &[PriorSensitivity],
+    after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
+) -> Cause {
+    let scale = Probabilities::new(judged, found, likelihood.weight());
+    let listed: Vec<&Hypothesis> = found.singles.iter().chain(found.pairs.iter().take(PAIRS)).collect();
+    let sum: f64 = listed.iter().map(|e| scale.of(e)).sum::<f64>() + scale.share(scale.none);
+    let rest = 1.0 - judged.unknown;
+    let mut rows: Vec<(f64, bool, RankingRow)> = listed
+        .par_iter()
+        .map(|e| {
+            let probability = rest * scale.of(e) / sum;
+            let leads = judged.found.as_ref().is_some_and(|f| f.key() == e.key());
+            (probability, leads, row(e, probability, after(e)))
+        })
+        .collect();
+    let plain = |effect: &str, probability: f64| {
+        RankingRow::Single(RankedSingle { effect: effect.to_owned(), channel: None, probability, after: None })
+    };
+    let none = rest * scale.share(scale.none) / sum;
+    rows.push((none, judged.verdict == GapVerdict::None, plain("none", none)));
+    rows.push((judged.unknown, judged.verdict == GapVerdict::Unknown, plain("unknown", judged.unknown)));
+    // The verdict leads its equals.
+    rows.sort_by(|a, b| b.1.cmp(&a.1).then(b.0.total_cmp(&a.0)));
+    let classes = judged
+        .found
+        .as_ref()
+        .and(judged.best.as_ref())
+        .map(|leader| classes(likelihood, leader, found, judged.inexact))
+        .unwrap_or_default();
+    let next_experiment = match (classes.iter().find(|class| class.len() > 1), judged.best.as_ref()) {
+        (Some(class), Some(best)) => {
+            let replaced = |a: &Applied| if a.key() == class[0].key() { class[1].clone() } else { a.clone() };
+            let rival: Vec<Applied> = best.effects.iter().map(replaced).collect();
+            Some(experiment(likelihood, scales, class, &best.effects, &rival))
+        }
+        _ => (!sensitivities.is_empty()).then(|| experiment::of_starts(sensitivities)),
+    };
+    let mut indistinguishable: Vec<Vec<String>> = classes.iter().map(|class| class.iter().map(Applied::key).collect()).collect();
+    start_classes(&mut indistinguishable, judged.found.as_ref(), sensitivities);
+    let first = judged.found.as_ref().and_then(|e| e.effects.first());
+    Cause {
+        verdict: match judged.verdict {
+            GapVerdict::None => "none".to_owned(),
+            GapVerdict::Unknown => "unknown".to_owned(),
+            GapVerdict::Effects => first.map(|a| a.effect.name().to_owned()).unwrap_or_default(),
+        },
+        channel: first.map(|a| a.channel.clone()),
+        effects: judged.found.iter().flat_map(|e| found_effects(likelihood, e, estimate)).collect(),
+        ranking: rows.into_iter().map(|r| r.2).collect(),
+        indistinguishable,
+        not_tried: Vec::new(),
+        next_experiment,
+    }
+}
+
+/// Adds the starts on which the verdict hangs to the class of its first effect, with what would lead instead.
+fn start_classes(classes: &mut Vec<Vec<String>>, found: Option<&Hypothesis>, sensitivities: &[PriorSensitivity]) {
+    if sensitivities.is_empty() {
+        return;
+    }
+    let own: Vec<String> = found.iter().flat_map(|e| e.effects.first()).map(Applied::key).collect();
+    let at = classes.iter().position(|class| class.first() == own.first()).unwrap_or_else(|| {
+        classes.insert(0, own.clone());
+        0
+    });
+    for sensitivity in sensitivities {
+        let names = std::iter::once(format!("initial_state:{}", sensitivity.state)).chain(sensitivity.instead.iter().map(Applied::key));
+        for name in names {
+            if !classes[at].contains(&name) {
+                classes[at].push(name);
+            }
+        }
+    }
+}
+
+fn row(hypothesis: &Hypothesis, probability: f64, after: Option<f64>) -> RankingRow {
+    let named = |a: &Applied| [a.effect.name().to_owned(), a.channel.clone()];
+    match hypothesis.effects.as_slice() {
+        [one] => RankingRow::Single(RankedSingle {
+            effect: one.effect.name().to_owned(),
+            channel: Some(one.channel.clone()),
+            probability,
+            after,
+        }),
+        several => RankingRow::Pair(RankedPair { effects: several.iter().map(named).collect(), probability, after }),
+    }
+}

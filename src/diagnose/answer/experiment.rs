@@ -1,0 +1,190 @@
+//! The next experiment: what would separate hypotheses that this data cannot.
+//!
+//! Both hypotheses are simulated through a handful of experiments; the one with the largest expected log-Bayes-factor is proposed, what the rival's own
+//! parameters could still make up for taken out (T-optimal discrimination; Atkinson and Fedorov 1975, doi:10.1093/biomet/62.1.57).
+//!
+//! How it can be wrong: the machine's limits are not known here, so an experiment may ask for more than it stands; an unstable model cannot be simulated
+//! ahead without its controller, and gets advice by the kinds of its rivals only.
+
+use nalgebra::DVector;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rayon::prelude::*;
+
+use crate::diagnose::format::diagnosis::Mode;
+use crate::diagnose::hypothesis::penalised_gain::SELECTION_PENALTY;
+use crate::diagnose::judge::prior_sensitivity::PriorSensitivity;
+use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::effect::{Applied, Chance, Scales, Site, Telling};
+use crate::simulate::Commands;
+
+/// Samples of an experiment that is simulated.
+const SAMPLES: usize = 3000;
+/// A step for the rival's derivatives, relative to the size of its parameter.
+const STEP: f64 = 1e-4;
+/// The same of a black box, which may be rough; and for its start, relative to what moves an output.
+const CALLED_STEP: f64 = 1e-2;
+
+/// One experiment: its name, its commands and where the state starts.
+struct Trial {
+    words: &'static str,
+    inputs: Vec<Vec<f64>>,
+    start: Vec<f64>,
+    /// The start is set by the experiment; otherwise it is a nuisance here too.
+    released: bool,
+}
+
+/// The experiments that are tried, from the size of the logged commands.
+fn trials(likelihood: &Likelihood<'_>, scales: &Scales) -> Option<(Vec<f64>, Vec<Trial>)> {
+    let record = likelihood.records.iter().find(|r| r.train.is_some())?;
+    let count = record.time_s.len().min(SAMPLES);
+    let time_s = record.time_s[..count].to_vec();
+    let still = likelihood.system.initial.clone();
+    let moved: Vec<f64> = still.iter().enumerate().map(|(j, x)| x + scales.states.get(j).map_or(0.0, |s| s.std)).collect();
+    let mean: Vec<f64> = record.inputs.iter().map(|u| u.iter().sum::<f64>() / u.len().max(1) as f64).collect();
+    let spread: Vec<f64> = scales.inputs.iter().map(|s| s.std).collect();
+    let each = |value: &mut dyn FnMut(usize, usize) -> f64| -> Vec<Vec<f64>> {
+        (0..record.inputs.len()).map(|j| (0..count).map(|k| value(j, k)).collect()).collect()
+    };
+    let logged = |scale: f64, shift: f64| each(&mut |j, k| mean[j] + scale * (record.inputs[j][k] - mean[j]) + shift * spread[j]);
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let phase = |k: usize| (4 * k) as f64 / count as f64 % 1.0;
+    let trial = |words, inputs, start: &Vec<f64>| Trial { words, inputs, start: start.clone(), released: *start != still };
+    let all = vec![
+        trial("repeat the commands at twice the amplitude", logged(2.0, 0.0), &still),
+        trial("repeat the commands at a third of the amplitude", logged(1.0 / 3.0, 0.0), &still),
+        trial("repeat the commands about another operating point", logged(1.0, 2.0), &still),
+        trial(
+            "excite with a signal that reverses at random at every sample",
+            each(&mut |j, _| mean[j] + if rng.random::<bool>() { spread[j] } else { -spread[j] }),
+            &still,
+        ),
+        trial(
+            "move slowly to and fro, with reversals through zero",
+            each(&mut |j, k| mean[j] + 2.0 * spread[j] * (1.0 - 4.0 * (phase(k) - 0.5).abs())),
+            &still,
+        ),
+        trial(
+            "command steps and hold them until everything has settled",
+            each(&mut |j, k| mean[j] + if phase(k) < 0.5 { 1.5 } else { -1.5 } * spread[j]),
+            &still,
+        ),
+        trial("record at rest, commands held", logged(0.0, 0.0), &still),
+        trial(
+            "record motion that is not caused by the commands (a release from a displaced start, a push by hand), commands held",
+            logged(0.0, 0.0),
+            &moved,
+        ),
+    ];
+    Some((time_s, all))
+}
+
+/// What would tell two hypotheses apart, as a sentence about a class of effects; `own` and `rival` are all effects at work under each.
+pub(in crate::diagnose) fn experiment(
+    likelihood: &Likelihood<'_>,
+    scales: &Scales,
+    class: &[Applied],
+    own: &[Applied],
+    rival: &[Applied],
+) -> String {
+    let names = names(class);
+    let simulated = (likelihood.predictor.mode == Mode::Simulation).then(|| trials(likelihood, scales)).flatten();
+    let Some((time_s, trials)) = simulated else { return by_kind(class) };
+    let expected = |trial: &Trial| Some((apart(likelihood, scales, &time_s, trial, own, rival)?, trial.words));
+    let best = trials.par_iter().filter_map(expected).collect::<Vec<_>>().into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
+    // A simulator that only knows the runs it has recorded.
+    if best.is_none() && likelihood.system.is_black_box() {
+        return by_kind(class);
+    }
+    let duration_s = time_s.last().copied().unwrap_or(0.0);
+    match best {
+        Some((gain, words)) if gain > SELECTION_PENALTY => {
+            format!("To separate {names}: {words} (expected log Bayes factor of the first two {:.0} in {duration_s:.3} s).", 0.5 * gain)
+        }
+        _ => format!("To separate {names}: none of the experiments that were simulated does; measure at another place."),
+    }
+}
+
+/// Twice the expected log-Bayes-factor of one experiment: the squared distance of the two trajectories in units of the noise, less what the rival's
+/// parameters, and a start that is not known, can make up for. As in a log, what happens within the longest delay has no weight.
+fn apart(likelihood: &Likelihood<'_>, scales: &Scales, time_s: &[f64], trial: &Trial, own: &[Applied], rival: &[Applied]) -> Option<f64> {
+    let noise = likelihood.noise_std();
+    let from = if trial.released { 0 } else { time_s.partition_point(|t| *t < scales.longest_delay_s) };
+    let simulate = |effects: &[Applied], start: &[f64]| -> Option<DVector<f64>> {
+        let plan = likelihood.plan(effects, Chance::Mean)?;
+        let commands = Commands { time_s, inputs: &trial.inputs };
+        let run = likelihood.system.simulate(&plan, commands, start, None).ok()?;
+        let scaled = run
+            .y
+            .column_iter()
+            .zip(&noise)
+            .flat_map(|(y, s)| y.iter().skip(from).map(|v| v / s.max(f64::MIN_POSITIVE)).collect::<Vec<_>>());
+        Some(DVector::from_vec(scaled.collect()))
+    };
+    let there = simulate(rival, &trial.start)?;
+    let mut left = simulate(own, &trial.start)? - &there;
+    let mut directions: Vec<DVector<f64>> = Vec::new();
+    let mut take_out = |mut column: DVector<f64>| {
+        let whole = column.norm();
+        for q in &directions {
+            column -= q * q.dot(&column);
+        }
+        if column.norm() > 1e-9 * whole {
+            directions.push(column.normalize());
+        }
+    };
+    for j in (0..trial.start.len()).filter(|_| !trial.released) {
+        let mut start = trial.start.clone();
+        let share = if likelihood.system.is_black_box() { CALLED_STEP } else { 1e-3 };
+        let step = share * scales.states.get(j).map_or(1.0, |s| s.std).max(1e-9);
+        start[j] += step;
+        take_out((simulate(rival, &start)? - &there) / step);
+    }
+    for e in 0..rival.len() {
+        for i in (0..rival[e].values.len()).filter(|&i| rival[e].values[i].is_finite()) {
+            let mut moved = rival.to_vec();
+            let share = if likelihood.system.is_black_box() { CALLED_STEP } else { STEP };
+            let step = share * moved[e].values[i].abs().max(1e-9);
+            moved[e].values[i] += step;
+            take_out((simulate(&moved, &trial.start)? - &there) / step);
+        }
+    }
+    for q in &directions {
+        left -= q * q.dot(&left);
+    }
+    Some(left.norm_squared()).filter(|d| d.is_finite())
+}
+
+fn names(class: &[Applied]) -> String {
+    class.iter().map(Applied::key).collect::<Vec<_>>().join(", ")
+}
+
+/// As [`experiment`], by the kinds of a class' members, where nothing can be simulated ahead.
+pub(in crate::diagnose) fn by_kind(class: &[Applied]) -> String {
+    format!("To separate {}: {}.", names(class), advice(class))
+}
+
+fn advice(class: &[Applied]) -> &'static str {
+    let sites = |site: Site| class.iter().any(|c| c.effect.site() == site);
+    let told_by = |telling| class.iter().filter(|c| c.effect.told_by() == Some(telling)).count() > 1;
+    if told_by(Telling::Amplitude) {
+        "repeat the experiment at two or more amplitudes, with slow reversals through zero"
+    } else if told_by(Telling::OperatingPoint) {
+        "step the operating point, and start from a known state"
+    } else if told_by(Telling::Bandwidth) && !sites(Site::Output) {
+        "excite with a broadband signal that reaches well above one over the lag, at two amplitudes"
+    } else if sites(Site::Output) || sites(Site::Clock) {
+        "record motion that is not caused by the commands (a release from a displaced start, a push by hand), beside the same commands"
+    } else {
+        "excite with a multisine over the whole bandwidth, at two amplitudes and two operating points"
+    }
+}
+
+/// What would tell a start that is off from an effect.
+pub(in crate::diagnose) fn of_starts(sensitivities: &[PriorSensitivity]) -> String {
+    let states = sensitivities.iter().map(|h| format!("`{}`", h.state)).collect::<Vec<_>>().join(", ");
+    format!(
+        "The verdict hangs on how far the start of {states} is trusted: begin from a known state (and say so with initial_std), or step the operating point."
+    )
+}

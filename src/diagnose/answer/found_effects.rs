@@ -1,0 +1,43 @@
+//! Effects with their parameters and intervals, as they stand in a diagnosis.
+
+use crate::diagnose::format::diagnosis::{FoundEffect, FoundParameter};
+use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::judge::intervals::Estimate;
+use crate::diagnose::likelihood::likelihood::Likelihood;
+
+/// Relative standard deviation of a lattice's step: the rounding of numbers in a log.
+const LATTICE: f64 = 1e-6;
+
+/// The effects of a hypothesis; `estimate` belongs to it.
+pub(in crate::diagnose) fn found_effects(
+    likelihood: &Likelihood<'_>,
+    hypothesis: &Hypothesis,
+    estimate: Option<&Estimate>,
+) -> Vec<FoundEffect> {
+    let parameter = |e: usize, i: usize| {
+        let applied = &hypothesis.effects[e];
+        let place = hypothesis.free.iter().position(|&at| at == (e, i));
+        let std = match (&hypothesis.lost, place) {
+            (Some(lost), None) if applied.effect.loses_commands() => {
+                likelihood.system.inputs.iter().position(|p| p.name == applied.channel).and_then(|input| lost.std[input])
+            }
+            (_, None) if applied.effect.leaves_residual() => Some(LATTICE * applied.values[i]),
+            _ => estimate.zip(place).and_then(|(estimate, at)| estimate.std[at]),
+        };
+        let value = applied.values[i];
+        FoundParameter {
+            name: applied.parameters[i].name.to_owned(),
+            unit: applied.parameters[i].unit.clone(),
+            value: value.is_finite().then_some(value),
+            std,
+            ci95: std.map(|s| [value - 1.96 * s, value + 1.96 * s]),
+        }
+    };
+    (hypothesis.effects.iter().enumerate())
+        .map(|(e, applied)| FoundEffect {
+            effect: applied.effect.name().to_owned(),
+            channel: applied.channel.clone(),
+            parameters: (0..applied.values.len()).map(|i| parameter(e, i)).collect(),
+        })
+        .collect()
+}

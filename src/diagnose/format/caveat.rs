@@ -1,0 +1,123 @@
+//! What a diagnosis can be made of, but a reader has to know.
+
+/// Something that weakens a diagnosis, as a sentence.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Caveat {
+    /// A held-out log with the samples of a training log.
+    #[error(
+        "{held} holds the same samples as {learnt}, which was learnt from: the shrink is not measured on unseen data; hold out another log"
+    )]
+    HeldOutIsTraining {
+        /// The held-out log.
+        held: String,
+        /// The training log.
+        learnt: String,
+    },
+    /// Two training logs with the same samples.
+    #[error("{second} holds the same samples as {first}: they count twice, and the intervals are too narrow; leave one out")]
+    Twice {
+        /// The first of them.
+        first: String,
+        /// The other.
+        second: String,
+    },
+    /// A command that never changes in what is learnt from.
+    #[error("`{input}` never changes in what is learnt from: nothing that acts on it can be seen; record a log in which it moves")]
+    ConstantInput {
+        /// The input.
+        input: String,
+    },
+    /// An output without a sample in what is learnt from.
+    #[error("`{output}` has no sample in what is learnt from: nothing is said of it")]
+    NothingToLearn {
+        /// The output.
+        output: String,
+    },
+    /// Calls of a simulator failed; the rivals that made them are out of the race.
+    #[error("the simulator failed in {failed} of {calls} calls, and what asked for them was given up; the last time: {why}")]
+    SimulatorFailed {
+        /// Calls that failed.
+        failed: usize,
+        /// All calls.
+        calls: usize,
+        /// The last failure.
+        why: String,
+    },
+    /// No output of a simulator depends on an input.
+    #[error("no output of the simulator depends on `{input}`: effects on it were not tried")]
+    InputMovesNothing {
+        /// The input.
+        input: String,
+    },
+    /// No output of a simulator depends on a parameter.
+    #[error(
+        "a tenth more or less of the parameter `{parameter}` moves no output: the simulator does not apply it, or these logs do not show it"
+    )]
+    ParameterMovesNothing {
+        /// The parameter.
+        parameter: String,
+    },
+    /// No output of a simulator depends on a start.
+    #[error("no output of the simulator depends on the start of `{state}`: it counts as exactly known")]
+    StartMovesNothing {
+        /// The state.
+        state: String,
+    },
+    /// A simulator whose start nobody named.
+    #[error(
+        "no state of the simulator is named: every log is taken to start exactly as the simulator does; a start that is off passes for an effect"
+    )]
+    NoStart,
+    /// A simulator that remembers its start to the end of a log.
+    #[error(
+        "of a push at the start {left} is left at the end of the log: the simulator integrates, and what is a little off at first stays so{}",
+        if *started { "" } else { "; name its states with their uncertainty" }
+    )]
+    NeverForgets {
+        /// What is left.
+        left: String,
+        /// Starts are named.
+        started: bool,
+    },
+    /// An unstable simulator.
+    #[error(
+        "what a push at the start does grows {factor}-fold over the log: the simulator is unstable there, and small causes pass for large ones; close the loop inside it, or cut the logs into shorter ones"
+    )]
+    Grows {
+        /// By how much.
+        factor: String,
+    },
+    /// A simulator that answers next to nothing with something.
+    #[error(
+        "a change of the inputs by 1e-10 moves `{output}` by {percent} % of its motion: the simulator is rough or chaotic, and no effect smaller than that can be told"
+    )]
+    Rough {
+        /// The output.
+        output: String,
+        /// By how much.
+        percent: String,
+    },
+    /// Something is left that effects on equations might explain, which a black box does not let anyone try.
+    #[error(
+        "what was found leaves {times} times the noise, and effects on equations (friction, drag and the like) could not be tried: one of them may be the cause instead; name them as parameters of the simulator, or diagnose a model in equations"
+    )]
+    Incomplete {
+        /// The residual over the floor.
+        times: String,
+    },
+    /// Something is left beside what was found.
+    #[error("beside what was found {times} times the noise floor is left of `{output}`: the simulator differs in something else, too")]
+    Rest {
+        /// The residual over the floor.
+        times: String,
+        /// The output on which the verdict was decided.
+        output: String,
+    },
+    /// An output without a sample in what is held out.
+    #[error("`{output}` has no sample in what is held out: how far its gap shrinks is not known")]
+    NothingHeldOut {
+        /// The output.
+        output: String,
+    },
+}

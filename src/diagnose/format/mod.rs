@@ -1,0 +1,6 @@
+//! The diagnosis as data, and what is said beside it: caveats, errors, progress.
+
+pub(in crate::diagnose) mod caveat;
+pub(in crate::diagnose) mod diagnosis;
+pub(in crate::diagnose) mod error;
+pub(in crate::diagnose) mod progress;

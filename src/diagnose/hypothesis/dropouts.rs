@@ -1,0 +1,126 @@
+//! Which commands were lost: the hidden sequence, estimated from the outputs.
+//!
+//! A lost command leaves the last one that arrived in force. To first order every such difference δ adds δ·g to the residual, g being the response to one
+//! held sample. A search through the sequences keeps the most probable ones (the M-algorithm; Anderson and Mohan 1984, doi:10.1109/TCOM.1984.1096023);
+//! the best is then simulated exactly and its likelihood charged with the probability of its decisions.
+//!
+//! How it can be wrong: a command that changes by less than the noise shows decides nothing, so the probability is taken from the others; a nonlinear plant's
+//! response varies, so the exact simulation has the last word; a misfit of another kind is followed by lost commands in part only, and stays above the floor.
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use super::hypothesis::{Dropouts, Hypothesis};
+use super::sequence::{Path, search};
+use crate::diagnose::input::record::LogRecord;
+use crate::diagnose::likelihood::active_effects::ActiveEffects;
+use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::effect::{Applied, Chance, Scales};
+use crate::simulate::plan::InputPath;
+use crate::simulate::{Commands, Piecewise};
+
+/// Samples after which the response to one command counts as over, at most.
+const LONGEST: usize = 400;
+/// A decision counts for the probability where the two possible pasts differ by this many noise standard deviations.
+const DECIDED: f64 = 4.0;
+/// The probability with which a search begins.
+const FIRST: f64 = 0.3;
+/// Searches, each with the last one's probability and parameters.
+const PASSES: usize = 2;
+
+/// The hypothesis with the sequence of its lost commands estimated and its other parameters refitted; unchanged where it has none, `None` where nothing
+/// can be decided.
+pub(in crate::diagnose) fn decoded(
+    likelihood: &Likelihood<'_>,
+    mut hypothesis: Hypothesis,
+    scales: &Scales,
+    nominal_cost: f64,
+    steps: usize,
+) -> Option<Hypothesis> {
+    let losing: Vec<usize> = (0..hypothesis.effects.len()).filter(|&e| hypothesis.effects[e].effect.loses_commands()).collect();
+    if losing.is_empty() {
+        return Some(hypothesis);
+    }
+    for _ in 0..PASSES {
+        let mut lost = Dropouts {
+            sequences: vec![vec![None; likelihood.system.inputs.len()]; likelihood.records.len()],
+            price: 0.0,
+            std: vec![None; likelihood.system.inputs.len()],
+        };
+        for &e in &losing {
+            let channel = hypothesis.effects[e].channel.clone();
+            let input = likelihood.system.inputs.iter().position(|p| p.name == channel)?;
+            let others: Vec<Applied> = hypothesis.effects.iter().filter(|a| !a.effect.loses_commands()).cloned().collect();
+            let before = hypothesis.effects[e].values[0];
+            let given = if hypothesis.lost.is_some() { before.clamp(0.01, 0.9) } else { FIRST };
+            let probability = decode_input(likelihood, &others, &mut lost, input, given)?;
+            hypothesis.effects[e].values[0] = probability;
+        }
+        hypothesis.lost = Some(lost);
+        hypothesis = Hypothesis::refit(likelihood, hypothesis, scales, nominal_cost, steps)?;
+    }
+    Some(hypothesis)
+}
+
+/// Estimates one input's sequences over all records; the probability of a loss.
+fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Dropouts, input: usize, probability: f64) -> Option<f64> {
+    let (mut decided, mut held) = (0.0_f64, 0.0_f64);
+    let decode = |(at, record): (usize, &LogRecord)| {
+        let span = record.train.or(record.held)?;
+        let active = ActiveEffects { effects: others, lost: Some(&lost.sequences) };
+        let residual = likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?);
+        let plan = likelihood.plan(others, Chance::Mean)?;
+        let through = |v: f64| static_value(&plan.inputs[input], v);
+        let response = response(likelihood, at, others, input)?;
+        let (e, g) = (likelihood.whiten_whole(at, &residual), likelihood.filter(at, &response));
+        Some((search(&record.inputs[input], &through, &e, &g, probability), g.norm_squared()))
+    };
+    let paths: Vec<(Path, f64)> = likelihood.records.par_iter().enumerate().map(decode).collect::<Option<_>>()?;
+    for (at, (path, energy)) in paths.into_iter().enumerate() {
+        let counts = if likelihood.records[at].train.is_some() { path.decisions.as_slice() } else { &[] };
+        for decision in counts {
+            lost.price -= 2.0 * if decision.lost { probability.ln() } else { (1.0 - probability).ln() };
+            if decision.difference.powi(2) * energy > DECIDED * DECIDED {
+                decided += 1.0;
+                held += if decision.lost { 1.0 } else { 0.0 };
+            }
+        }
+        lost.sequences[at][input] = Some(path.lost);
+    }
+    if decided < 5.0 {
+        return None;
+    }
+    // Laplace's rule keeps the probability off its edges.
+    let p = (held + 0.5) / (decided + 1.0);
+    lost.std[input] = Some((p * (1.0 - p) / decided).sqrt());
+    Some(p)
+}
+
+/// What a command becomes at rest on its way: the curve and the maps of the path.
+fn static_value(path: &InputPath, value: f64) -> f64 {
+    let mut signal = Piecewise::held(&[0.0], [value]);
+    if let Some(curve) = path.curve {
+        signal = signal.map(|p| (curve.gain * p.value + curve.quadratic * p.value * p.value.abs(), 0.0));
+    }
+    path.maps.iter().fold(signal, |signal, map| map(signal)).first()
+}
+
+/// The outputs' response to one held sample of one unit behind the maps of the path, samples × outputs.
+fn response(likelihood: &Likelihood<'_>, at: usize, others: &[Applied], input: usize) -> Option<DMatrix<f64>> {
+    let record = &likelihood.records[at];
+    let mut plan = likelihood.plan(others, Chance::Mean)?;
+    (plan.inputs[input].curve, plan.inputs[input].maps) = (None, Vec::new());
+    let samples = record.time_s.len();
+    let place = samples / 4;
+    let size = 1e-2 * record.inputs[input].iter().map(|u| u.abs()).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let simulate = |by: f64| {
+        let mut inputs = record.inputs.clone();
+        inputs[input][place] += by;
+        let commands = Commands { time_s: &record.time_s, inputs: &inputs };
+        likelihood.system.simulate(&plan, commands, &likelihood.system.initial, likelihood.correction(at)).ok()
+    };
+    let (up, down) = (simulate(0.5 * size)?.y, simulate(-0.5 * size)?.y);
+    let length = LONGEST.min(samples - place);
+    let g = (up.rows(place, length) - down.rows(place, length)) / size;
+    g.iter().all(|v| v.is_finite()).then_some(g)
+}

@@ -1,0 +1,79 @@
+//! One or more effects that together explain a gap.
+
+use crate::diagnose::likelihood::active_effects::{ActiveEffects, LostCommands};
+use crate::effect::Applied;
+
+/// Effects with their best parameters so far.
+#[derive(Debug, Clone)]
+pub(in crate::diagnose) struct Hypothesis {
+    /// In the order of the table of effects; in a verdict by what each contributes.
+    pub(in crate::diagnose) effects: Vec<Applied>,
+    /// Parameters that were fitted, as effect and place; limits that do not act are not among them.
+    pub(in crate::diagnose) free: Vec<(usize, usize)>,
+    /// How far the whitened cost falls against no effect.
+    pub(in crate::diagnose) gain: f64,
+    /// Fitted in full, not only screened.
+    pub(in crate::diagnose) fitted: bool,
+    /// The commands that were lost, where an effect loses some.
+    pub(in crate::diagnose) lost: Option<Dropouts>,
+}
+
+/// Lost commands of all records.
+#[derive(Debug, Clone)]
+pub(in crate::diagnose) struct Dropouts {
+    /// One per record.
+    pub(in crate::diagnose) sequences: Vec<LostCommands>,
+    /// Twice the negative log-probability of the decisions on the training logs.
+    pub(in crate::diagnose) price: f64,
+    /// Standard deviation of each input's probability, where one could be estimated.
+    pub(in crate::diagnose) std: Vec<Option<f64>>,
+}
+
+impl<'e> From<&'e Hypothesis> for ActiveEffects<'e> {
+    fn from(hypothesis: &'e Hypothesis) -> Self {
+        Self { effects: &hypothesis.effects, lost: hypothesis.lost.as_ref().map(|l| l.sequences.as_slice()) }
+    }
+}
+
+impl Hypothesis {
+    /// One effect, not fitted yet.
+    pub(in crate::diagnose) fn screened(applied: Applied, gain: f64) -> Self {
+        Self { effects: vec![applied], free: Vec::new(), gain, fitted: false, lost: None }
+    }
+
+    /// `effect:channel`, of several joined by " + ", whatever their order.
+    pub(in crate::diagnose) fn key(&self) -> String {
+        let mut keys: Vec<String> = self.effects.iter().map(Applied::key).collect();
+        keys.sort();
+        keys.join(" + ")
+    }
+
+    /// Parameters beyond the first of every effect.
+    pub(in crate::diagnose) fn further_parameters(&self) -> usize {
+        self.free.len().saturating_sub(self.effects.len())
+    }
+
+    /// Some effect loses commands.
+    pub(in crate::diagnose) fn loses_commands(&self) -> bool {
+        self.effects.iter().any(|a| a.effect.loses_commands())
+    }
+
+    /// One of its effects, with the values that it has beside the others.
+    pub(in crate::diagnose) fn only(&self, place: usize) -> Self {
+        let effects = self.effects.get(place).cloned().into_iter().collect();
+        let free = self.free.iter().filter(|f| f.0 == place).map(|f| (0, f.1)).collect();
+        Self { effects, free, lost: None, ..self.clone() }
+    }
+
+    /// Its effects by what each explains, most first.
+    pub(in crate::diagnose) fn ordered(mut self, explains: impl Fn(&Applied) -> f64) -> Self {
+        let mut order: Vec<usize> = (0..self.effects.len()).collect();
+        order.sort_by(|&a, &b| explains(&self.effects[b]).total_cmp(&explains(&self.effects[a])));
+        let effects = order.iter().map(|&e| self.effects[e].clone()).collect();
+        for free in &mut self.free {
+            free.0 = order.iter().position(|&e| e == free.0).unwrap_or(free.0);
+        }
+        self.effects = effects;
+        self
+    }
+}

@@ -1,0 +1,10 @@
+//! Effects with parameters: their fit, the commands that they lose, and what they gain once the search is paid for.
+
+pub(in crate::diagnose) mod direction;
+pub(in crate::diagnose) mod dropouts;
+pub(in crate::diagnose) mod fit;
+pub(in crate::diagnose) mod hypothesis;
+pub(in crate::diagnose) mod penalised_gain;
+pub(in crate::diagnose) mod refine;
+pub(in crate::diagnose) mod sequence;
+pub(in crate::diagnose) mod slopes;

@@ -1,0 +1,96 @@
+//! What every diagnosis begins with: the simulator, its logs with what is learnt from and what is held back.
+
+use std::sync::Arc;
+
+use super::black_box::{Probed, probe, remembering};
+use super::options::GapOptions;
+use super::poles::Poles;
+use super::record::LogRecord;
+use super::spans::{longest_delay, set_spans};
+use super::subject::Subject;
+use crate::diagnose::format::diagnosis::{Holdout, Mode};
+use crate::diagnose::format::error::GapError;
+use crate::effect::Applied;
+use crate::error::Result;
+use crate::log::Log;
+use crate::simulate::{Remembered, System};
+use crate::stop::Stop;
+
+/// The simulator that is diagnosed. One that can only be called remembers its runs.
+pub(in crate::diagnose) struct Simulator {
+    pub(in crate::diagnose) system: System,
+    pub(in crate::diagnose) memory: Option<Arc<Remembered>>,
+}
+
+impl Simulator {
+    /// Of a subject, its operating points `"mean"` taken over the training logs.
+    ///
+    /// # Errors
+    /// Those of the model, and of channels that do not fit.
+    pub(in crate::diagnose) fn of(subject: Subject<'_>, logs: &[Log], stop: &Stop) -> Result<Self> {
+        let (system, memory) = remembering(subject.system(logs)?, stop);
+        Ok(Self { system, memory })
+    }
+}
+
+/// The logs as the simulator sees them.
+pub(in crate::diagnose) struct Inputs {
+    /// Effects that belong to the simulator.
+    pub(in crate::diagnose) model_effects: Vec<Applied>,
+    /// Training logs, then those held out.
+    pub(in crate::diagnose) records: Vec<LogRecord>,
+    /// What was found out about a simulator that can only be called.
+    pub(in crate::diagnose) probed: Option<Probed>,
+    pub(in crate::diagnose) poles: Poles,
+    pub(in crate::diagnose) holdouts: Vec<Holdout>,
+    pub(in crate::diagnose) longest_delay_s: f64,
+    /// No delay as long as this can be looked for.
+    pub(in crate::diagnose) limit_s: f64,
+}
+
+impl Inputs {
+    /// Reads the logs through the simulator's channels and divides them.
+    ///
+    /// # Errors
+    /// [`GapError`] where logs, options and simulator do not fit, and the errors of logs and effects.
+    pub(in crate::diagnose) fn new(
+        subject: Subject<'_>,
+        simulator: &Simulator,
+        logs: &[Log],
+        holdout: &[Log],
+        options: &GapOptions,
+    ) -> Result<Self> {
+        let system = &simulator.system;
+        if logs.is_empty() {
+            return Err(GapError::NoLogs.into());
+        }
+        if system.is_black_box() && options.prediction == Some(Mode::Predictor) {
+            return Err(GapError::NoPredictor.into());
+        }
+        let model_effects = model_effects(subject, system)?;
+        let mut records = logs.iter().chain(holdout).map(|log| LogRecord::new(log, system)).collect::<Result<Vec<_>>>()?;
+        let probed = probe(system, simulator.memory.as_ref(), &records)?;
+        let poles = probed.as_ref().map_or_else(|| Poles::of(system, &records), Poles::probed);
+        let longest_delay_s = options.longest_delay_s.unwrap_or_else(|| longest_delay(&records, poles.settling_s));
+        let limit_s = records.iter().map(|r| 0.5 * r.duration_s()).fold(f64::INFINITY, f64::min);
+        if !(0.0..limit_s).contains(&longest_delay_s) {
+            return Err(GapError::LongestDelay { given_s: longest_delay_s, limit_s }.into());
+        }
+        let holdouts = set_spans(&mut records, logs.len(), !holdout.is_empty(), longest_delay_s, poles.settling_s, system.is_black_box());
+        Ok(Self { model_effects, records, probed, poles, holdouts, longest_delay_s, limit_s })
+    }
+
+    /// All logs are learnt from, and nothing is held back.
+    pub(in crate::diagnose) fn learn_from_all(&mut self, system: &System) {
+        let logs = self.records.len();
+        set_spans(&mut self.records, logs, true, self.longest_delay_s, self.poles.settling_s, system.is_black_box());
+    }
+}
+
+/// Effects that belong to the simulator.
+///
+/// # Errors
+/// Those of [`Applied::from_entry`].
+pub(in crate::diagnose) fn model_effects(subject: Subject<'_>, system: &System) -> Result<Vec<Applied>> {
+    Ok(subject.effects().iter().map(|e| Applied::from_entry(system, e)).collect::<std::result::Result<Vec<_>, _>>()?)
+}

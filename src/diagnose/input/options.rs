@@ -1,0 +1,24 @@
+//! How to diagnose.
+
+use crate::diagnose::format::diagnosis::Mode;
+use crate::stop::Stop;
+
+/// How to diagnose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GapOptions {
+    /// The prediction mode; `None`: chosen from the model's poles.
+    pub prediction: Option<Mode>,
+    /// The longest delay and lag that are looked for, seconds; `None`: 35 samples or half the time in which the model settles, at most a tenth of the
+    /// shortest log. So much of every log's start carries no weight.
+    pub longest_delay_s: Option<f64>,
+    /// Seed of the bootstrap. Default 1.
+    pub seed: u64,
+    /// A wish to stop, looked at before every prediction.
+    pub stop: Stop,
+}
+
+impl Default for GapOptions {
+    fn default() -> Self {
+        Self { prediction: None, longest_delay_s: None, seed: 1, stop: Stop::default() }
+    }
+}

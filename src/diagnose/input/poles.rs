@@ -1,0 +1,69 @@
+//! The poles of the nominal model: which do not decay within a log, and when the others have.
+
+use nalgebra::DMatrix;
+
+use super::black_box::Probed;
+use super::record::LogRecord;
+use crate::model::StateSpace;
+use crate::model::c2d::transition;
+use crate::simulate::{Dynamics, Hold, Matrices, System};
+use crate::time::SampleTime;
+
+/// What the nominal model's poles say of its memory.
+#[derive(Debug, Clone)]
+pub(in crate::diagnose) struct Poles {
+    /// The slowest pole that does not decay within a log, as a phrase; `None` where all do.
+    pub(in crate::diagnose) slow: Option<String>,
+    /// Time in which the nominal model settles, seconds.
+    pub(in crate::diagnose) settling_s: f64,
+}
+
+impl Poles {
+    /// Of a model that can be linearised.
+    pub(in crate::diagnose) fn of(system: &System, records: &[LogRecord]) -> Self {
+        let mut slowest: f64 = 0.0;
+        let mut settling_s: f64 = 0.0;
+        let mut slow = None;
+        for record in records {
+            let Ok(ts) = SampleTime::new(record.sample_time_s) else { continue };
+            let Some([phi, ..]) = sampled(system, record, ts) else { continue };
+            let limit = 1.0 - 1.0 / record.time_s.len() as f64;
+            for z in phi.complex_eigenvalues().iter().map(|z| z.norm()) {
+                if z >= limit && z > slowest {
+                    slowest = z;
+                    slow = Some(format!("a pole at |z| = {z:.4}"));
+                }
+                if z < 1.0 && z > 0.0 {
+                    // 4 time constants, as long as that is less than the log.
+                    settling_s = settling_s.max((4.0 * record.sample_time_s / -z.ln()).min(0.1 * record.duration_s()));
+                }
+            }
+        }
+        Self { slow, settling_s }
+    }
+
+    /// Of a simulator that can only be called: what calling it showed.
+    pub(in crate::diagnose) fn probed(probed: &Probed) -> Self {
+        Self { slow: None, settling_s: probed.settling_s }
+    }
+}
+
+/// The model about its start and the mean input, sampled every `ts`: Φ, Γ and C.
+pub(in crate::diagnose) fn sampled(system: &System, record: &LogRecord, ts: SampleTime) -> Option<[DMatrix<f64>; 3]> {
+    let continuous = |matrices: &Matrices| {
+        let sys = StateSpace::continuous(matrices.a.clone(), matrices.b.clone(), matrices.c.clone(), matrices.d.clone()).ok()?;
+        let (phi, gamma, _) = transition(sys.a(), sys.b(), ts.seconds(), Hold::Zero);
+        phi.iter().chain(gamma.iter()).all(|v| v.is_finite()).then(|| [phi, gamma, matrices.c.clone()])
+    };
+    match &system.dynamics {
+        Dynamics::Sampled(matrices, _) => Some([matrices.a.clone(), matrices.b.clone(), matrices.c.clone()]),
+        Dynamics::Linear(matrices) => continuous(matrices),
+        Dynamics::BlackBox(..) => None,
+        Dynamics::Equations(equations, parameters) => {
+            let mean = |u: &Vec<f64>| u.iter().sum::<f64>() / u.len().max(1) as f64;
+            let u: Vec<f64> = record.inputs.iter().map(mean).collect();
+            let at = equations.linearise(0.0, &system.initial, &u, parameters);
+            continuous(&Matrices { a: at.a, b: at.b, c: at.c, d: at.d })
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! The logs of a diagnosis: what was commanded and measured, what is trained on and what is held back.
+
+use crate::diagnose::format::error::GapError;
+use crate::error::Result;
+use crate::log::{Channel, Log, LogError};
+use crate::simulate::{Commands, Measured, Port, System};
+
+/// A span of a log, seconds from its first sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::diagnose) struct Span {
+    pub(in crate::diagnose) from_s: f64,
+    pub(in crate::diagnose) to_s: f64,
+}
+
+impl Span {
+    pub(in crate::diagnose) fn holds(self, time_s: f64) -> bool {
+        time_s >= self.from_s && time_s <= self.to_s
+    }
+}
+
+/// One log as the model sees it.
+#[derive(Debug, Clone)]
+pub(in crate::diagnose) struct LogRecord {
+    pub(in crate::diagnose) name: String,
+    /// From the log's first sample.
+    pub(in crate::diagnose) time_s: Vec<f64>,
+    /// Mean sample time.
+    pub(in crate::diagnose) sample_time_s: f64,
+    pub(in crate::diagnose) inputs: Vec<Vec<f64>>,
+    pub(in crate::diagnose) measured: Vec<Measured>,
+    /// Further columns of the log, by name; NaN where one is missing.
+    pub(in crate::diagnose) context: Vec<(String, Vec<f64>)>,
+    /// What parameters are fitted to.
+    pub(in crate::diagnose) train: Option<Span>,
+    /// What the shrink is measured on.
+    pub(in crate::diagnose) held: Option<Span>,
+}
+
+impl LogRecord {
+    /// A log with the model's channels.
+    ///
+    /// # Errors
+    /// [`GapError`] for a sample time that does not fit or too few samples; [`crate::log::LogError`] for channels and units that do not fit or samples that
+    /// are missing.
+    pub(in crate::diagnose) fn new(log: &Log, system: &System) -> Result<Self> {
+        channels_fit(log, &system.inputs, &system.outputs)?;
+        if log.len() < SHORTEST {
+            return Err(GapError::Short { log: log.source().to_owned(), needed: SHORTEST, got: log.len() }.into());
+        }
+        if let crate::simulate::Dynamics::Sampled(_, ts) = system.dynamics {
+            let found = log.even_grid()?;
+            if ts.must_equal(found).is_err() {
+                let log = log.source().to_owned();
+                return Err(GapError::SampleTime { log, model_s: ts.seconds(), log_s: found.seconds() }.into());
+            }
+        }
+        let start = log.time_s().first().copied().unwrap_or(0.0);
+        let measured = |name: &str| -> Result<Measured> {
+            let output = log.output(name)?;
+            let values = (0..log.len()).map(|k| output.get(k).unwrap_or(0.0)).collect();
+            let present: Vec<bool> = (0..log.len()).map(|k| output.get(k).is_some()).collect();
+            Ok(Measured { values, present: present.contains(&false).then_some(present) })
+        };
+        let known = |name: &str| system.inputs.iter().chain(&system.outputs).any(|c| c.name == name);
+        let further = |c: &Channel| {
+            let samples = c.samples();
+            (c.name().to_owned(), (0..log.len()).map(|k| samples.get(k).unwrap_or(f64::NAN)).collect())
+        };
+        let sample_time_s = log.duration_s() / (log.len() - 1) as f64;
+        Ok(Self {
+            name: log.source().to_owned(),
+            time_s: log.time_s().iter().map(|t| t - start).collect(),
+            sample_time_s,
+            inputs: system.inputs.iter().map(|c| Ok(log.input(&c.name)?.to_vec())).collect::<Result<_>>()?,
+            measured: system.outputs.iter().map(|c| measured(&c.name)).collect::<Result<_>>()?,
+            context: log.channels().filter(|c| !known(c.name())).map(further).collect(),
+            train: None,
+            held: None,
+        })
+    }
+
+    pub(in crate::diagnose) fn duration_s(&self) -> f64 {
+        self.time_s.last().copied().unwrap_or(0.0)
+    }
+
+    /// Samples up to the end of the training span.
+    pub(in crate::diagnose) fn trained_samples(&self) -> usize {
+        self.train.map_or(0, |span| self.time_s.partition_point(|t| *t <= span.to_s))
+    }
+
+    pub(in crate::diagnose) fn commands(&self) -> Commands<'_> {
+        Commands { time_s: &self.time_s, inputs: &self.inputs }
+    }
+
+    /// The sample of an output, if it is there and inside the span.
+    pub(in crate::diagnose) fn measured_in(&self, span: Option<Span>, output: usize, k: usize) -> Option<f64> {
+        span.filter(|s| s.holds(self.time_s[k])).and_then(|_| self.measured[output].get(k))
+    }
+}
+
+/// Fewer samples than this tell nothing about a gap.
+const SHORTEST: usize = 50;
+
+/// That a log has the model's channels, in its units.
+pub(in crate::diagnose) fn channels_fit(log: &Log, inputs: &[Port], outputs: &[Port]) -> Result<()> {
+    for channel in inputs.iter().chain(outputs) {
+        match log.channel(&channel.name) {
+            Err(found @ LogError::UnknownChannel { .. }) => {
+                return Err(GapError::Channel { found: found.into(), channel: channel.name.clone() }.into());
+            }
+            other => other?,
+        };
+        log.check_unit(&channel.name, channel.unit.as_deref())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,104 @@
+//! What is diagnosed: a model file, or any simulator with the names of its channels.
+
+use super::record::channels_fit;
+use crate::error::Result;
+use crate::log::Log;
+use crate::model::{EffectEntry, ModelDocument, Operating};
+use crate::simulate::{Port, System};
+
+/// What is held against the logs.
+#[derive(Debug, Clone, Copy)]
+pub enum Subject<'a> {
+    /// A model file.
+    Model(&'a ModelDocument),
+    /// A simulator, such as [`System::black_box`] makes one of a function.
+    Simulator(&'a System),
+}
+
+impl<'a> From<&'a ModelDocument> for Subject<'a> {
+    fn from(document: &'a ModelDocument) -> Self {
+        Self::Model(document)
+    }
+}
+
+impl<'a> From<&'a System> for Subject<'a> {
+    fn from(system: &'a System) -> Self {
+        Self::Simulator(system)
+    }
+}
+
+impl<'a> Subject<'a> {
+    pub(in crate::diagnose) fn name(self) -> &'a str {
+        match self {
+            Self::Model(document) => document.name(),
+            Self::Simulator(system) => &system.name,
+        }
+    }
+
+    pub(in crate::diagnose) fn inputs(self) -> Vec<Port> {
+        match self {
+            Self::Model(document) => ports(document.inputs()),
+            Self::Simulator(system) => system.inputs.clone(),
+        }
+    }
+
+    pub(in crate::diagnose) fn outputs(self) -> Vec<Port> {
+        match self {
+            Self::Model(document) => ports(document.outputs()),
+            Self::Simulator(system) => system.outputs.clone(),
+        }
+    }
+
+    /// Effects that belong to it already.
+    pub(in crate::diagnose) fn effects(self) -> &'a [EffectEntry] {
+        match self {
+            Self::Model(document) => document.effects(),
+            Self::Simulator(_) => &[],
+        }
+    }
+
+    /// The simulator, its operating points `"mean"` taken over the training logs.
+    pub(in crate::diagnose) fn system(self, logs: &[Log]) -> Result<System> {
+        match self {
+            Self::Model(document) => system(document, logs),
+            Self::Simulator(system) => {
+                logs.iter().try_for_each(|log| channels_fit(log, &system.inputs, &system.outputs))?;
+                Ok(system.clone())
+            }
+        }
+    }
+
+    /// The model file with further effects; `None` where there is none.
+    pub(in crate::diagnose) fn with(self, found: impl Iterator<Item = EffectEntry>) -> Option<ModelDocument> {
+        let Self::Model(document) = self else { return None };
+        let mut model = document.clone();
+        model.effects_mut().extend(found);
+        Some(model)
+    }
+}
+
+fn ports(channels: &[crate::model::Channel]) -> Vec<Port> {
+    channels.iter().map(|c| Port { name: c.name.clone(), unit: c.unit.clone() }).collect()
+}
+
+/// The simulator of a model file, its operating points `"mean"` taken over the training logs.
+///
+/// # Errors
+/// As [`LogRecord::new`] of channels, and [`crate::model::ModelError`].
+pub(in crate::diagnose) fn system(document: &ModelDocument, logs: &[Log]) -> Result<System> {
+    let subject = Subject::from(document);
+    let (inputs, outputs) = (subject.inputs(), subject.outputs());
+    logs.iter().try_for_each(|log| channels_fit(log, &inputs, &outputs))?;
+    let asked = document.inputs().iter().chain(document.outputs()).any(|c| matches!(c.operating, Operating::Mean(_)));
+    System::new(document, |name| {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for log in logs.iter().filter(|_| asked) {
+            let output = log.output(name)?;
+            for value in (0..log.len()).filter_map(|k| output.get(k)) {
+                sum += value;
+                count += 1.0;
+            }
+        }
+        Ok(if count > 0.0 { sum / count } else { 0.0 })
+    })
+}

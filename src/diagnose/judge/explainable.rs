@@ -1,0 +1,157 @@
+//! What of a residual hangs together with the commands: the share that all effects of the catalogue together explain, tried on data they were not fitted to.
+//!
+//! Every effect's signature beside the best hypothesis is a regressor: it went through the simulator's own dynamics. A ridge regression on all of them
+//! (Hoerl and Kennard 1970, doi:10.1080/00401706.1970.10488634) is no hypothesis, but what it predicts of a block of time that was left out (Stone 1974,
+//! doi:10.1111/j.2517-6161.1974.tb00994.x) is no noise either.
+//!
+//! A simulator that can only be called lacks the signatures of friction and all else that acts on equations; pushes on its inputs stand in for them, and what
+//! acts already may have made up for some of it, so its own parameters may move.
+//!
+//! How it can be wrong: a gap with a memory that no effect has, or one that happens once, is not predicted; then this says nothing, and windows must tell.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::perturbations::{Commanded, perturbations};
+use crate::diagnose::hypothesis::direction::with;
+use crate::diagnose::input::record::LogRecord;
+use crate::diagnose::likelihood::active_effects::ActiveEffects;
+use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::effect::{Applied, Scales};
+
+/// Signatures of one effect.
+const EACH: usize = 2;
+/// Rows of the regression per output; longer data are thinned.
+const ROWS: usize = 4000;
+/// Blocks of time that are left out in turn.
+const FOLDS: usize = 8;
+/// A parameter of what acts already moves by this part of its distance from nominal.
+const FURTHER: f64 = 0.1;
+/// Ridge parameters that are tried, relative to a signature's mean square.
+const RIDGES: [f64; 5] = [1e-6, 1e-4, 1e-3, 1e-2, 1e-1];
+
+/// Per output, the share of the residual's mean square over the training samples that is predicted.
+pub(in crate::diagnose) fn shares(
+    likelihood: &Likelihood<'_>,
+    active: ActiveEffects<'_>,
+    residuals: &[DMatrix<f64>],
+    catalogue: &[Applied],
+    scales: &Scales,
+) -> Vec<f64> {
+    let outputs = residuals.first().map_or(0, DMatrix::ncols);
+    let rows = rows(likelihood);
+    let Some(base) = stacked(likelihood, active, None, &rows) else { return vec![0.0; outputs] };
+    let others = catalogue.iter().filter(|a| active.effects.iter().all(|e| e.key() != a.key()));
+    let tried: Vec<Applied> = others
+        .flat_map(|a| {
+            let starts = likelihood.first_guesses(a, scales);
+            let every = starts.len().div_ceil(EACH).max(1);
+            starts.into_iter().step_by(every).map(|start| with(a, &start)).collect::<Vec<_>>()
+        })
+        .collect();
+    let finite = |moved: DMatrix<f64>| moved.iter().all(|v| v.is_finite()).then_some(moved);
+    let mut columns: Vec<DMatrix<f64>> = tried
+        .par_iter()
+        .filter_map(|applied| {
+            let effects: Vec<Applied> = active.effects.iter().cloned().chain([applied.clone()]).collect();
+            finite(stacked(likelihood, active.with(&effects), None, &rows)? - &base)
+        })
+        .collect();
+    if likelihood.system.is_black_box() {
+        let own = own_directions(active);
+        columns.par_extend(own.par_iter().filter_map(|e| finite(stacked(likelihood, active.with(e), None, &rows)? - &base)));
+        let pushed = perturbations(likelihood, active, catalogue);
+        columns.par_extend(pushed.par_iter().filter_map(|u| finite(stacked(likelihood, active, Some(u), &rows)? - &base)));
+    }
+    (0..outputs)
+        .into_par_iter()
+        .map(|i| {
+            let there: Vec<usize> =
+                (0..rows.len()).filter(|&r| likelihood.records[rows[r].0].measured[i].get(rows[r].1).is_some()).collect();
+            let left = DVector::from_iterator(there.len(), there.iter().map(|&r| residuals[rows[r].0][(rows[r].1, i)]));
+            let regressors =
+                DMatrix::from_fn(there.len(), columns.len() + 1, |r, c| if c == 0 { 1.0 } else { columns[c - 1][(there[r], i)] });
+            predicted(&left, regressors)
+        })
+        .collect()
+}
+
+/// What acts with one parameter a little further from nominal.
+fn own_directions(active: ActiveEffects<'_>) -> Vec<Vec<Applied>> {
+    let all =
+        active.effects.iter().enumerate().flat_map(|(e, a)| (0..a.values.len()).map(move |i| (e, i, a.parameters[i].nominal, a.values[i])));
+    all.filter(|(.., nominal, value)| value.is_finite() && value != nominal)
+        .map(|(e, i, nominal, value)| {
+            let mut moved = active.effects.to_vec();
+            moved[e].values[i] += FURTHER * if nominal.is_finite() { value - nominal } else { value };
+            moved
+        })
+        .collect()
+}
+
+/// The rows of the regression: record and sample, evenly thinned, in the order of time.
+fn rows(likelihood: &Likelihood<'_>) -> Vec<(usize, usize)> {
+    let inside = |(at, record): (usize, &LogRecord)| {
+        let span = record.train;
+        (0..record.time_s.len()).filter(move |&k| span.is_some_and(|s| s.holds(record.time_s[k]))).map(move |k| (at, k)).collect::<Vec<_>>()
+    };
+    let all: Vec<(usize, usize)> = likelihood.records.iter().enumerate().flat_map(inside).collect();
+    let every = all.len().div_ceil(ROWS).max(1);
+    all.into_iter().step_by(every).collect()
+}
+
+/// Predictions at the rows, rows × outputs; `commanded` instead of the log's commands.
+fn stacked(
+    likelihood: &Likelihood<'_>,
+    active: ActiveEffects<'_>,
+    commanded: Option<&Commanded>,
+    rows: &[(usize, usize)],
+) -> Option<DMatrix<f64>> {
+    let wanted = |at: usize| likelihood.records[at].train.is_some();
+    let inputs = |at: usize| commanded.map_or(&likelihood.records[at].inputs, |c| &c[at]);
+    let all: Vec<Option<DMatrix<f64>>> = (0..likelihood.records.len())
+        .map(|at| if wanted(at) { likelihood.predict_trained(at, active, inputs(at)).map(Some) } else { Some(None) })
+        .collect::<Option<_>>()?;
+    let outputs = all.iter().flatten().map(DMatrix::ncols).next()?;
+    Some(DMatrix::from_fn(rows.len(), outputs, |r, i| all[rows[r].0].as_ref().map_or(0.0, |y| y[(rows[r].1, i)])))
+}
+
+/// The share of the mean square of `left` that blocks predict of each other, at the best ridge.
+fn predicted(left: &DVector<f64>, mut regressors: DMatrix<f64>) -> f64 {
+    let (count, width) = regressors.shape();
+    let whole = left.norm_squared();
+    if count < 4 * FOLDS || whole <= 0.0 {
+        return 0.0;
+    }
+    for mut column in regressors.column_iter_mut() {
+        let size = column.norm() / (count as f64).sqrt();
+        if size > 0.0 {
+            column /= size;
+        }
+    }
+    let fold = |f: usize| (f * count / FOLDS, (f + 1) * count / FOLDS);
+    let parts: Vec<(DMatrix<f64>, DVector<f64>)> = (0..FOLDS)
+        .map(|f| {
+            let (from, to) = fold(f);
+            let x = regressors.rows(from, to - from);
+            (x.tr_mul(&x), x.tr_mul(&left.rows(from, to - from)))
+        })
+        .collect();
+    let (gram, right) = parts.iter().fold((DMatrix::zeros(width, width), DVector::zeros(width)), |(g, r), p| (g + &p.0, r + &p.1));
+    let missed = |ridge: f64| -> Option<f64> {
+        let mut missed = 0.0;
+        for (f, part) in parts.iter().enumerate() {
+            let mut others = &gram - &part.0;
+            for i in 0..width {
+                let weight = ridge * count as f64;
+                others[(i, i)] += weight;
+            }
+            let beta = others.cholesky()?.solve(&(&right - &part.1));
+            let (from, to) = fold(f);
+            missed += (left.rows(from, to - from) - regressors.rows(from, to - from) * beta).norm_squared();
+        }
+        Some(missed)
+    };
+    let best = RIDGES.iter().filter_map(|&ridge| missed(ridge)).fold(whole, f64::min);
+    1.0 - best / whole
+}

@@ -1,0 +1,69 @@
+//! What a hypothesis leaves: its residuals and how large they are, on what was learnt from and on held-out data.
+
+use nalgebra::DMatrix;
+
+use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::penalised_gain::penalised_gain;
+use crate::diagnose::input::record::{LogRecord, Span};
+use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
+use crate::diagnose::likelihood::errors::Errors;
+use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::residuals::residuals;
+use crate::effect::Applied;
+
+/// Residuals of one hypothesis with their sizes.
+pub(in crate::diagnose) struct Level {
+    pub(in crate::diagnose) hypothesis: Option<Hypothesis>,
+    pub(in crate::diagnose) residuals: Vec<DMatrix<f64>>,
+    pub(in crate::diagnose) train: Errors,
+    pub(in crate::diagnose) held: Errors,
+    /// Mean squares of the whitened residuals, on the training and on the held-out data: the error beside noise of its colour.
+    pub(in crate::diagnose) white: [f64; 2],
+}
+
+impl Level {
+    pub(in crate::diagnose) fn of(likelihood: &Likelihood<'_>, hypothesis: Option<&Hypothesis>) -> Option<Self> {
+        let residuals = residuals(likelihood, hypothesis.map_or(NO_EFFECT, ActiveEffects::from))?;
+        let errors = |span: &dyn Fn(&LogRecord) -> Option<Span>| Errors::of(likelihood.records, &residuals, span);
+        let (train, held) = (errors(&|r| r.train), errors(&|r| r.held));
+        let white = [white(likelihood, &residuals, |r| r.train), white(likelihood, &residuals, |r| r.held)];
+        Some(Self { hypothesis: hypothesis.cloned(), residuals, train, held, white })
+    }
+
+    pub(in crate::diagnose) fn gain(&self) -> f64 {
+        self.hypothesis.as_ref().map_or(0.0, |e| e.gain)
+    }
+
+    pub(in crate::diagnose) fn penalised_gain(&self, weight: f64) -> f64 {
+        self.hypothesis.as_ref().map_or(0.0, |e| penalised_gain(e, weight))
+    }
+
+    /// Noise decides single samples: its lattice speaks for it.
+    pub(in crate::diagnose) fn is_chance(&self) -> bool {
+        self.hypothesis.as_ref().is_some_and(|e| e.effects.iter().any(|a| a.effect.leaves_residual()))
+    }
+
+    /// Training errors without the effects whose single samples noise decides: beside a lattice, a little more or less of anything moves many samples.
+    pub(in crate::diagnose) fn smooth(&self, likelihood: &Likelihood<'_>) -> Option<Errors> {
+        let Some(hypothesis) = self.hypothesis.as_ref().filter(|_| self.is_chance()) else { return Some(self.train.clone()) };
+        let effects: Vec<Applied> = hypothesis.effects.iter().filter(|a| !a.effect.leaves_residual()).cloned().collect();
+        let active = ActiveEffects::from(hypothesis).with(&effects);
+        Some(Errors::of(likelihood.records, &residuals(likelihood, active)?, |r| r.train))
+    }
+
+    pub(in crate::diagnose) fn size(&self) -> usize {
+        self.hypothesis.as_ref().map_or(0, |e| e.effects.len())
+    }
+}
+
+/// Mean square of the whitened residuals inside a span.
+fn white(likelihood: &Likelihood<'_>, residuals: &[DMatrix<f64>], span: impl Fn(&LogRecord) -> Option<Span>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0_usize);
+    for ((at, record), residual) in likelihood.records.iter().enumerate().zip(residuals) {
+        let Some(inside) = span(record) else { continue };
+        sum += likelihood.whiten_in(at, residual, inside).norm_squared();
+        let there = |i: usize| (0..record.time_s.len()).filter(move |&k| record.measured_in(Some(inside), i, k).is_some()).count();
+        count += (0..record.measured.len()).map(there).sum::<usize>();
+    }
+    sum / count.max(1) as f64
+}

@@ -1,0 +1,102 @@
+//! Whether a verdict hangs on how far the initial state is trusted.
+//!
+//! A start that is off and a constant offset at input, state or sensor look alike over one log: which of them is named depends on the prior of the start.
+//! So the leaders are compared again with the start known ten times better and ten times worse, state by state; where another hypothesis leads, or none
+//! does, the state joins the class of what cannot be told apart. Where nothing was named, the signatures of all candidates are compared: what the start took
+//! up is not in any fit.
+
+use rayon::prelude::*;
+
+use crate::diagnose::hypothesis::direction::{NEAR, between, difference, with};
+use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::penalised_gain::{SELECTION_PENALTY, leader, penalised_gain, slack};
+use crate::diagnose::likelihood::active_effects::NO_EFFECT;
+use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
+use crate::diagnose::search::catalogue_search::SearchResult;
+use crate::effect::{Applied, Scales};
+
+/// The prior of one state's start is taken so much tighter and wider.
+const FACTORS: [f64; 2] = [0.1, 10.0];
+/// Leading hypotheses of each size that are compared again.
+const LEADERS: usize = 6;
+
+/// What takes the lead when the start of a state is trusted more or less.
+pub(in crate::diagnose) struct PriorSensitivity {
+    /// The state.
+    pub(in crate::diagnose) state: String,
+    /// The effects that lead then; none: no effect.
+    pub(in crate::diagnose) instead: Vec<Applied>,
+}
+
+/// The states on whose prior the lead hangs, `best` being what leads.
+pub(in crate::diagnose) fn prior_sensitivities(
+    likelihood: &Likelihood<'_>,
+    found: &SearchResult,
+    best: Option<&Hypothesis>,
+    catalogue: &[Applied],
+    scales: &Scales,
+) -> Vec<PriorSensitivity> {
+    let weight = likelihood.weight();
+    // Only hypotheses of the verdict's size, and single effects where there is none.
+    let rivals: Vec<Hypothesis> = match best.map_or(0, |b| b.effects.len()) {
+        2 => &found.pairs,
+        _ => &found.singles,
+    }
+    .iter()
+    .filter(|e| e.fitted)
+    .take(LEADERS)
+    .cloned()
+    .collect();
+    let Some(nominal) = likelihood.whitened(NO_EFFECT) else { return Vec::new() };
+    let residuals: Vec<Option<Whitened>> = rivals.par_iter().map(|e| likelihood.whitened(e)).collect();
+    let prior = likelihood.prior().to_vec();
+    let signatures = if best.is_none() { signatures(likelihood, &nominal, catalogue, scales) } else { Vec::new() };
+    let mut sensitivities = Vec::new();
+    for (state, port) in likelihood.system.states.iter().enumerate().filter(|(j, _)| prior[*j] > 0.0) {
+        for factor in FACTORS {
+            let mut other = prior.clone();
+            other[state] *= factor;
+            let likelihood = likelihood.with_prior(other);
+            let cost = likelihood.inner(&nominal, &nominal);
+            let mut again = rivals.clone();
+            for (e, residual) in again.iter_mut().zip(&residuals) {
+                let price = e.lost.as_ref().map_or(0.0, |l| l.price);
+                e.gain = residual.as_ref().map_or(f64::NEG_INFINITY, |w| cost - likelihood.inner(w, w) - price);
+            }
+            let lead = leader(&again, weight).filter(|e| penalised_gain(e, weight) > 0.0);
+            let as_before = match (lead, best) {
+                (_, None) => {
+                    // Something that was just below the search-wide bar and now is just above it is no other verdict.
+                    let promise = |s: &Whitened| likelihood.inner(s, &nominal).powi(2) / likelihood.inner(s, s).max(f64::MIN_POSITIVE);
+                    let most = signatures.iter().map(|(a, s)| (promise(s), a)).max_by(|a, b| a.0.total_cmp(&b.0));
+                    if let Some((_, applied)) = most.filter(|(promise, _)| *promise > 2.0 * SELECTION_PENALTY) {
+                        sensitivities.push(PriorSensitivity { state: port.name.clone(), instead: vec![applied.clone()] });
+                        break;
+                    }
+                    true
+                }
+                (None, Some(_)) => false,
+                (Some(lead), Some(best)) => {
+                    let own = again.iter().find(|e| e.key() == best.key());
+                    own.is_some_and(|own| penalised_gain(own, weight) > penalised_gain(lead, weight) - slack(lead.gain))
+                }
+            };
+            if !as_before {
+                sensitivities
+                    .push(PriorSensitivity { state: port.name.clone(), instead: lead.map(|e| e.effects.clone()).unwrap_or_default() });
+                break;
+            }
+        }
+    }
+    sensitivities
+}
+
+/// How every candidate of one parameter moves the residual, small.
+fn signatures(likelihood: &Likelihood<'_>, nominal: &Whitened, catalogue: &[Applied], scales: &Scales) -> Vec<(Applied, Whitened)> {
+    let one = |applied: &Applied| {
+        let start = likelihood.first_guesses(applied, scales).into_iter().next().filter(|s| s.len() == 1)?;
+        let there = likelihood.whitened(&[with(applied, &between(applied, &start, NEAR))])?;
+        Some((applied.clone(), difference(nominal, &there, 1.0)))
+    };
+    catalogue.par_iter().filter_map(one).collect()
+}

@@ -1,0 +1,159 @@
+//! The verdict: no effect, an effect, two of them, or something that is in no catalogue.
+
+use super::explainable;
+use super::floor::{self, Floor};
+use super::intervals;
+use super::level::Level;
+use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::penalised_gain::leader;
+use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
+use crate::diagnose::likelihood::errors::{Errors, overall};
+use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::search::catalogue_search::SearchResult;
+use crate::effect::{Applied, Scales};
+
+/// A residual this many times its floor has something left in it that an effect did not explain.
+const ABOVE_FLOOR: f64 = 1.5;
+/// The same where no effect helps at all: a gap worth the name is well above the noise.
+const ABOVE_FLOOR_ALONE: f64 = 1.75;
+/// An effect that lowers the rms of no output by this factor is within the noise: the model as it is stands at the floor. A second effect likewise,
+/// on the training logs and the held-out data together.
+const MATTERS: [f64; 2] = [1.3, 1.25];
+/// The same once more for every parameter beyond a second effect's first: what can take many shapes takes that of a simulator's own errors, too.
+const FLEXIBLE: f64 = 1.1;
+/// A second effect that lowers the rms by this factor is no simulator's own error, however little is known of its parameters.
+const CLEAR: f64 = 2.0;
+/// The share of the explainable that one effect must explain, and two.
+const EXPLAINS: [f64; 2] = [0.93, 0.97];
+/// The share of the explainable that one effect, and two, must explain on held-out data: less, and they describe the training logs and no cause.
+const GENERALISES: [f64; 2] = [0.5, 0.75];
+
+/// The verdict and what it rests on.
+pub(in crate::diagnose) struct Judged {
+    pub(in crate::diagnose) verdict: GapVerdict,
+    /// What was found to act; `None` for the other verdicts.
+    pub(in crate::diagnose) found: Option<Hypothesis>,
+    /// What explains best, even where the verdict is another.
+    pub(in crate::diagnose) best: Option<Hypothesis>,
+    /// Probability of `unknown`.
+    pub(in crate::diagnose) unknown: f64,
+    /// The output on which the verdict was decided, and how many times the noise floor is left of it, where that is more than noise.
+    pub(in crate::diagnose) left_over: Option<(usize, f64)>,
+    /// Twice the log-likelihood that a further effect would gain which does not matter: so far off is the simulator beside what was found.
+    pub(in crate::diagnose) inexact: f64,
+    pub(in crate::diagnose) floor: Floor,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::diagnose) enum GapVerdict {
+    None,
+    Unknown,
+    Effects,
+}
+
+/// `after` lowers the whitened error by more than a factor, on data that it was not fitted to as well: what noise with a long memory hides from the rms.
+fn stands_out(before: &Level, after: &Level, factor: f64) -> bool {
+    !after.is_chance() && before.white.iter().zip(after.white).all(|(b, a)| *b > factor * factor * a)
+}
+
+/// `after` lowers the rms of some output by more than a factor; `held` too, errors of the held-out data, where a second effect is asked for: the geometric mean.
+fn matters(before: &Errors, after: &Errors, held: Option<[&Errors; 2]>, factor: f64) -> bool {
+    let falls = |before: &Errors, after: &Errors| -> Vec<Option<f64>> {
+        before.nrmse().iter().zip(after.nrmse()).map(|(b, a)| b.zip(a).map(|(b, a)| b / a)).collect()
+    };
+    let elsewhere = held.map(|[before, after]| falls(before, after));
+    // An output without a held-out sample has only the one.
+    let together = |(i, fall): (usize, f64)| elsewhere.as_ref().and_then(|e| e[i]).map_or(fall, |there| (fall * there).sqrt());
+    falls(before, after).into_iter().enumerate().filter_map(|(i, fall)| Some((i, fall?))).map(together).any(|fall| fall > factor)
+}
+
+/// The factor by which an hypothesis must lower the error of the one before it.
+fn needed(before: &Level, after: &Level) -> f64 {
+    let parameters = |level: &Level| level.hypothesis.as_ref().map_or(0, |e| e.free.len());
+    let steps: f64 = MATTERS[before.size().min(1)..after.size().min(2)].iter().product();
+    let further = if after.size() > 1 { parameters(after).saturating_sub(parameters(before) + after.size() - before.size()) } else { 0 };
+    let flexible = FLEXIBLE.powf(further as f64);
+    steps * flexible
+}
+
+/// Decides between no effect, the leaders of the search and something that is in no catalogue; `None` where the model cannot be simulated.
+pub(in crate::diagnose) fn judge(
+    likelihood: &Likelihood<'_>,
+    found: &SearchResult,
+    catalogue: &[Applied],
+    scales: &Scales,
+) -> Option<Judged> {
+    let weight = likelihood.weight();
+    let nothing = Level::of(likelihood, None)?;
+    let mut best = Level::of(likelihood, None)?;
+    // Something beats no effect, by whatever measure; the best matters only beside noise of its colour; what a further effect would gain that does not matter.
+    let (mut beaten, mut hidden, mut inexact) = (false, false, 0.0);
+    let mut reached = vec![(nothing.train.clone(), nothing.residuals.clone())];
+    for (size, hypotheses) in [&found.singles, &found.pairs].into_iter().enumerate() {
+        let Some(next) = leader(hypotheses, weight).and_then(|e| Level::of(likelihood, Some(e))) else { continue };
+        reached.push((next.train.clone(), next.residuals.clone()));
+        let better = next.penalised_gain(weight) > best.penalised_gain(weight);
+        // A lattice needs not lower the error to be seen.
+        let lattice = next.is_chance() && !best.is_chance();
+        let factor = needed(&best, &next);
+        let held = (size > 0).then_some([&best.held, &next.held]);
+        let (before, after) = (best.smooth(likelihood)?, next.smooth(likelihood)?);
+        let clear = matters(&before, &after, held, factor.max(CLEAR));
+        let matters = lattice || matters(&before, &after, held, factor);
+        // Two effects that do not matter clearly are named only where each is more than a nominal model that is a little off.
+        let established = |e: &Hypothesis| e.effects.len() < 2 || clear || intervals::established(likelihood, e, scales);
+        beaten |= better;
+        if better && (matters || stands_out(&best, &next, factor)) && next.hypothesis.as_ref().is_none_or(established) {
+            hidden = !matters;
+            best = next;
+        } else if better && best.size() > 0 {
+            inexact = next.gain() - best.gain();
+        }
+    }
+    let active = best.hypothesis.as_ref().map_or(NO_EFFECT, ActiveEffects::from);
+    let explainable = explainable::shares(likelihood, active, &best.residuals, catalogue, scales);
+    let floor = floor::estimate(likelihood, &best.residuals, &reached, &explainable);
+    let (all, left) = (nothing.train.nrmse(), best.train.nrmse());
+    let noise = best.train.relative(&floor.floor);
+    let size = best.size();
+    let chance = best.is_chance() && size > 0;
+    // Judged on the output that gains most; where nothing gains, on the one that is furthest above its floor.
+    let gained = |i: usize| Some(all[i]?.powi(2) - left[i]?.powi(2));
+    let ratio = |i: usize| Some(left[i]? / noise[i]?.max(1e-9));
+    let by = |key: &dyn Fn(usize) -> Option<f64>| (0..all.len()).max_by(|&a, &b| key(a).unwrap_or(0.0).total_cmp(&key(b).unwrap_or(0.0)));
+    let decisive = if size > 0 { by(&gained) } else { by(&ratio) };
+    let mut unknown: f64 = 0.0;
+    let mut left_over = None;
+    if let Some(i) = decisive
+        && let (Some(all), Some(left), Some(noise)) = (all[i], left[i], noise[i])
+    {
+        let above = left / noise.max(1e-9);
+        let share = if all > noise { (all * all - left * left) / (all * all - noise * noise) } else { 1.0 };
+        let limit = if size > 0 || beaten { ABOVE_FLOOR } else { ABOVE_FLOOR_ALONE };
+        left_over = Some((i, above)).filter(|(_, above)| *above > limit && !chance);
+        if above > limit && share < EXPLAINS[size.clamp(1, 2) - 1] && !chance {
+            unknown = 1.0 - 0.5 * (limit - above).exp();
+        }
+    }
+    // What does not hold on data that it was not fitted to is no hypothesis. A single effect answers for that output, a pair for all of them; what matters
+    // only beside noise of its colour is asked by that measure.
+    let held = |each: Vec<Option<f64>>| if size == 1 { decisive.and_then(|i| each[i]) } else { overall(&each) }.unwrap_or(0.0);
+    let (before, after, noise) = if hidden {
+        (nothing.white[1].sqrt(), best.white[1].sqrt(), best.white[0].sqrt())
+    } else {
+        (held(nothing.held.nrmse()), held(best.held.nrmse()), held(nothing.held.relative(&floor.floor)))
+    };
+    let taken = before * before - after * after;
+    if size > 0 && !chance && taken < GENERALISES[size.min(2) - 1] * (before * before - noise * noise).max(0.0) {
+        unknown = f64::max(unknown, 0.9);
+    }
+    let verdict = match (unknown > 0.5, size) {
+        (true, _) => GapVerdict::Unknown,
+        (false, 0) => GapVerdict::None,
+        (false, _) => GapVerdict::Effects,
+    };
+    // What one of several explains alone orders them.
+    let alone = |a: &Applied| found.singles.iter().find(|s| s.effects.iter().all(|e| e.key() == a.key())).map_or(0.0, |s| s.gain);
+    let best = best.hypothesis.map(|e| e.ordered(alone));
+    Some(Judged { verdict, found: best.clone().filter(|_| verdict == GapVerdict::Effects), best, unknown, left_over, inexact, floor })
+}

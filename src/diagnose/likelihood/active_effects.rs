@@ -1,0 +1,42 @@
+//! Effects at work in a simulation, as far as what they do by chance is known.
+
+use crate::effect::Applied;
+
+/// Which commands of each input are lost; `None` where none are.
+pub(in crate::diagnose) type LostCommands = Vec<Option<Vec<bool>>>;
+
+/// Effects at work, with the commands that were lost where that is known.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::diagnose) struct ActiveEffects<'e> {
+    pub(in crate::diagnose) effects: &'e [Applied],
+    /// One per record.
+    pub(in crate::diagnose) lost: Option<&'e [LostCommands]>,
+}
+
+/// No effect at all.
+pub(in crate::diagnose) const NO_EFFECT: ActiveEffects<'static> = ActiveEffects { effects: &[], lost: None };
+
+impl<'e> From<&'e [Applied]> for ActiveEffects<'e> {
+    fn from(effects: &'e [Applied]) -> Self {
+        Self { effects, lost: None }
+    }
+}
+
+impl<'e, const N: usize> From<&'e [Applied; N]> for ActiveEffects<'e> {
+    fn from(effects: &'e [Applied; N]) -> Self {
+        Self { effects, lost: None }
+    }
+}
+
+impl<'e> From<&'e Vec<Applied>> for ActiveEffects<'e> {
+    fn from(effects: &'e Vec<Applied>) -> Self {
+        Self { effects, lost: None }
+    }
+}
+
+impl<'e> ActiveEffects<'e> {
+    /// With other values for the same effects.
+    pub(in crate::diagnose) fn with(self, effects: &'e [Applied]) -> Self {
+        Self { effects, ..self }
+    }
+}

@@ -1,0 +1,62 @@
+//! Normalised errors of outputs.
+
+use nalgebra::DMatrix;
+
+use crate::diagnose::input::record::{LogRecord, Span};
+
+/// Sums of squared errors and of squared deviations of the measurement, per output.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::diagnose) struct Errors {
+    squares: Vec<f64>,
+    /// Σ (y − mean)².
+    pub(in crate::diagnose) deviations: Vec<f64>,
+    count: Vec<f64>,
+}
+
+impl Errors {
+    /// Of residuals inside the spans.
+    pub(in crate::diagnose) fn of(records: &[LogRecord], residuals: &[DMatrix<f64>], span: impl Fn(&LogRecord) -> Option<Span>) -> Self {
+        let outputs = records.first().map_or(0, |r| r.measured.len());
+        let mut errors = Self { squares: vec![0.0; outputs], deviations: vec![0.0; outputs], count: vec![0.0; outputs] };
+        for i in 0..outputs {
+            for (record, residual) in records.iter().zip(residuals) {
+                let inside: Vec<(f64, f64)> =
+                    (0..record.time_s.len()).filter_map(|k| Some((record.measured_in(span(record), i, k)?, residual[(k, i)]))).collect();
+                let count = inside.len() as f64;
+                let mean = inside.iter().map(|v| v.0).sum::<f64>() / count.max(1.0);
+                errors.squares[i] += inside.iter().map(|v| v.1 * v.1).sum::<f64>();
+                errors.deviations[i] += inside.iter().map(|v| (v.0 - mean).powi(2)).sum::<f64>();
+                errors.count[i] += count;
+            }
+        }
+        errors
+    }
+
+    /// Root of the mean squared error, per output.
+    pub(in crate::diagnose) fn rms(&self) -> Vec<f64> {
+        self.squares.iter().zip(&self.count).map(|(e, n)| (e / n.max(1.0)).sqrt()).collect()
+    }
+
+    /// Per output; `None` where it stands still.
+    pub(in crate::diagnose) fn nrmse(&self) -> Vec<Option<f64>> {
+        self.squares.iter().zip(&self.deviations).map(|(e, d)| (*d > 0.0).then(|| (e / d).sqrt())).collect()
+    }
+
+    /// A standard deviation of each output's error as nrmse.
+    pub(in crate::diagnose) fn relative(&self, std: &[f64]) -> Vec<Option<f64>> {
+        let parts = std.iter().zip(&self.deviations).zip(&self.count);
+        parts.map(|((s, d), n)| (*d > 0.0).then(|| s * (n / d).sqrt())).collect()
+    }
+}
+
+/// The rms of the outputs' numbers; `None` where there is none.
+pub(in crate::diagnose) fn overall(outputs: &[Option<f64>]) -> Option<f64> {
+    let known: Vec<f64> = outputs.iter().flatten().copied().collect();
+    let count = known.len() as f64;
+    (count > 0.0).then(|| (known.iter().map(|v| v * v).sum::<f64>() / count).sqrt())
+}
+
+/// The share of the explainable that an hypothesis takes away, of errors before and after it; `None` where there is nothing to explain.
+pub(in crate::diagnose) fn explained(before: f64, after: f64, floor: f64) -> Option<f64> {
+    (before > floor).then(|| (before * before - after * after) / (before * before - floor * floor))
+}

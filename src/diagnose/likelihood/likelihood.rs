@@ -1,0 +1,331 @@
+//! The likelihood that all rivals share: predictions, the initial state as a nuisance, whitened residuals.
+
+use nalgebra::{Const, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
+
+use super::active_effects::{ActiveEffects, NO_EFFECT};
+use super::nuisances::{Common, Nuisances};
+use crate::diagnose::baseline::feedback;
+use crate::diagnose::baseline::noise::Noise;
+use crate::diagnose::baseline::predictor::Predictor;
+use crate::diagnose::format::error::GapError;
+use crate::diagnose::input::record::{LogRecord, Span};
+use crate::effect::{Applied, Chance, Scales, Site};
+use crate::simulate::plan::Tolerance;
+use crate::simulate::{Commands, Correction, Plan, SimulateError, System, Wanted};
+use crate::stop::Stop;
+
+/// What a likelihood is made of.
+pub(in crate::diagnose) struct Terms<'a> {
+    pub(in crate::diagnose) system: &'a System,
+    pub(in crate::diagnose) records: &'a [LogRecord],
+    pub(in crate::diagnose) predictor: &'a Predictor,
+    /// Effects that belong to the simulator.
+    pub(in crate::diagnose) model_effects: Vec<Applied>,
+    /// Prior standard deviations of the start; 0: exactly known.
+    pub(in crate::diagnose) prior: Vec<f64>,
+    /// Standard deviation of every output's noise.
+    pub(in crate::diagnose) noise_std: &'a [f64],
+    /// Per output of a black box, what is no more than rounding.
+    pub(in crate::diagnose) resolution: Vec<f64>,
+    pub(in crate::diagnose) stop: Stop,
+}
+
+/// The likelihood of the logs under whatever is at work. It never changes: another noise or another prior makes a new one.
+#[derive(Clone)]
+pub(in crate::diagnose) struct Likelihood<'a> {
+    pub(in crate::diagnose) system: &'a System,
+    pub(in crate::diagnose) records: &'a [LogRecord],
+    pub(in crate::diagnose) predictor: &'a Predictor,
+    /// Effects that belong to the simulator.
+    model_effects: Vec<Applied>,
+    /// Prior standard deviations of the start; 0: exactly known.
+    prior: Vec<f64>,
+    noise: Vec<Noise>,
+    nuisances: Vec<Nuisances>,
+    /// Integration steps allowed, per record.
+    budgets: Vec<usize>,
+    /// Per output of a black box, what is no more than rounding.
+    resolution: Vec<f64>,
+    stop: Stop,
+}
+
+/// Far below the noise of any sensor; a rival on its way to infinity gives up early.
+const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 2000, budget: usize::MAX, past_samples: true };
+/// A rival that needs more integration steps than so many per sample and this multiple of the nominal model's is given up.
+const STEPS_PER_SAMPLE: usize = 10;
+const STEPS_OF_NOMINAL: usize = 4;
+
+/// A start of a black box is pushed by this part of its prior's standard deviation.
+const PUSHED: f64 = 0.2;
+/// First guesses of one effect that are tried where each is a call of a black box.
+const CALLED_STARTS: usize = 10;
+
+/// Per record, what a whitened residual has in common with the nuisances; `None` without nuisances.
+type Projected = Vec<Option<Common>>;
+
+/// A whitened residual, one column of all samples and outputs per record.
+pub(in crate::diagnose) type Whitened = Vec<DVector<f64>>;
+
+impl<'a> Likelihood<'a> {
+    /// With white noise.
+    ///
+    /// # Errors
+    /// [`GapError::Nominal`] where the nominal model cannot be simulated, [`crate::Error::Stopped`].
+    pub(in crate::diagnose) fn new(terms: Terms<'a>) -> crate::Result<Self> {
+        let Terms { system, records, predictor, model_effects, prior, noise_std, resolution, stop } = terms;
+        let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
+        let plan = Applied::plan(system, &model_effects, Chance::Mean)?;
+        let noise = vec![Noise::white(noise_std); records.len()];
+        let mut likelihood =
+            Self { system, records, predictor, model_effects, prior, noise, nuisances: Vec::new(), budgets: Vec::new(), resolution, stop };
+        for (at, record) in records.iter().enumerate() {
+            likelihood.stop.check()?;
+            // What rounding adds to a start's response is then a small part of what the prior lets it do.
+            let share = if system.is_black_box() { PUSHED } else { 1e-3 };
+            let scale: Vec<f64> = likelihood.prior.iter().map(|s| share * s).collect();
+            let failed = |e: SimulateError| GapError::Nominal { log: record.name.clone(), why: e.to_string() };
+            let all = system.sensitivity(&plan, record.commands(), &system.initial, &scale, likelihood.correction(at)).map_err(failed)?;
+            let steps = system.simulate(&plan, record.commands(), &system.initial, likelihood.correction(at)).map_err(failed)?.steps;
+            likelihood.budgets.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
+            let shape = (record.time_s.len(), system.outputs.len());
+            let mut raw: Vec<_> = free.iter().map(|&j| DMatrix::from_column_slice(shape.0, shape.1, all.column(j).as_slice())).collect();
+            if let Some(predicted) = likelihood.predict(at, NO_EFFECT) {
+                raw.extend(feedback::regressors(record, &likelihood.residual(at, &predicted)));
+            }
+            likelihood.nuisances.push(Nuisances::new(raw, free.len(), record, &likelihood.noise[at], &likelihood.prior));
+        }
+        Ok(likelihood)
+    }
+
+    /// Under another noise model; one per record.
+    pub(in crate::diagnose) fn with_noise(&self, noise: Vec<Noise>) -> Self {
+        let whitened = self.nuisances.iter().zip(self.records).zip(&noise);
+        let nuisances = whitened.map(|((nuisances, record), noise)| nuisances.with_noise(record, noise, &self.prior)).collect();
+        Self { noise, nuisances, ..self.clone() }
+    }
+
+    /// With other prior standard deviations of the start; those that are 0 stay so.
+    pub(in crate::diagnose) fn with_prior(&self, prior: Vec<f64>) -> Self {
+        let nuisances = self.nuisances.iter().map(|nuisances| nuisances.with_prior(&prior)).collect();
+        Self { prior, nuisances, ..self.clone() }
+    }
+
+    /// To try the effect a black box must be called: what comes after it costs nothing.
+    pub(in crate::diagnose) fn calls(&self, applied: &Applied) -> bool {
+        self.system.is_black_box() && matches!(applied.effect.site(), Site::Input | Site::Dynamics)
+    }
+
+    /// First guesses of an effect's parameters, fewer where each is a call.
+    pub(in crate::diagnose) fn first_guesses(&self, applied: &Applied, scales: &Scales) -> Vec<Vec<f64>> {
+        let all = applied.starts(self.system, scales);
+        let every = if self.calls(applied) { all.len().div_ceil(CALLED_STARTS).max(1) } else { 1 };
+        all.into_iter().step_by(every).collect()
+    }
+
+    /// The length of a whitened residual that rounding in a black box makes.
+    pub(in crate::diagnose) fn rounding(&self) -> f64 {
+        let noise = self.noise_std();
+        let parts = self.resolution.iter().zip(&noise).map(|(r, s)| (r / s.max(f64::MIN_POSITIVE)).powi(2));
+        let samples = self.records.iter().filter(|r| r.train.is_some()).map(|r| r.time_s.len()).sum::<usize>() as f64;
+        (parts.sum::<f64>() * samples).sqrt()
+    }
+
+    pub(in crate::diagnose) fn prior(&self) -> &[f64] {
+        &self.prior
+    }
+
+    pub(in crate::diagnose) fn correction(&self, record: usize) -> Option<Correction<'_>> {
+        self.predictor.gains.get(record).map(|gain| Correction { gain, measured: &self.records[record].measured })
+    }
+
+    /// The plan of the simulator with its own and these effects.
+    pub(in crate::diagnose) fn plan(&self, effects: &[Applied], chance: Chance<'_>) -> Option<Plan> {
+        Applied::plan(self.system, self.model_effects.iter().chain(effects), chance).ok()
+    }
+
+    /// Predicted outputs of one record from the nominal start, samples × outputs.
+    pub(in crate::diagnose) fn predict<'e>(&self, record: usize, active: impl Into<ActiveEffects<'e>>) -> Option<DMatrix<f64>> {
+        self.predict_samples(record, active.into(), &self.records[record].inputs, usize::MAX)
+    }
+
+    /// The same with other commands than those of the log, and as far as parameters are fitted to it: samples after the training span are 0.
+    pub(in crate::diagnose) fn predict_trained(
+        &self,
+        record: usize,
+        active: ActiveEffects<'_>,
+        inputs: &[Vec<f64>],
+    ) -> Option<DMatrix<f64>> {
+        self.predict_samples(record, active, inputs, self.records[record].trained_samples())
+    }
+
+    fn predict_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
+        if self.stop.is_set() {
+            return None;
+        }
+        let ActiveEffects { effects, lost } = active;
+        let known = lost.and_then(|l| l.get(record));
+        let mut plan = self.plan(effects, known.map_or(Chance::Mean, |sequences| Chance::Known(sequences)))?;
+        plan.tolerance = Tolerance { budget: self.budgets.get(record).copied().unwrap_or(usize::MAX), ..TOLERANCE };
+        plan.wanted = Wanted { samples, states: false };
+        let commands = Commands { time_s: &self.records[record].time_s, inputs };
+        let run = self.system.simulate(&plan, commands, &self.system.initial, self.correction(record)).ok()?;
+        Some(run.y)
+    }
+
+    /// measured − predicted, 0 where there is no measurement.
+    pub(in crate::diagnose) fn residual(&self, record: usize, predicted: &DMatrix<f64>) -> DMatrix<f64> {
+        let (samples, outputs) = predicted.shape();
+        let mut residual = Vec::with_capacity(samples * outputs);
+        for (predicted, measured) in predicted.as_slice().chunks_exact(samples.max(1)).zip(&self.records[record].measured) {
+            let both = measured.values.iter().zip(predicted);
+            match &measured.present {
+                None => residual.extend(both.map(|(y, predicted)| y - predicted)),
+                Some(present) => residual.extend(both.zip(present).map(|((y, predicted), there)| if *there { y - predicted } else { 0.0 })),
+            }
+        }
+        DMatrix::from_vec(samples, outputs, residual)
+    }
+
+    /// Whitened residuals of all training records; `None` where a simulation fails.
+    pub(in crate::diagnose) fn whitened<'e>(&self, active: impl Into<ActiveEffects<'e>>) -> Option<Whitened> {
+        let active = active.into();
+        let one = |at: usize| {
+            let record = &self.records[at];
+            if record.train.is_none() {
+                return Some(DVector::zeros(0));
+            }
+            let residual = self.residual(at, &self.predict_trained(at, active, &record.inputs)?);
+            let e = self.noise[at].whiten(record, record.train, &residual);
+            let rows = e.len();
+            e.iter().all(|v| v.is_finite()).then(|| e.reshape_generic(Dyn(rows), Const::<1>))
+        };
+        // The calls of a black box come in their order.
+        if self.system.is_black_box() {
+            return (0..self.records.len()).map(one).collect();
+        }
+        (0..self.records.len()).into_par_iter().map(one).collect()
+    }
+
+    /// Every record can be simulated to its end.
+    pub(in crate::diagnose) fn holds_throughout<'e>(&self, active: impl Into<ActiveEffects<'e>>) -> bool {
+        let active = active.into();
+        (0..self.records.len()).into_par_iter().all(|at| self.predict(at, active).is_some())
+    }
+
+    /// A residual whitened over the whole record, whatever is trained on.
+    pub(in crate::diagnose) fn whiten_whole(&self, at: usize, residual: &DMatrix<f64>) -> DMatrix<f64> {
+        self.whiten_in(at, residual, Span { from_s: 0.0, to_s: self.records[at].duration_s() })
+    }
+
+    /// A residual whitened over a span, whatever is trained on; 0 outside it.
+    pub(in crate::diagnose) fn whiten_in(&self, at: usize, residual: &DMatrix<f64>, span: Span) -> DMatrix<f64> {
+        self.noise[at].whiten(&self.records[at], Some(span), residual)
+    }
+
+    /// Anything that moves as a residual does, from any sample on, through the noise's whitening filter.
+    pub(in crate::diagnose) fn filter(&self, at: usize, response: &DMatrix<f64>) -> DMatrix<f64> {
+        self.noise[at].filter(response)
+    }
+
+    /// The inner product of whitened residuals with the start integrated out: aᵀ(I + W P Wᵀ)⁻¹b over the training records.
+    pub(in crate::diagnose) fn inner(&self, a: &Whitened, b: &Whitened) -> f64 {
+        let projected = self.projected(b);
+        if std::ptr::eq(a, b) {
+            self.product((a, &projected), (b, &projected))
+        } else {
+            self.product((a, &self.projected(a)), (b, &projected))
+        }
+    }
+
+    /// All inner products among a list.
+    pub(in crate::diagnose) fn inner_of_all(&self, all: &[&Whitened]) -> DMatrix<f64> {
+        let projected: Vec<Projected> = all.iter().map(|a| self.projected(a)).collect();
+        let mut products = DMatrix::zeros(all.len(), all.len());
+        for i in 0..all.len() {
+            for j in 0..=i {
+                products[(i, j)] = self.product((all[i], &projected[i]), (all[j], &projected[j]));
+                products[(j, i)] = products[(i, j)];
+            }
+        }
+        products
+    }
+
+    fn product(&self, (a, left): (&Whitened, &Projected), (b, right): (&Whitened, &Projected)) -> f64 {
+        let mut sum = 0.0;
+        for ((a, b), (left, right)) in a.iter().zip(b).zip(left.iter().zip(right)) {
+            sum += a.dot(b);
+            if let (Some((by_start, _)), Some((_, solved))) = (left, right) {
+                sum -= by_start.dot(solved);
+            }
+        }
+        sum
+    }
+
+    /// What a whitened residual has in common with the nuisances: Wᵀa and (P⁻¹ + WᵀW)⁻¹Wᵀa per record.
+    fn projected(&self, a: &Whitened) -> Projected {
+        a.iter().zip(&self.nuisances).map(|(a, nuisances)| nuisances.projected(a)).collect()
+    }
+
+    /// (I + W P Wᵀ)⁻¹a, record by record: [`Self::inner`] is its scalar product with the other vector.
+    pub(in crate::diagnose) fn reduced(&self, a: &Whitened) -> Whitened {
+        a.iter().zip(&self.nuisances).map(|(a, nuisances)| nuisances.reduced(a)).collect()
+    }
+
+    /// Predicted outputs from the posterior mean of the start, given the samples in `span` of each record.
+    pub(in crate::diagnose) fn predict_from_posterior<'e>(
+        &self,
+        record: usize,
+        active: impl Into<ActiveEffects<'e>>,
+        span: Span,
+    ) -> Option<DMatrix<f64>> {
+        let y = self.predict(record, active)?;
+        self.moved_to_posterior(record, y, span)
+    }
+
+    /// The same of the training span given its own samples; samples after it are of no use.
+    pub(in crate::diagnose) fn predict_trained_from_posterior<'e>(
+        &self,
+        record: usize,
+        active: impl Into<ActiveEffects<'e>>,
+    ) -> Option<DMatrix<f64>> {
+        let y = self.predict_trained(record, active.into(), &self.records[record].inputs)?;
+        self.moved_to_posterior(record, y, self.records[record].train?)
+    }
+
+    fn moved_to_posterior(&self, record: usize, mut y: DMatrix<f64>, span: Span) -> Option<DMatrix<f64>> {
+        let nuisances = &self.nuisances[record];
+        if nuisances.is_empty() {
+            return Some(y);
+        }
+        let (noise, log) = (&self.noise[record], &self.records[record]);
+        let whitened = noise.whiten(log, Some(span), &self.residual(record, &y));
+        let e = DVector::from_column_slice(whitened.as_slice());
+        let deviation =
+            if log.train == Some(span) { nuisances.posterior(&e)? } else { nuisances.posterior_in(span, &e, log, noise, &self.prior)? };
+        nuisances.add_starts(&mut y, &deviation);
+        Some(y)
+    }
+
+    /// Standard deviation of each output's innovations.
+    pub(in crate::diagnose) fn noise_std(&self) -> Vec<f64> {
+        let trained = self.records.iter().zip(&self.noise).find(|(r, _)| r.train.is_some());
+        trained.map_or_else(|| vec![1.0; self.system.outputs.len()], |(_, noise)| noise.std())
+    }
+
+    /// How many samples of each output's noise count as one.
+    pub(in crate::diagnose) fn memory(&self) -> Vec<f64> {
+        let trained = self.records.iter().zip(&self.noise).find(|(r, _)| r.train.is_some());
+        (0..self.system.outputs.len()).map(|i| trained.map_or(1.0, |(_, noise)| noise.memory(i))).collect()
+    }
+
+    /// Samples with weight.
+    pub(in crate::diagnose) fn weight(&self) -> f64 {
+        let here = |record: &LogRecord| {
+            let inside = (0..record.time_s.len()).flat_map(|k| (0..record.measured.len()).map(move |i| (i, k)));
+            inside.filter(|&(i, k)| record.measured_in(record.train, i, k).is_some()).count()
+        };
+
+        self.records.iter().map(here).sum::<usize>() as f64
+    }
+}

@@ -1,0 +1,7 @@
+//! How well effects at work describe the logs: whitened residuals with the nuisances integrated out.
+
+pub(in crate::diagnose) mod active_effects;
+pub(in crate::diagnose) mod errors;
+pub(in crate::diagnose) mod likelihood;
+mod nuisances;
+pub(in crate::diagnose) mod residuals;

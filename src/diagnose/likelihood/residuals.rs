@@ -1,0 +1,34 @@
+//! Residuals of whatever is at work, from the posterior start of each record.
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use super::active_effects::ActiveEffects;
+use super::likelihood::Likelihood;
+
+/// Residuals from the posterior start of each record, by the same rule for every hypothesis: of a held-out log its own samples, else the training span.
+pub(in crate::diagnose) fn residuals<'e>(likelihood: &Likelihood<'_>, active: impl Into<ActiveEffects<'e>>) -> Option<Vec<DMatrix<f64>>> {
+    let active = active.into();
+    (0..likelihood.records.len())
+        .into_par_iter()
+        .map(|at| {
+            let record = &likelihood.records[at];
+            let span = record.train.or(record.held)?;
+            Some(likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?))
+        })
+        .collect()
+}
+
+/// The same of the training spans alone; of anything else nothing that means something.
+pub(in crate::diagnose) fn trained<'e>(likelihood: &Likelihood<'_>, active: impl Into<ActiveEffects<'e>>) -> Option<Vec<DMatrix<f64>>> {
+    let active = active.into();
+    (0..likelihood.records.len())
+        .map(|at| {
+            let record = &likelihood.records[at];
+            if record.train.is_none() {
+                return Some(DMatrix::zeros(record.time_s.len(), record.measured.len()));
+            }
+            Some(likelihood.residual(at, &likelihood.predict_trained_from_posterior(at, active)?))
+        })
+        .collect()
+}

@@ -1,0 +1,306 @@
+//! The stages of a diagnosis in a row. Each takes what the ones before it found, as a type of its own.
+//!
+//! ```text
+//! Simulator, Inputs ─► Baseline ─► Likelihood ─► SearchResult ─► Judgement ─► Diagnosed
+//!   input/             baseline/   likelihood/   search/          judge/       answer/
+//! ```
+
+use std::path::Path;
+
+use nalgebra::DMatrix;
+
+use crate::diagnose::answer::cause::cause;
+use crate::diagnose::answer::improvement::improvement;
+use crate::diagnose::answer::isolability::{self as isolability_of, Isolability, Names};
+use crate::diagnose::answer::largest_contributor::{LargestContributor, largest_contributor};
+use crate::diagnose::answer::location::{locate, output_shares};
+use crate::diagnose::answer::traces::{Trace, traces};
+use crate::diagnose::baseline::motion::Motion;
+use crate::diagnose::baseline::predictor::Predictor;
+use crate::diagnose::baseline::runaway::must_not_explode;
+use crate::diagnose::checks::every::checks;
+use crate::diagnose::format::caveat::Caveat;
+use crate::diagnose::format::diagnosis::{Cause, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, NotTried, Prediction};
+use crate::diagnose::format::error::GapError;
+use crate::diagnose::format::progress::Stage;
+use crate::diagnose::input::inputs::{Inputs, Simulator};
+use crate::diagnose::input::log_caveats::log_caveats;
+use crate::diagnose::input::options::GapOptions;
+use crate::diagnose::input::record::LogRecord;
+use crate::diagnose::input::subject::Subject;
+use crate::diagnose::judge::intervals::{self, Estimate};
+use crate::diagnose::judge::prior_sensitivity::{PriorSensitivity, prior_sensitivities};
+use crate::diagnose::judge::verdict::{GapVerdict, Judged, judge};
+use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
+use crate::diagnose::likelihood::errors::{Errors, overall};
+use crate::diagnose::likelihood::likelihood::{Likelihood, Terms};
+use crate::diagnose::likelihood::residuals::{residuals, trained};
+use crate::diagnose::search::catalogue::{Catalogue, catalogue};
+use crate::diagnose::search::catalogue_search::{SearchResult, Searched, search};
+use crate::effect::{Applied, Scales};
+use crate::error::Result;
+use crate::log::Log;
+use crate::model::ModelDocument;
+
+/// Where a delay that explains much stands at the longest that was looked for, so many times longer ones are looked for, once.
+const LONGER: f64 = 3.0;
+
+/// A diagnosis, and the model with the effects that it found.
+#[derive(Debug, Clone)]
+pub struct Diagnosed {
+    /// The diagnosis.
+    pub diagnosis: Diagnosis,
+    /// The model with what was found added to its effects; `None` for a simulator without a model file.
+    pub model: Option<ModelDocument>,
+    /// What was found to act.
+    pub effects: Vec<Applied>,
+    /// What was measured and predicted, by output and then by log.
+    pub traces: Vec<Trace>,
+    /// What explains most, where nothing is called the cause.
+    pub largest_contributor: Option<LargestContributor>,
+    /// What a reader has to know of the data.
+    pub caveats: Vec<Caveat>,
+    /// How often a simulator that can only be called was called; `None` for a model file.
+    pub calls: Option<usize>,
+}
+
+/// As [`diagnose`], from files.
+///
+/// # Errors
+/// As [`diagnose`], and of files that cannot be read.
+pub fn diagnose_files(model: &Path, logs: &[impl AsRef<Path>], holdout: &[impl AsRef<Path>], options: &GapOptions) -> Result<Diagnosed> {
+    let document = ModelDocument::read(model)?;
+    let logs = logs.iter().map(|path| crate::log::read(path.as_ref())).collect::<Result<Vec<_>>>()?;
+    let holdout = holdout.iter().map(|path| crate::log::read(path.as_ref())).collect::<Result<Vec<_>>>()?;
+    diagnose(&document, &logs, &holdout, options, &|_| ())
+}
+
+/// Diagnoses the gap between a model and logs: every effect of the catalogue on every channel, alone and in pairs.
+///
+/// `progress` is told what is being done.
+///
+/// # Errors
+/// [`GapError`] where model and logs do not fit, the errors of models and logs, [`crate::Error::Stopped`].
+pub fn diagnose<'a>(
+    subject: impl Into<Subject<'a>>,
+    logs: &[Log],
+    holdout: &[Log],
+    options: &GapOptions,
+    progress: &dyn Fn(Stage),
+) -> Result<Diagnosed> {
+    let begin = || {
+        let subject = subject.into();
+        let simulator = Simulator::of(subject, logs, &options.stop)?;
+        let mut found = in_stages(subject, &simulator, logs, holdout, options, progress)?;
+        if let Some(memory) = &simulator.memory {
+            let calls = memory.calls();
+            if let (failed, Some(why)) = memory.failures() {
+                found.caveats.push(Caveat::SimulatorFailed { failed, calls, why });
+            }
+            found.calls = Some(calls);
+        }
+        Ok(found)
+    };
+    let found = begin();
+    options.stop.check()?;
+    found
+}
+
+/// Which effects of the catalogue these logs can tell apart; nothing is fitted, and what the logs measured matters only for the size of the noise.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &GapOptions) -> Result<Isolability> {
+    let subject = subject.into();
+    let begin = || {
+        let simulator = Simulator::of(subject, logs, &options.stop)?;
+        let mut inputs = Inputs::new(subject, &simulator, logs, &[], options)?;
+        inputs.learn_from_all(&simulator.system);
+        let baseline = Baseline::of(&simulator, &inputs, options)?;
+        let likelihood = baseline.likelihood(&simulator, &inputs, options)?;
+        let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
+        let scales = baseline.motion.scales(&simulator.system, &inputs.records, &before, inputs.longest_delay_s);
+        let candidates = catalogue(&simulator.system, inputs.probed.as_ref()).candidates;
+        let names = Names { model: subject.name(), logs: logs.iter().map(|l| l.source().to_owned()).collect() };
+        isolability_of::isolability(&likelihood, candidates, &scales, &baseline.noise_std, names).ok_or_else(|| not_finite(&inputs.records))
+    };
+    let found = begin();
+    options.stop.check()?;
+    found
+}
+
+/// The model as it is on the logs.
+struct Baseline {
+    predictor: Predictor,
+    motion: Motion,
+    /// A first size of every output's noise.
+    noise_std: Vec<f64>,
+}
+
+impl Baseline {
+    fn of(simulator: &Simulator, inputs: &Inputs, options: &GapOptions) -> Result<Self> {
+        let (system, probed) = (&simulator.system, inputs.probed.as_ref());
+        let predictor = Predictor::of(system, &inputs.records, &inputs.poles, probed, options.prediction);
+        let motion = Motion::of(system, &inputs.model_effects, &inputs.records, &predictor, probed)?;
+        let noise_std = motion.innovations(&inputs.records);
+        Ok(Self { predictor, motion, noise_std })
+    }
+
+    /// The likelihood of the logs under white noise of the first size.
+    fn likelihood<'a>(&'a self, simulator: &'a Simulator, inputs: &'a Inputs, options: &GapOptions) -> Result<Likelihood<'a>> {
+        let system = &simulator.system;
+        Likelihood::new(Terms {
+            system,
+            records: &inputs.records,
+            predictor: &self.predictor,
+            model_effects: inputs.model_effects.clone(),
+            prior: self.motion.prior(system),
+            noise_std: &self.noise_std,
+            resolution: inputs.probed.as_ref().map(|p| p.resolution.clone()).unwrap_or_default(),
+            stop: options.stop.clone(),
+        })
+    }
+}
+
+/// The verdict with all that it rests on.
+struct Judgement {
+    judged: Judged,
+    sensitivities: Vec<PriorSensitivity>,
+    largest_contributor: Option<LargestContributor>,
+    estimate: Option<Estimate>,
+}
+
+impl Judgement {
+    /// `None` where the model cannot be simulated.
+    fn of(likelihood: &Likelihood<'_>, found: &SearchResult, candidates: &[Applied], scales: &Scales) -> Option<Self> {
+        let judged = judge(likelihood, found, candidates, scales)?;
+        let sensitivities = match judged.verdict {
+            GapVerdict::Unknown => Vec::new(),
+            _ => prior_sensitivities(likelihood, found, judged.found.as_ref(), candidates, scales),
+        };
+        let largest_contributor = largest_contributor(likelihood, &judged, found, scales);
+        let estimate = judged.found.as_ref().and_then(|e| intervals::estimate(likelihood, e, scales));
+        Some(Self { judged, sensitivities, largest_contributor, estimate })
+    }
+}
+
+fn in_stages(
+    subject: Subject<'_>,
+    simulator: &Simulator,
+    logs: &[Log],
+    holdout: &[Log],
+    options: &GapOptions,
+    progress: &dyn Fn(Stage),
+) -> Result<Diagnosed> {
+    progress(Stage::Simulating);
+    let system = &simulator.system;
+    let inputs = Inputs::new(subject, simulator, logs, holdout, options)?;
+    let baseline = Baseline::of(simulator, &inputs, options)?;
+    let likelihood = baseline.likelihood(simulator, &inputs, options)?;
+    let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
+    must_not_explode(system, &inputs.records, &before)?;
+    let scales = baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
+
+    let Catalogue { candidates, left_out } = catalogue(system, inputs.probed.as_ref());
+    let Searched { likelihood, found } =
+        search(likelihood, candidates.clone(), &scales, &baseline.motion.smallest, progress).ok_or_else(|| not_finite(&inputs.records))?;
+    let longer_s = f64::min(LONGER * inputs.longest_delay_s, 0.5 * inputs.limit_s);
+    if options.longest_delay_s.is_none() && longer_s > 1.2 * inputs.longest_delay_s && found.wants_longer_delays(&scales) {
+        progress(Stage::Longer);
+        let longer = GapOptions { longest_delay_s: Some(longer_s), ..options.clone() };
+        return in_stages(subject, simulator, logs, holdout, &longer, progress);
+    }
+
+    progress(Stage::Judging);
+    let judgement = Judgement::of(&likelihood, &found, &candidates, &scales).ok_or_else(|| not_finite(&inputs.records))?;
+    let answer = Answer { subject, simulator, inputs: &inputs, likelihood: &likelihood, found: &found, scales: &scales, left_out };
+    answer.sections(judgement, logs, options.seed).ok_or_else(|| not_finite(&inputs.records))
+}
+
+/// What the sections of a diagnosis are made of, beside the judgement.
+struct Answer<'a> {
+    subject: Subject<'a>,
+    simulator: &'a Simulator,
+    inputs: &'a Inputs,
+    likelihood: &'a Likelihood<'a>,
+    found: &'a SearchResult,
+    scales: &'a Scales,
+    left_out: Vec<NotTried>,
+}
+
+impl Answer<'_> {
+    /// `None` where the model cannot be simulated.
+    fn sections(self, judgement: Judgement, logs: &[Log], seed: u64) -> Option<Diagnosed> {
+        let (system, records, likelihood) = (&self.simulator.system, &self.inputs.records, self.likelihood);
+        let active = judgement.judged.found.as_ref().map(ActiveEffects::from);
+        let before = residuals(likelihood, NO_EFFECT)?;
+        let after = residuals(likelihood, active.unwrap_or(NO_EFFECT))?;
+        let floor = &judgement.judged.floor;
+        let gap = gap(likelihood, &before, &floor.floor);
+        let shares: Vec<Option<f64>> = gap.outputs.iter().map(|o| o.share).collect();
+        let predictor = likelihood.predictor;
+        let diagnosis = Diagnosis {
+            format: DiagnosisFormat::V1,
+            model: self.subject.name().to_owned(),
+            logs: logs.iter().map(|l| l.source().to_owned()).collect(),
+            holdout: self.inputs.holdouts.clone(),
+            prediction: Prediction { mode: predictor.mode, why: predictor.why.clone() },
+            gap,
+            place: locate(system, records, &before, floor, &shares, &likelihood.memory()),
+            checks: checks(system, &self.inputs.model_effects, records, self.chosen_predictor()),
+            cause: self.cause(&judgement),
+            shrink: improvement(system, records, &before, &after, &floor.floor, predictor.settling_s, seed),
+        };
+        let traces = traces(likelihood, active, &floor.floor);
+        let caveats = self.caveats(&judgement.judged);
+        let effects: Vec<Applied> = judgement.judged.found.into_iter().flat_map(|e| e.effects).collect();
+        let model = self.subject.with(effects.iter().map(Applied::to_entry));
+        Some(Diagnosed { diagnosis, model, effects, traces, largest_contributor: judgement.largest_contributor, caveats, calls: None })
+    }
+
+    /// As it follows from the simulator, whatever was asked for.
+    fn chosen_predictor(&self) -> Predictor {
+        Predictor::of(&self.simulator.system, &self.inputs.records, &self.inputs.poles, self.inputs.probed.as_ref(), None)
+    }
+
+    fn cause(&self, judgement: &Judgement) -> Cause {
+        let after = |e: &_| {
+            let residuals = trained(self.likelihood, e)?;
+            overall(&Errors::of(self.likelihood.records, &residuals, |r| r.train).nrmse())
+        };
+        let Judgement { judged, sensitivities, estimate, .. } = judgement;
+        let mut cause = cause(self.likelihood, judged, self.found, estimate.as_ref(), self.scales, sensitivities, after);
+        cause.not_tried.clone_from(&self.left_out);
+        cause
+    }
+
+    fn caveats(&self, judged: &Judged) -> Vec<Caveat> {
+        let system = &self.simulator.system;
+        let mut caveats = log_caveats(system, &self.inputs.records);
+        caveats.extend(self.inputs.probed.iter().flat_map(|p| p.caveats.clone()));
+        let named = judged.found.as_ref().is_some_and(|found| !found.effects.is_empty());
+        if let Some((output, times)) = judged.left_over.filter(|_| named) {
+            let times = format!("{times:.1}");
+            caveats.push(match system.is_black_box() {
+                true => Caveat::Incomplete { times },
+                false => Caveat::Rest { times, output: system.outputs[output].name.clone() },
+            });
+        }
+        caveats
+    }
+}
+
+/// The section `gap`, from the residuals of the model as it came and every output's floor.
+fn gap(likelihood: &Likelihood<'_>, before: &[DMatrix<f64>], floor: &[f64]) -> Gap {
+    let nothing = Errors::of(likelihood.records, before, |r| r.train);
+    let (each, each_floor) = (nothing.nrmse(), nothing.relative(floor));
+    let shares = output_shares(&each, &each_floor);
+    let names = likelihood.system.outputs.iter().map(|o| o.name.clone());
+    let outputs = names.enumerate().map(|(i, name)| GapOutput { name, before: each[i], floor: each_floor[i], share: shares[i] }).collect();
+    Gap { metric: Metric::Nrmse, before: overall(&each), floor: overall(&each_floor), outputs }
+}
+
+fn not_finite(records: &[LogRecord]) -> crate::Error {
+    let log = records.first().map(|r| r.name.clone()).unwrap_or_default();
+    GapError::Nominal { log, why: "its predictions are not finite".to_owned() }.into()
+}

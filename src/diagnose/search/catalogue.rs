@@ -1,0 +1,48 @@
+//! The candidates: every effect on every channel of a system that it can act on.
+
+use crate::diagnose::format::diagnosis::NotTried;
+use crate::diagnose::input::black_box::Probed;
+use crate::effect::{Applied, EFFECTS, Effect, Site};
+use crate::simulate::System;
+
+/// What is tried, in the order of the effects' table, and what cannot act.
+pub(in crate::diagnose) struct Catalogue {
+    pub(in crate::diagnose) candidates: Vec<Applied>,
+    pub(in crate::diagnose) left_out: Vec<NotTried>,
+}
+
+/// All candidates of a system, with the reasons for those that cannot act.
+pub(in crate::diagnose) fn catalogue(system: &System, probed: Option<&Probed>) -> Catalogue {
+    let (mut all, mut left_out) = (Vec::new(), Vec::new());
+    for effect in EFFECTS {
+        if effect.site() == Site::Dynamics && system.is_sampled() {
+            left_out.push(not_tried(effect, "the model is sampled".to_owned()));
+            continue;
+        }
+        if effect.needs_equations() && system.is_black_box() {
+            left_out.push(not_tried(effect, "the simulator is a black box: its equations cannot be changed".to_owned()));
+            continue;
+        }
+        let mut channels = effect.channels(system);
+        if channels.is_empty() && effect.site() == Site::Dynamics && system.is_black_box() {
+            left_out.push(not_tried(effect, "the simulator is a black box, and no parameter of it is named".to_owned()));
+        } else if channels.is_empty() {
+            left_out.push(not_tried(effect, "the model has no channel for it".to_owned()));
+        }
+        let idle = probed.map_or(&[][..], |p| match effect.site() {
+            Site::Input => &p.idle_inputs,
+            Site::Dynamics => &p.idle_parameters,
+            Site::Output | Site::Clock => &[],
+        });
+        for channel in channels.extract_if(.., |channel| idle.contains(channel)) {
+            let what = if effect.site() == Site::Input { "input" } else { "parameter" };
+            left_out.push(not_tried(effect, format!("no output of the simulator depends on the {what} `{channel}`")));
+        }
+        all.extend(channels.iter().filter_map(|channel| Applied::nominal(system, effect, channel).ok()));
+    }
+    Catalogue { candidates: all, left_out }
+}
+
+fn not_tried(effect: &dyn Effect, why: String) -> NotTried {
+    NotTried { effect: effect.name().to_owned(), why }
+}

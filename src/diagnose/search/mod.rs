@@ -1,0 +1,8 @@
+//! The search through the catalogue: a screen, single effects, several at once.
+
+pub(in crate::diagnose) mod catalogue;
+pub(in crate::diagnose) mod catalogue_search;
+pub(in crate::diagnose) mod screen;
+pub(in crate::diagnose) mod several;
+pub(in crate::diagnose) mod singles;
+pub(in crate::diagnose) mod steps;

@@ -1,0 +1,241 @@
+//! Pairs of effects: for each of the leading singles the seconds that promise most beside it, refitted together; then forward and backward.
+
+use rayon::prelude::*;
+
+use super::screen::Screened;
+use super::steps::{STEPS, TRIAL};
+use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
+use crate::diagnose::hypothesis::dropouts::decoded;
+use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::penalised_gain::{SELECTION_PENALTY, penalised_gain};
+use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
+use crate::effect::{Applied, Scales, row};
+
+/// First effects of pairs: so many of the best, and so many more that have one parameter; leading singles are often flexible impostors.
+const FIRSTS: (usize, usize) = (2, 4);
+/// Second effects that are fitted with each first one.
+const SECONDS: usize = 6;
+/// The same where each is calls of a black box; pairs that are then fitted to the end.
+const CALLED_SECONDS: usize = 3;
+const CALLED_LEFT: usize = 4;
+/// Starts of a candidate that are looked at before any pair is fitted.
+const GLANCES: usize = 3;
+/// Pairs whose members are tried as first effects in their turn.
+const SWAPPED: usize = 3;
+/// First effects beside which lost commands are looked for.
+const LOSING: usize = 3;
+/// The part of a first effect's cost that a second one must promise to take away: less is a model that is a little off.
+const PROMISING: f64 = 0.05;
+
+/// The first effects that pairs are built on: the best, and the best of one parameter, each kind of effect once.
+fn firsts(singles: &[Hypothesis], weight: f64) -> Vec<&Hypothesis> {
+    let mut order: Vec<&Hypothesis> = singles.iter().filter(|e| e.fitted).collect();
+    order.sort_by(|a, b| penalised_gain(b, weight).total_cmp(&penalised_gain(a, weight)));
+    let mut chosen: Vec<&Hypothesis> = Vec::new();
+    for (count, plain) in [(FIRSTS.0, false), (FIRSTS.1, true)] {
+        let full = chosen.len() + count;
+        for single in &order {
+            let known = chosen.iter().any(|c| c.effects[0].effect.name() == single.effects[0].effect.name());
+            if chosen.len() < full && !known && (!plain || single.free.len() == 1) {
+                chosen.push(single);
+            }
+        }
+    }
+    chosen
+}
+
+/// What a second effect promises beside each first: the fall of the cost along its signature, the first's own directions taken out.
+struct Beside {
+    first: Hypothesis,
+    residual: Whitened,
+    cost: f64,
+    /// Directions in which the first can still move, orthonormal.
+    own: Vec<Whitened>,
+}
+
+impl Beside {
+    fn new(likelihood: &Likelihood<'_>, first: &Hypothesis, scales: &Scales) -> Option<Self> {
+        let slopes = first.slopes(likelihood, scales)?;
+        let mut own: Vec<Whitened> = Vec::new();
+        for mut column in slopes.columns {
+            let whole = likelihood.inner(&column, &column);
+            for q in &own {
+                let along = likelihood.inner(q, &column);
+                column = column.iter().zip(q).map(|(c, q)| c - q * along).collect();
+            }
+            let left = likelihood.inner(&column, &column);
+            if left > 1e-10 * whole {
+                own.push(column.iter().map(|c| c / left.sqrt()).collect());
+            }
+        }
+        let cost = likelihood.inner(&slopes.residual, &slopes.residual);
+        Some(Self { first: first.clone(), residual: slopes.residual, cost, own })
+    }
+
+    /// How far the cost would fall along a signature, at any size.
+    fn promise(&self, likelihood: &Likelihood<'_>, signature: &Whitened) -> f64 {
+        let mut along = likelihood.inner(signature, &self.residual);
+        let mut length = likelihood.inner(signature, signature);
+        for q in &self.own {
+            let part = likelihood.inner(q, signature);
+            along -= part * likelihood.inner(q, &self.residual);
+            length -= part * part;
+        }
+        if length > 0.0 && along.is_finite() { along * along / length } else { 0.0 }
+    }
+}
+
+/// Pairs: for each of the leading singles the seconds that promise most beside it, refitted together.
+pub(in crate::diagnose) fn pairs(
+    likelihood: &Likelihood<'_>,
+    singles: &[Hypothesis],
+    pool: &[Screened],
+    scales: &Scales,
+    nominal: &Whitened,
+) -> Vec<Hypothesis> {
+    let weight = likelihood.weight();
+    let firsts: Vec<Hypothesis> = firsts(singles, weight).into_iter().cloned().collect();
+    // A hidden sequence takes a little of everything: what is left beside it does not speak for the others.
+    let plain = firsts.iter().find(|first| !first.loses_commands());
+    let mut asked = firsts.first().filter(|best| best.loses_commands()).into_iter().chain(plain);
+    if !asked.any(|first| something_beside(likelihood, first, pool, scales, nominal)) {
+        return Vec::new();
+    }
+    let mut pairs = with_seconds(likelihood, &firsts, pool, scales, nominal, &[]);
+    // Forward and backward: what only a second effect made visible takes the first place.
+    let mut kept: Vec<Hypothesis> = Vec::new();
+    for (pair, place) in pairs.iter().take(SWAPPED).flat_map(|pair| (0..pair.effects.len()).map(move |place| (pair, place))) {
+        let single = pair.only(place);
+        if !single.loses_commands() && firsts.iter().chain(&kept).all(|f| f.key() != single.key()) {
+            kept.push(single);
+        }
+    }
+    let more = with_seconds(likelihood, &kept, pool, scales, nominal, &pairs);
+    pairs.extend(more);
+    pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    pairs
+}
+
+/// Something of the catalogue promises to take a part of what a single leaves.
+fn something_beside(likelihood: &Likelihood<'_>, single: &Hypothesis, pool: &[Screened], scales: &Scales, nominal: &Whitened) -> bool {
+    let Some(beside) = Beside::new(likelihood, single, scales) else { return false };
+    let promises = |screened: &Screened| {
+        // A lattice in raw values need not promise anything.
+        let traced = screened.applied.effect.leaves_residual() && !screened.starts.is_empty();
+        let own = beside.first.effects.iter().any(|e| e.key() == screened.applied.key());
+        let starts = likelihood.first_guesses(&screened.applied, scales);
+        let every = starts.len().div_ceil(GLANCES).max(1);
+        let glance = |start: Vec<f64>| {
+            // The start itself is known already where anything else is a call.
+            let share = if has_limit(&screened.applied) || likelihood.calls(&screened.applied) { 1.0 } else { 0.5 };
+            let there = likelihood.whitened(&[with(&screened.applied, &between(&screened.applied, &start, share))]);
+            there.is_some_and(|there| {
+                beside.promise(likelihood, &difference(nominal, &there, 1.0)) > SELECTION_PENALTY.max(PROMISING * beside.cost)
+            })
+        };
+        !own && (traced || starts.into_iter().step_by(every).any(glance))
+    };
+    pool.par_iter().any(promises)
+}
+
+/// The seconds that promise most beside each first, fitted with it; but those known already.
+fn with_seconds(
+    likelihood: &Likelihood<'_>,
+    firsts: &[Hypothesis],
+    pool: &[Screened],
+    scales: &Scales,
+    nominal: &Whitened,
+    known: &[Hypothesis],
+) -> Vec<Hypothesis> {
+    let beside: Vec<Beside> = firsts.par_iter().filter_map(|first| Beside::new(likelihood, first, scales)).collect();
+    if beside.is_empty() {
+        return Vec::new();
+    }
+    // Per candidate and first: the promise, and the start that gave it.
+    let promises: Vec<Vec<(f64, Applied)>> = pool
+        .par_iter()
+        .map(|screened| {
+            let applied = &screened.applied;
+            let starts = likelihood.first_guesses(applied, scales);
+            let first = starts.first().map_or_else(|| applied.clone(), |start| with(applied, start));
+            let mut best: Vec<(f64, Applied)> = beside.iter().map(|_| (0.0, first.clone())).collect();
+            for start in starts {
+                for share in
+                    if has_limit(applied) || likelihood.calls(applied) || screened.proportional { &[1.0][..] } else { &[NEAR, 1.0] }
+                {
+                    let Some(there) = likelihood.whitened(&[with(applied, &between(applied, &start, *share))]) else { continue };
+                    let signature = difference(nominal, &there, 1.0);
+                    for (best, beside) in best.iter_mut().zip(&beside) {
+                        let promise = beside.promise(likelihood, &signature);
+                        if promise > best.0 {
+                            *best = (promise, with(applied, &start));
+                        }
+                    }
+                }
+            }
+            best
+        })
+        .collect();
+    let traces: Vec<String> =
+        (pool.iter()).filter(|s| s.applied.effect.leaves_residual() && !s.starts.is_empty()).map(|s| s.applied.key()).collect();
+    let mut wanted: Vec<Vec<Applied>> = Vec::new();
+    for (at, beside) in beside.iter().enumerate() {
+        let mut seconds: Vec<&(f64, Applied)> =
+            promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > SELECTION_PENALTY.max(PROMISING * beside.cost)).collect();
+        seconds.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (losing, seconds): (Vec<_>, Vec<_>) = seconds
+            .into_iter()
+            .filter(|(_, s)| beside.first.effects.iter().all(|f| f.key() != s.key()))
+            .partition(|(_, s)| s.effect.loses_commands());
+        // A lattice in the raw values is there whatever it promises.
+        let traced = promises.iter().map(|p| &p[at]).filter(|(_, s)| s.effect.leaves_residual() && traces.contains(&s.key()));
+        let special = losing.into_iter().chain(traced).take(if at < LOSING { SECONDS } else { 0 });
+        // Each kind has places of its own: what costs calls starts from coarser guesses, and promises less than it keeps.
+        let (mut called, mut others) = (0, 0);
+        let seconds = seconds.into_iter().filter(|(_, second)| {
+            let (count, most) = if likelihood.calls(second) { (&mut called, CALLED_SECONDS) } else { (&mut others, SECONDS) };
+            *count += 1;
+            *count <= most
+        });
+        for (_, second) in seconds.chain(special) {
+            let mut pair: Vec<Applied> = beside.first.effects.iter().chain([second]).cloned().collect();
+            if pair.iter().filter(|a| a.effect.loses_commands()).count() > 1 || pair[0].key() == pair[1].key() {
+                continue;
+            }
+            pair.sort_by_key(|a| row(a.effect));
+            let keys = |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>();
+            if wanted.iter().chain(known.iter().map(|k| &k.effects)).all(|known| keys(known) != keys(&pair)) {
+                wanted.push(pair);
+            }
+        }
+    }
+    let ((trial, left), cost) = (TRIAL, likelihood.inner(nominal, nominal));
+    // Lost commands are told from a lag by their sequence only.
+    let losing: Vec<Vec<Applied>> = wanted.iter().filter(|pair| pair.iter().any(|a| a.effect.loses_commands())).cloned().collect();
+    wanted.retain(|pair| pair.iter().all(|a| !a.effect.loses_commands()));
+    let mut pairs: Vec<Hypothesis> = wanted.par_iter().filter_map(|pair| Hypothesis::fit(likelihood, pair, scales, cost, trial)).collect();
+    pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    let (mut called, mut others) = (0, 0);
+    pairs.retain(|pair| {
+        let calls = pair.effects.iter().any(|a| likelihood.calls(a));
+        let (count, most) = if calls { (&mut called, CALLED_LEFT) } else { (&mut others, left) };
+        *count += 1;
+        *count <= most
+    });
+    pairs.extend(
+        losing
+            .par_iter()
+            .filter_map(|pair| {
+                let begin = Hypothesis { effects: pair.clone(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
+                decoded(likelihood, begin, scales, cost, STEPS)
+            })
+            .collect::<Vec<_>>(),
+    );
+    pairs.par_iter_mut().for_each(|pair| {
+        if let Some(better) = Hypothesis::fit(likelihood, &pair.effects, scales, cost, STEPS) {
+            *pair = better;
+        }
+    });
+    pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    pairs
+}

@@ -1,0 +1,101 @@
+//! A parameter of an effect: what it is for, how far it is searched and in which steps.
+
+use super::Scales;
+
+/// What a parameter is for. It decides how far a search goes and how small a change matters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// A dead time, s.
+    Delay,
+    /// The time constant of a lag, s.
+    TimeConstant,
+    /// A difference between clocks, s, of either sign.
+    Clock,
+    /// A frequency, Hz.
+    Frequency,
+    /// A damping ratio, 1.
+    Damping,
+    /// A phase, rad.
+    Phase,
+    /// Where something ends; infinite when nominal.
+    Limit,
+    /// Another number that says what an effect is like, not how large it is.
+    Shape,
+    /// How large the effect is.
+    Size,
+}
+
+impl Role {
+    /// It says what an effect is like, not how large it is: as an effect fades, it keeps its value.
+    #[must_use]
+    pub fn is_shape(self) -> bool {
+        matches!(self, Self::Frequency | Self::Damping | Self::Phase | Self::Shape)
+    }
+
+    /// A time that can only be told as finely as samples allow, s.
+    #[must_use]
+    pub fn is_time(self) -> bool {
+        matches!(self, Self::Delay | Self::TimeConstant | Self::Clock)
+    }
+}
+
+/// A parameter of an effect on one channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Its name.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: String,
+    /// What it is for.
+    pub role: Role,
+    /// Where the effect is the identity; infinite for a limit.
+    pub nominal: f64,
+    /// The smallest value that makes sense.
+    pub lower: f64,
+    /// The largest.
+    pub upper: f64,
+}
+
+impl Parameter {
+    /// The bounds of a search: its own, and what these logs can show at all.
+    #[must_use]
+    pub fn range(&self, scales: &Scales) -> (f64, f64) {
+        let (lower, upper) = match self.role {
+            // From a fifth of a period in the whole log to near the Nyquist frequency.
+            Role::Frequency => (0.2 / scales.duration_s, 0.45 / scales.sample_time_s),
+            Role::Damping => (1e-3, 2.0),
+            Role::Delay => (0.0, scales.longest_delay_s),
+            Role::TimeConstant => (0.0, 0.25 * scales.duration_s),
+            Role::Clock => (-scales.longest_delay_s, scales.longest_delay_s),
+            Role::Phase | Role::Limit | Role::Shape | Role::Size => (self.lower, self.upper),
+        };
+        (lower.max(self.lower), upper.min(self.upper))
+    }
+
+    /// How far a value is from doing nothing; of a limit, its size.
+    fn distance(&self, value: f64) -> f64 {
+        if self.nominal.is_finite() { (value - self.nominal).abs() } else { value.abs() }
+    }
+
+    /// The step for a numerical derivative at a value, inside the bounds.
+    #[must_use]
+    pub fn derivative_step(&self, value: f64, scales: &Scales) -> f64 {
+        let least = if self.role.is_time() { 0.01 * scales.sample_time_s } else { 1e-6 * value.abs() };
+        let step = (1e-4 * self.distance(value)).max(1e-4 * least).max(1e-12);
+        if value + step > self.upper { -step } else { step }
+    }
+
+    /// A first step for the numerical derivative of a simulator that can only be called, and may be rough.
+    #[must_use]
+    pub fn rough_derivative_step(&self, value: f64, scales: &Scales) -> f64 {
+        let least = if self.role.is_time() { 0.02 * scales.sample_time_s } else { 1e-3 * value.abs() };
+        let step = (1e-2 * self.distance(value)).max(least);
+        if step > 0.0 { step } else { 1e-9 }
+    }
+
+    /// A step to either side that may lead into another minimum of the cost.
+    #[must_use]
+    pub fn leap(&self, value: f64, scales: &Scales) -> f64 {
+        if self.role.is_time() { 0.5 * scales.sample_time_s } else { 0.1 * self.distance(value) }
+    }
+}
