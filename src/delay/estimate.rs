@@ -132,14 +132,3 @@ impl DelayEstimate {
         self
     }
 }
-
-/// An estimate and the pair it belongs to; `output: None` where it holds for the input whatever the output.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PairEstimate {
-    /// Input, counted from 0.
-    pub input: usize,
-    /// Output, counted from 0.
-    pub output: Option<usize>,
-    /// The answer.
-    pub estimate: DelayEstimate,
-}

@@ -374,7 +374,7 @@ fn the_realisations_of_the_regulator_cases_are_ours() {
     c.finish();
 }
 
-fn record(file: &Value) -> [Record; 1] {
+fn record(file: &Value) -> [Record<'static>; 1] {
     [Record::new(list(&file["u"]), list(&file["y"]))]
 }
 

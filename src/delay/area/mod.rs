@@ -67,7 +67,7 @@ fn answer(lags: Lags, [one, two]: [Reading; 2], bias: usize, max_delay: usize, e
         return DelayEstimate::without(Outcome::Flat, note);
     }
     let at_edge = chosen.delay - off > longest - 0.5;
-    DelayEstimate::measured(chosen.delay, std, interval, at_edge, off, experiment.sample_time)
+    DelayEstimate::measured(chosen.delay, std, interval, at_edge, off, experiment.sample_time())
 }
 
 /// Standard deviation of Σ gᵢxᵢ.
