@@ -7,6 +7,7 @@ use anyhow::{Context, bail};
 use serde_json::Value;
 
 use super::source::Source;
+use super::words::in_options;
 use super::write_json;
 use crate::delay::report::Report;
 use crate::delay::{Detrend, EventsJob, Feedback, Job, Scope, chosen};
@@ -66,7 +67,7 @@ impl Estimate {
             Some(columns) => (self.of_events(columns)?, None),
             None => {
                 let job = self.job()?;
-                (job.run()?, Some(job))
+                (in_options(job.run()?), Some(job))
             }
         };
         // The files first: whoever closes the pipe still gets them.
@@ -82,16 +83,13 @@ impl Estimate {
         let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
         Ok(Job {
             name: self.source.log.display().to_string(),
-            logs: self.source.read(&self.input)?,
-            inputs: self.input.clone(),
-            outputs: self.output.clone(),
             methods: chosen(&self.method, &options(&self.set)?, scopes)?,
             model: self.model.as_deref().map(ModelFile::read).transpose()?,
             max_delay_s: self.max_delay,
             degree_bias: self.degree_bias,
             detrend: self.detrend,
             feedback: self.feedback,
-            stop: Stop::default(),
+            ..Job::new(self.source.read(&self.input)?, &self.input, &self.output)
         })
     }
 
@@ -110,7 +108,7 @@ impl Estimate {
             max_delay_s: self.max_delay,
             stop: Stop::default(),
         };
-        Ok(job.run()?)
+        Ok(in_options(job.run()?))
     }
 }
 

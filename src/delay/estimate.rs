@@ -100,7 +100,7 @@ impl DelayEstimate {
             raw_delay_s: Some(sample_time.to_seconds(raw)),
             degree_bias_samples: off,
             contradicted: false,
-            note: at_edge.then(|| "the best delay is the longest searched: give a longer --max-delay".to_owned()),
+            note: at_edge.then(|| "the best delay is the longest searched: give a longer `max_delay`".to_owned()),
         }
     }
 

@@ -108,15 +108,15 @@ pub struct Job {
 }
 
 impl Job {
-    /// Every method on every pair of these inputs and outputs of one or several records, with the defaults of [`Search`], means taken off, and feedback looked for.
+    /// Every method on every pair of these inputs and outputs of one or several records, with the defaults of [`Search`], means taken off, and feedback looked for;
+    /// called as its first record is.
     pub fn new<I: Into<String>, O: Into<String>>(
-        name: impl Into<String>,
         logs: Vec<Log>,
         inputs: impl IntoIterator<Item = I>,
         outputs: impl IntoIterator<Item = O>,
     ) -> Self {
         Self {
-            name: name.into(),
+            name: logs.first().map_or_else(String::new, |log| log.source().to_owned()),
             logs,
             inputs: inputs.into_iter().map(Into::into).collect(),
             outputs: outputs.into_iter().map(Into::into).collect(),
@@ -314,7 +314,7 @@ impl Job {
             findings.retain(|f| f.condition != Condition::Feedback);
         }
         if self.feedback == Feedback::Closed {
-            findings.push(Finding { condition: Condition::Feedback, evidence: "as was said of the log".to_owned() });
+            findings.push(Finding { condition: Condition::Feedback, evidence: "the log is said to be of a closed loop".to_owned() });
         }
         Ok(findings)
     }
@@ -567,7 +567,7 @@ mod tests {
             vec![Channel::new("u", None, recording.inputs[0].to_vec()), Channel::new("y", None, recording.outputs[0].values.to_vec())];
         let logs = vec![Log::new("log", time_s, channels).unwrap()];
         let methods = chosen(&["arxstruc".to_owned()], &BTreeMap::new(), &[Scope::Pair]).unwrap();
-        Job { methods, stop, ..Job::new("log", logs, ["u"], ["y"]) }
+        Job { methods, stop, ..Job::new(logs, ["u"], ["y"]) }
     }
 
     #[test]

@@ -617,7 +617,7 @@ impl Problem<'_> {
 mod tests {
     use super::*;
 
-    fn record(samples: usize, gaps: &[usize]) -> Record {
+    fn record(samples: usize, gaps: &[usize]) -> Record<'static> {
         let mut state = 7_u64;
         let mut next = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

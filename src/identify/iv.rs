@@ -261,7 +261,7 @@ mod tests {
     use super::*;
 
     /// y = 0.5·q⁻³/(1 − 1.5q⁻¹ + 0.7q⁻²) u + e/(1 − 0.9q⁻¹), where least squares is biased.
-    fn record(samples: usize, seed: u64) -> Record {
+    fn record(samples: usize, seed: u64) -> Record<'static> {
         let mut state = seed;
         let mut next = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

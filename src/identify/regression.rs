@@ -343,7 +343,7 @@ fn cholesky(gram: &DMatrix<f64>, rows: usize) -> Option<Triangle> {
 mod tests {
     use super::*;
 
-    fn record(samples: usize, seed: u64) -> Record {
+    fn record(samples: usize, seed: u64) -> Record<'static> {
         let mut state = seed;
         let mut next = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

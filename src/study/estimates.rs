@@ -189,7 +189,10 @@ pub(super) fn write_part(path: &Path, rows: &[Row]) -> crate::Result<()> {
 pub(super) fn read_part(path: &Path) -> crate::Result<impl Iterator<Item = crate::Result<Row>> + use<>> {
     let wrong = {
         let path = path.to_owned();
-        move |e: csv::Error| StudyError::Results { path: path.clone(), detail: format!("{e}; remove the file and go on with --resume") }
+        move |e: csv::Error| StudyError::Results {
+            path: path.clone(),
+            detail: format!("{e}; remove the file and go on where it was (`resume`)"),
+        }
     };
     let reader = csv::Reader::from_path(path).map_err(&wrong)?;
     Ok(reader.into_deserialize().map(move |row| row.map_err(|e| wrong(e).into())))

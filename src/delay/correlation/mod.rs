@@ -139,7 +139,7 @@ pub(in crate::delay) fn enough(method: &'static str, segment: usize, got: usize,
     }
     let needed = max_delay + LEAST.max(segment);
     if got < needed {
-        return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter --max-delay" });
+        return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter `max_delay`" });
     }
     Ok(())
 }

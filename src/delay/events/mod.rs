@@ -242,7 +242,7 @@ fn one(events: &Events, units: Units, criterion: fn(&Paired<'_>) -> f64, window:
     let paired = |k: isize| Paired::new((first, second), k);
     let Some(best) = offsets.iter().map(|&k| (criterion(&paired(k)), k)).min_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1) else {
         let note =
-            "no offset puts the second sequence behind the first by a delay of the window: search a longer --max-delay, or exchange them";
+            "no offset puts the second sequence behind the first by a delay of the window: search a longer `max_delay`, or exchange them";
         return Err((Outcome::NotVisible, note.into()));
     };
     let pairs = paired(best);

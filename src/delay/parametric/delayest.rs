@@ -18,7 +18,7 @@ use crate::registry::entry;
 /// answer weighs one and two of them by their evidence, the raw value is the published minimum.
 /// Source: MATLAB, System Identification Toolbox, page `delayest` (na = 2, nb = 2, nkmin = 0, nkmax = nkmin + 20, at most 10 000 models). The page says that ARX models of
 /// different delays are compared, not by which criterion nor over which rows, nor what is done about feedback or about several inputs beyond trying all combinations; here
-/// the criterion is the loss over rows that all delays share, each input on its own, and the range is that of the search (0 to `--max-delay`).
+/// the criterion is the loss over rows that all delays share, each input on its own, and the range is that of the search (0 to `max_delay`).
 ///
 /// # Example
 /// ```

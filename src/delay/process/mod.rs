@@ -235,7 +235,7 @@ impl Process {
         let needed = max_delay + 3 * (shape.denominator() + shape.numerator() + 1 + start);
         let got = experiment.longest();
         if got < needed {
-            return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter --max-delay" });
+            return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter `max_delay`" });
         }
         let cut: Vec<Record>;
         let shortened = got > self.max_samples;

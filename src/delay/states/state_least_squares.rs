@@ -397,7 +397,7 @@ fn enough(experiment: &Experiment, plant: &Plant, samples: usize, first: usize, 
         method: NAME,
         needed: first + 1 + needed_rows,
         got: experiment.longest(),
-        remedy: "search a shorter --max-delay",
+        remedy: "search a shorter `max_delay`",
     })
 }
 
