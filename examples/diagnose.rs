@@ -8,7 +8,8 @@ use std::path::Path;
 use deadtime::diagnose::{GapOptions, diagnose};
 use deadtime::log::{self, Channel, Log};
 use deadtime::model::ModelDocument;
-use deadtime::report::diagnosis::{save, summary};
+use deadtime::report::diagnosis::summary;
+use deadtime::report::save;
 
 /// A run of the drive; its speed was logged in revolutions per minute, and the model wants rad/s.
 fn run(folder: &Path, name: &str) -> deadtime::Result<Log> {

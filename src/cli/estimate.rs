@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use serde_json::Value;
 
 use super::source::Source;
@@ -14,7 +14,7 @@ use crate::delay::{Detrend, EventsJob, Feedback, Job, Scope, chosen};
 use crate::file::write_atomic;
 use crate::model::ModelFile;
 use crate::registry;
-use crate::report::picture::{Panel, svg};
+use crate::report::picture::{Shown, svg};
 use crate::stop::Stop;
 
 /// Estimate the dead time between inputs and outputs of a log, by one method or all, and say what to believe
@@ -127,7 +127,7 @@ pub(super) fn options(set: &[String]) -> anyhow::Result<BTreeMap<String, Value>>
 /// Writes the picture of a report: answers, and impulse responses where the inputs allow them.
 pub(super) fn draw(job: &Job, report: &Report, path: &Path) -> anyhow::Result<()> {
     let responses = job.responses(report)?;
-    let panels: Vec<Panel<'_>> = report.pairs.iter().zip(&responses).map(|(pair, r)| Panel { pair, response: r.as_ref() }).collect();
-    let text = svg(&panels, report.sample_time_s).map_err(anyhow::Error::msg).with_context(|| path.display().to_string())?;
+    let pairs: Vec<Shown<'_>> = report.pairs.iter().zip(&responses).map(|(pair, r)| Shown { pair, response: r.as_ref() }).collect();
+    let text = svg(&pairs, report.sample_time_s);
     Ok(write_atomic(path, |out| out.write_all(text.as_bytes()))?)
 }

@@ -271,7 +271,7 @@ mod tests {
         let e: Vec<f64> = (0..samples).map(|_| next()).collect();
         let delayed: Vec<f64> = (0..samples).map(|t| if t < 3 { 0.0 } else { 0.5 * u[t - 3] }).collect();
         let (x, v) = (through(&delayed, &[-1.5, 0.7]), through(&e, &[-0.9]));
-        Record::new(u, x.iter().zip(&v).map(|(x, v)| x + v).collect())
+        Record::new(u, x.iter().zip(&v).map(|(x, v)| x + v).collect::<Vec<f64>>())
     }
 
     #[test]

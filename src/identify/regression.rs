@@ -349,7 +349,8 @@ mod tests {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
         };
-        Record::new((0..samples).map(|_| next()).collect(), (0..samples).map(|_| next()).collect())
+        let [u, y] = [(); 2].map(|()| (0..samples).map(|_| next()).collect::<Vec<f64>>());
+        Record::new(u, y)
     }
 
     /// The oracle: every product summed on its own.

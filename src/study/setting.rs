@@ -486,7 +486,7 @@ mod tests {
     fn outputs(plan: &mut Plan, grid: &str) -> Vec<Vec<f64>> {
         plan.only(&[grid.to_owned()], &[]).unwrap();
         let record = |s: &Setting| s.record(plan.seed, 0).unwrap().from[0].take().unwrap();
-        Layout::new(plan).unwrap().settings.iter().map(|s| record(s).recordings[0].outputs[0].values.clone()).collect()
+        Layout::new(plan).unwrap().settings.iter().map(|s| record(s).recordings()[0].outputs[0].values.to_vec()).collect()
     }
 
     fn power(x: impl Iterator<Item = f64>) -> f64 {

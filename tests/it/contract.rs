@@ -153,7 +153,7 @@ fn same(x: &[f64]) -> Vec<f64> {
 }
 
 fn delays_s(answers: &[DelayEstimate], what: &str) -> Vec<f64> {
-    let found = |a: &PairEstimate| {
+    let found = |a: &DelayEstimate| {
         assert_eq!(a.outcome, Outcome::Found, "{what}: {a:?}");
         a.delay_s.unwrap()
     };

@@ -1,6 +1,6 @@
 //! Intervals of the all-pass, Laguerre, area and moment methods: how often they hold the truth, fractions of a sample and several recordings included.
 
-use crate::support::plants::{answer, rbs, second_order, std_dev, sum, ts, white};
+use crate::support::plants::{Measured, answer, rbs, second_order, std_dev, sum, ts, white};
 use deadtime::delay::{Experiment, Method, Outcome, Recording, Search, Suits, method};
 use rayon::prelude::*;
 
@@ -140,7 +140,7 @@ fn hostile_records_get_an_answer_or_an_error_but_no_nan() {
             for (max_delay, bias) in [(35, 1), (0, 0), (10, 3)] {
                 let search = Search { max_delay, default_bias: bias, ..Search::default() };
                 // A second recording of three samples has no row for any model.
-                let mut experiment = plants::Measured::siso(ts(1.0), u.clone(), y.clone());
+                let mut experiment = Measured::siso(ts(1.0), u.clone(), y.clone());
                 experiment.recordings.push(Recording {
                     inputs: vec![vec![1.0; 3].into()],
                     outputs: vec![vec![0.5; 3].into()],

@@ -235,7 +235,7 @@ mod tests {
                 }
             })
             .collect();
-        let record = Record::new(u.clone(), u.iter().map(|v| 3.0 * v + 7.0).collect());
+        let record = Record::new(&u, u.iter().map(|v| 3.0 * v + 7.0).collect::<Vec<f64>>());
         let found = response(std::slice::from_ref(&record), 71).unwrap();
         // The step at 20 alone: that at 120 is too short, that at 130 follows it too soon.
         assert_eq!(found.step, vec![3.0; 100]);
