@@ -14,7 +14,7 @@ const SAMPLES: usize = 500;
 const DELAYS: usize = 20;
 
 /// A random binary input, ten samples of delay and two lags, and this share of noise.
-fn record(noise: f64) -> Record {
+fn record(noise: f64) -> Record<'static> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let u: Vec<f64> = (0..SAMPLES).map(|_| if rng.random::<bool>() { 1.0 } else { -1.0 }).collect();
     let mut y = vec![0.0; SAMPLES];

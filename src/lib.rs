@@ -23,3 +23,5 @@ pub mod study;
 pub mod time;
 
 pub use error::{Error, Result};
+// Matrices and random numbers stand in the library's own signatures: whoever calls it needs these versions.
+pub use {nalgebra, rand};

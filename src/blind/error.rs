@@ -99,7 +99,7 @@ pub enum BlindError {
         found: String,
     },
     /// No commitment for these cases.
-    #[error("no commitment.txt for case {ids}; give the folder of the cases by --cases", ids = ids.join(", "))]
+    #[error("no commitment.txt for case {ids}; give the folder of the `cases`", ids = ids.join(", "))]
     NoCommitment {
         /// The cases.
         ids: Vec<String>,

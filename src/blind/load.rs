@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::cases::{COMMITMENT, folders};
-use super::run::RunTime;
+use super::run_time::RunTime;
 use super::{BlindError, Label, commitment};
 use crate::diagnose::Diagnosis;
 use crate::error::{Error, Result};

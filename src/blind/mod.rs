@@ -12,6 +12,7 @@ mod label;
 mod limit;
 mod load;
 mod run;
+mod run_time;
 mod score;
 mod scores;
 
@@ -23,6 +24,7 @@ pub use judge::{Judged, Judgement, judge};
 pub use label::{AliasClass, Group, Label, LabelEffect};
 pub use limit::{Limit, Verdict};
 pub use load::{Scored, load};
-pub use run::{Existing, Outcome, RunFormat, RunOptions, RunTime, Summary, run, run_case};
+pub use run::{Existing, Outcome, RunOptions, Summary, run, run_case};
+pub use run_time::{RunFormat, RunTime};
 pub use score::{BlindScore, Breakdown, Confusion, Reliability, Score, score};
 pub use scores::{Definition, Measure, SCORES};

@@ -6,9 +6,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use serde::{Deserialize, Serialize};
-
 use super::cases::{COMMITMENT, CaseFiles, find};
+use super::run_time::{RunFormat, RunTime};
 use super::{BlindError, load};
 use crate::diagnose::Diagnosis;
 use crate::error::{Error, Result};
@@ -40,24 +39,6 @@ impl Default for RunOptions {
     fn default() -> Self {
         Self { jobs: 1, existing: Existing::Keep, stop: Stop::default() }
     }
-}
-
-/// The format line of a run time.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum RunFormat {
-    /// The only format there is.
-    #[default]
-    #[serde(rename = "deadtime/blind-run@1")]
-    V1,
-}
-
-/// `VERDICTS/ID/run.json`: how long the diagnosis took. It is written last and so marks a case as done.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct RunTime {
-    /// The format line.
-    pub format: RunFormat,
-    /// Wall-clock time of the diagnosis, s.
-    pub time_s: f64,
 }
 
 /// How one case went.

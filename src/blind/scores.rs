@@ -4,7 +4,7 @@ use super::Judged;
 
 /// One score.
 pub struct Definition {
-    /// Its name, for reports and `--require`.
+    /// Its name, for reports, and for limits on them.
     pub name: &'static str,
     /// What it says, in a phrase.
     pub summary: &'static str,

@@ -1,16 +1,17 @@
 //! `deadtime demo`: the main job on a simulated flight that ships with the program.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::estimate::draw;
+use super::words::in_options;
 use super::write_json;
-use crate::delay::{Class, Detrend, Feedback, Job, METHODS, Method, Scope, chosen};
+use crate::delay::{Class, Job, METHODS, Method, Scope};
 use crate::diagnose::{GapOptions, diagnose};
 use crate::file::write_atomic;
 use crate::log;
 use crate::model::{ModelDocument, ModelFile};
-use crate::report::diagnosis::{ranking, save, summary};
+use crate::report::diagnosis::{ranking, summary};
+use crate::report::save;
 use crate::report::study::{cells, page as study_page};
 use crate::stop::Stop;
 use crate::study::{Plan, Runner};
@@ -50,20 +51,9 @@ impl Demo {
         say!(
             "   the states were logged, with noise. The command reached the vehicle late: by {TRUTH_S} s, which the methods are not told.\n"
         );
-        let job = Job {
-            name: "uav_flight.csv".to_owned(),
-            logs: vec![log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?],
-            inputs: vec!["r".to_owned()],
-            outputs: vec!["p".to_owned(), "ay".to_owned()],
-            methods: chosen(&["all".to_owned()], &BTreeMap::new(), &[Scope::Pair, Scope::States])?,
-            model: Some(model.clone()),
-            max_delay_s: None,
-            degree_bias: None,
-            detrend: Detrend::Mean,
-            feedback: Feedback::Auto,
-            stop: Stop::default(),
-        };
-        let report = job.run()?;
+        let logs = vec![log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?];
+        let job = Job { model: Some(model.clone()), ..Job::new(logs, ["r"], ["p", "ay"]) };
+        let report = in_options(job.run()?);
         say!("{}", report.preamble());
         say!("{}", report.text(false).trim_end());
         write_json(Some(&file("estimate.json")), &report)?;

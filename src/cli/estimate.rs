@@ -3,17 +3,18 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use serde_json::Value;
 
 use super::source::Source;
+use super::words::in_options;
 use super::write_json;
 use crate::delay::report::Report;
 use crate::delay::{Detrend, EventsJob, Feedback, Job, Scope, chosen};
 use crate::file::write_atomic;
 use crate::model::ModelFile;
 use crate::registry;
-use crate::report::picture::{Panel, svg};
+use crate::report::picture::{Shown, svg};
 use crate::stop::Stop;
 
 /// Estimate the dead time between inputs and outputs of a log, by one method or all, and say what to believe
@@ -66,7 +67,7 @@ impl Estimate {
             Some(columns) => (self.of_events(columns)?, None),
             None => {
                 let job = self.job()?;
-                (job.run()?, Some(job))
+                (in_options(job.run()?), Some(job))
             }
         };
         // The files first: whoever closes the pipe still gets them.
@@ -82,16 +83,13 @@ impl Estimate {
         let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
         Ok(Job {
             name: self.source.log.display().to_string(),
-            logs: self.source.read(&self.input)?,
-            inputs: self.input.clone(),
-            outputs: self.output.clone(),
             methods: chosen(&self.method, &options(&self.set)?, scopes)?,
             model: self.model.as_deref().map(ModelFile::read).transpose()?,
             max_delay_s: self.max_delay,
             degree_bias: self.degree_bias,
             detrend: self.detrend,
             feedback: self.feedback,
-            stop: Stop::default(),
+            ..Job::new(self.source.read(&self.input)?, &self.input, &self.output)
         })
     }
 
@@ -110,7 +108,7 @@ impl Estimate {
             max_delay_s: self.max_delay,
             stop: Stop::default(),
         };
-        Ok(job.run()?)
+        Ok(in_options(job.run()?))
     }
 }
 
@@ -129,7 +127,7 @@ pub(super) fn options(set: &[String]) -> anyhow::Result<BTreeMap<String, Value>>
 /// Writes the picture of a report: answers, and impulse responses where the inputs allow them.
 pub(super) fn draw(job: &Job, report: &Report, path: &Path) -> anyhow::Result<()> {
     let responses = job.responses(report)?;
-    let panels: Vec<Panel<'_>> = report.pairs.iter().zip(&responses).map(|(pair, r)| Panel { pair, response: r.as_ref() }).collect();
-    let text = svg(&panels, report.sample_time_s).map_err(anyhow::Error::msg).with_context(|| path.display().to_string())?;
+    let pairs: Vec<Shown<'_>> = report.pairs.iter().zip(&responses).map(|(pair, r)| Shown { pair, response: r.as_ref() }).collect();
+    let text = svg(&pairs, report.sample_time_s);
     Ok(write_atomic(path, |out| out.write_all(text.as_bytes()))?)
 }

@@ -8,8 +8,9 @@ use super::write_json;
 use crate::diagnose::{GapOptions, Mode, diagnose, isolability};
 use crate::log::Log;
 use crate::model::ModelDocument;
-use crate::report::diagnosis::{ranking, save, summary};
+use crate::report::diagnosis::{ranking, summary};
 use crate::report::isolability::text as isolability_text;
+use crate::report::save;
 
 /// Diagnose the gap between a model and logs of the real machine: where it lies, which unmodelled effect causes it, how far it shrinks
 #[derive(Debug, clap::Args)]

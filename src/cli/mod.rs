@@ -22,6 +22,7 @@ mod progress;
 mod simulate;
 mod source;
 mod study;
+mod words;
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -109,7 +110,7 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> u8 {
         // Whoever read our output has seen enough.
         Err(e) if e.chain().any(closed) => 0,
         Err(e) => {
-            eprintln!("deadtime: {}", said(&e));
+            eprintln!("deadtime: {}", words::with_options(&said(&e)));
             if e.is::<LimitNotMet>() { 1 } else { 2 }
         }
     }

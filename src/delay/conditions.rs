@@ -96,15 +96,15 @@ fn point(mut values: Vec<f64>, twentieths: usize) -> f64 {
 /// Correlation of two inputs, at any lag of the window, from which what one does passes for what the other does.
 const TOGETHER: f64 = 0.3;
 
-/// Another input that moves with this one: what that input does is then no noise that would average out.
+/// Another input that moves with the first: what that input does is then no noise that would average out.
 #[must_use]
-pub fn moving_together(experiment: &Experiment, input: usize, max_delay: usize) -> Option<Finding> {
+pub fn moving_together(experiment: &Experiment<'_>, max_delay: usize) -> Option<Finding> {
     let correlation = |other: usize| {
         let lags = -isize::try_from(max_delay).unwrap_or(0)..=isize::try_from(max_delay).unwrap_or(0);
         let mut sums = vec![0.0; 2 * max_delay + 1];
         let (mut power, mut other_power) = (0.0, 0.0);
-        for recording in &experiment.recordings {
-            let (u, v) = (&recording.inputs[input], &recording.inputs[other]);
+        for recording in experiment.recordings() {
+            let (u, v) = (&recording.inputs[0], &recording.inputs[other]);
             power += u.iter().map(|x| x * x).sum::<f64>();
             other_power += v.iter().map(|x| x * x).sum::<f64>();
             for (sum, product) in sums.iter_mut().zip(crate::signal::correlation(u, v, lags.clone())) {
@@ -113,9 +113,9 @@ pub fn moving_together(experiment: &Experiment, input: usize, max_delay: usize) 
         }
         sums.iter().fold(0.0, |m: f64, s| m.max(s.abs())) / (power * other_power).sqrt().max(f64::MIN_POSITIVE)
     };
-    let others = (0..experiment.inputs.len()).filter(|other| *other != input).map(|other| (other, correlation(other)));
+    let others = (1..experiment.inputs().len()).map(|other| (other, correlation(other)));
     let (other, most) = others.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, most)| *most > TOGETHER)?;
-    let evidence = format!("`{}` is correlated with it by {most:.2}", experiment.inputs[other]);
+    let evidence = format!("`{}` is correlated with it by {most:.2}", experiment.inputs()[other]);
     Some(Finding { condition: Condition::OtherInputs, evidence })
 }
 
@@ -164,15 +164,10 @@ fn colour(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
 
 fn feedback(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
     let lags = lags(records, max_delay).max(na + 1);
-    let cut = |r: &Record, u: std::ops::Range<usize>, y: std::ops::Range<usize>| Record {
-        u: r.u[u].to_vec(),
-        y: r.y[y.clone()].to_vec(),
-        present: r.present.as_ref().map(|p| p[y].to_vec()),
-    };
-    let long: Vec<&Record> = records.iter().filter(|r| r.len() > 2 * FUTURE + lags).collect();
+    let long: Vec<&Record<'_>> = records.iter().filter(|r| r.len() > 2 * FUTURE + lags).collect();
     // The same rows: with the input advanced by FUTURE samples the first of its lags lie after the output.
-    let with: Vec<Record> = long.iter().map(|r| cut(r, FUTURE..r.len(), 0..r.len() - FUTURE)).collect();
-    let without: Vec<Record> = long.iter().map(|r| cut(r, FUTURE..r.len() - FUTURE, FUTURE..r.len() - FUTURE)).collect();
+    let with: Vec<Record> = long.iter().map(|r| r.part(FUTURE, 0, r.len() - FUTURE)).collect();
+    let without: Vec<Record> = long.iter().map(|r| r.part(FUTURE, FUTURE, r.len() - 2 * FUTURE)).collect();
     let (more, rows) = residual(Regression { na, lags: lags + FUTURE }, &with)?;
     let (less, _) = residual(Regression { na, lags }, &without)?;
     let freedom = (rows - na - lags - FUTURE) as f64;

@@ -70,7 +70,7 @@ pub enum DelayError {
     },
     /// A method that needs a model and measured states got none.
     #[error(
-        "{method} needs a model and a measured channel for each of its states; give --model and name the columns as the states are named (--map)"
+        "{method} needs a model and a measured channel for each of its states; give a `model` and name the columns as the states are named (`rename`)"
     )]
     NoStates {
         /// The method.
@@ -113,7 +113,7 @@ pub enum DelayError {
         error: Box<DelayError>,
     },
     /// A search window of nothing, or of more than there is.
-    #[error("--max-delay {seconds}: give at least one sample ({step_s} s) and less than the log is long ({samples} samples)")]
+    #[error("`max_delay` {seconds} s: give at least one sample ({step_s} s) and less than the log is long ({samples} samples)")]
     MaxDelay {
         /// The window asked for, s.
         seconds: f64,
@@ -123,10 +123,10 @@ pub enum DelayError {
         samples: usize,
     },
     /// A search window of nothing, for event times.
-    #[error("--max-delay 0: give a longer one")]
+    #[error("the window holds no delay: give a longer `max_delay`")]
     NoWindow,
     /// A method that looks at something else than was given.
-    #[error("{method} looks at {}", if *events { "event times: give --events A,B" } else { "samples: give --input and --output" })]
+    #[error("{method} looks at {}", if *events { "event times: give two sequences of them" } else { "samples: give an input and an output" })]
     WrongScope {
         /// The method.
         method: &'static str,

@@ -100,7 +100,7 @@ impl DelayEstimate {
             raw_delay_s: Some(sample_time.to_seconds(raw)),
             degree_bias_samples: off,
             contradicted: false,
-            note: at_edge.then(|| "the best delay is the longest searched: give a longer --max-delay".to_owned()),
+            note: at_edge.then(|| "the best delay is the longest searched: give a longer `max_delay`".to_owned()),
         }
     }
 
@@ -131,15 +131,4 @@ impl DelayEstimate {
         };
         self
     }
-}
-
-/// An estimate and the pair it belongs to; `output: None` where it holds for the input whatever the output.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PairEstimate {
-    /// Input, counted from 0.
-    pub input: usize,
-    /// Output, counted from 0.
-    pub output: Option<usize>,
-    /// The answer.
-    pub estimate: DelayEstimate,
 }

@@ -7,12 +7,12 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 use serde_json::Value;
 
-use super::events::check_times;
+use super::experiment::recordings;
 use super::process::rough;
 use super::report::{Bias, Estimate, FORMAT, Pair, Report, Response, Searched};
 use super::{
     Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Events, Experiment, Finding, Information, METHODS, Method, Outcome,
-    PlantModel, Recording, Richness, Scope, Search, Start, Threshold, conditions, moving_together, richness, standing_off, verdict,
+    PlantModel, Richness, Scope, Search, Start, Threshold, conditions, moving_together, richness, standing_off, verdict,
 };
 use crate::error::Result;
 use crate::identify::fir;
@@ -45,6 +45,17 @@ pub struct Ready {
     pub estimator: Box<dyn DelayEstimator>,
 }
 
+impl Ready {
+    /// Every method that looks at samples, with its default options.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        let methods = METHODS.iter().filter(|m| m.scope != Scope::Events);
+        methods
+            .filter_map(|method| Some(Self { method, estimator: method.entry.with(Value::Object(serde_json::Map::new())).ok()? }))
+            .collect()
+    }
+}
+
 /// The methods asked for, in the list's order, with their options as JSON objects; `all` are those that look at one of `scopes`.
 ///
 /// # Errors
@@ -70,7 +81,7 @@ pub fn chosen(names: &[String], options: &BTreeMap<String, Value>, scopes: &[Sco
     Ok(ready)
 }
 
-/// Everything that an estimation needs.
+/// Everything that an estimation needs; [`Job::new`] has every method and the defaults.
 pub struct Job {
     /// What the log is called.
     pub name: String,
@@ -80,7 +91,7 @@ pub struct Job {
     pub inputs: Vec<String>,
     /// Output channels; every pair with an input is estimated.
     pub outputs: Vec<String>,
-    /// The methods, as [`chosen`] makes them.
+    /// The methods, as [`Ready::all`] or [`chosen`] makes them; those that look at states wait for a model.
     pub methods: Vec<Ready>,
     /// The plant: its relative degrees, and A and B for the methods that look at states.
     pub model: Option<ModelFile>,
@@ -97,17 +108,39 @@ pub struct Job {
 }
 
 impl Job {
+    /// Every method on every pair of these inputs and outputs of one or several records, with the defaults of [`Search`], means taken off, and feedback looked for;
+    /// called as its first record is.
+    pub fn new<I: Into<String>, O: Into<String>>(
+        logs: Vec<Log>,
+        inputs: impl IntoIterator<Item = I>,
+        outputs: impl IntoIterator<Item = O>,
+    ) -> Self {
+        Self {
+            name: logs.first().map_or_else(String::new, |log| log.source().to_owned()),
+            logs,
+            inputs: inputs.into_iter().map(Into::into).collect(),
+            outputs: outputs.into_iter().map(Into::into).collect(),
+            methods: Ready::all(),
+            model: None,
+            max_delay_s: None,
+            degree_bias: None,
+            detrend: Detrend::default(),
+            feedback: Feedback::default(),
+            stop: Stop::default(),
+        }
+    }
+
     /// Estimates every pair by every method.
     ///
     /// # Errors
     /// What the channels, the model or a typed option cannot be used for; [`crate::Error::Stopped`]. What a method cannot do with the data is its answer.
     pub fn run(&self) -> Result<Report> {
-        let (mut experiment, search, bias) = self.prepared()?;
-        let ts = experiment.sample_time;
-        let mut pairs = self.pairs(&experiment, &search)?;
+        let (logged, search, bias) = self.prepared()?;
+        let ts = logged.sample_time();
+        let experiment = self.detrended(&logged)?;
+        let mut pairs = self.pairs(&logged, &experiment, &search)?;
         if let Some(model) = &self.model {
-            experiment = self.with_states(model, ts)?;
-            pairs.extend(self.inputs_by_state(&experiment, &search)?);
+            pairs.extend(self.inputs_by_state(model, ts, &search)?);
         }
         let samples = self.logs.iter().map(Log::len).sum();
         let searched = Searched::Samples { samples, records: self.logs.len(), bias, early_s: self.early_s() };
@@ -132,14 +165,15 @@ impl Job {
     /// # Errors
     /// As [`Job::run`].
     pub fn expected(&self) -> Result<Vec<Expected>> {
-        let (experiment, search, _) = self.prepared()?;
+        let (logged, search, _) = self.prepared()?;
+        let experiment = self.detrended(&logged)?;
         let methods: Vec<&Method> = self.methods.iter().map(|r| r.method).filter(|m| m.scope == Scope::Pair).collect();
         let mut expected = Vec::new();
         for (o, output) in self.outputs.iter().enumerate() {
             for (i, input) in self.inputs.iter().enumerate() {
                 self.stop.check()?;
-                let seen = self.seen(&experiment, &search, i, o)?;
-                let predicted = richness(seen.by_start(Start::Rest), &seen.search, 0, 0, &methods)?;
+                let seen = self.seen(&logged, &experiment, &search, (i, o))?;
+                let predicted = richness(seen.by_start(Start::Rest), &seen.search, &methods)?;
                 let methods = methods.iter().map(|m| m.entry.name).zip(predicted).collect();
                 expected.push(Expected { input: input.clone(), output: output.clone(), methods });
             }
@@ -147,19 +181,23 @@ impl Job {
         Ok(expected)
     }
 
-    /// The channels, the window and the bias.
-    fn prepared(&self) -> Result<(Experiment, Search, Bias)> {
+    fn in_log(&self) -> impl Fn(DelayError) -> DelayError {
+        |error| DelayError::In { log: self.name.clone(), error: Box::new(error) }
+    }
+
+    fn detrended<'a>(&self, logged: &'a Experiment<'_>) -> Result<Experiment<'a>> {
+        Ok(logged.detrended(self.detrend).map_err(self.in_log())?)
+    }
+
+    /// The channels as they were logged, so that a message shows the values that are in the file; the window and the bias.
+    fn prepared(&self) -> Result<(Experiment<'_>, Search, Bias)> {
         for channels in [&self.inputs, &self.outputs] {
             if let Some((_, twice)) = channels.iter().enumerate().find(|(i, c)| channels[..*i].contains(c)) {
                 return Err(DelayError::Twice { channel: twice.clone() }.into());
             }
         }
-        let in_log = |error| DelayError::In { log: self.name.clone(), error: Box::new(error) };
-        // Checked as logged first, so that a message shows the values that are in the file.
-        Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, Detrend::None)?.check().map_err(in_log)?;
-        let experiment = Experiment::from_logs(&self.logs, &self.inputs, &self.outputs, self.detrend)?;
-        experiment.check().map_err(in_log)?;
-        let ts = experiment.sample_time;
+        let (ts, recordings) = recordings(&self.logs, &self.inputs, &self.outputs)?;
+        let logged = Experiment::new(ts, self.inputs.clone(), self.outputs.clone(), recordings).map_err(self.in_log())?;
         let mut search = Search { max_delay: self.max_delay(ts)?, stop: self.stop.clone(), ..Search::default() };
         let mut bias = Bias::Assumed;
         if let Some(model) = &self.model {
@@ -170,7 +208,7 @@ impl Job {
             (search.bias, search.default_bias) = (Vec::new(), given);
             bias = Bias::Given(given);
         }
-        Ok((experiment, search, bias))
+        Ok((logged, search, bias))
     }
 
     /// By how much a response may look too early because the logs were put onto another grid than their own, s.
@@ -190,7 +228,7 @@ impl Job {
     }
 
     /// Every pair by every method that looks at pairs.
-    fn pairs(&self, experiment: &Experiment, search: &Search) -> Result<Vec<Pair>> {
+    fn pairs(&self, logged: &Experiment<'_>, experiment: &Experiment<'_>, search: &Search) -> Result<Vec<Pair>> {
         let methods: Vec<&Ready> = self.methods.iter().filter(|r| r.method.scope == Scope::Pair).collect();
         let mut pairs = Vec::new();
         if methods.is_empty() {
@@ -199,9 +237,9 @@ impl Job {
         for (o, output) in self.outputs.iter().enumerate() {
             for (i, input) in self.inputs.iter().enumerate() {
                 self.stop.check()?;
-                let seen = self.seen(experiment, search, i, o)?;
+                let seen = self.seen(logged, experiment, search, (i, o))?;
                 let mut findings = self.findings(&seen.one, &seen.search)?;
-                findings.extend(moving_together(&seen.together, 0, search.max_delay));
+                findings.extend(moving_together(&seen.together, search.max_delay));
                 self.stop.check()?;
                 let mut search = seen.search.clone();
                 if findings.iter().any(|f| f.condition == Condition::Feedback) {
@@ -210,15 +248,14 @@ impl Job {
                 }
                 let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
                 // What has no prediction has none; why it cannot be used at all each method says itself.
-                let predicted = richness(seen.by_start(Start::Rest), &search, 0, 0, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
+                let predicted = richness(seen.by_start(Start::Rest), &search, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
                 let answer = |(ready, predicted): (&&Ready, Option<Richness>)| -> Result<Answer> {
                     self.stop.check()?;
                     let clock = Instant::now();
                     // What a method cannot do with this log is its answer; the others go on.
                     let sees = if ready.estimator.is_joint() { &seen.together } else { seen.by_start(ready.method.start) };
                     let estimate = match ready.estimator.estimate(sees, &search) {
-                        Ok(mut estimates) if !estimates.is_empty() => estimates.remove(0).estimate,
-                        Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for this pair"),
+                        Ok(estimate) => estimate,
                         // What was typed wrong stops the work.
                         Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => return Err(e.into()),
                         Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
@@ -227,7 +264,7 @@ impl Job {
                 };
                 let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
                 self.stop.check()?;
-                let mut pair = pair(input, output, &answers, findings, experiment.sample_time, self.early_s());
+                let mut pair = pair(input, output, &answers, findings, experiment.sample_time(), self.early_s());
                 // Between interpolated samples every jump stands off.
                 if self.early_s() == 0.0 {
                     pair.standing_off = standing_off(&seen.one.pair(0, 0)?);
@@ -239,20 +276,23 @@ impl Job {
     }
 
     /// One pair of the experiment.
-    fn seen(&self, experiment: &Experiment, search: &Search, i: usize, o: usize) -> Result<Seen> {
+    fn seen<'a>(
+        &self,
+        logged: &'a Experiment<'_>,
+        experiment: &'a Experiment<'_>,
+        search: &Search,
+        (i, o): (usize, usize),
+    ) -> Result<Seen<'a>> {
         let one = experiment.select(i, o)?;
-        let rested = if self.detrend == Detrend::Mean { self.best_start(&one, search.max_delay)? } else { None };
-        let degree = |input: usize| search.bias.get(o).and_then(|row| row.get(input)).copied().unwrap_or(search.default_bias);
-        let inputs = std::iter::once(i).chain((0..self.inputs.len()).filter(|other| *other != i));
-        let own = vec![inputs.map(degree).collect()];
-        Ok(Seen { rested, together: experiment.towards(i, o)?, search: Search { bias: own, ..search.clone() }, one })
+        let logged = logged.select(i, o)?;
+        let rested = if self.detrend == Detrend::Mean { self.best_start(&one, logged, search.max_delay)? } else { None };
+        Ok(Seen { rested, together: experiment.towards(i, o)?, search: search.towards(i, o, self.inputs.len()), one })
     }
 
     /// The pair measured from where it rested, where that explains it better than its mean: from its level before the inputs moved, or as logged, where that is zero. A
     /// rough model judges, as an input that is still for a while at first may be one that moves seldom, and a controller that rests at zero moves at once.
-    fn best_start(&self, one: &Experiment, max_delay: usize) -> Result<Option<Experiment>> {
-        let logged = Experiment::from_logs(&self.logs, &one.inputs, &one.outputs, Detrend::None)?.select(0, 0)?;
-        let left = |seen: &Experiment| -> Result<f64> {
+    fn best_start<'a>(&self, one: &Experiment<'a>, logged: Experiment<'a>, max_delay: usize) -> Result<Option<Experiment<'a>>> {
+        let left = |seen: &Experiment<'_>| -> Result<f64> {
             let fitted = rough(&seen.pair(0, 0)?, 2, max_delay, 0);
             Ok(fitted.map_or(f64::INFINITY, |r| r.residual.iter().map(|e| e * e).sum()))
         };
@@ -268,35 +308,36 @@ impl Job {
     }
 
     /// What the record shows, corrected by what the user knows of its loop.
-    fn findings(&self, one: &Experiment, search: &Search) -> Result<Vec<Finding>> {
+    fn findings(&self, one: &Experiment<'_>, search: &Search) -> Result<Vec<Finding>> {
         let mut findings = conditions(&one.pair(0, 0)?, search.max_delay);
         if self.feedback != Feedback::Auto {
             findings.retain(|f| f.condition != Condition::Feedback);
         }
         if self.feedback == Feedback::Closed {
-            findings.push(Finding { condition: Condition::Feedback, evidence: "--loop closed".to_owned() });
+            findings.push(Finding { condition: Condition::Feedback, evidence: "the log is said to be of a closed loop".to_owned() });
         }
         Ok(findings)
     }
 
-    /// Every input by every method that looks at the states.
-    fn inputs_by_state(&self, experiment: &Experiment, search: &Search) -> Result<Vec<Pair>> {
+    /// Every input of the model by every method that looks at the states.
+    fn inputs_by_state(&self, model: &ModelFile, ts: SampleTime, search: &Search) -> Result<Vec<Pair>> {
+        let experiment = self.with_states(model, ts)?;
         let mut pairs = Vec::new();
         for ready in self.methods.iter().filter(|r| r.method.scope == Scope::States) {
             self.stop.check()?;
             let clock = Instant::now();
-            let answers = ready.estimator.estimate(experiment, search);
+            let answers = experiment.as_ref().map_err(Clone::clone).and_then(|e| ready.estimator.estimate_inputs(e, search));
             let time_s = clock.elapsed().as_secs_f64();
-            for (i, input) in experiment.inputs.iter().enumerate() {
+            for (i, input) in model.inputs.iter().enumerate() {
                 let estimate = match &answers {
                     Ok(estimates) => estimates
-                        .iter()
-                        .find(|e| e.input == i)
-                        .map_or_else(|| DelayEstimate::without(Outcome::NotApplicable, "no answer for this input"), |e| e.estimate.clone()),
+                        .get(i)
+                        .cloned()
+                        .unwrap_or_else(|| DelayEstimate::without(Outcome::NotApplicable, "no answer for this input")),
                     Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                 };
                 let answer = Answer { method: ready.method, estimate, predicted: None, time_s };
-                pairs.push(pair(input, "*", &[answer], Vec::new(), experiment.sample_time, self.early_s()));
+                pairs.push(pair(&input.name, "*", &[answer], Vec::new(), ts, self.early_s()));
             }
         }
         Ok(pairs)
@@ -313,39 +354,41 @@ impl Job {
         Ok(self.outputs.iter().map(|o| self.inputs.iter().map(|i| degree(o, i).unwrap_or(1)).collect()).collect())
     }
 
-    /// All inputs of the model and its states, as logged: A and B are about the channels themselves, so nothing is detrended.
-    fn with_states(&self, model: &ModelFile, ts: SampleTime) -> Result<Experiment> {
+    /// All inputs of the model and its states, as logged: A and B are about the channels themselves, so nothing is detrended. Channels that no method could use are an
+    /// error inside, as they are the methods' answer.
+    fn with_states(&self, model: &ModelFile, ts: SampleTime) -> Result<std::result::Result<Experiment<'_>, DelayError>> {
         let inputs: Vec<String> = model.inputs.iter().map(|c| c.name.clone()).collect();
         let plant = if model.is_sampled() { PlantModel::Sampled(sampled(model, ts)?) } else { PlantModel::Continuous(model.continuous()?) };
-        let mut experiment = Experiment::from_logs(&self.logs, &inputs, &self.outputs, Detrend::None)?;
-        for (log, recording) in self.logs.iter().zip(&mut experiment.recordings) {
+        let (ts, mut recordings) = recordings(&self.logs, &inputs, &self.outputs)?;
+        for (log, recording) in self.logs.iter().zip(&mut recordings) {
             for (channel, values) in model.inputs.iter().zip(&mut recording.inputs) {
                 let operating = match channel.operating {
                     Operating::Value(v) => v,
                     Operating::Mean(_) => DVector::from_column_slice(values).mean(),
                 };
-                values.iter_mut().for_each(|v| *v -= operating);
+                values.to_mut().iter_mut().for_each(|v| *v -= operating);
             }
-            states(log, model, recording);
+            // The states, where the log has all of them.
+            let columns: std::result::Result<Vec<&[f64]>, _> = model.states.iter().map(|s| log.input(&s.name)).collect();
+            recording.states = columns.unwrap_or_default().into_iter().map(Into::into).collect();
         }
-        experiment.model = Some(plant);
-        Ok(experiment)
+        Ok(Experiment::new(ts, inputs, self.outputs.clone(), recordings).map(|e| e.with_model(plant)))
     }
 }
 
 /// One pair as methods see it.
-struct Seen {
-    one: Experiment,
+struct Seen<'a> {
+    one: Experiment<'a>,
     /// Measured from where it rested, where it did.
-    rested: Option<Experiment>,
+    rested: Option<Experiment<'a>>,
     /// What a method that takes all inputs together sees: this one first.
-    together: Experiment,
+    together: Experiment<'a>,
     /// The window, with this pair's bias.
     search: Search,
 }
 
-impl Seen {
-    fn by_start(&self, start: Start) -> &Experiment {
+impl<'a> Seen<'a> {
+    fn by_start(&self, start: Start) -> &Experiment<'a> {
         match start {
             Start::Rest => self.rested.as_ref().unwrap_or(&self.one),
             Start::Any => &self.one,
@@ -369,17 +412,12 @@ pub struct Expected {
 /// # Errors
 /// As [`Experiment::from_logs`].
 pub fn impulse_response(logs: &[Log], input: &str, output: &str, detrend: Detrend) -> Result<Option<Response>> {
-    let experiment = Experiment::from_logs(logs, &[input.to_owned()], &[output.to_owned()], detrend)?;
+    let logged = Experiment::from_logs(logs, &[input.to_owned()], &[output.to_owned()])?;
+    let experiment = logged.detrended(detrend)?;
     Ok(fir(&experiment.pair(0, 0)?, Threshold::default().taps).map(|fir| Response {
         values: fir.coefficients.iter().copied().collect(),
         std: fir.covariance.diagonal().map(|v| v.max(0.0).sqrt()).iter().copied().collect(),
     }))
-}
-
-/// Adds the measured states where the log has all of them.
-fn states(log: &Log, model: &ModelFile, recording: &mut Recording) {
-    let columns: std::result::Result<Vec<Vec<f64>>, _> = model.states.iter().map(|s| log.input(&s.name).map(<[f64]>::to_vec)).collect();
-    recording.states = columns.unwrap_or_default();
 }
 
 fn sampled(model: &ModelFile, ts: SampleTime) -> Result<StateSpace<Sampled>> {
@@ -429,11 +467,9 @@ impl EventsJob {
             return Err(DelayError::Count { what: "events", needed: 2, got: none.times.len() }.into());
         }
         let (counts, units) = ([first.times.len(), second.times.len()], [first.unit, second.unit]);
-        let mut experiment = Experiment::of_events(SampleTime::new(1.0)?, Vec::new(), Vec::new());
-        (experiment.inputs, experiment.outputs) = (vec![a.clone()], vec![b.clone()]);
         let mut intervals: Vec<f64> = first.times.windows(2).map(|w| w[1] - w[0]).collect();
-        experiment.events = vec![Events { first: first.times, second: second.times, units }];
-        check_times(&experiment)?;
+        let events = vec![Events { first: first.times, second: second.times, units }];
+        let experiment = Experiment::of_events(SampleTime::new(1.0)?, [&a, &b], events)?;
         intervals.sort_by(f64::total_cmp);
         let Some(&interval_s) = intervals.get(intervals.len() / 2) else {
             return Err(DelayError::OneEvent { log: name, channel: a }.into());
@@ -450,7 +486,7 @@ impl EventsJob {
         if max_delay == 0 {
             return Err(DelayError::NoWindow.into());
         }
-        experiment.sample_time = step;
+        let experiment = experiment.with_sample_time(step);
         let search = Search { max_delay, stop: stop.clone(), ..Search::default() };
         let mut answers = Vec::new();
         for ready in &methods {
@@ -458,8 +494,7 @@ impl EventsJob {
             let clock = Instant::now();
             // What a method cannot do with these sequences is its answer; the others go on.
             let estimate = match ready.estimator.estimate(&experiment, &search) {
-                Ok(mut estimates) if estimates.len() == 1 => estimates.remove(0).estimate,
-                Ok(_) => DelayEstimate::without(Outcome::NotApplicable, "no answer for these sequences"),
+                Ok(estimate) => estimate,
                 Err(DelayError::Stopped) => return Err(DelayError::Stopped.into()),
                 Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
             };
@@ -514,33 +549,25 @@ mod tests {
     use crate::signal::{Excitation, excitation::Rbs};
     use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
-    fn experiment(samples: usize) -> Experiment {
+    fn experiment(samples: usize) -> Experiment<'static> {
         let u = Rbs::default().generate(samples, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
         let noise = Rbs::default().generate(samples, &mut ChaCha8Rng::seed_from_u64(2)).unwrap();
         let mut y = vec![0.0; samples];
         for t in 6..samples {
             y[t] = 1.5 * y[t - 1] - 0.56 * y[t - 2] + 0.1 * u[t - 6] + 0.05 * noise[t];
         }
-        Experiment::siso(SampleTime::new(0.1).unwrap(), u, y)
+        Experiment::siso(SampleTime::new(0.1).unwrap(), u, y).unwrap()
     }
 
     fn job(stop: Stop) -> Job {
-        let Recording { inputs, outputs, .. } = experiment(400).recordings.remove(0);
+        let experiment = experiment(400);
+        let recording = &experiment.recordings()[0];
         let time_s = (0..400).map(|k| 0.1 * f64::from(k)).collect();
-        let channels = vec![Channel::new("u", None, inputs[0].clone()), Channel::new("y", None, outputs[0].values.clone())];
-        Job {
-            name: "log".to_owned(),
-            logs: vec![Log::new("log", time_s, channels).unwrap()],
-            inputs: vec!["u".to_owned()],
-            outputs: vec!["y".to_owned()],
-            methods: chosen(&["arxstruc".to_owned()], &BTreeMap::new(), &[Scope::Pair]).unwrap(),
-            model: None,
-            max_delay_s: None,
-            degree_bias: None,
-            detrend: Detrend::Mean,
-            feedback: Feedback::Auto,
-            stop,
-        }
+        let channels =
+            vec![Channel::new("u", None, recording.inputs[0].to_vec()), Channel::new("y", None, recording.outputs[0].values.to_vec())];
+        let logs = vec![Log::new("log", time_s, channels).unwrap()];
+        let methods = chosen(&["arxstruc".to_owned()], &BTreeMap::new(), &[Scope::Pair]).unwrap();
+        Job { methods, stop, ..Job::new(logs, ["u"], ["y"]) }
     }
 
     #[test]
@@ -567,7 +594,7 @@ mod tests {
                 match ready.estimator.estimate(&experiment, &search) {
                     Err(DelayError::Stopped) => {}
                     // Done before the wish came.
-                    Ok(answer) => assert!(wait > 0 && answer[0].estimate.delay_s.is_some(), "{name}"),
+                    Ok(answer) => assert!(wait > 0 && answer.delay_s.is_some(), "{name}"),
                     Err(other) => panic!("{name}: {other}"),
                 }
                 waiter.join().unwrap();

@@ -26,7 +26,7 @@ pub use area::{Area1, Area2, Area3, Moment};
 pub use conditions::{Finding, conditions, moving_together, standing_off};
 pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot};
 pub use error::DelayError;
-pub use estimate::{DelayEstimate, Outcome, PairEstimate};
+pub use estimate::{DelayEstimate, Outcome};
 pub use events::{
     EventAverageDifference, EventCorrelation, EventDelayVariance, EventQuadraticDifference, EventVarianceDifference, Events, Units,
 };
@@ -85,15 +85,31 @@ impl Search {
     fn bias(&self, input: usize, output: usize) -> usize {
         self.bias.get(output).and_then(|row| row.get(input)).copied().unwrap_or(self.default_bias)
     }
+
+    /// The same search with the biases of one pair, of `inputs` inputs, in the order of [`Experiment::towards`].
+    #[must_use]
+    pub fn towards(&self, input: usize, output: usize, inputs: usize) -> Self {
+        let order = std::iter::once(input).chain((0..inputs).filter(|other| *other != input));
+        Self { bias: vec![order.map(|i| self.bias(i, output)).collect()], ..self.clone() }
+    }
 }
 
 /// An estimator; the implementor is its option struct.
 pub trait DelayEstimator: Send + Sync {
-    /// The delay of every pair (or of every input).
+    /// The delay from the experiment's first input to its first output, or between its two sequences of events; see [`Experiment::select`] and
+    /// [`Experiment::towards`] for the other pairs.
     ///
     /// # Errors
     /// [`DelayError`] where the data cannot be used at all; what the data do not show is an [`Outcome`].
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError>;
+    fn estimate(&self, experiment: &Experiment<'_>, search: &Search) -> Result<DelayEstimate, DelayError>;
+
+    /// The delays of all inputs of a method that finds them together; of any other method that of the first.
+    ///
+    /// # Errors
+    /// As [`DelayEstimator::estimate`].
+    fn estimate_inputs(&self, experiment: &Experiment<'_>, search: &Search) -> Result<Vec<DelayEstimate>, DelayError> {
+        Ok(vec![self.estimate(experiment, search)?])
+    }
 
     /// It treats the other inputs of the experiment as further causes of the output, rather than as noise.
     fn is_joint(&self) -> bool {
@@ -101,63 +117,49 @@ pub trait DelayEstimator: Send + Sync {
     }
 }
 
-/// Runs `method` on every pair, with the window doubled once where its answer is the longest delay searched.
-fn every_pair(
-    experiment: &Experiment,
+/// Runs `method` on the records of the first pair, with the window doubled once where its answer is the longest delay searched.
+fn one_pair(
+    experiment: &Experiment<'_>,
     search: &Search,
-    method: impl Fn(&[Record], usize, usize) -> Result<DelayEstimate, DelayError>,
-) -> Result<Vec<PairEstimate>, DelayError> {
-    experiment.check()?;
-    let mut estimates = Vec::new();
-    for output in 0..experiment.outputs.len() {
-        for input in 0..experiment.inputs.len() {
-            search.go_on()?;
-            let skip = search.skip();
-            let records: Vec<Record> = experiment.pair(input, output)?.iter().map(|r| r.ahead(skip)).collect();
-            let bias = search.bias(input, output);
-            let mut estimate = method(&records, search.max_delay - skip, bias)?;
-            search.go_on()?;
-            if estimate.outcome == Outcome::AtEdge
-                // A record too short for the wider window leaves the answer at the edge of the narrow one.
-                && let Ok(wider) = method(&records, 2 * search.max_delay - skip, bias)
-            {
-                estimate = wider;
-            }
-            search.go_on()?;
-            let estimate = estimate.finished(experiment.sample_time.to_seconds(skip as f64));
-            estimates.push(PairEstimate { input, output: Some(output), estimate });
-        }
+    method: impl Fn(&[Record<'_>], usize, usize) -> Result<DelayEstimate, DelayError>,
+) -> Result<DelayEstimate, DelayError> {
+    search.go_on()?;
+    let (skip, logged) = (search.skip(), experiment.pair(0, 0)?);
+    let records: Vec<Record<'_>> = logged.iter().map(|r| r.ahead(skip)).collect();
+    let bias = search.bias(0, 0);
+    let mut estimate = method(&records, search.max_delay - skip, bias)?;
+    search.go_on()?;
+    if estimate.outcome == Outcome::AtEdge
+        // A record too short for the wider window leaves the answer at the edge of the narrow one.
+        && let Ok(wider) = method(&records, 2 * search.max_delay - skip, bias)
+    {
+        estimate = wider;
     }
-    Ok(estimates)
+    search.go_on()?;
+    Ok(estimate.finished(experiment.sample_time().to_seconds(skip as f64)))
 }
 
-/// Runs `method` on all inputs of every output together, records and bias by input, with the window doubled once where an answer is the longest delay searched.
-fn every_output(
-    experiment: &Experiment,
+/// Runs `method` on all inputs of the first output together, records and bias by input, with the window doubled once where an answer is the longest delay searched.
+fn joint_inputs(
+    experiment: &Experiment<'_>,
     search: &Search,
-    method: impl Fn(&[Vec<Record>], usize, &[usize]) -> Result<Vec<DelayEstimate>, DelayError>,
-) -> Result<Vec<PairEstimate>, DelayError> {
-    experiment.check()?;
-    let mut answers = Vec::new();
-    for output in 0..experiment.outputs.len() {
-        search.go_on()?;
-        let skip = search.skip();
-        let moved = |input| Ok(experiment.pair(input, output)?.iter().map(|r| r.ahead(skip)).collect());
-        let inputs = (0..experiment.inputs.len()).map(moved).collect::<Result<Vec<Vec<Record>>, DelayError>>()?;
-        let bias: Vec<usize> = (0..inputs.len()).map(|input| search.bias(input, output)).collect();
-        let mut estimates = method(&inputs, search.max_delay - skip, &bias)?;
-        search.go_on()?;
-        if estimates.iter().any(|e| e.outcome == Outcome::AtEdge)
-            && let Ok(wider) = method(&inputs, 2 * search.max_delay - skip, &bias)
-        {
-            estimates = wider;
-        }
-        search.go_on()?;
-        let moved_s = experiment.sample_time.to_seconds(skip as f64);
-        let all = estimates.into_iter().enumerate();
-        answers.extend(all.map(|(input, e)| PairEstimate { input, output: Some(output), estimate: e.finished(moved_s) }));
+    method: impl Fn(&[Vec<Record<'_>>], usize, &[usize]) -> Result<Vec<DelayEstimate>, DelayError>,
+) -> Result<Vec<DelayEstimate>, DelayError> {
+    search.go_on()?;
+    let skip = search.skip();
+    let logged = (0..experiment.inputs().len()).map(|input| experiment.pair(input, 0)).collect::<Result<Vec<_>, _>>()?;
+    let inputs: Vec<Vec<Record<'_>>> = logged.iter().map(|records| records.iter().map(|r| r.ahead(skip)).collect()).collect();
+    let bias: Vec<usize> = (0..inputs.len()).map(|input| search.bias(input, 0)).collect();
+    let mut estimates = method(&inputs, search.max_delay - skip, &bias)?;
+    search.go_on()?;
+    if estimates.iter().any(|e| e.outcome == Outcome::AtEdge)
+        && let Ok(wider) = method(&inputs, 2 * search.max_delay - skip, &bias)
+    {
+        estimates = wider;
     }
-    Ok(answers)
+    search.go_on()?;
+    let moved_s = experiment.sample_time().to_seconds(skip as f64);
+    Ok(estimates.into_iter().map(|e| e.finished(moved_s)).collect())
 }
 
 /// Every estimator, within a class the most trusted first.

@@ -26,18 +26,10 @@ use crate::identify::{Record, fir};
 ///
 /// # Errors
 /// [`DelayError`] where the experiment or the pair cannot be used at all.
-pub fn richness(
-    experiment: &Experiment,
-    search: &Search,
-    input: usize,
-    output: usize,
-    methods: &[&Method],
-) -> Result<Vec<Option<Richness>>, DelayError> {
-    experiment.check()?;
-    let records = experiment.pair(input, output)?;
-    let step = experiment.sample_time.seconds();
-    let mut data =
-        Data { records: &records, max_delay: search.max_delay, bias: search.bias(input, output), rough: Default::default(), seen: None };
+pub fn richness(experiment: &Experiment<'_>, search: &Search, methods: &[&Method]) -> Result<Vec<Option<Richness>>, DelayError> {
+    let records = experiment.pair(0, 0)?;
+    let step = experiment.sample_time().seconds();
+    let mut data = Data { records: &records, max_delay: search.max_delay, bias: search.bias(0, 0), rough: Default::default(), seen: None };
     Ok(methods
         .iter()
         .map(|m| {
@@ -64,7 +56,7 @@ pub struct Richness {
 
 /// The records of a pair, and the rough models made of them so far, by their poles.
 struct Data<'a> {
-    records: &'a [Record],
+    records: &'a [Record<'a>],
     max_delay: usize,
     bias: usize,
     rough: [Option<Option<Rough>>; 3],

@@ -617,7 +617,7 @@ impl Problem<'_> {
 mod tests {
     use super::*;
 
-    fn record(samples: usize, gaps: &[usize]) -> Record {
+    fn record(samples: usize, gaps: &[usize]) -> Record<'static> {
         let mut state = 7_u64;
         let mut next = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -631,7 +631,7 @@ mod tests {
             y[t] = 1.2 * past(&y, 1) - 0.4 * past(&y, 2) + 0.5 * past(&u, 3) + e[t] - 0.7 * past(&e, 1);
         }
         let present = (!gaps.is_empty()).then(|| (0..samples).map(|t| !gaps.contains(&t)).collect());
-        Record { u, y, present }
+        Record { present, ..Record::new(u, y) }
     }
 
     /// The oracle: generalised least squares with the covariance matrix written out.

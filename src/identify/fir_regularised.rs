@@ -196,9 +196,9 @@ pub fn fit(records: &[Record], taps: usize) -> Option<RegularisedFir> {
 mod tests {
     use super::*;
 
-    fn record(samples: usize) -> Record {
+    fn record(samples: usize) -> Record<'static> {
         let u: Vec<f64> = (0..samples).map(|k| f64::from((k * 7919 % 13) as u8) - 6.0).collect();
-        let y = (0..samples)
+        let y: Vec<f64> = (0..samples)
             .map(|t| (2..t.min(12)).map(|i| 0.7_f64.powi(i as i32) * u[t - i]).sum::<f64>() + ((t * 31 % 17) as f64 - 8.0) * 0.1)
             .collect();
         Record::new(u, y)

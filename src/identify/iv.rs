@@ -261,7 +261,7 @@ mod tests {
     use super::*;
 
     /// y = 0.5·q⁻³/(1 − 1.5q⁻¹ + 0.7q⁻²) u + e/(1 − 0.9q⁻¹), where least squares is biased.
-    fn record(samples: usize, seed: u64) -> Record {
+    fn record(samples: usize, seed: u64) -> Record<'static> {
         let mut state = seed;
         let mut next = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -271,7 +271,7 @@ mod tests {
         let e: Vec<f64> = (0..samples).map(|_| next()).collect();
         let delayed: Vec<f64> = (0..samples).map(|t| if t < 3 { 0.0 } else { 0.5 * u[t - 3] }).collect();
         let (x, v) = (through(&delayed, &[-1.5, 0.7]), through(&e, &[-0.9]));
-        Record::new(u, x.iter().zip(&v).map(|(x, v)| x + v).collect())
+        Record::new(u, x.iter().zip(&v).map(|(x, v)| x + v).collect::<Vec<f64>>())
     }
 
     #[test]

@@ -33,7 +33,7 @@ const MOST_DAMPING: f64 = 1e6;
 /// A model simulated on every record.
 struct Simulated {
     /// u/F and the model's own output by 1/F: the regressors that are the gradient.
-    gradients: Vec<Record>,
+    gradients: Vec<Record<'static>>,
     /// y − ŷ.
     residuals: Vec<Vec<f64>>,
     /// Σ e² over the rows.

@@ -72,7 +72,7 @@ pub(super) fn filter(x: &[f64], f: &[f64], out: &mut [f64]) {
 }
 
 /// A record without missing samples, both channels through 1/C from rest.
-pub(crate) fn prefiltered(record: &Record, c: &[f64]) -> Record {
+pub(crate) fn prefiltered<'b>(record: &Record<'_>, c: &[f64]) -> Record<'b> {
     Record::new(filtered(&record.u, c), filtered(&record.y, c))
 }
 

@@ -1,25 +1,27 @@
 //! Regressions of an output on its own past and on the input's: one triangular factor that every ARX and FIR fit is read from.
 
+use std::borrow::Cow;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::lag_products::lag_matrices;
 
-/// One record of one input and one output on an even grid.
+/// One record of one input and one output on an even grid, owned or borrowed.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Record {
+pub struct Record<'a> {
     /// Input.
-    pub u: Vec<f64>,
+    pub u: Cow<'a, [f64]>,
     /// Output, as long as the input.
-    pub y: Vec<f64>,
+    pub y: Cow<'a, [f64]>,
     /// Which output samples were measured; `None`: all.
-    pub present: Option<Vec<bool>>,
+    pub present: Option<Cow<'a, [bool]>>,
 }
 
-impl Record {
-    /// A record without missing samples.
+impl<'a> Record<'a> {
+    /// A record without missing samples; vectors are taken, slices borrowed.
     #[must_use]
-    pub fn new(u: Vec<f64>, y: Vec<f64>) -> Self {
-        Self { u, y, present: None }
+    pub fn new(u: impl Into<Cow<'a, [f64]>>, y: impl Into<Cow<'a, [f64]>>) -> Self {
+        Self { u: u.into(), y: y.into(), present: None }
     }
 
     /// Number of samples.
@@ -34,30 +36,34 @@ impl Record {
         self.len() == 0
     }
 
-    /// Its first samples.
-    #[must_use]
-    pub fn head(&self, samples: usize) -> Self {
-        let n = self.len().min(samples);
-        Self { u: self.u[..n].to_vec(), y: self.y[..n].to_vec(), present: self.present.as_ref().map(|p| p[..n].to_vec()) }
+    /// The inputs from `u` on beside as many outputs from `y` on, borrowed.
+    pub(crate) fn part(&self, u: usize, y: usize, samples: usize) -> Record<'_> {
+        let there = self.present.as_ref().map(|p| Cow::Borrowed(&p[y..y + samples]));
+        Record { u: Cow::Borrowed(&self.u[u..u + samples]), y: Cow::Borrowed(&self.y[y..y + samples]), present: there }
     }
 
-    /// The output `samples` earlier, so that lag 0 of the record is lag `samples` of the plant: for what cannot respond sooner.
+    /// Its first samples, borrowed.
     #[must_use]
-    pub fn ahead(&self, samples: usize) -> Self {
-        let (n, from) = (self.len(), samples.min(self.len()));
-        Self { u: self.u[..n - from].to_vec(), y: self.y[from..n].to_vec(), present: self.present.as_ref().map(|p| p[from..n].to_vec()) }
+    pub fn head(&self, samples: usize) -> Record<'_> {
+        self.part(0, 0, self.len().min(samples))
     }
 
-    /// The longest stretches without a missing output, each of at least `least` samples, in order; for methods that cannot leave samples out.
+    /// The output `samples` earlier, so that lag 0 of the record is lag `samples` of the plant: for what cannot respond sooner. Borrowed.
     #[must_use]
-    pub fn stretches(&self, least: usize) -> Vec<Self> {
-        let present = self.present.clone().unwrap_or_else(|| vec![true; self.len()]);
-        let mut from = 0;
+    pub fn ahead(&self, samples: usize) -> Record<'_> {
+        let from = samples.min(self.len());
+        self.part(0, from, self.len() - from)
+    }
+
+    /// The longest stretches without a missing output, each of at least `least` samples, in order, borrowed; for methods that cannot leave samples out.
+    #[must_use]
+    pub fn stretches(&self, least: usize) -> Vec<Record<'_>> {
         let mut stretches = Vec::new();
-        for stretch in present[..self.len()].split(|there| !there) {
-            let to = from + stretch.len();
-            if stretch.len() >= least.max(1) {
-                stretches.push(Self::new(self.u[from..to].to_vec(), self.y[from..to].to_vec()));
+        let mut from = 0;
+        let ends = (0..self.len()).filter(|t| !self.has(*t)).chain([self.len()]);
+        for to in ends {
+            if to - from >= least.max(1) {
+                stretches.push(Record::new(&self.u[from..to], &self.y[from..to]));
             }
             from = to + 1;
         }
@@ -337,13 +343,14 @@ fn cholesky(gram: &DMatrix<f64>, rows: usize) -> Option<Triangle> {
 mod tests {
     use super::*;
 
-    fn record(samples: usize, seed: u64) -> Record {
+    fn record(samples: usize, seed: u64) -> Record<'static> {
         let mut state = seed;
         let mut next = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
         };
-        Record::new((0..samples).map(|_| next()).collect(), (0..samples).map(|_| next()).collect())
+        let [u, y] = [(); 2].map(|()| (0..samples).map(|_| next()).collect::<Vec<f64>>());
+        Record::new(u, y)
     }
 
     /// The oracle: every product summed on its own.

@@ -207,7 +207,7 @@ mod tests {
     use super::*;
 
     /// y = 0.5·q⁻¹/((1 − 1.05q⁻¹)(1 − 0.6q⁻¹)) u + C/A e with C = 1 − 0.5q⁻¹, held by u = r − 0.8y(t); the loop's roots are inside the circle.
-    fn loops(samples: usize) -> Record {
+    fn loops(samples: usize) -> Record<'static> {
         let mut state = 11_u64;
         let mut next = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

@@ -221,7 +221,7 @@ pub enum LogError {
     #[error(
         "{file}, {place}: channel `time` runs back from {before_s} s to {time_s} s; {}",
         place.either(
-            "sort the rows, or, if the file holds several records, name the column that tells them apart with `--records COLUMN`",
+            "sort the rows, or, if the file holds several records, name the column that tells them apart to `read_records`",
             "sort the samples by time, or, if they are of several records, make a log of each"
         )
     )]
@@ -261,7 +261,7 @@ pub enum LogError {
     #[error(
         "{file}, {place}: input `{channel}` has no sample at {time_s} s; {} (only outputs may miss samples)",
         place.either(
-            "fill the cell, delete the row, or cut the log with `--from S --to S`",
+            "fill the cell, delete the row, or take another `window` of the log",
             "fill it in, leave the sample out, or take another `window` of the log"
         )
     )]
@@ -284,7 +284,7 @@ pub enum LogError {
         channel: String,
     },
     /// A grid needs two samples.
-    #[error("{file}: {found} samples, at least {needed} are needed; give a longer log or a wider `--from S --to S`")]
+    #[error("{file}: {found} samples, at least {needed} are needed; give a longer log or a wider `window`")]
     TooShort {
         /// The log.
         file: String,
@@ -297,10 +297,7 @@ pub enum LogError {
     #[error(
         "{file}, {place}: time is uneven: the stamp {time_s} s is {deviation_samples:.3} samples from the straight \
          line through all stamps \
-         (at most 0.05 counts as even); put the log on an even grid with `{0}{1}`, for instance `{0}{suggested_s}{2}`",
-        place.either("--resample ", "resample("),
-        place.either("TS", "sample_time)"),
-        place.either("", ")")
+         (at most 0.05 counts as even); put the log on an even grid with `resample(sample_time)`, for instance `resample({suggested_s})`"
     )]
     UnevenTime {
         /// The log.
@@ -316,7 +313,7 @@ pub enum LogError {
     },
     /// A window that holds no sample.
     #[error(
-        "{file}: no sample from {from_s} s to {to_s} s; choose `--from S --to S` within 0 s to {duration_s} s, \
+        "{file}: no sample from {from_s} s to {to_s} s; choose a `window` within 0 s to {duration_s} s, \
          counted from the first sample"
     )]
     EmptyWindow {
@@ -330,9 +327,7 @@ pub enum LogError {
         duration_s: f64,
     },
     /// A resampled log that would not fit.
-    #[error(
-        "{file}: a sample time of {sample_time_s} s makes {samples:e} samples of {duration_s} s; give `--resample TS` a larger sample time"
-    )]
+    #[error("{file}: a sample time of {sample_time_s} s makes {samples:e} samples of {duration_s} s; give `resample` a larger sample time")]
     TooFine {
         /// The log.
         file: String,
@@ -344,7 +339,7 @@ pub enum LogError {
         duration_s: f64,
     },
     /// A column is given two names.
-    #[error("{file}: column `{channel}` is mapped twice, to `{first}` and to `{second}`; give each column one `--map model_name=column`")]
+    #[error("{file}: column `{channel}` is mapped twice, to `{first}` and to `{second}`; `rename` each column once")]
     MappedTwice {
         /// The log.
         file: String,
@@ -357,7 +352,7 @@ pub enum LogError {
     },
     /// Two columns would have the same name.
     #[error(
-        "{file}: `--map` makes two columns called `{channel}`; give each column a name of its own, and map an \
+        "{file}: the new names make two columns called `{channel}`; give each column a name of its own, and map an \
          existing `{channel}` to another name"
     )]
     NameTaken {

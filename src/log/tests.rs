@@ -209,7 +209,7 @@ fn time_standing_still_is_refused() {
 fn time_running_back_is_refused_and_offers_records() {
     let error = refusal("time,u\n0,1\n0.5,2\n0.25,3\n");
     assert_eq!(error, LogError::TimeRunsBack { file: "a.csv".into(), place: Place::Row(4), before_s: 0.5, time_s: 0.25 });
-    says(&error, &["a.csv", "row 4", "`time`", "0.5 s", "0.25 s", "--records COLUMN"]);
+    says(&error, &["a.csv", "row 4", "`time`", "0.5 s", "0.25 s", "`read_records`"]);
 }
 
 #[test]
@@ -409,7 +409,7 @@ fn empty_window_says_the_logs_span() {
     for (from, to) in [(Some(5.0), None), (Some(1.5), Some(1.4)), (None, Some(-1.0)), (Some(0.2), Some(0.3)), (Some(f64::NAN), None)] {
         let error = log.window(from, to).unwrap_err();
         assert!(matches!(error, LogError::EmptyWindow { duration_s: 2.0, .. }), "{error:?}");
-        says(&error, &["a.csv", "0 s to 2 s", "--from S --to S"]);
+        says(&error, &["a.csv", "0 s to 2 s", "`window`"]);
     }
 }
 
@@ -452,7 +452,7 @@ fn resample_refuses_unknown_channels_and_absurd_sample_times() {
     assert!(matches!(log.resample(SampleTime::new(1.0).unwrap(), &["v"]), Err(LogError::UnknownChannel { .. })));
     let error = log.resample(SampleTime::new(1e-9).unwrap(), &[]).unwrap_err();
     assert!(matches!(error, LogError::TooFine { .. }));
-    says(&error, &["a.csv", "0.000000001 s", "100 s", "--resample TS", "larger"]);
+    says(&error, &["a.csv", "0.000000001 s", "100 s", "`resample`", "larger"]);
 }
 
 // Names.
@@ -468,11 +468,11 @@ fn rename_gives_columns_the_models_names_and_may_swap_them() {
     says(&error, &["a.csv", "`c`", "`a`, `b`"]);
     let error = log.clone().rename(&map(&[("u", "a"), ("v", "a")])).unwrap_err();
     assert!(matches!(error, LogError::MappedTwice { .. }));
-    says(&error, &["a.csv", "`a`", "`u`", "`v`", "--map model_name=column"]);
+    says(&error, &["a.csv", "`a`", "`u`", "`v`", "`rename`"]);
     for taken in [map(&[("b", "a")]), map(&[("m", "a")]), map(&[("x", "a"), ("x", "b")])] {
         let error = log.clone().rename(&taken).unwrap_err();
         assert!(matches!(error, LogError::NameTaken { .. }));
-        says(&error, &["a.csv", "--map", "two columns", "a name of its own"]);
+        says(&error, &["a.csv", "new names", "two columns", "a name of its own"]);
     }
     assert!(matches!(log.clone().rename(&map(&[("time", "a")])), Err(LogError::BadName { .. })));
     assert!(matches!(log.rename(&map(&[("u", "m")])), Err(LogError::NotANumber { .. })));

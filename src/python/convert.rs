@@ -5,6 +5,11 @@ use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArrayLike1, PyAr
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+use super::error::OrRaise;
+use crate::model::c2d::{CONVERSIONS, Conversion};
+use crate::registry::find;
+use crate::time::SampleTime;
+
 /// Anything that serde writes as JSON, as dicts, lists, numbers, strings and None; what is not a finite number is None.
 pub(super) fn object<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bound<'py, PyAny>> {
     let text = serde_json::to_string(value).map_err(|e| PyValueError::new_err(e.to_string()))?;
@@ -44,4 +49,16 @@ pub(super) fn array2(py: Python<'_>, matrix: DMatrix<f64>) -> PyResult<Bound<'_,
     let (rows, columns) = matrix.shape();
     let numbers: Vec<f64> = matrix.data.into();
     numbers.into_pyarray(py).reshape_with_order([rows, columns], numpy::npyffi::NPY_ORDER::NPY_FORTRANORDER)
+}
+
+/// A sample time, and a conversion by its name with its options.
+pub(super) fn conversion(
+    py: Python<'_>,
+    sample_time: f64,
+    method: &str,
+    options: &Bound<'_, PyAny>,
+) -> PyResult<(SampleTime, Box<dyn Conversion>)> {
+    let options = json(options)?;
+    let conversion = find(CONVERSIONS, "conversion", method).and_then(|entry| entry.with(options)).or_raise(py)?;
+    Ok((SampleTime::new(sample_time).or_raise(py)?, conversion))
 }

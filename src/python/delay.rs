@@ -42,14 +42,11 @@ impl Asked {
             methods: chosen(&self.methods, &by_method(options)?, scopes).or_raise(py)?,
             detrend: choice("detrend", &self.detrend)?,
             feedback: choice("loop", &self.r#loop)?,
-            logs: logs.iter().map(|log| log.0.clone()).collect(),
             model: model.map(|m| linear(py, m)).transpose()?,
             name: self.name,
-            inputs: self.inputs,
-            outputs: self.outputs,
             max_delay_s: self.max_delay,
             degree_bias: self.degree_bias,
-            stop: Default::default(),
+            ..Job::new(logs.iter().map(|log| log.0.clone()).collect(), self.inputs, self.outputs)
         })
     }
 }

@@ -462,7 +462,7 @@ impl PyDiagnosed {
 
     /// Writes what the command line writes; the names of the files.
     fn save(&self, py: Python<'_>, folder: PathBuf) -> PyResult<Vec<&'static str>> {
-        py.detach(|| report::diagnosis::save(&self.found, &folder)).map_err(|e| raise(py, e))
+        py.detach(|| report::save(&self.found, &folder)).map_err(|e| raise(py, e))
     }
 
     /// The curves, by output and then by log.

@@ -81,17 +81,27 @@ fn os_message(source: &std::io::Error) -> String {
     text.split(" (os error").next().unwrap_or(&text).to_owned()
 }
 
-/// What the command line's options are called in Python, where it is not their own name.
-const REMEDIES: [(&str, &str); 6] = [
-    ("--from S --to S", "log.window(start, stop)"),
-    ("--records COLUMN", "deadtime.read_records(path, column)"),
-    ("--resample TS", "log.resample(sample_time)"),
-    ("--map model_name=column", "log.rename({model_name: column})"),
-    ("--events A,B", "deadtime.estimate_events"),
-    ("--loop closed", "loop=\"closed\""),
+/// Words of the library's messages, and what a reader of Python has for each.
+const REMEDIES: [(&str, &str); 16] = [
+    ("`max_delay`", "max_delay="),
+    ("give a `model` and", "give model= and"),
+    ("(`rename`)", "(log.rename)"),
+    ("give two sequences of them", "give deadtime.estimate_events"),
+    ("give an input and an output", "give input= and output="),
+    ("to `read_records`", "with `deadtime.read_records(path, column)`"),
+    ("take another `window` of the log", "take another `log.window(start, stop)`"),
+    ("a wider `window`", "a wider `log.window(start, stop)`"),
+    ("choose a `window`", "choose `log.window(start, stop)`"),
+    ("`resample(", "`log.resample("),
+    ("give `resample` a larger", "give `log.resample(sample_time)` a larger"),
+    ("`rename` each column once", "give each column one `log.rename({model_name: column})`"),
+    ("`resume`", "resume=True"),
+    ("`update`", "update=True"),
+    ("the folder of the `cases`", "the folder of the cases by cases="),
+    ("the log is said to be of a closed loop", "loop=\"closed\""),
 ];
 
-/// A message with the remedies of Python in place of those of the command line: options are arguments, called alike.
+/// A message with the remedies of Python: options are arguments, called alike.
 pub(super) fn in_python(message: &str) -> String {
     let mut text = REMEDIES.iter().fold(message.to_owned(), |text, (option, call)| text.replace(option, call));
     // `--map NAME=COLUMN` of a name that is known.

@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::convert::object;
+use super::convert::{conversion, object};
 use super::error::{OrRaise, raise};
-use super::simulate::conversion;
 use super::state_space::{Either, StateSpace};
 use super::work::long;
 use crate::effect::Applied;

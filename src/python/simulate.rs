@@ -6,33 +6,20 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::convert::{array2, json, object};
+use super::convert::{array2, conversion, object};
 use super::error::{OrRaise, raise};
 use super::log::Log;
 use super::model::Model;
 use super::state_space::{Either, StateSpace, numbers, table};
 use super::work::long;
 use crate::effect::{OnLog, check_units};
-use crate::model::c2d::{CONVERSIONS, Conversion};
+use crate::model::c2d::CONVERSIONS;
 use crate::model::{ModelError, d2c, dare, dlqr};
-use crate::registry::find;
 use crate::simulate::{Hold, Options, Prehistory, lsim, lsim_at, lsim_sampled, lsim_sampled_at};
 use crate::time::SampleTime;
 
 fn domain(what: &'static str, needed: &'static str, found: &'static str) -> ModelError {
     ModelError::Domain { what, needed, name: "system".to_owned(), found }
-}
-
-/// A sample time, and a conversion by its name with its options.
-pub(super) fn conversion(
-    py: Python<'_>,
-    sample_time: f64,
-    method: &str,
-    options: &Bound<'_, PyAny>,
-) -> PyResult<(SampleTime, Box<dyn Conversion>)> {
-    let options = json(options)?;
-    let conversion = find(CONVERSIONS, "conversion", method).and_then(|entry| entry.with(options)).or_raise(py)?;
-    Ok((SampleTime::new(sample_time).or_raise(py)?, conversion))
 }
 
 #[pyfunction]

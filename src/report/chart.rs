@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::escape::escape;
 use crate::diagnose::Trace;
 
 /// Size of the drawing in its own units; the page scales it.
@@ -22,21 +23,21 @@ const GAP: f64 = 1.5;
 
 /// A part of the drawing with the numbers it shows.
 #[derive(Debug, Clone, Copy)]
-struct Panel {
-    top: f64,
-    height: f64,
-    lowest: f64,
-    highest: f64,
+pub(super) struct Panel {
+    pub(super) top: f64,
+    pub(super) height: f64,
+    pub(super) lowest: f64,
+    pub(super) highest: f64,
 }
 
 impl Panel {
     /// Numbers that are all equal get a range around them.
-    fn new(top: f64, height: f64, lowest: f64, highest: f64) -> Self {
+    pub(super) fn new(top: f64, height: f64, lowest: f64, highest: f64) -> Self {
         let margin = if highest > lowest { 0.04 * (highest - lowest) } else { 0.5 * highest.abs().max(1e-9) };
         Self { top, height, lowest: lowest - margin, highest: highest + margin }
     }
 
-    fn y(self, value: f64) -> f64 {
+    pub(super) fn y(self, value: f64) -> f64 {
         // Far outside is as good as further outside, and SVG readers stumble over huge numbers.
         let share = ((self.highest - value) / (self.highest - self.lowest)).clamp(-1.0, 2.0);
         self.top + share * self.height
@@ -192,12 +193,8 @@ fn axes(svg: &mut String, panels: &[Panel], traces: &[Trace], lanes: &[Lane]) {
         }
     }
     let bottom = TOP + CURVES + BETWEEN + REST;
-    let unit = traces
-        .first()
-        .and_then(|t| t.unit.as_deref())
-        .filter(|u| *u != "1")
-        .map(|u| format!(" ({})", super::html::escape(u)))
-        .unwrap_or_default();
+    let unit =
+        traces.first().and_then(|t| t.unit.as_deref()).filter(|u| *u != "1").map(|u| format!(" ({})", escape(u))).unwrap_or_default();
     let _ = writeln!(svg, "<text class=\"small\" x=\"{LEFT}\" y=\"{}\">prediction and measurement{unit}</text>", TOP - 6.0);
     let _ = writeln!(svg, "<text class=\"small\" x=\"{LEFT}\" y=\"{}\">measured − predicted{unit}</text>", bottom - REST - 7.0);
     for (at, lane) in lanes.iter().enumerate() {
@@ -225,7 +222,7 @@ fn axes(svg: &mut String, panels: &[Panel], traces: &[Trace], lanes: &[Lane]) {
 }
 
 /// Round numbers between two, about so many, with their labels.
-fn ticks(lowest: f64, highest: f64, about: f64) -> Vec<(f64, String)> {
+pub(super) fn ticks(lowest: f64, highest: f64, about: f64) -> Vec<(f64, String)> {
     let width = highest - lowest;
     if !(width.is_finite() && width > 0.0) {
         return Vec::new();

@@ -1,11 +1,6 @@
 //! The diagnosis in plain sentences.
 
-use std::path::Path;
-
 use crate::diagnose::{Diagnosed, Diagnosis, FoundEffect, FoundParameter, LargestContributor, Mode, RankedPair, RankingRow};
-use crate::error::Result;
-use crate::file::write_atomic;
-use crate::report::html::page;
 use crate::report::text::{Table, estimate};
 
 /// Five sentences: how big the gap is, where it sits, what causes it and how sure that is, what else it could be, how far it shrinks.
@@ -144,22 +139,6 @@ fn shrink(d: &Diagnosis) -> String {
         }
         _ => "Shrink: no held-out output moves, so nothing can be said.".to_owned(),
     }
-}
-
-/// Writes diagnosis.json, report.html and, where there is a model file, `model_with_effects.toml` into a folder; the names of what was written.
-///
-/// # Errors
-/// Of files that cannot be written.
-pub fn save(found: &Diagnosed, folder: &Path) -> Result<Vec<&'static str>> {
-    let (diagnosis, report, model) = ("diagnosis.json", "report.html", "model_with_effects.toml");
-    found.diagnosis.write(&folder.join(diagnosis))?;
-    write_atomic(&folder.join(report), |out| out.write_all(page(found).as_bytes()))?;
-    let mut written = vec![diagnosis, report];
-    if let Some(with_effects) = &found.model {
-        with_effects.write(&folder.join(model))?;
-        written.push(model);
-    }
-    Ok(written)
 }
 
 /// The leading rows of the ranking.

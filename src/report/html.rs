@@ -4,6 +4,7 @@ use std::fmt::{Display, Write as _};
 
 use super::chart::chart;
 use super::diagnosis::summary;
+use super::escape::escape;
 use crate::diagnose::{Diagnosed, Diagnosis, Mode, RankingRow, Trace};
 
 /// Logs that one picture shows: more are too narrow to read.
@@ -47,25 +48,6 @@ tbody th{font-weight:400}td:not(.l){white-space:nowrap}
 summary{cursor:pointer}
 @media print{:root{color-scheme:light;--ink:#000;--faint:#444;--paper:#fff;--line:#bbb;--measured:#9aa3ad;--before:#c2410c;--after:#1d5fbf;--floor:#1d5fbf22;--held:#7a869420}body{max-width:none;font-size:11pt}svg{min-width:0}.wide{overflow:visible}tr{break-inside:avoid}}
 ";
-
-/// Text as it may stand in a page.
-#[must_use]
-pub(super) fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            // What may not stand in a page at all.
-            c if c.is_control() && !c.is_whitespace() => out.push('\u{fffd}'),
-            c => out.push(c),
-        }
-    }
-    out
-}
 
 fn percent(share: Option<f64>) -> String {
     match share {

@@ -5,15 +5,17 @@ mod chart;
 pub mod checks;
 pub mod diagnosis;
 pub mod effects;
+mod escape;
 pub mod estimate;
+mod folder;
 pub mod gate;
 pub mod html;
 pub mod isolability;
 pub mod junit;
 pub mod methods;
-#[cfg(feature = "cli")]
 pub mod picture;
 pub mod study;
 mod text;
 
+pub use folder::save;
 pub use text::{Table, seconds};

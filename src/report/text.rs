@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::html::escape;
+use super::escape::escape;
 
 /// A table with columns as wide as their widest cell; the first column is flush left, the others right.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

@@ -10,7 +10,9 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, Exp1, StandardNormal};
 use rayon::prelude::*;
 
-use crate::delay::{Class, DelayEstimator, Experiment, METHODS, Method, PlantModel, Recording, Scope, Search, Start, Suits};
+use crate::delay::{
+    Class, DelayError, DelayEstimator, Detrend, Events, Experiment, METHODS, Method, PlantModel, Recording, Scope, Search, Start, Suits,
+};
 use crate::model::uav::Dynamics;
 use crate::model::{Continuous, StateSpace};
 use crate::signal::excitation::Rbs;
@@ -71,7 +73,7 @@ pub struct MethodRow {
 }
 
 /// A record, its true delay in samples, and the shortest raw delay to search.
-type Known = (Experiment, f64, usize);
+type Known = (Experiment<'static>, f64, usize);
 
 impl Common {
     /// One row per method, in the order of the list; `progress` is told of each one that is done. The same for any number of threads but for the run times.
@@ -122,7 +124,7 @@ impl Common {
     ///
     /// # Errors
     /// Whatever keeps the record from being made.
-    pub fn experiment(&self, kind: Suits, trial: usize) -> crate::Result<(Experiment, f64)> {
+    pub fn experiment(&self, kind: Suits, trial: usize) -> crate::Result<(Experiment<'static>, f64)> {
         let (mut rng, delay) = self.draw(trial);
         let sample_time = SampleTime::new(1.0)?;
         let n = self.samples;
@@ -131,13 +133,13 @@ impl Common {
             Suits::Plant => {
                 let u = Rbs::default().generate(n, &mut rng)?;
                 let y = First::new(delay).respond(&u);
-                siso(u, noisy(&y, &mut rng)?)
+                siso(u, noisy(&y, &mut rng)?)?
             }
             Suits::Process { poles, zero } => {
                 let u = Rbs::default().generate(n, &mut rng)?;
                 let times = [8.0, 4.0, 2.0];
                 let y = held(&lags(&times[..poles.clamp(1, times.len())], zero.then_some(5.0))?, &u, delay, sample_time)?;
-                siso(u, noisy(&y, &mut rng)?)
+                siso(u, noisy(&y, &mut rng)?)?
             }
             Suits::Copy => {
                 let tones: Vec<[f64; 2]> = (0..200).map(|_| [rng.random_range(0.0..0.8 * PI), rng.random_range(0.0..2.0 * PI)]).collect();
@@ -163,7 +165,7 @@ impl Common {
             Suits::Steps => {
                 let u: Vec<f64> = (0..n).map(|t| if t >= n / 10 && t < n * 11 / 20 { 1.0 } else { 0.0 }).collect();
                 let y = held(&lags(&[10.0, 1.0], None)?, &u, delay, sample_time)?;
-                siso(u, noisy(&y, &mut rng)?)
+                siso(u, noisy(&y, &mut rng)?)?
             }
             Suits::States => {
                 let u = Rbs::default().generate(n, &mut rng)?;
@@ -172,11 +174,10 @@ impl Common {
                 let delayed = plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
                 let response = lsim(&delayed, &DMatrix::from_column_slice(n, 1, &u), sample_time, &Options::default())?;
                 let column = |m: &DMatrix<f64>, i: usize| m.column(i).iter().copied().collect::<Vec<f64>>();
-                let states = (0..plant.order()).map(|i| noisy(&column(&response.x, i), &mut rng)).collect::<crate::Result<_>>()?;
-                let mut experiment = Experiment::siso(sample_time, Vec::new(), Vec::new());
-                experiment.recordings = vec![Recording { inputs: vec![u], outputs: vec![column(&response.y, 0).into()], states }];
-                experiment.model = Some(PlantModel::Continuous(plant));
-                experiment
+                let states =
+                    (0..plant.order()).map(|i| Ok(noisy(&column(&response.x, i), &mut rng)?.into())).collect::<crate::Result<_>>()?;
+                let recording = Recording { inputs: vec![u.into()], outputs: vec![column(&response.y, 0).into()], states };
+                Experiment::new(sample_time, vec!["u".into()], vec!["y".into()], vec![recording])?.with_model(PlantModel::Continuous(plant))
             }
             Suits::Events => {
                 let mut time = 0.0;
@@ -189,7 +190,7 @@ impl Common {
                     first.push(time);
                     second.push(time + delay + 0.2 * jitter);
                 }
-                Experiment::of_events(sample_time, first, second)
+                Experiment::of_events(sample_time, ["a", "b"], vec![Events { first, second, ..Events::default() }])?
             }
         };
         Ok((experiment, delay))
@@ -210,7 +211,7 @@ impl Common {
             u.push(r - 0.5 * y[y.len() - 1]);
         }
         // The controller answers within the sample, the plant does not.
-        Ok((Experiment::siso(SampleTime::new(1.0)?, u, y), delay, 1))
+        Ok((Experiment::siso(SampleTime::new(1.0)?, u, y)?, delay, 1))
     }
 }
 
@@ -277,12 +278,12 @@ fn copy(
     n: usize,
     delay: f64,
     at: impl Fn(f64) -> f64,
-    siso: impl Fn(Vec<f64>, Vec<f64>) -> Experiment,
+    siso: impl Fn(Vec<f64>, Vec<f64>) -> Result<Experiment<'static>, DelayError>,
     rng: &mut ChaCha8Rng,
-) -> crate::Result<Experiment> {
+) -> crate::Result<Experiment<'static>> {
     let u = (0..n).map(|t| at(f(t))).collect();
     let y: Vec<f64> = (0..n).map(|t| at(f(t) - delay - 1.0)).collect();
-    Ok(siso(u, noisy(&y, rng)?))
+    Ok(siso(u, noisy(&y, rng)?)?)
 }
 
 fn noisy(y: &[f64], rng: &mut ChaCha8Rng) -> crate::Result<Vec<f64>> {
@@ -290,35 +291,22 @@ fn noisy(y: &[f64], rng: &mut ChaCha8Rng) -> crate::Result<Vec<f64>> {
 }
 
 /// Without means, or measured from its rest for a method that counts on it: as the command line gives records to methods.
-fn prepared(method: &Method, experiment: &Experiment) -> Experiment {
+fn prepared<'a>(method: &Method, experiment: &'a Experiment<'_>) -> Option<Experiment<'a>> {
+    if method.scope != Scope::Pair {
+        return Some(experiment.borrowed());
+    }
     if method.start == Start::Rest
-        && let Some(rested) = experiment.from_rest()
+        && let Some(rested) = experiment.borrowed().from_rest()
     {
-        return rested;
+        return Some(rested);
     }
-    let mut experiment = experiment.clone();
-    let centre = |x: &mut Vec<f64>| {
-        let mean = x.iter().sum::<f64>() / f(x.len().max(1));
-        x.iter_mut().for_each(|v| *v -= mean);
-    };
-    if experiment.model.is_none() {
-        for recording in &mut experiment.recordings {
-            recording.inputs.iter_mut().for_each(centre);
-            recording.outputs.iter_mut().for_each(|y| centre(&mut y.values));
-        }
-    }
-    experiment
+    experiment.detrended(Detrend::Mean).ok()
 }
 
 /// Error in samples and whether the interval holds the truth; `None` without a delay.
 fn answer(method: &Method, estimator: &dyn DelayEstimator, (experiment, delay, min_delay): &Known) -> Option<(f64, bool)> {
-    let ts = experiment.sample_time;
-    let estimate = estimator
-        .estimate(&prepared(method, experiment), &Search { min_delay: *min_delay, ..Search::default() })
-        .ok()?
-        .into_iter()
-        .next()?
-        .estimate;
+    let ts = experiment.sample_time();
+    let estimate = estimator.estimate(&prepared(method, experiment)?, &Search { min_delay: *min_delay, ..Search::default() }).ok()?;
     let truth_s = ts.to_seconds(*delay);
     let inside = estimate.ci95_s.is_some_and(|[from, to]| from <= truth_s && truth_s <= to);
     Some(((estimate.delay_s.filter(|_| estimate.outcome.has_delay())? - truth_s) / ts.seconds(), inside))
@@ -343,7 +331,7 @@ fn time(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> f
         .iter()
         .take(TIMED)
         .map(|(experiment, _, _)| {
-            let experiment = prepared(method, experiment);
+            let Some(experiment) = prepared(method, experiment) else { return f64::INFINITY };
             let clock = Instant::now();
             std::hint::black_box(estimator.estimate(&experiment, &Search::default())).ok();
             clock.elapsed().as_secs_f64()

@@ -10,7 +10,7 @@ use super::cell::{Layout, Slot};
 use super::plan::{Place, Plan, Scoring, Shown, Truth};
 use super::results::Cell;
 use super::setting::{Record, Setting};
-use crate::delay::{DelayEstimate, Detrend, Experiment, Outcome, PairEstimate, Scope, Search, Start, richness};
+use crate::delay::{DelayEstimate, Detrend, Experiment, Outcome, Scope, Search, Start, richness};
 use crate::file::{named, temporary, write_atomic};
 use crate::stop::Stop;
 
@@ -56,8 +56,11 @@ pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usiz
     let mut rows = Vec::with_capacity(layout.of(number).len());
     for place in [Place::U, Place::R] {
         let slots: Vec<(usize, Slot)> = layout.of(number).map(|c| (c, layout.slots[c])).filter(|(_, s)| s.place == place).collect();
-        let Some(experiment) = record.experiment(place).filter(|_| !slots.is_empty()) else { continue };
-        let views = Views::new(experiment, setting.detrend);
+        if slots.is_empty() {
+            continue;
+        }
+        // What cannot be used at all has no answers.
+        let views = record.experiment(place).and_then(|e| Views::new(e, setting.detrend));
         for (method, chosen) in layout.methods[setting.grid].iter().enumerate() {
             stop.check()?;
             // A controller answers within the sample where the plant does not.
@@ -68,24 +71,34 @@ pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usiz
                 stop: stop.clone(),
                 ..Search::default()
             };
+            let mine: Vec<&(usize, Slot)> = slots.iter().filter(|(_, s)| s.method == method).collect();
+            let scope = chosen.method.scope;
+            let view = views.as_ref().map(|v| v.of(scope, chosen.method.start));
+            let pair = |slot: Slot| {
+                let (view, output) = (view?, slot.output.unwrap_or(0));
+                let own = search.towards(slot.input, output, view.inputs().len());
+                let seen = if chosen.estimator.is_joint() { view.towards(slot.input, output) } else { view.select(slot.input, output) };
+                Some((seen.ok()?, own))
+            };
             // The worker's thread does nothing else meanwhile.
             let clock = ThreadTime::now();
-            let answers = chosen.estimator.estimate(views.of(chosen.method.scope, chosen.method.start), &search);
+            let answers: Vec<Option<DelayEstimate>> = if scope == Scope::States {
+                let all = view.and_then(|v| chosen.estimator.estimate_inputs(v, &search).ok()).unwrap_or_default();
+                mine.iter().map(|(_, slot)| all.get(slot.input).cloned()).collect()
+            } else {
+                let estimate = |slot: Slot| pair(slot).and_then(|(seen, own)| chosen.estimator.estimate(&seen, &own).ok());
+                mine.iter().map(|(_, slot)| estimate(*slot)).collect()
+            };
             let time_s = clock.elapsed().as_secs_f64();
-            let answers = answers.unwrap_or_default();
-            let asked = chosen.method.scope == Scope::Pair && grid.by.iter().any(|l| l.shown == Shown::Predicted);
+            let asked = scope == Scope::Pair && grid.by.iter().any(|l| l.shown == Shown::Predicted);
             let predicted = |slot: Slot| {
-                let pair = slot.output.filter(|_| asked)?;
-                let view = views.of(chosen.method.scope, chosen.method.start);
-                let expected = richness(view, &search, slot.input, pair, &[chosen.method]).ok()?.into_iter().next()??;
+                let (seen, own) = pair(slot).filter(|_| asked && slot.output.is_some())?;
+                let expected = richness(&seen, &own, &[chosen.method]).ok()?.into_iter().next()??;
                 Some(expected.std_s / setting.sample_time.seconds())
             };
-            let mine: Vec<&(usize, Slot)> = slots.iter().filter(|(_, s)| s.method == method).collect();
             let each_s = time_s / mine.len().max(1) as f64;
-            rows.extend(mine.into_iter().map(|&(cell, slot)| {
-                let of_slot = |p: &&PairEstimate| p.input == slot.input && (slot.output.is_none() || p.output == slot.output);
-                let estimate = answers.iter().find(of_slot).map(|p| &p.estimate);
-                let row = row(cell, slot, trial, &record, estimate, each_s, setting, (grid.truth, &grid.scoring));
+            rows.extend(mine.into_iter().zip(answers).map(|(&(cell, slot), estimate)| {
+                let row = row(cell, slot, trial, &record, estimate.as_ref(), each_s, setting, (grid.truth, &grid.scoring));
                 Row { predicted_samples: predicted(slot), ..row }
             }));
         }
@@ -97,25 +110,21 @@ pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usiz
 
 /// A record as the methods are given it by the command line.
 struct Views<'a> {
-    logged: &'a Experiment,
-    level: Experiment,
-    rested: Option<Experiment>,
+    logged: Experiment<'a>,
+    level: Experiment<'a>,
+    rested: Option<Experiment<'a>>,
 }
 
 impl<'a> Views<'a> {
-    fn new(logged: &'a Experiment, detrend: Detrend) -> Self {
-        let mut level = logged.clone();
-        level.take_trend_off(detrend);
-        // States and model are for methods that look at nothing else.
-        level.recordings.iter_mut().for_each(|r| r.states.clear());
-        level.model = None;
+    fn new(logged: &'a Experiment<'_>, detrend: Detrend) -> Option<Self> {
+        let level = logged.detrended(detrend).ok()?;
         let rested = (detrend == Detrend::Mean).then(|| level.from_rest()).flatten();
-        Self { logged, level, rested }
+        Some(Self { logged: logged.borrowed(), level, rested })
     }
 
-    fn of(&self, scope: Scope, start: Start) -> &Experiment {
+    fn of(&self, scope: Scope, start: Start) -> &Experiment<'a> {
         match (scope, start) {
-            (Scope::States | Scope::Events, _) => self.logged,
+            (Scope::States | Scope::Events, _) => &self.logged,
             (Scope::Pair, Start::Rest) => self.rested.as_ref().unwrap_or(&self.level),
             (Scope::Pair, Start::Any) => &self.level,
         }
@@ -180,7 +189,10 @@ pub(super) fn write_part(path: &Path, rows: &[Row]) -> crate::Result<()> {
 pub(super) fn read_part(path: &Path) -> crate::Result<impl Iterator<Item = crate::Result<Row>> + use<>> {
     let wrong = {
         let path = path.to_owned();
-        move |e: csv::Error| StudyError::Results { path: path.clone(), detail: format!("{e}; remove the file and go on with --resume") }
+        move |e: csv::Error| StudyError::Results {
+            path: path.clone(),
+            detail: format!("{e}; remove the file and go on where it was (`resume`)"),
+        }
     };
     let reader = csv::Reader::from_path(path).map_err(&wrong)?;
     Ok(reader.into_deserialize().map(move |row| row.map_err(|e| wrong(e).into())))

@@ -454,7 +454,7 @@ fn comparable(
     after: &BTreeMap<String, &Cell>,
 ) -> Result<(), StudyError> {
     let wrong = |detail: String| Err(StudyError::Gate { detail });
-    let remedy = "compare runs of one plan, or make a new baseline with --update";
+    let remedy = "compare runs of one plan, or make a new baseline (`update`)";
     if results.plan != baseline.plan {
         return wrong(format!("the baseline is of plan `{}`, the results are of plan `{}`: {remedy}", baseline.plan, results.plan));
     }

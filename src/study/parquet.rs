@@ -298,11 +298,7 @@ impl Reader {
 
 /// A file that cannot be used.
 pub(super) fn unread(path: &Path, detail: &str) -> crate::Error {
-    StudyError::Results {
-        path: path.to_owned(),
-        detail: format!("{detail}; remove the file and go on with --resume (in Python resume=True)"),
-    }
-    .into()
+    StudyError::Results { path: path.to_owned(), detail: format!("{detail}; remove the file and go on where it was (`resume`)") }.into()
 }
 
 /// Everything that a column of a row group holds.

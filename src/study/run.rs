@@ -151,7 +151,7 @@ impl Runner {
             let detail = if theirs.trim() != mine {
                 "holds the unfinished study of another plan (other trials, seed or program version included); give another folder, or remove its folder `parts`"
             } else if !resume {
-                "holds this study unfinished; --resume (in Python resume=True) goes on where it was, removing its folder `parts` starts anew"
+                "holds this study unfinished; `resume` goes on where it was, removing its folder `parts` starts anew"
             } else {
                 return Ok(parts);
             };

@@ -87,8 +87,8 @@ pub(super) struct Setting {
 /// What a trial measured, and what is known of it.
 pub(super) struct Record {
     pub(super) seed: u64,
-    /// From the plant's input; from the reference.
-    pub(super) from: [Option<Experiment>; 2],
+    /// From the plant's input; from the reference. `None` too where nothing could be made of it.
+    pub(super) from: [Option<Experiment<'static>>; 2],
     /// Injected, s, by input.
     pub(super) delay_s: Vec<f64>,
     /// Samples of response, by output and input.
@@ -98,7 +98,7 @@ pub(super) struct Record {
 }
 
 impl Record {
-    pub(super) fn experiment(&self, place: Place) -> Option<&Experiment> {
+    pub(super) fn experiment(&self, place: Place) -> Option<&Experiment<'static>> {
         match place {
             Place::U => self.from[0].as_ref(),
             Place::R => self.from[1].as_ref(),
@@ -288,18 +288,16 @@ impl Setting {
             })
             .collect();
         let from = |inputs: Vec<Vec<f64>>| {
-            let recording = Recording { inputs, outputs: outputs.iter().cloned().map(Into::into).collect(), states: states.clone() };
-            Experiment {
-                sample_time: self.sample_time,
-                inputs: self.inputs.clone(),
-                outputs: self.outputs.clone(),
-                recordings: vec![recording],
-                model: Some(model.clone()),
-                events: Vec::new(),
-            }
+            let recording = Recording {
+                inputs: inputs.into_iter().map(Into::into).collect(),
+                outputs: outputs.iter().cloned().map(Into::into).collect(),
+                states: states.iter().cloned().map(Into::into).collect(),
+            };
+            let experiment = Experiment::new(self.sample_time, self.inputs.clone(), self.outputs.clone(), vec![recording]);
+            experiment.ok().map(|e| e.with_model(model.clone()))
         };
-        let reference = self.is_closed().then(|| from(drive.clone()));
-        Ok(Record { seed, from: [Some(from(plant_in)), reference], delay_s, degree, bound_samples })
+        let reference = self.is_closed().then(|| from(drive.clone())).flatten();
+        Ok(Record { seed, from: [from(plant_in), reference], delay_s, degree, bound_samples })
     }
 
     pub(super) fn is_closed(&self) -> bool {
@@ -488,7 +486,7 @@ mod tests {
     fn outputs(plan: &mut Plan, grid: &str) -> Vec<Vec<f64>> {
         plan.only(&[grid.to_owned()], &[]).unwrap();
         let record = |s: &Setting| s.record(plan.seed, 0).unwrap().from[0].take().unwrap();
-        Layout::new(plan).unwrap().settings.iter().map(|s| record(s).recordings[0].outputs[0].values.clone()).collect()
+        Layout::new(plan).unwrap().settings.iter().map(|s| record(s).recordings()[0].outputs[0].values.to_vec()).collect()
     }
 
     fn power(x: impl Iterator<Item = f64>) -> f64 {

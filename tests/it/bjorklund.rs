@@ -78,9 +78,9 @@ fn cell(name: &str, kind: usize, snr: f64, trials: u64) -> Vec<(&'static str, De
                 .into_par_iter()
                 .map(|seed| {
                     let y = sum(&clean, &white(SAMPLES, std_dev(&clean) / snr.sqrt(), 1000 + seed));
-                    let experiment = Experiment::siso(ts(1.0), centred(&u), centred(&y));
+                    let experiment = Experiment::siso(ts(1.0), centred(&u), centred(&y)).unwrap();
                     let search = Search { max_delay: 20, ..Search::default() };
-                    (system, estimator.estimate(&experiment, &search).unwrap().remove(0).estimate)
+                    (system, estimator.estimate(&experiment, &search).unwrap())
                 })
                 .collect();
             answers
@@ -132,9 +132,8 @@ fn window() -> Search {
 
 fn estimates(name: &str, options: &serde_json::Value, records: &[(Vec<f64>, Vec<f64>)]) -> Vec<DelayEstimate> {
     let estimator = method(name).unwrap().entry.with(options.clone()).unwrap();
-    let one = |(u, y): &(Vec<f64>, Vec<f64>)| {
-        estimator.estimate(&Experiment::siso(ts(1.0), u.clone(), y.clone()), &window()).unwrap().remove(0).estimate
-    };
+    let one =
+        |(u, y): &(Vec<f64>, Vec<f64>)| estimator.estimate(&Experiment::siso(ts(1.0), u.clone(), y.clone()).unwrap(), &window()).unwrap();
     records.par_iter().map(one).collect()
 }
 

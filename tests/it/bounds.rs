@@ -169,7 +169,7 @@ fn the_fit_of_two_poles_comes_near_the_bound() {
             .into_par_iter()
             .map(|seed| {
                 let y = sum(&slopes.response, &white(500, noise, 5000 + seed));
-                let e = answer(method("p2d").unwrap(), &Experiment::siso(ts(1.0), u.clone(), y), &Search::default());
+                let e = answer(method("p2d").unwrap(), &Experiment::siso(ts(1.0), u.clone(), y).unwrap(), &Search::default());
                 assert_eq!(e.outcome, Outcome::Found);
                 e.delay_s.unwrap() - 9.0
             })

@@ -14,7 +14,7 @@ fn found(record: &Record, condition: Condition) -> bool {
 }
 
 /// y = G u + noise with u = dither − k₀y(t) − k₁y(t − 1): share `level` of the loop's own motion is noise.
-fn closed_loop(a: [f64; 2], b: f64, k: [f64; 2], level: f64, seed: u64) -> Record {
+fn closed_loop(a: [f64; 2], b: f64, k: [f64; 2], level: f64, seed: u64) -> Record<'static> {
     let (dither, noise) = (rbs(N, 1.0, seed), white(N, level, seed + 500));
     let (mut y, mut u) = (vec![0.0; N], vec![0.0; N]);
     for t in 0..N {
@@ -82,7 +82,7 @@ fn feedback_that_matters_is_found() {
 
 #[test]
 fn unstable_plants_lags_colours_and_gaps_are_told_from_their_absence() {
-    let count = |record: &dyn Fn(u64) -> Record, condition| (0..SEEDS).filter(|s| found(&record(*s), condition)).count();
+    let count = |record: &dyn Fn(u64) -> Record<'static>, condition| (0..SEEDS).filter(|s| found(&record(*s), condition)).count();
     let copy = |seed: u64| {
         let u = rbs(N, 1.0, seed);
         let y = plants::delayed(&times(&u, 0.7), 5);
@@ -119,21 +119,17 @@ fn unstable_plants_lags_colours_and_gaps_are_told_from_their_absence() {
 
 #[test]
 fn inputs_that_move_together_are_named_and_independent_ones_are_not() {
-    let experiment = |left: Vec<f64>, right: Vec<f64>| Experiment {
-        sample_time: plants::ts(1.0),
-        inputs: vec!["left".into(), "right".into()],
-        outputs: vec!["y".into()],
-        recordings: vec![Recording { outputs: vec![left.clone().into()], inputs: vec![left, right], states: Vec::new() }],
-        model: None,
-        events: Vec::new(),
+    let experiment = |left: Vec<f64>, right: Vec<f64>| {
+        let recording = Recording { outputs: vec![left.clone().into()], inputs: vec![left.into(), right.into()], states: Vec::new() };
+        Experiment::new(plants::ts(1.0), vec!["left".into(), "right".into()], vec!["y".into()], vec![recording]).unwrap()
     };
-    let alone = (0..SEEDS).filter(|&s| moving_together(&experiment(rbs(N, 1.0, s), rbs(N, 1.0, 700 + s)), 0, 35).is_some()).count();
+    let alone = (0..SEEDS).filter(|&s| moving_together(&experiment(rbs(N, 1.0, s), rbs(N, 1.0, 700 + s)), 35).is_some()).count();
     // Every other sample follows, three samples later: a correlation of a half.
     let follows = |s: u64| -> Vec<f64> {
         let (left, own) = (rbs(N, 1.0, s), rbs(N, 1.0, 800 + s));
         plants::delayed(&left, 3).iter().zip(&own).enumerate().map(|(t, (l, o))| if t % 2 == 0 { *l } else { *o }).collect()
     };
-    let together = (0..SEEDS).filter_map(|s| moving_together(&experiment(rbs(N, 1.0, s), follows(s)), 0, 35)).collect::<Vec<_>>();
+    let together = (0..SEEDS).filter_map(|s| moving_together(&experiment(rbs(N, 1.0, s), follows(s)), 35)).collect::<Vec<_>>();
     assert!(alone == 0 && together.len() == SEEDS as usize, "{alone}, {}", together.len());
     assert!(together.iter().all(|f| f.condition == Condition::OtherInputs && f.evidence.contains("`right`")));
 }

@@ -1,9 +1,13 @@
 //! The laws that every registered estimator keeps, or says in its registry line that it does not, and why.
 
+use std::borrow::Cow;
+
 use crate::support::plants;
-use crate::support::plants::{ROUNDING_S, TS, delayed, process, rbs, respond, second_order, std_dev, sum, times, ts, white};
+use crate::support::plants::{
+    Measured, ROUNDING_S, TS, delayed, estimates, process, rbs, respond, second_order, std_dev, sum, times, ts, white,
+};
 use deadtime::delay::{
-    Condition, DelayError, Experiment, Law, METHODS, Method, Outcome, PairEstimate, PlantModel, Recording, Scope, Search, Suits,
+    Condition, DelayError, DelayEstimate, Events, Law, METHODS, Method, Outcome, PlantModel, Recording, Scope, Search, Suits,
 };
 use deadtime::model::{Sampled, StateSpace};
 use nalgebra::DMatrix;
@@ -14,27 +18,31 @@ const SAMPLES: usize = 600;
 const LAWS: [Law; 6] = [Law::Shift, Law::Gain, Law::Sign, Law::Exact, Law::Silence, Law::Window];
 
 /// A short record of what a method answered, complete to the bit.
-fn bits(answers: &[PairEstimate]) -> String {
+fn bits(answers: &[DelayEstimate]) -> String {
     format!("{answers:?}")
 }
 
-fn run(method: &Method, experiment: &Experiment) -> Vec<PairEstimate> {
-    method.entry.with(json!({})).unwrap().estimate(experiment, &Search::default()).unwrap()
+fn run(method: &Method, experiment: &Measured) -> Vec<DelayEstimate> {
+    estimated(method, experiment, &Search::default()).unwrap()
 }
 
-fn refused(method: &Method, experiment: &Experiment) -> DelayError {
-    match method.entry.with(json!({})).unwrap().estimate(experiment, &Search::default()) {
+fn estimated(method: &Method, experiment: &Measured, search: &Search) -> Result<Vec<DelayEstimate>, DelayError> {
+    estimates(method, method.entry.with(json!({})).unwrap().as_ref(), experiment, search)
+}
+
+fn refused(method: &Method, experiment: &Measured) -> DelayError {
+    match estimated(method, experiment, &Search::default()) {
         Err(e) => e,
         Ok(answers) => panic!("{} answers {answers:?}", method.entry.name),
     }
 }
 
 /// One input, one output with 1 % noise, four samples of dead time.
-fn pair() -> Experiment {
+fn pair() -> Measured {
     let u = rbs(SAMPLES, 1.0, 11);
     let y = second_order(&u, 0.4, [-1.3, 0.42], 4);
     let noise = white(SAMPLES, 0.01 * std_dev(&y), 12);
-    Experiment::siso(ts(TS), u, sum(&y, &noise))
+    Measured::siso(ts(TS), u, sum(&y, &noise))
 }
 
 /// Two inputs with dead times of 2 and 9 samples on three measured states.
@@ -46,19 +54,19 @@ fn two_inputs() -> (StateSpace<Sampled>, [usize; 2]) {
     (StateSpace::sampled(a, b, c, DMatrix::zeros(1, 2), ts(TS)).unwrap(), [2, 9])
 }
 
-fn states(delay: [usize; 2]) -> Experiment {
+fn states(delay: [usize; 2]) -> Measured {
     let plant = two_inputs().0;
     let inputs = vec![rbs(SAMPLES, 1.0, 21), rbs(SAMPLES, 1.0, 22)];
     let (y, x) = respond(&plant, &inputs, &delay);
     let noisy = |(x, seed): (&Vec<f64>, u64)| sum(x, &white(SAMPLES, 0.01 * std_dev(x), seed));
-    Experiment {
+    Measured {
         sample_time: ts(TS),
         inputs: vec!["left".into(), "right".into()],
         outputs: vec!["y".into()],
         recordings: vec![Recording {
-            inputs,
+            inputs: inputs.into_iter().map(Into::into).collect(),
             outputs: y.into_iter().map(Into::into).collect(),
-            states: x.iter().zip(30..).map(noisy).collect(),
+            states: x.iter().zip(30..).map(noisy).map(Into::into).collect(),
         }],
         model: Some(PlantModel::Sampled(plant)),
         events: Vec::new(),
@@ -66,30 +74,30 @@ fn states(delay: [usize; 2]) -> Experiment {
 }
 
 /// A plant without dynamics: the output is the input five samples later (four of dead time and one of the hold), with 1 % noise.
-fn copy(u: Vec<f64>) -> Experiment {
+fn copy(u: Vec<f64>) -> Measured {
     let y = times(&delayed(&u, 5), 0.7);
     let noise = white(u.len(), 0.01 * std_dev(&y), 13);
-    Experiment::siso(ts(TS), u, sum(&y, &noise))
+    Measured::siso(ts(TS), u, sum(&y, &noise))
 }
 
 /// A continuous plant of so many poles behind a hold, its time constants those of [`pair`]'s poles and a third, `slower` by a factor; four samples of dead time.
-fn continuous(u: Vec<f64>, (poles, zero): (usize, bool), slower: f64, noise_seed: u64) -> Experiment {
+fn continuous(u: Vec<f64>, (poles, zero): (usize, bool), slower: f64, noise_seed: u64) -> Measured {
     let lags: Vec<f64> = [2.8, 1.96, 1.2][..poles].iter().map(|samples| samples * slower * TS).collect();
     let y = process(&u, &lags, zero.then_some(0.7 * lags[0]), 4.0 * TS, TS);
     let noise = white(u.len(), 0.01 * std_dev(&y), noise_seed);
-    Experiment::siso(ts(TS), u, sum(&y, &noise))
+    Measured::siso(ts(TS), u, sum(&y, &noise))
 }
 
 /// Steps from rest and back, long enough for the plant to settle.
-fn steps() -> Experiment {
+fn steps() -> Measured {
     let u: Vec<f64> = (0..SAMPLES).map(|t| if (60..330).contains(&t) { 1.0 } else { 0.0 }).collect();
     let y = second_order(&u, 0.4, [-1.3, 0.42], 4);
     let noise = white(SAMPLES, 0.01 * std_dev(&y), 14);
-    Experiment::siso(ts(TS), u, sum(&y, &noise))
+    Measured::siso(ts(TS), u, sum(&y, &noise))
 }
 
 /// The experiment that suits a method; its dead time is four samples (but for the two of the states).
-fn suitable(method: &Method) -> Experiment {
+fn suitable(method: &Method) -> Measured {
     match method.suits {
         Suits::Plant => pair(),
         Suits::Process { poles, zero } => continuous(rbs(SAMPLES, 1.0, 17), (poles, zero), 1.0, 18),
@@ -103,7 +111,7 @@ fn suitable(method: &Method) -> Experiment {
 }
 
 /// Events at random intervals of half a second to a second and a half, seen four sample times later at the second place, to 1 % of a sample time.
-fn events() -> Experiment {
+fn events() -> Measured {
     let mut time = 5.0;
     let first: Vec<f64> = (rbs(SAMPLES, 0.1, 17).iter().zip(white(SAMPLES, 0.1, 18)))
         .map(|(a, b)| {
@@ -112,11 +120,12 @@ fn events() -> Experiment {
         })
         .collect();
     let second = (first.iter().zip(white(SAMPLES, 0.01 * TS, 19))).map(|(t, jitter)| t + 4.0 * TS + jitter).collect();
-    Experiment { outputs: vec!["y".into()], ..Experiment::of_events(ts(TS), first, second) }
+    let events = vec![Events { first, second, ..Events::default() }];
+    Measured { outputs: vec!["y".into()], ..Measured::of_events(ts(TS), events) }
 }
 
 /// The same experiment with its output `k` samples later.
-fn later(method: &Method, k: usize) -> Experiment {
+fn later(method: &Method, k: usize) -> Measured {
     match method.scope {
         Scope::Events => change(suitable(method), same, |times| times.iter().map(|t| t + k as f64 * TS).collect()),
         Scope::Pair | Scope::States => change(suitable(method), same, |y| delayed(y, k)),
@@ -128,10 +137,10 @@ fn tolerance_s(method: &Method) -> f64 {
     method.tolerance * TS
 }
 
-fn change(mut experiment: Experiment, input: impl Fn(&[f64]) -> Vec<f64>, output: impl Fn(&[f64]) -> Vec<f64>) -> Experiment {
+fn change(mut experiment: Measured, input: impl Fn(&[f64]) -> Vec<f64>, output: impl Fn(&[f64]) -> Vec<f64>) -> Measured {
     for recording in &mut experiment.recordings {
-        recording.inputs.iter_mut().for_each(|u| *u = input(u));
-        recording.outputs.iter_mut().for_each(|y| y.values = output(&y.values));
+        recording.inputs.iter_mut().for_each(|u| *u = input(u).into());
+        recording.outputs.iter_mut().for_each(|y| y.values = output(&y.values).into());
     }
     for events in &mut experiment.events {
         (events.first, events.second) = (input(&events.first), output(&events.second));
@@ -143,10 +152,10 @@ fn same(x: &[f64]) -> Vec<f64> {
     x.to_vec()
 }
 
-fn delays_s(answers: &[PairEstimate], what: &str) -> Vec<f64> {
-    let found = |a: &PairEstimate| {
-        assert_eq!(a.estimate.outcome, Outcome::Found, "{what}: {a:?}");
-        a.estimate.delay_s.unwrap()
+fn delays_s(answers: &[DelayEstimate], what: &str) -> Vec<f64> {
+    let found = |a: &DelayEstimate| {
+        assert_eq!(a.outcome, Outcome::Found, "{what}: {a:?}");
+        a.delay_s.unwrap()
     };
     answers.iter().map(found).collect()
 }
@@ -179,7 +188,7 @@ fn every_method_finds_the_dead_time_of_its_suitable_experiment() {
         let answers = run(method, &suitable(method));
         let found = delays_s(&answers, method.entry.name);
         for ((a, got), want) in answers.iter().zip(&found).zip(&expected) {
-            let [from, to] = a.estimate.ci95_s.unwrap();
+            let [from, to] = a.ci95_s.unwrap();
             // An honest interval misses one record in twenty, as this one may be; twice as wide it misses hardly any. Its rate is tested over many records.
             let more = 1e-9 + 0.5 * (to - from);
             assert!(
@@ -209,7 +218,7 @@ fn delaying_the_plants_input_moves_a_state_methods_answer_for_that_input_alone()
         let [left, right] = two_inputs().1;
         for (a, b) in [(0, 0), (0, right), (left, 0), (left + 5, right), (left, right + 20), (30, 3), (7, 7)] {
             let answers = run(method, &states([a, b]));
-            assert_eq!(answers.iter().map(|e| (e.input, e.output)).collect::<Vec<_>>(), [(0, None), (1, None)]);
+            assert_eq!(answers.len(), 2);
             let found = delays_s(&answers, method.entry.name);
             assert_close(&found, &[a as f64 * TS, b as f64 * TS], tolerance_s(method), &format!("{} with {a} and {b}", method.entry.name));
         }
@@ -223,7 +232,8 @@ fn a_state_method_is_exact_on_noise_free_states() {
             let (plant, _) = two_inputs();
             let mut experiment = states(delay);
             let recording = &mut experiment.recordings[0];
-            recording.states = respond(&plant, &recording.inputs, &delay).1;
+            let inputs: Vec<Vec<f64>> = recording.inputs.iter().map(|u| u.to_vec()).collect();
+            recording.states = respond(&plant, &inputs, &delay).1.into_iter().map(Into::into).collect();
             delays_s(&run(method, &experiment), method.entry.name)
         };
         for (a, b) in [(2, 9), (0, 1), (34, 0), (17, 33)] {
@@ -241,7 +251,7 @@ fn a_gain_on_input_or_output_changes_nothing() {
             let what = format!("{} with u × {on_u}, y × {on_y}", method.entry.name);
             assert_close(&delays_s(&scaled, &what), &delays_s(&plain, &what), ROUNDING_S.max(1e-3 * tolerance_s(method)), &what);
             for (a, b) in scaled.iter().zip(&plain) {
-                let relative = a.estimate.std_s.unwrap() / b.estimate.std_s.unwrap() - 1.0;
+                let relative = a.std_s.unwrap() / b.std_s.unwrap() - 1.0;
                 assert!(relative.abs() < 1e-6, "{what}: the uncertainty too: {a:?} {b:?}");
             }
         }
@@ -253,7 +263,7 @@ fn a_power_of_two_as_gain_changes_no_bit() {
     for method in METHODS.iter().filter(|m| m.promises(Law::Gain)) {
         let plain = run(method, &suitable(method));
         let scaled = run(method, &change(suitable(method), |u| times(u, 2.0_f64.powi(-20)), |y| times(y, 2.0_f64.powi(13))));
-        let delays = |answers: &[PairEstimate]| answers.iter().map(|a| a.estimate.delay_s.unwrap().to_bits()).collect::<Vec<_>>();
+        let delays = |answers: &[DelayEstimate]| answers.iter().map(|a| a.delay_s.unwrap().to_bits()).collect::<Vec<_>>();
         assert_eq!(delays(&plain), delays(&scaled), "{}", method.entry.name);
     }
 }
@@ -278,7 +288,7 @@ fn what_state_least_squares_is_exempt_from_it_indeed_does_not_do() {
     assert_eq!(bits(&plain), bits(&later), "it does not look at outputs");
     for gain in [-1.0, 4.0] {
         let scaled = run(method, &change(suitable(method), |u| times(u, gain), same));
-        assert!(scaled.iter().all(|a| a.estimate.outcome != Outcome::Found), "u × {gain}: A and B no longer describe the data: {scaled:?}");
+        assert!(scaled.iter().all(|a| a.outcome != Outcome::Found), "u × {gain}: A and B no longer describe the data: {scaled:?}");
     }
 }
 
@@ -297,10 +307,10 @@ fn the_same_samples_at_another_sample_time_scale_the_answer() {
             for (a, b) in scaled.iter().zip(&plain) {
                 let what = format!("{} every {seconds} s", method.entry.name);
                 let per_sample = |v: Option<f64>, ts_s: f64| v.unwrap() / ts_s;
-                for (x, y) in [(a.estimate.delay_s, b.estimate.delay_s), (a.estimate.std_s, b.estimate.std_s)] {
+                for (x, y) in [(a.delay_s, b.delay_s), (a.std_s, b.std_s)] {
                     assert!((per_sample(x, seconds) - per_sample(y, TS)).abs() < 1e-9, "{what}: {a:?} {b:?}");
                 }
-                let (x, y) = (a.estimate.ci95_s.unwrap(), b.estimate.ci95_s.unwrap());
+                let (x, y) = (a.ci95_s.unwrap(), b.ci95_s.unwrap());
                 assert_close(&x.map(|v| v / seconds), &y.map(|v| v / TS), 1e-9, &what);
             }
         }
@@ -325,10 +335,11 @@ fn an_estimator_keeps_nothing_from_one_experiment_to_the_next() {
     for method in METHODS {
         let estimator = method.entry.with(json!({})).unwrap();
         let search = Search::default();
-        let fresh = bits(&estimator.estimate(&suitable(method), &search).unwrap());
+        let answers = |of: &Measured| estimates(method, estimator.as_ref(), of, &search);
+        let fresh = bits(&answers(&suitable(method)).unwrap());
         let other = change(suitable(method), |u| times(u, 0.3), |y| delayed(y, 2));
-        drop(estimator.estimate(&other, &search));
-        assert_eq!(fresh, bits(&estimator.estimate(&suitable(method), &search).unwrap()), "{}", method.entry.name);
+        drop(answers(&other));
+        assert_eq!(fresh, bits(&answers(&suitable(method)).unwrap()), "{}", method.entry.name);
     }
 }
 
@@ -343,7 +354,7 @@ fn a_record_that_is_too_short_is_refused_with_the_length_it_needs() {
             .map_or(0, |u| u.iter().position(|v| *v != u[0]).unwrap_or(0));
         let cut = |samples: usize| {
             let mut experiment = suitable(method);
-            let part = |c: &mut Vec<f64>| *c = c.iter().skip(first.saturating_sub(4)).take(samples).copied().collect();
+            let part = |c: &mut Cow<'static, [f64]>| *c = c.iter().skip(first.saturating_sub(4)).take(samples).copied().collect();
             for recording in &mut experiment.recordings {
                 recording.inputs.iter_mut().chain(&mut recording.states).for_each(part);
                 recording.outputs.iter_mut().for_each(|c| part(&mut c.values));
@@ -361,7 +372,7 @@ fn a_record_that_is_too_short_is_refused_with_the_length_it_needs() {
             panic!("{}: another error than TooShort", method.entry.name)
         };
         assert_eq!((again, got), (needed, needed - 1), "{}", method.entry.name);
-        let taken = method.entry.with(json!({})).unwrap().estimate(&cut(needed), &Search::default());
+        let taken = estimated(method, &cut(needed), &Search::default());
         assert!(taken.is_ok(), "{} refuses {needed} samples: {taken:?}", method.entry.name);
     }
 }
@@ -375,7 +386,7 @@ fn an_empty_record_or_none_at_all_is_refused() {
         assert!(matches!(refused(method, &experiment), DelayError::Count { .. }), "{}", method.entry.name);
         let empty = change(suitable(method), |_| Vec::new(), |_| Vec::new());
         let mut empty_too = empty;
-        empty_too.recordings.iter_mut().for_each(|r| r.states.iter_mut().for_each(Vec::clear));
+        empty_too.recordings.iter_mut().for_each(|r| r.states.iter_mut().for_each(|x| x.to_mut().clear()));
         let refusal = refused(method, &empty_too);
         assert!(
             matches!(refusal, DelayError::Count { .. } | DelayError::Constant { .. } | DelayError::TooShort { .. }),
@@ -417,7 +428,7 @@ fn a_sample_that_is_no_number_is_refused_with_its_place() {
             if method.scope == Scope::States {
                 let mut experiment = suitable(method);
                 let spoiled = spoil(&experiment.recordings[0].states[1], bad);
-                experiment.recordings[0].states[1] = spoiled;
+                experiment.recordings[0].states[1] = spoiled.into();
                 place(refused(method, &experiment), "state");
             }
         }
@@ -440,10 +451,10 @@ fn what_stands_at_a_missing_output_sample_is_not_looked_at() {
             let mut experiment = suitable(method);
             let series = &mut experiment.recordings[0].outputs[0];
             let present: Vec<bool> = (0..SAMPLES).map(|t| t % 29 != 3).collect();
-            for (value, there) in series.values.iter_mut().zip(&present) {
+            for (value, there) in series.values.to_mut().iter_mut().zip(&present) {
                 *value = if *there { *value } else { filler };
             }
-            series.present = Some(present);
+            series.present = Some(present.into());
             run(method, &experiment)
         };
         assert_eq!(bits(&with(0.0)), bits(&with(1e12)), "{}", method.entry.name);
@@ -451,7 +462,7 @@ fn what_stands_at_a_missing_output_sample_is_not_looked_at() {
         if method.withstands(Condition::MissingOutputs) {
             assert_close(&delays_s(&with(0.0), method.entry.name), &[4.0 * TS], tolerance_s(method), method.entry.name);
         } else {
-            let estimate = &with(0.0)[0].estimate;
+            let estimate = &with(0.0)[0];
             assert_eq!(estimate.outcome, Outcome::NotApplicable, "{}: {estimate:?}", method.entry.name);
             assert!(estimate.note.as_ref().is_some_and(|n| n.contains("missing")), "{}: {estimate:?}", method.entry.name);
         }
@@ -460,10 +471,10 @@ fn what_stands_at_a_missing_output_sample_is_not_looked_at() {
 
 #[test]
 fn an_answer_has_a_delay_when_its_outcome_says_so_and_its_interval_holds_it() {
-    let nothing = Experiment::siso(ts(TS), rbs(SAMPLES, 1.0, 1), white(SAMPLES, 1.0, 2));
+    let nothing = Measured::siso(ts(TS), rbs(SAMPLES, 1.0, 1), white(SAMPLES, 1.0, 2));
     let mut step = vec![0.0; SAMPLES];
     step[SAMPLES - 3..].fill(1.0);
-    let poor = Experiment::siso(ts(TS), step.clone(), second_order(&step, 0.4, [-1.3, 0.42], 1));
+    let poor = Measured::siso(ts(TS), step.clone(), second_order(&step, 0.4, [-1.3, 0.42], 1));
     let far = change(pair(), same, |y| delayed(y, 31));
     for method in METHODS {
         let experiments = match method.scope {
@@ -473,7 +484,7 @@ fn an_answer_has_a_delay_when_its_outcome_says_so_and_its_interval_holds_it() {
         };
         for experiment in experiments {
             for a in run(method, &experiment) {
-                let (e, what) = (&a.estimate, format!("{}: {a:?}", method.entry.name));
+                let (e, what) = (&a, format!("{}: {a:?}", method.entry.name));
                 assert_eq!(e.delay_s.is_some(), e.outcome.has_delay(), "{what}");
                 assert_eq!(e.std_s.is_some(), e.outcome.has_delay(), "{what}");
                 assert_eq!(e.ci95_s.is_some(), e.outcome.has_delay(), "{what}");
@@ -492,8 +503,8 @@ fn an_answer_has_a_delay_when_its_outcome_says_so_and_its_interval_holds_it() {
 fn noise_alone_is_not_taken_for_a_response() {
     for method in METHODS.iter().filter(|m| m.scope == Scope::Pair && m.promises(Law::Silence)) {
         let fooled = (0..100_u64).into_par_iter().filter(|seed| {
-            let nothing = Experiment::siso(ts(TS), rbs(400, 1.0, 2 * seed), white(400, 1.0, 2 * seed + 1));
-            run(method, &nothing)[0].estimate.outcome == Outcome::Found
+            let nothing = Measured::siso(ts(TS), rbs(400, 1.0, 2 * seed), white(400, 1.0, 2 * seed + 1));
+            run(method, &nothing)[0].outcome == Outcome::Found
         });
         let fooled = fooled.count();
         println!("{}: a delay in noise alone in {fooled} of 100 records", method.entry.name);
@@ -513,7 +524,7 @@ fn slow_noise_alone_is_seldom_taken_for_a_response() {
                 for t in 1..400 {
                     y[t] += 0.9 * y[t - 1];
                 }
-                run(method, &Experiment::siso(ts(TS), u, y))[0].estimate.outcome == Outcome::Found
+                run(method, &Measured::siso(ts(TS), u, y))[0].outcome == Outcome::Found
             });
             let fooled = fooled.count();
             println!("{name}, input band {band:?}: a delay in slow noise alone in {fooled} of 60 records");
@@ -528,7 +539,7 @@ fn beyond_the_window_the_answer_is_at_the_edge_and_the_window_doubles_once() {
         let search = Search { max_delay: 12, ..Search::default() };
         let at = |k: usize| {
             let later = change(suitable(method), same, |y| delayed(y, k));
-            method.entry.with(json!({})).unwrap().estimate(&later, &search).unwrap()[0].estimate.clone()
+            estimated(method, &later, &search).unwrap().remove(0)
         };
         // 4 + 7 samples and one of the hold: the longest delay of the window, found in the doubled one.
         let found = at(7);
@@ -539,7 +550,7 @@ fn beyond_the_window_the_answer_is_at_the_edge_and_the_window_doubles_once() {
 }
 
 /// Four samples of dead time under one complication; the seed draws input and noise.
-fn complicated(condition: Condition, method: &Method, seed: u64) -> Option<Experiment> {
+fn complicated(condition: Condition, method: &Method, seed: u64) -> Option<Measured> {
     let n = 800;
     let noise = white(n, 1.0, 7000 + seed);
     let u = rbs(n, 1.0, 8000 + seed);
@@ -551,7 +562,7 @@ fn complicated(condition: Condition, method: &Method, seed: u64) -> Option<Exper
             y[t] = b * past(&v, 5) - a[0] * past(&y, 1) - a[1] * past(&y, 2) + level * noise[t];
             v[t] = u[t] - k[0] * y[t] - k[1] * past(&y, 1);
         }
-        Experiment::siso(ts(TS), v, y)
+        Measured::siso(ts(TS), v, y)
     };
     Some(match condition {
         // z = 1.02 and 0.5, held by feedback: the poles of the loop are at most 0.93.
@@ -560,7 +571,7 @@ fn complicated(condition: Condition, method: &Method, seed: u64) -> Option<Exper
         Condition::Feedback => loops([-0.85, 0.0], 0.1, [1.2, -0.6], 0.1),
         Condition::ColouredNoise => {
             let plain = suitable(method);
-            let y = plain.recordings[0].outputs[0].values.clone();
+            let y = plain.recordings[0].outputs[0].values.to_vec();
             let mut slow = white(y.len(), 0.03 * std_dev(&y), 9000 + seed);
             for t in 1..slow.len() {
                 slow[t] += 0.9 * slow[t - 1];
@@ -572,7 +583,7 @@ fn complicated(condition: Condition, method: &Method, seed: u64) -> Option<Exper
         Condition::Dynamics => {
             let y = second_order(&u, 0.1, [-1.7, 0.72], 4);
             let y = sum(&y, &times(&noise, 0.01 * std_dev(&y)));
-            Experiment::siso(ts(TS), u, y)
+            Measured::siso(ts(TS), u, y)
         }
         // Has a test of its own.
         Condition::MissingOutputs | Condition::OtherInputs => return None,
@@ -590,7 +601,7 @@ fn what_a_method_claims_to_withstand_leaves_the_truth_inside_its_interval() {
                     // The controllers answer within the sample, the plants do not.
                     let in_loop = matches!(condition, Condition::UnstablePlant | Condition::Feedback);
                     let search = Search { min_delay: usize::from(in_loop), ..Search::default() };
-                    let estimate = method.entry.with(json!({})).unwrap().estimate(&experiment, &search).unwrap().remove(0).estimate;
+                    let estimate = estimated(method, &experiment, &search).unwrap().remove(0);
                     let [from, to] = estimate.ci95_s.unwrap_or([f64::NAN; 2]);
                     Some(estimate.outcome == Outcome::Found && from <= 4.0 * TS + ROUNDING_S && 4.0 * TS <= to + ROUNDING_S)
                 })
@@ -614,10 +625,15 @@ fn options_survive_the_way_through_json() {
         let read: Value = serde_json::from_str(&text).unwrap();
         assert_eq!(read, defaults);
         let built = method.entry.with(read).unwrap();
-        assert_eq!(plain, bits(&built.estimate(&experiment, &Search::default()).unwrap()), "{}", method.entry.name);
+        assert_eq!(plain, bits(&estimates(method, built.as_ref(), &experiment, &Search::default()).unwrap()), "{}", method.entry.name);
         for (key, value) in object {
             let one = method.entry.with(json!({ key: value })).unwrap();
-            assert_eq!(plain, bits(&one.estimate(&experiment, &Search::default()).unwrap()), "{} {key}", method.entry.name);
+            assert_eq!(
+                plain,
+                bits(&estimates(method, one.as_ref(), &experiment, &Search::default()).unwrap()),
+                "{} {key}",
+                method.entry.name
+            );
             let wrong = method.entry.with(json!({ key: { "no": "such" } })).err();
             assert!(wrong.is_some_and(|e| e.to_string().contains(method.entry.name)), "{} takes nonsense for {key}", method.entry.name);
         }

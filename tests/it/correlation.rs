@@ -2,7 +2,7 @@
 
 use crate::support::plants;
 use crate::support::plants::{TS, answer, std_dev, sum, times, ts, white};
-use deadtime::delay::{Class, DelayEstimate, Experiment, Method, Outcome, Recording, Search, method};
+use deadtime::delay::{Class, DelayEstimate, Events, Experiment, Method, Outcome, Recording, Search, method};
 use deadtime::signal::fractional_delay;
 use proptest::prelude::*;
 use rayon::prelude::*;
@@ -42,7 +42,7 @@ fn sensors(source: Source, samples: usize, delay: f64, snr: f64, seed: u64) -> (
 }
 
 fn run(method: &Method, u: Vec<f64>, y: Vec<f64>) -> DelayEstimate {
-    answer(method, &Experiment::siso(ts(TS), u, y), &search())
+    answer(method, &Experiment::siso(ts(TS), u, y).unwrap(), &search())
 }
 
 /// Standard deviation that theory gives weights ψ(S, N), samples: of the best unbiased estimate where they are maximum likelihood's.
@@ -217,9 +217,9 @@ fn several_recordings_are_all_used() {
         let parts: Vec<(Vec<f64>, Vec<f64>)> = (0..16).map(|seed| sensors(Source::White, 300, 6.4, 4.0, 70 + seed)).collect();
         let one = run(the(name), parts[0].0.clone(), parts[0].1.clone());
         assert_eq!(one.outcome, Outcome::Found, "{name}: {one:?}");
-        let mut all = Experiment::siso(ts(TS), Vec::new(), Vec::new());
-        all.recordings =
-            parts.into_iter().map(|(u, y)| Recording { inputs: vec![u], outputs: vec![y.into()], states: Vec::new() }).collect();
+        let recordings =
+            parts.into_iter().map(|(u, y)| Recording { inputs: vec![u.into()], outputs: vec![y.into()], states: Vec::new() }).collect();
+        let all = Experiment::new(ts(TS), vec!["u".into()], vec!["y".into()], recordings).unwrap();
         let all = answer(the(name), &all, &search());
         let (narrow, wide) = (all.std_s.unwrap(), one.std_s.unwrap());
         println!("{name}: std {:.4} from one record, {:.4} from sixteen", wide / TS, narrow / TS);
@@ -264,11 +264,11 @@ proptest! {
             y = plants::delayed(&u, 3);
         }
         let times = |x: &[f64]| x.iter().scan(0.0, |t, v| { *t += v.abs().min(10.0) + 1e-3; Some(*t) }).collect::<Vec<f64>>();
-        let events = Experiment::of_events(ts(TS), times(&u), times(&y));
-        let mut samples = Experiment::siso(ts(TS), u.clone(), y.clone());
+        let events = plants::Measured::of_events(ts(TS), vec![Events { first: times(&u), second: times(&y), ..Events::default() }]);
+        let mut samples = plants::Measured::siso(ts(TS), u.clone(), y.clone());
         // A second recording of another length.
         let part = u.len() / 3;
-        samples.recordings.push(Recording { inputs: vec![u[..part].to_vec()], outputs: vec![y[..part].to_vec().into()], states: Vec::new() });
+        samples.recordings.push(Recording { inputs: vec![u[..part].to_vec().into()], outputs: vec![y[..part].to_vec().into()], states: Vec::new() });
         for m in deadtime::delay::METHODS {
             let (experiment, options) = match m.class {
                 Class::Correlation | Class::Frequency => (&samples, serde_json::json!({ "segment": segment })),
@@ -278,9 +278,8 @@ proptest! {
             };
             let Ok(estimator) = m.entry.with(options) else { continue };
             let search = Search { max_delay, ..Search::default() };
-            let Ok(answers) = estimator.estimate(experiment, &search) else { continue };
-            for a in answers {
-                let e = a.estimate;
+            let Ok(answers) = plants::estimates(m, estimator.as_ref(), experiment, &search) else { continue };
+            for e in answers {
                 let numbers = [e.delay_s, e.std_s, e.raw_delay_s].into_iter().flatten().chain(e.ci95_s.into_iter().flatten());
                 for v in numbers {
                     prop_assert!(v.is_finite(), "{}: {:?}", m.entry.name, e.note);
@@ -295,7 +294,7 @@ proptest! {
 fn run_times() {
     for samples in [500, 5000, 1_000_000] {
         let (u, y) = sensors(Source::White, samples, 7.25, 10.0, 3);
-        let experiment = Experiment::siso(ts(TS), u, y);
+        let experiment = Experiment::siso(ts(TS), u, y).unwrap();
         for name in TWO_SENSORS.into_iter().chain(["bispectrum"]) {
             let Some(m) = method(name) else { continue };
             let runs = if samples > 100_000 { 1 } else { 50 };
@@ -315,8 +314,8 @@ fn run_times() {
             })
             .collect();
         let drifting = first.iter().zip(white(samples, 0.01, 5)).map(|(t, j)| t + 3.0 + 1e-7 * t + j).collect();
-        let events = Experiment::of_events(ts(1.0), first, drifting);
-        let copy = Experiment::siso(ts(TS), skewed.clone(), sum(&plants::delayed(&skewed, 7), &white(samples, 0.1, 6)));
+        let events = Experiment::of_events(ts(1.0), ["a", "b"], vec![Events { first, second: drifting, ..Events::default() }]).unwrap();
+        let copy = Experiment::siso(ts(TS), skewed.clone(), sum(&plants::delayed(&skewed, 7), &white(samples, 0.1, 6))).unwrap();
         for m in deadtime::delay::METHODS.iter().filter(|m| [Class::HigherOrder, Class::Events].contains(&m.class)) {
             let clock = std::time::Instant::now();
             let e = answer(m, if m.class == Class::Events { &events } else { &copy }, &search());

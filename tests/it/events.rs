@@ -7,6 +7,10 @@ use deadtime::delay::DelayEstimator;
 use deadtime::delay::{DelayError, DelayEstimate, EventCorrelation, Events, Experiment, METHODS, Method, Outcome, Scope, Search, Units};
 use rand::RngExt;
 
+fn between(events: Vec<Events>) -> Result<Experiment<'static>, DelayError> {
+    Experiment::of_events(ts(1.0), ["a", "b"], events)
+}
+
 fn methods() -> impl Iterator<Item = &'static Method> {
     METHODS.iter().filter(|m| m.scope == Scope::Events)
 }
@@ -28,7 +32,8 @@ fn shifted(times: &[f64], delay: f64, jitter: f64, seed: u64) -> Vec<f64> {
 }
 
 fn run(method: &Method, first: Vec<f64>, second: Vec<f64>) -> DelayEstimate {
-    answer(method, &Experiment::of_events(ts(1.0), first, second), &Search { max_delay: 10, ..Search::default() })
+    let events = vec![Events { first, second, ..Events::default() }];
+    answer(method, &between(events).unwrap(), &Search { max_delay: 10, ..Search::default() })
 }
 
 #[test]
@@ -140,9 +145,7 @@ fn several_recordings_are_all_used() {
             })
             .collect();
         let one = run(method, parts[0].first.clone(), parts[0].second.clone());
-        let mut all = Experiment::of_events(ts(1.0), Vec::new(), Vec::new());
-        all.events = parts;
-        let all = answer(method, &all, &Search { max_delay: 10, ..Search::default() });
+        let all = answer(method, &between(parts).unwrap(), &Search { max_delay: 10, ..Search::default() });
         assert!(all.std_s.unwrap() < 0.5 * one.std_s.unwrap(), "{}: {all:?} {one:?}", method.entry.name);
         assert!((all.delay_s.unwrap() - 2.2).abs() < 4.0 * all.std_s.unwrap(), "{}: {all:?}", method.entry.name);
     }
@@ -152,12 +155,10 @@ fn several_recordings_are_all_used() {
 fn different_units_are_refused_or_standardised_when_told_so() {
     let first = times(200, 8);
     let second: Vec<f64> = shifted(&first, 1.7, 0.005, 9).iter().map(|t| 1000.0 * t).collect();
-    let mut experiment = Experiment::of_events(ts(1.0), first, second);
-    experiment.events[0].units = [Some("s".into()), Some("ms".into())];
+    let experiment = between(vec![Events { first, second, units: [Some("s".into()), Some("ms".into())] }]).unwrap();
     let refusal = EventCorrelation::default().estimate(&experiment, &Search::default()).unwrap_err();
     assert_eq!(refusal, DelayError::Units { first: "s".into(), second: "ms".into() });
-    let answers = EventCorrelation { units: Units::Standardise }.estimate(&experiment, &Search::default()).unwrap();
-    let e = &answers[0].estimate;
+    let e = EventCorrelation { units: Units::Standardise }.estimate(&experiment, &Search::default()).unwrap();
     let [from, to] = e.ci95_s.unwrap();
     assert!((e.delay_s.unwrap() - 1.7).abs() < 0.02 && from <= 1.7 && 1.7 <= to, "{e:?}");
 }
@@ -166,7 +167,7 @@ fn different_units_are_refused_or_standardised_when_told_so() {
 fn events_that_run_back_are_refused_by_their_number() {
     let mut first = times(30, 1);
     first.swap(10, 11);
-    let refusal = EventCorrelation::default().estimate(&Experiment::of_events(ts(1.0), first, times(30, 2)), &Search::default());
+    let refusal = between(vec![Events { first, second: times(30, 2), ..Events::default() }]);
     assert!(matches!(refusal, Err(DelayError::EventOrder { ref channel, event: 11, .. }) if channel == "a"), "{refusal:?}");
 }
 

@@ -16,6 +16,7 @@ use deadtime::simulate::{Hold, Options, Prehistory, lsim, lsim_sampled, lsim_une
 use deadtime::time::SampleTime;
 use nalgebra::{Complex, DMatrix};
 use serde_json::Value;
+use std::borrow::Cow;
 
 /// The model that a case names, by `key` in `models`.
 fn plant(file: &Value, models: &str, key: &str, name: &str) -> StateSpace<Continuous> {
@@ -374,7 +375,7 @@ fn the_realisations_of_the_regulator_cases_are_ours() {
     c.finish();
 }
 
-fn record(file: &Value) -> [Record; 1] {
+fn record(file: &Value) -> [Record<'static>; 1] {
     [Record::new(list(&file["u"]), list(&file["y"]))]
 }
 
@@ -464,16 +465,13 @@ fn state_least_squares_coefficients_agree_with_numpy() {
     let (a, b, u, x) = (matrix(&expected["A"]), matrix(&expected["B"]), matrix(&expected["u"]), matrix(&expected["x"]));
     let (n, m) = b.shape();
     let ts = SampleTime::new(1.0).unwrap();
-    let columns = |m: &DMatrix<f64>| m.column_iter().map(|c| c.iter().copied().collect::<Vec<f64>>()).collect::<Vec<_>>();
+    let columns =
+        |m: &DMatrix<f64>| m.column_iter().map(|c| c.iter().copied().collect::<Vec<f64>>().into()).collect::<Vec<Cow<'static, [f64]>>>();
     let states = columns(&x);
-    let experiment = Experiment {
-        sample_time: ts,
-        inputs: (0..m).map(|j| format!("u{j}")).collect(),
-        outputs: vec!["x0".into()],
-        recordings: vec![Recording { inputs: columns(&u), outputs: vec![states[0].clone().into()], states }],
-        model: Some(PlantModel::Sampled(StateSpace::sampled(a, b, DMatrix::identity(n, n), DMatrix::zeros(n, m), ts).unwrap())),
-        events: Vec::new(),
-    };
+    let recording = Recording { inputs: columns(&u), outputs: vec![states[0].clone().into()], states };
+    let inputs = (0..m).map(|j| format!("u{j}")).collect();
+    let plant = StateSpace::sampled(a, b, DMatrix::identity(n, n), DMatrix::zeros(n, m), ts).unwrap();
+    let experiment = Experiment::new(ts, inputs, vec!["x0".into()], vec![recording]).unwrap().with_model(PlantModel::Sampled(plant));
     let lags = count(expected, "lags");
     let found = StateLeastSquares::default().coefficients(&experiment, lags - 1).unwrap();
     assert_eq!(found.rows, count(expected, "rows"));

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 fn run(name: &str, u: &[f64], y: &[f64]) -> DelayEstimate {
     let search = Search { default_bias: 0, ..Search::default() };
-    answer(method(name).unwrap(), &Experiment::siso(ts(TS), u.to_vec(), y.to_vec()), &search)
+    answer(method(name).unwrap(), &Experiment::siso(ts(TS), u.to_vec(), y.to_vec()).unwrap(), &search)
 }
 
 /// Independent numbers as skewed as squares of normal ones, of variance 1.

@@ -20,7 +20,7 @@ fn white(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
 }
 
 fn one(estimator: &dyn DelayEstimator, experiment: &Experiment, search: &Search) -> DelayEstimate {
-    estimator.estimate(experiment, search).unwrap().remove(0).estimate
+    estimator.estimate(experiment, search).unwrap()
 }
 
 /// Share of records of pure noise in which the threshold is crossed.
@@ -31,7 +31,7 @@ fn false_alarms(threshold: Threshold) -> f64 {
         .filter(|&seed| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let (u, y) = (white(500, &mut rng), white(500, &mut rng));
-            one(&threshold, &Experiment::siso(ts(), u, y), &search).outcome != Outcome::NotVisible
+            one(&threshold, &Experiment::siso(ts(), u, y).unwrap(), &search).outcome != Outcome::NotVisible
         })
         .count();
     crossed as f64 / records as f64
@@ -58,28 +58,27 @@ fn averaging_over_records_finds_what_one_record_hides() {
             y[t] = 0.5 * y[t - 1] + u[t - 6];
         }
         Recording {
-            inputs: vec![u],
+            inputs: vec![u.into()],
             outputs: vec![Series::from(add_noise(&y, 0.1, &NoiseColour::White, rng).unwrap())],
             states: Vec::new(),
         }
     };
-    let mut experiment = Experiment::siso(ts(), Vec::new(), Vec::new());
-    experiment.recordings = (0..30).map(|_| record(&mut rng)).collect();
+    let recordings: Vec<_> = (0..30).map(|_| record(&mut rng)).collect();
+    let of = |recordings: &[Recording<'static>]| Experiment::new(ts(), vec!["u".into()], vec!["y".into()], recordings.to_vec()).unwrap();
     let search = Search::default();
     for records in [Records::Joint, Records::Averaged] {
         // The mean of thirty standard deviations stays one record's, so the averaged threshold is a higher bar for the same response.
         let threshold = Threshold { records, h_std: if records == Records::Averaged { 1.5 } else { 5.0 }, ..Threshold::default() };
-        let answer = one(&threshold, &experiment, &search);
+        let answer = one(&threshold, &of(&recordings), &search);
         assert_eq!((answer.outcome, answer.delay_s), (Outcome::Found, Some(5.0)), "{records:?}");
-        let mut first = experiment.clone();
-        first.recordings.truncate(1);
+        let first = of(&recordings[..1]);
         let alone = one(&Threshold { records, ..Threshold::default() }, &first, &search);
         assert_eq!(alone.outcome, Outcome::NotVisible, "{records:?}");
     }
 }
 
 /// Two inputs, delayed by 2 and 9 samples, and three states with noise on each.
-fn two_inputs(noise: f64) -> Experiment {
+fn two_inputs(noise: f64) -> Experiment<'static> {
     let mut rng = ChaCha8Rng::seed_from_u64(21);
     let a = DMatrix::from_row_slice(3, 3, &[0.8, 0.1, 0.0, -0.2, 0.7, 0.1, 0.0, 0.1, 0.6]);
     let b = DMatrix::from_row_slice(3, 2, &[1.0, 0.2, 0.0, 1.0, 0.5, -0.3]);
@@ -89,21 +88,20 @@ fn two_inputs(noise: f64) -> Experiment {
     let x = lsim_sampled(&plant.clone().with_input_delay(vec![2, 9]).unwrap(), &u, &Options::default()).unwrap().x;
     let states: Vec<Vec<f64>> =
         (0..3).map(|i| x.column(i).iter().zip(white(400, &mut rng)).map(|(x, e)| x + noise * e).collect()).collect();
-    Experiment {
-        sample_time: ts(),
-        inputs: vec!["first".into(), "second".into()],
-        outputs: vec!["y".into()],
-        recordings: vec![Recording { inputs, outputs: vec![Series::from(states[0].clone())], states }],
-        model: Some(PlantModel::Sampled(plant)),
-        events: Vec::new(),
-    }
+    let recording = Recording {
+        inputs: inputs.into_iter().map(Into::into).collect(),
+        outputs: vec![Series::from(states[0].clone())],
+        states: states.into_iter().map(Into::into).collect(),
+    };
+    let experiment = Experiment::new(ts(), vec!["first".into(), "second".into()], vec!["y".into()], vec![recording]).unwrap();
+    experiment.with_model(PlantModel::Sampled(plant))
 }
 
 fn delays(selection: Selection, noise: f64) -> Vec<f64> {
     let answers = StateLeastSquares { selection, ..StateLeastSquares::default() }
-        .estimate(&two_inputs(noise), &Search { max_delay: 15, ..Search::default() })
+        .estimate_inputs(&two_inputs(noise), &Search { max_delay: 15, ..Search::default() })
         .unwrap();
-    answers.iter().map(|a| a.estimate.delay_s.unwrap()).collect()
+    answers.iter().map(|a| a.delay_s.unwrap()).collect()
 }
 
 #[test]
@@ -129,7 +127,7 @@ fn the_largest_product_is_never_negative_and_misses_where_noise_stands_at_a_long
 }
 
 /// One state of a plant at rest, moved by a pulse of three samples.
-fn pulsed(at: usize) -> Experiment {
+fn pulsed(at: usize) -> Experiment<'static> {
     let plant =
         StateSpace::sampled(DMatrix::from_element(1, 1, 0.9), DMatrix::identity(1, 1), DMatrix::identity(1, 1), DMatrix::zeros(1, 1), ts())
             .unwrap();
@@ -137,10 +135,9 @@ fn pulsed(at: usize) -> Experiment {
     let rest = Options { prehistory: deadtime::simulate::Prehistory::Rest, ..Options::default() };
     let x = lsim_sampled(&plant.clone().with_input_delay(vec![4]).unwrap(), &DMatrix::from_column_slice(80, 1, &u), &rest).unwrap().x;
     let x: Vec<f64> = x.column(0).iter().copied().collect();
-    let mut experiment = Experiment::siso(ts(), u, x.clone());
-    experiment.recordings[0].states = vec![x];
-    experiment.model = Some(PlantModel::Sampled(plant));
-    experiment
+    let recording = Recording { inputs: vec![u.into()], outputs: vec![x.clone().into()], states: vec![x.into()] };
+    let experiment = Experiment::new(ts(), vec!["u".into()], vec!["y".into()], vec![recording]).unwrap();
+    experiment.with_model(PlantModel::Sampled(plant))
 }
 
 #[test]
@@ -159,7 +156,7 @@ fn what_is_known_before_a_record_lets_states_tell_of_an_early_pulse() {
 #[test]
 fn as_published_oestruc_answers_where_it_has_nothing_to_go_by() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let unrelated = Experiment::siso(ts(), white(200, &mut rng), white(200, &mut rng));
+    let unrelated = Experiment::siso(ts(), white(200, &mut rng), white(200, &mut rng)).unwrap();
     let asked = one(&Oestruc::default(), &unrelated, &Search::default());
     assert_eq!((asked.outcome, asked.delay_s), (Outcome::NotVisible, None));
     let made = one(&Oestruc { always_answers: true, ..Oestruc::default() }, &unrelated, &Search::default());

@@ -1,6 +1,6 @@
 //! Intervals of the all-pass, Laguerre, area and moment methods: how often they hold the truth, fractions of a sample and several recordings included.
 
-use crate::support::plants::{answer, rbs, second_order, std_dev, sum, ts, white};
+use crate::support::plants::{Measured, answer, rbs, second_order, std_dev, sum, ts, white};
 use deadtime::delay::{Experiment, Method, Outcome, Recording, Search, Suits, method};
 use rayon::prelude::*;
 
@@ -25,7 +25,7 @@ fn held(name: &str, noise: f64) -> (usize, usize) {
             let u = input(method, 600, 900 + seed);
             let y = second_order(&u, 0.4, if seed % 2 == 0 { [-p, 0.0] } else { [-2.0 * p, p * p] }, delay);
             let y = sum(&y, &white(600, noise * std_dev(&y), 5000 + seed));
-            let [from, to] = answer(method, &Experiment::siso(ts(1.0), u, y), &Search::default()).ci95_s?;
+            let [from, to] = answer(method, &Experiment::siso(ts(1.0), u, y).unwrap(), &Search::default()).ci95_s?;
             Some(from <= delay as f64 + 1e-9 && delay as f64 <= to + 1e-9)
         })
         .collect();
@@ -60,7 +60,7 @@ fn a_dead_time_that_ends_within_a_sample_is_inside_the_interval() {
                 y[t] = p * y[t - 1] + b1 * u[t - 7] + b2 * u[t - 8];
             }
             let y = sum(&y, &white(600, 0.01 * std_dev(&y), 80 + seed));
-            let [from, to] = answer(method, &Experiment::siso(ts(1.0), u, y), &Search::default()).ci95_s.unwrap();
+            let [from, to] = answer(method, &Experiment::siso(ts(1.0), u, y).unwrap(), &Search::default()).ci95_s.unwrap();
             from <= 6.0 + m + 1e-9 && 6.0 + m <= to + 1e-9
         });
         let held = held.count();
@@ -80,9 +80,9 @@ fn several_recordings_know_more_than_one() {
                 let u = input(method, 500, 300 + seed);
                 let y = second_order(&u, 0.4, [-1.3, 0.42], 4);
                 let y = sum(&y, &white(500, noise * std_dev(&y), 400 + seed));
-                Recording { inputs: vec![u], outputs: vec![y.into()], states: Vec::new() }
+                Recording { inputs: vec![u.into()], outputs: vec![y.into()], states: Vec::new() }
             });
-            Experiment { recordings: recordings.collect(), ..Experiment::siso(ts(1.0), Vec::new(), Vec::new()) }
+            Experiment::new(ts(1.0), vec!["u".into()], vec!["y".into()], recordings.collect()).unwrap()
         };
         let width = |count| {
             let found = answer(method, &experiment(count), &Search::default());
@@ -104,11 +104,11 @@ fn a_plant_that_area_methods_cannot_read_has_no_number() {
     }
     let y = sum(&y, &white(600, 0.1, 6));
     for name in ["area2", "area3", "moment"] {
-        let found = answer(method(name).unwrap(), &Experiment::siso(ts(1.0), u.clone(), y.clone()), &Search::default());
+        let found = answer(method(name).unwrap(), &Experiment::siso(ts(1.0), u.clone(), y.clone()).unwrap(), &Search::default());
         assert_eq!((found.outcome, found.delay_s), (Outcome::Singular, None), "{name}: {found:?}");
     }
     // Random input has no step that is held.
-    let found = answer(method("area1").unwrap(), &Experiment::siso(ts(1.0), u, y), &Search::default());
+    let found = answer(method("area1").unwrap(), &Experiment::siso(ts(1.0), u, y).unwrap(), &Search::default());
     assert_eq!(found.outcome, Outcome::NotApplicable, "{found:?}");
 }
 
@@ -140,14 +140,14 @@ fn hostile_records_get_an_answer_or_an_error_but_no_nan() {
             for (max_delay, bias) in [(35, 1), (0, 0), (10, 3)] {
                 let search = Search { max_delay, default_bias: bias, ..Search::default() };
                 // A second recording of three samples has no row for any model.
-                let mut experiment = Experiment::siso(ts(1.0), u.clone(), y.clone());
+                let mut experiment = Measured::siso(ts(1.0), u.clone(), y.clone());
                 experiment.recordings.push(Recording {
-                    inputs: vec![vec![1.0; 3]],
+                    inputs: vec![vec![1.0; 3].into()],
                     outputs: vec![vec![0.5; 3].into()],
                     states: Vec::new(),
                 });
-                let Ok(answers) = estimator.estimate(&experiment, &search) else { continue };
-                for e in answers.iter().map(|a| &a.estimate) {
+                let Ok(experiment) = experiment.checked() else { continue };
+                for e in estimator.estimate(&experiment, &search).iter() {
                     let [from, to] = e.ci95_s.unwrap_or([0.0; 2]);
                     let numbers = [e.delay_s.unwrap_or(0.0), e.std_s.unwrap_or(0.0), e.raw_delay_s.unwrap_or(0.0), from, to];
                     assert!(numbers.iter().all(|v| v.is_finite()), "{name}, case {case}, {max_delay}: {e:?}");

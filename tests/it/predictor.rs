@@ -21,7 +21,7 @@ fn times_of_the_methods() {
             let u = rbs(n, 1.0, 11 + seed);
             let y = second_order(&u, 0.4, [-1.3, 0.42], 4);
             let noise = white(n, 0.1 * std_dev(&y), 12 + seed);
-            let experiment = Experiment::siso(ts(TS), u, sum(&y, &noise));
+            let experiment = Experiment::siso(ts(TS), u, sum(&y, &noise)).unwrap();
             for name in ["oestruc", "arxstruc", "armaxstruc", "met1struc", "ivstruc"] {
                 if METHODS.iter().all(|m| m.entry.name != name) {
                     continue;
@@ -109,7 +109,7 @@ fn unstable_plants_in_many_loops_are_found_where_simulation_cannot_follow() {
         let delay = seed as usize % 7;
         let weight = [0.1, 1.0, 10.0][seed as usize % 3];
         let (u, y) = Loop::new(&a, &b, &c).fly(delay, weight, &rbs(600, 1.0, seed), &white(600, 0.1, 500 + seed));
-        (delay as f64 * TS, Experiment::siso(ts(TS), u, y))
+        (delay as f64 * TS, Experiment::siso(ts(TS), u, y).unwrap())
     };
     let mut counts = [[[0_usize; 3]; 4]; 4];
     let all: Vec<(usize, Vec<[bool; 3]>)> = in_two_threads(|| {
@@ -167,7 +167,7 @@ fn the_unstable_lateral_dynamics_are_found_within_a_sample_for_delays_up_to_ten(
                         [0, 1].map(|output| {
                             let y = sum(&outputs[output], &white(n, 0.01 * std_dev(&outputs[output]), 90 + seed));
                             let search = Search { bias: vec![vec![1 - output]], min_delay: 1 - output, ..Search::default() };
-                            let e = answer(method(name), &Experiment::siso(ts(seconds), u.clone(), y), &search);
+                            let e = answer(method(name), &Experiment::siso(ts(seconds), u.clone(), y).unwrap(), &search);
                             if e.outcome != Outcome::Found && *name == "armaxstruc" {
                                 println!("{seconds} s, {delay} samples, output {output}: {:?}", e.note);
                             }
@@ -262,7 +262,7 @@ fn bjorklunds_closed_loop_cells() {
                 .map(|&(cell, seed)| {
                     let (plant, controller, noise) = cells[cell];
                     let (u, y) = bjorklund(plant, controller, noise, std, 100 * cell as u64 + seed);
-                    let experiment = Experiment::siso(ts(1.0), u, y);
+                    let experiment = Experiment::siso(ts(1.0), u, y).unwrap();
                     names.map(|name| {
                         let e = answer(method(name), &experiment, &Search { min_delay: 1, max_delay: 20, ..Search::default() });
                         let found = e.delay_s.map_or(20.0, |d| (d + 1.0).min(20.0));
@@ -307,7 +307,7 @@ fn slow_noise_in_open_loop_leaves_instrumental_variables_honest() {
                 let y = second_order(&u, 0.1, [-1.5, 0.56], delay);
                 let mut slow = white(500, 0.3 * std_dev(&y), 900 + seed);
                 (1..500).for_each(|t| slow[t] += 0.9 * slow[t - 1]);
-                let e = answer(method(name), &Experiment::siso(ts(TS), u, sum(&y, &slow)), &Search::default());
+                let e = answer(method(name), &Experiment::siso(ts(TS), u, sum(&y, &slow)).unwrap(), &Search::default());
                 let truth = delay as f64 * TS;
                 e.outcome == Outcome::Found && e.ci95_s.is_some_and(|[from, to]| from - 1e-9 <= truth && truth <= to + 1e-9)
             })
@@ -318,21 +318,17 @@ fn slow_noise_in_open_loop_leaves_instrumental_variables_honest() {
 }
 
 /// Two inputs that push one state alike, behind 3 and 8 samples.
-fn two_pushes(left: Vec<f64>, right: Vec<f64>) -> Experiment {
+fn two_pushes(left: Vec<f64>, right: Vec<f64>) -> Experiment<'static> {
     let m = DMatrix::from_row_slice;
     let (a, b) = (m(2, 2, &[0.8, 0.1, -0.1, 0.6]), m(2, 2, &[1.0, 0.7, 0.5, 0.35]));
     let plant = StateSpace::sampled(a, b, m(1, 2, &[1.0, 0.0]), DMatrix::zeros(1, 2), ts(TS)).unwrap();
     let inputs = vec![left, right];
     let (y, x) = plants::respond(&plant, &inputs, &[3, 8]);
-    let states = x.iter().zip(0..).map(|(x, seed)| sum(x, &white(x.len(), 0.01 * std_dev(x), 70 + seed))).collect();
-    Experiment {
-        sample_time: ts(TS),
-        inputs: vec!["left".into(), "right".into()],
-        outputs: vec!["y".into()],
-        recordings: vec![Recording { inputs, outputs: y.into_iter().map(Into::into).collect(), states }],
-        model: Some(PlantModel::Sampled(plant)),
-        events: Vec::new(),
-    }
+    let states = x.iter().zip(0..).map(|(x, seed)| sum(x, &white(x.len(), 0.01 * std_dev(x), 70 + seed)).into()).collect();
+    let inputs = inputs.into_iter().map(Into::into).collect();
+    let recording = Recording { inputs, outputs: y.into_iter().map(Into::into).collect(), states };
+    let experiment = Experiment::new(ts(TS), vec!["left".into(), "right".into()], vec!["y".into()], vec![recording]).unwrap();
+    experiment.with_model(PlantModel::Sampled(plant))
 }
 
 #[test]
@@ -341,11 +337,15 @@ fn state_least_squares_says_when_inputs_move_together() {
     let left = rbs(n, 1.0, 1);
     let outcomes = |right: Vec<f64>| {
         let experiment = two_pushes(left.clone(), right);
-        let answers =
-            method("state_least_squares").entry.with(serde_json::json!({})).unwrap().estimate(&experiment, &Search::default()).unwrap();
+        let answers = method("state_least_squares")
+            .entry
+            .with(serde_json::json!({}))
+            .unwrap()
+            .estimate_inputs(&experiment, &Search::default())
+            .unwrap();
         let angle = StateLeastSquares::default().coefficients(&experiment, 35).map(|c| c.angle_deg[0]).ok();
-        println!("{angle:?} {:?}", answers.iter().map(|a| (a.estimate.outcome, a.estimate.delay_s, &a.estimate.note)).collect::<Vec<_>>());
-        (answers.into_iter().map(|a| a.estimate).collect::<Vec<_>>(), angle)
+        println!("{angle:?} {:?}", answers.iter().map(|a| (a.outcome, a.delay_s, &a.note)).collect::<Vec<_>>());
+        (answers, angle)
     };
     // Inputs of their own are told apart.
     let (own, angle) = outcomes(rbs(n, 1.0, 2));
@@ -379,17 +379,13 @@ fn arxstruc_with_the_other_input_as_regressor_finds_two_delays_of_correlated_inp
             let (near, far) = (seed as usize % 5, 5 + seed as usize % 9);
             let y = sum(&second_order(&left, 0.3, [-1.3, 0.42], far), &second_order(&right, 0.5, [-1.3, 0.42], near));
             let y = sum(&y, &white(n, 0.05 * std_dev(&y), 200 + seed));
-            let experiment = Experiment {
-                sample_time: ts(TS),
-                inputs: vec!["left".into(), "right".into()],
-                outputs: vec!["y".into()],
-                recordings: vec![Recording { inputs: vec![left, right], outputs: vec![y.into()], states: Vec::new() }],
-                model: None,
-                events: Vec::new(),
-            };
+            let recording = Recording { inputs: vec![left.into(), right.into()], outputs: vec![y.into()], states: Vec::new() };
+            let experiment = Experiment::new(ts(TS), vec!["left".into(), "right".into()], vec!["y".into()], vec![recording]).unwrap();
             let estimator = method("arxstruc").entry.with(serde_json::json!({ "others": others })).unwrap();
-            let answers = estimator.estimate(&experiment, &Search::default()).unwrap();
-            let right = |at: usize, truth: usize| plants::whole(&answers[at].estimate, TS) == Some(truth);
+            let right = |at: usize, truth: usize| {
+                let seen = experiment.towards(at, 0).unwrap();
+                plants::whole(&estimator.estimate(&seen, &Search::default()).unwrap(), TS) == Some(truth)
+            };
             !(right(0, far) && right(1, near))
         });
         wrong.count()

@@ -12,7 +12,7 @@ use serde_json::json;
 const NAMES: [&str; 6] = ["p1d", "p2d", "p3d", "p1dz", "p2dz", "p3dz"];
 
 /// A random plant of a method's own shape, its delay in samples, and its noisy response.
-fn drawn(name: &str, seed: u64, samples: usize, noise: f64) -> (f64, Experiment) {
+fn drawn(name: &str, seed: u64, samples: usize, noise: f64) -> (f64, Experiment<'static>) {
     let mut rng = rng(seed);
     let poles = name[1..2].parse::<usize>().unwrap();
     let zero = name.ends_with('z');
@@ -24,7 +24,7 @@ fn drawn(name: &str, seed: u64, samples: usize, noise: f64) -> (f64, Experiment)
     let u = rbs(samples, 1.0, seed + 10_000);
     let y = process(&u, &lags, zero, delay * TS, TS);
     let e = white(samples, noise * std_dev(&y), seed + 20_000);
-    (delay, Experiment::siso(ts(TS), u, sum(&y, &e)))
+    (delay, Experiment::siso(ts(TS), u, sum(&y, &e)).unwrap())
 }
 
 #[test]
@@ -69,16 +69,16 @@ fn the_interval_holds_a_fractional_delay_as_often_as_it_says() {
 }
 
 /// 12·e^(−8s)/(s² + 4s + 4) every 0.1 s, PRBS of order 8 held for 20 samples, noise of a signal-to-noise ratio of 15 dB: CONTSID's demonstration of a search that is stuck.
-fn demonstration(seed: u64) -> Experiment {
+fn demonstration(seed: u64) -> Experiment<'static> {
     let u = Prbs { order: 8, clock: 20, ..Prbs::default() }.generate(255 * 20, &mut rng(1)).unwrap();
     let y: Vec<f64> = process(&u, &[0.5, 0.5], None, 8.0, 0.1).iter().map(|v| 3.0 * v).collect();
     let noise = white(y.len(), std_dev(&y) * 10.0_f64.powf(-15.0 / 20.0), seed);
-    Experiment::siso(ts(0.1), u, sum(&y, &noise))
+    Experiment::siso(ts(0.1), u, sum(&y, &noise)).unwrap()
 }
 
 fn with(name: &str, options: serde_json::Value, experiment: &Experiment, search: &Search) -> deadtime::delay::DelayEstimate {
     let found: &'static Method = method(name).unwrap();
-    found.entry.with(options).unwrap().estimate(experiment, search).unwrap().remove(0).estimate
+    found.entry.with(options).unwrap().estimate(experiment, search).unwrap()
 }
 
 #[test]
@@ -103,9 +103,9 @@ fn a_record_that_begins_in_motion_is_fitted_with_its_start() {
     for name in ["p1d", "p2d", "p3d", "p2dz"] {
         let held = (0..60_u64).into_par_iter().filter(|&seed| {
             let (delay, experiment) = drawn(name, seed, 700, 0.02);
-            let recording = &experiment.recordings[0];
+            let recording = &experiment.recordings()[0];
             // The first 200 samples are not seen.
-            let later = Experiment::siso(ts(TS), recording.inputs[0][200..].to_vec(), recording.outputs[0].values[200..].to_vec());
+            let later = Experiment::siso(ts(TS), recording.inputs[0][200..].to_vec(), recording.outputs[0].values[200..].to_vec()).unwrap();
             let e = with(name, json!({ "initial": "estimated" }), &later, &Search::default());
             let [from, to] = e.ci95_s.unwrap_or([f64::NAN; 2]);
             from - 1e-9 <= delay * TS && delay * TS <= to + 1e-9
@@ -120,14 +120,16 @@ fn a_record_that_begins_in_motion_is_fitted_with_its_start() {
 #[test]
 fn several_records_say_more_than_one() {
     let one = drawn("p2d", 3, 400, 0.3).1;
-    let mut four = one.clone();
+    let mut four = one.recordings().to_vec();
     for seed in 0..3 {
-        let (delay, mut more) = drawn("p2d", 3, 400, 0.0);
-        let y = &mut more.recordings[0].outputs[0].values;
-        *y = sum(y, &white(400, 0.3 * std_dev(y), 900 + seed));
+        let (delay, more) = drawn("p2d", 3, 400, 0.0);
+        let mut more = more.recordings()[0].clone();
+        let y = &mut more.outputs[0].values;
+        *y = sum(y, &white(400, 0.3 * std_dev(y), 900 + seed)).into();
         assert!(delay > 0.0);
-        four.recordings.append(&mut more.recordings);
+        four.push(more);
     }
+    let four = Experiment::new(ts(TS), vec!["u".into()], vec!["y".into()], four).unwrap();
     let std = |e: &Experiment| answer(method("p2d").unwrap(), e, &Search::default()).std_s.unwrap();
     let ratio = std(&one) / std(&four);
     println!("four records: {ratio:.2} times as sure");
@@ -157,7 +159,7 @@ fn the_search_finds_what_starts_at_every_half_sample_up_to_twenty_find() {
 fn a_pole_left_out_is_said() {
     let u = rbs(600, 1.0, 4);
     let y = process(&u, &[1.0, 0.6], None, 0.5, TS);
-    let experiment = Experiment::siso(ts(TS), u, sum(&y, &white(600, 0.01 * std_dev(&y), 5)));
+    let experiment = Experiment::siso(ts(TS), u, sum(&y, &white(600, 0.01 * std_dev(&y), 5))).unwrap();
     let note = |name| answer(method(name).unwrap(), &experiment, &Search::default()).note;
     assert!(note("p1d").is_some_and(|n| n.contains("still follows the input")));
     assert_eq!(note("p2d"), None);
@@ -168,7 +170,7 @@ fn of_a_million_samples_a_part_is_used_and_that_is_said() {
     let n = 1_000_000;
     let u = rbs(n, 1.0, 1);
     let y = plants::second_order(&u, 0.4, [-1.3, 0.42], 4);
-    let experiment = Experiment::siso(ts(TS), u, sum(&y, &white(n, 0.1 * std_dev(&y), 2)));
+    let experiment = Experiment::siso(ts(TS), u, sum(&y, &white(n, 0.1 * std_dev(&y), 2))).unwrap();
     for name in NAMES {
         let clock = std::time::Instant::now();
         let e = answer(method(name).unwrap(), &experiment, &Search::default());

@@ -107,7 +107,7 @@ proptest! {
     fn injected_delays_are_found_exactly_on_noise_free_rich_input(plant in any_plant(), delay in 0..=40_usize, seed in 0..10_000_u64) {
         let u = rbs(400, 1.0, seed);
         let (y, bias) = plant.respond(&u, delay);
-        let experiment = Experiment::siso(ts(TS), u, y);
+        let experiment = Experiment::siso(ts(TS), u, y).unwrap();
         for method in promising(Law::Exact) {
             let estimate = answer(method, &experiment, &search(bias));
             prop_assert!(hits(method, &estimate, delay), "{}, {} samples: {:?}", method.entry.name, delay, estimate);
@@ -128,8 +128,8 @@ fn gain_sign_and_sample_time_change_nothing(plant: &Plant, delay: usize, seed: u
     let u = rbs(300, 1.0, seed);
     let (clean, bias) = plant.respond(&u, delay);
     let y = sum(&clean, &white(300, 0.02 * std_dev(&clean), seed + 1));
-    let changed = Experiment::siso(ts(seconds), times(&u, gains[0]), times(&y, gains[1]));
-    let plain = Experiment::siso(ts(TS), u, y);
+    let changed = Experiment::siso(ts(seconds), times(&u, gains[0]), times(&y, gains[1])).unwrap();
+    let plain = Experiment::siso(ts(TS), u, y).unwrap();
     let besides = besides.iter().map(|name| deadtime::delay::method(name).unwrap());
     for method in promising(Law::Gain).filter(|m| m.promises(Law::Sign)).chain(besides) {
         let (a, b) = (answer(method, &plain, &search(bias)), answer(method, &changed, &search(bias)));
@@ -175,7 +175,7 @@ fn delaying_a_noisy_output_moves_nearly_every_answer_by_as_much() {
             // The noise goes on before the record as it does in it, and moves with the output.
             let plain = sum(&clean, &noise[more..]);
             let later = sum(&delayed(&clean, more), &noise[..400]);
-            let found = |y: Vec<f64>| answer(method, &Experiment::siso(ts(TS), u.clone(), y), &search(1));
+            let found = |y: Vec<f64>| answer(method, &Experiment::siso(ts(TS), u.clone(), y).unwrap(), &search(1));
             let (a, b) = (found(plain), found(later));
             let (Some(a), Some(b)) = (a.delay_s, b.delay_s) else { return false };
             (samples(b - a, TS) - more as f64).abs() <= method.tolerance
@@ -198,7 +198,7 @@ fn an_undermodelled_response_is_still_seen_by_oestruc() {
             .map(|seed| {
                 let (u, delay) = (rbs(400, 1.0, seed), seed as usize % 41);
                 let (y, bias) = plant.respond(&u, delay);
-                let estimate = answer(method("oestruc"), &Experiment::siso(ts(TS), u, y), &search(bias));
+                let estimate = answer(method("oestruc"), &Experiment::siso(ts(TS), u, y).unwrap(), &search(bias));
                 (delay, whole(&estimate, TS).map(|found| i64::try_from(found).unwrap() - i64::try_from(delay).unwrap()))
             })
             .collect();
@@ -217,8 +217,11 @@ fn biases(name: &str, sys: &StateSpace<Sampled>, seeds: std::ops::Range<u64>) ->
             let u = rbs(1000, 0.01, 1000 + seed);
             let y = respond(sys, std::slice::from_ref(&u), &[d]).0.remove(0);
             let y = sum(&y, &white(1000, 0.01 * std_dev(&y), 2000 + seed));
-            let estimate =
-                answer(method(name), &Experiment::siso(ts(TS), u, y), &Search { max_delay: 20, default_bias: 0, ..Search::default() });
+            let estimate = answer(
+                method(name),
+                &Experiment::siso(ts(TS), u, y).unwrap(),
+                &Search { max_delay: 20, default_bias: 0, ..Search::default() },
+            );
             (d, whole(&estimate, TS).map(|nk| i64::try_from(nk).unwrap() - i64::try_from(d).unwrap()))
         })
         .collect()
@@ -313,7 +316,7 @@ fn three_standard_deviations_cross_falsely_where_five_do_not() {
         let wrong = (0..60).filter(|&seed| {
             let y = second_order(&u(seed), 1.0, [-0.5, 0.0], 30);
             let y = sum(&y, &white(1000, 0.01 * std_dev(&y), 500 + seed));
-            let found = estimator.estimate(&Experiment::siso(ts(TS), u(seed), y), &Search::default()).unwrap().remove(0).estimate;
+            let found = estimator.estimate(&Experiment::siso(ts(TS), u(seed), y).unwrap(), &Search::default()).unwrap();
             whole(&found, TS) != Some(30)
         });
         wrong.count()
@@ -365,7 +368,7 @@ fn flown_outcomes(name: &str, noise: f64) -> [usize; 3] {
             let (u, outputs) = flown(delay, 1000, 10 * seed + 7);
             for (y, degree) in outputs.iter().zip([1, 0]) {
                 let y = sum(y, &white(1000, noise * std_dev(y), seed + 90));
-                let estimate = answer(method(name), &Experiment::siso(ts(TS), u.clone(), y), &search(degree));
+                let estimate = answer(method(name), &Experiment::siso(ts(TS), u.clone(), y).unwrap(), &search(degree));
                 let at = match (estimate.outcome, whole(&estimate, TS)) {
                     (Outcome::Found, Some(found)) if found == delay => 0,
                     (Outcome::Found, _) => 1,
@@ -412,7 +415,7 @@ fn two_lags_behind_a_hold_do_not_hide_the_delay_from_a_method_that_promises_it()
                     let (delay, u) = (seed as usize % 41, rbs(400, 1.0, seed));
                     let y = respond(&sys, std::slice::from_ref(&u), &[delay]).0.remove(0);
                     let y = sum(&y, &white(400, noise * std_dev(&y), seed + 500));
-                    let estimate = answer(method, &Experiment::siso(ts(TS), u, y), &search(1));
+                    let estimate = answer(method, &Experiment::siso(ts(TS), u, y).unwrap(), &search(1));
                     (delay, (!hits(method, &estimate, delay)).then_some(estimate))
                 })
                 .collect();

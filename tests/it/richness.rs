@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 fn predicted(experiment: &Experiment, name: &str) -> Option<f64> {
     let methods: [&Method; 1] = [method(name).unwrap()];
-    richness(experiment, &Search::default(), 0, 0, &methods).unwrap()[0].map(|r| r.std_s / TS)
+    richness(experiment, &Search::default(), &methods).unwrap()[0].map(|r| r.std_s / TS)
 }
 
 /// A plant of two real poles, an input and a noise level, drawn; its records differ by noise and by the fraction of the delay.
@@ -61,7 +61,7 @@ fn what_is_predicted_is_what_happens() {
                     let fraction = (draw as f64 + 0.5) / draws as f64;
                     let y = process(&case.u, &case.lags_s, None, (case.delay + fraction) * TS, TS);
                     let y = sum(&y, &white(500, case.noise * std_dev(&y), 1000 * seed + draw));
-                    let experiment = Experiment::siso(ts(TS), case.u.clone(), y);
+                    let experiment = Experiment::siso(ts(TS), case.u.clone(), y).unwrap();
                     let e = answer(method(name).unwrap(), &experiment, &Search::default());
                     if e.outcome == Outcome::Found {
                         errors.push(e.delay_s.unwrap() / TS - case.delay - fraction);
@@ -98,7 +98,7 @@ fn a_poor_input_shows_before_any_method_runs() {
     let number = |u: &[f64]| {
         let y = process(u, &[0.5, 0.2], None, 0.7, TS);
         let y = sum(&y, &white(u.len(), 0.05, 3));
-        let experiment = Experiment::siso(ts(TS), u.to_vec(), y);
+        let experiment = Experiment::siso(ts(TS), u.to_vec(), y).unwrap();
         ["p2d", "threshold", "p1d"].map(|m| predicted(&experiment, m).unwrap())
     };
     let rich = number(&plants::rbs(500, 1.0, 2));

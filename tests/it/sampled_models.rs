@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 fn estimate(name: &str, options: Value, u: Vec<f64>, y: Vec<f64>, search: &Search) -> DelayEstimate {
     let estimator = method(name).unwrap().entry.with(options).unwrap();
-    estimator.estimate(&Experiment::siso(ts(TS), u, y), search).unwrap().remove(0).estimate
+    estimator.estimate(&Experiment::siso(ts(TS), u, y).unwrap(), search).unwrap()
 }
 
 /// One lag of `lag` samples behind `delay` samples, the input held: solved exactly from one switch of the delayed input to the next.

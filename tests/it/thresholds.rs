@@ -12,7 +12,7 @@ const SAMPLES: usize = 151;
 
 fn estimate(name: &str, options: Value, u: Vec<f64>, y: Vec<f64>, search: &Search) -> DelayEstimate {
     let estimator = method(name).unwrap().entry.with(options).unwrap();
-    estimator.estimate(&Experiment::siso(ts(TS), u, y), search).unwrap().remove(0).estimate
+    estimator.estimate(&Experiment::siso(ts(TS), u, y).unwrap(), search).unwrap()
 }
 
 /// The thesis' record of two ramps, an impulse at its first sample, and a step at sample 20, with the coefficients that the rows after the first 70 excite.

@@ -3,9 +3,8 @@
 use std::collections::BTreeMap;
 
 use crate::support::plants::{process, rbs, std_dev, sum, times, white};
-use deadtime::delay::{Detrend, Feedback, Job, Scope, chosen};
+use deadtime::delay::{Job, Scope, chosen};
 use deadtime::log::{Channel, Log};
-use deadtime::stop::Stop;
 use rayon::prelude::*;
 
 /// Quick ones of every class that the record may trust.
@@ -27,19 +26,8 @@ fn coloured(samples: usize, pole: f64, seed: u64) -> Vec<f64> {
 fn verdict(u: &[f64], y: &[f64]) -> Option<(f64, [f64; 2])> {
     let time_s = (0..u.len()).map(|k| k as f64).collect();
     let log = Log::new("test", time_s, vec![Channel::new("u", None, u.to_vec()), Channel::new("y", None, y.to_vec())]).unwrap();
-    let job = Job {
-        name: "test".into(),
-        logs: vec![log],
-        inputs: vec!["u".into()],
-        outputs: vec!["y".into()],
-        methods: chosen(&METHODS.map(str::to_owned), &BTreeMap::new(), &[Scope::Pair]).unwrap(),
-        model: None,
-        max_delay_s: None,
-        degree_bias: None,
-        detrend: Detrend::Mean,
-        feedback: Feedback::Auto,
-        stop: Stop::default(),
-    };
+    let methods = chosen(&METHODS.map(str::to_owned), &BTreeMap::new(), &[Scope::Pair]).unwrap();
+    let job = Job { methods, ..Job::new(vec![log], ["u"], ["y"]) };
     let verdict = job.run().unwrap().pairs.remove(0).verdict;
     verdict.delay_s.zip(verdict.ci95_s)
 }

@@ -4,8 +4,8 @@
 
 use super::{Area, BEYOND, Lags, Reading, TOLD, answer, area};
 use crate::delay::{
-    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope, Search, Start,
-    Suits, every_pair, posterior,
+    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start, Suits, one_pair,
+    posterior,
 };
 use crate::identify::Record;
 use crate::registry::entry;
@@ -35,9 +35,9 @@ use crate::registry::entry;
 ///     y[t + 1] = 0.8 * y[t] + 0.2 * u[t - 4];
 /// }
 /// y.pop();
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Area1::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 0.02);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.02);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -80,11 +80,11 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Area1 {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         if self.held < END {
             return Err(DelayError::Option { method: NAME, option: "held", value: self.held as f64, allowed: "4 or more" });
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
     }
 }
 
@@ -138,7 +138,7 @@ impl Area1 {
         let held = self.held.max(max_delay + BEYOND);
         let (needed, got) = (REST + held, experiment.longest());
         if got < needed {
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter --max-delay, or set a smaller held" });
+            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter `max_delay`, or set a smaller held" });
         }
         let none = |outcome, note: String| Ok(DelayEstimate::without(outcome, note));
         if records.iter().any(|r| r.present.is_some()) {
@@ -235,7 +235,7 @@ mod tests {
                 }
             })
             .collect();
-        let record = Record::new(u.clone(), u.iter().map(|v| 3.0 * v + 7.0).collect());
+        let record = Record::new(&u, u.iter().map(|v| 3.0 * v + 7.0).collect::<Vec<f64>>());
         let found = response(std::slice::from_ref(&record), 71).unwrap();
         // The step at 20 alone: that at 120 is too short, that at 130 follows it too soon.
         assert_eq!(found.step, vec![3.0; 100]);

@@ -67,7 +67,7 @@ fn answer(lags: Lags, [one, two]: [Reading; 2], bias: usize, max_delay: usize, e
         return DelayEstimate::without(Outcome::Flat, note);
     }
     let at_edge = chosen.delay - off > longest - 0.5;
-    DelayEstimate::measured(chosen.delay, std, interval, at_edge, off, experiment.sample_time)
+    DelayEstimate::measured(chosen.delay, std, interval, at_edge, off, experiment.sample_time())
 }
 
 /// Standard deviation of Σ gᵢxᵢ.
@@ -127,7 +127,7 @@ fn pulse_response(
     let taps = taps.max(max_delay + BEYOND);
     let (needed, got) = (2 * taps + 1, experiment.longest());
     if got < needed {
-        return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter --max-delay, or set fewer taps" });
+        return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter `max_delay`, or set fewer taps" });
     }
     let fir = match fir_or_rank(records, taps) {
         Ok(fir) => fir,

@@ -3,7 +3,7 @@
 //! Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = 1.
 
 use super::{Line, generalised};
-use crate::delay::{Class, DelayError, DelayEstimator, Experiment, Information, Law, Method, PairEstimate, Scope, Search, Start, Suits};
+use crate::delay::{Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Scope, Search, Start, Suits};
 use crate::registry::entry;
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
@@ -23,10 +23,10 @@ use crate::registry::entry;
 /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 /// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
 /// let y = fractional_delay(&u, 7.3);
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let search = Search { default_bias: 0, ..Search::default() }; // two sensors: no hold, no bias
 /// let answer = Crosscorr::default().estimate(&experiment, &search)?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.73).abs() < 2e-3);
+/// assert!((answer.delay_s.unwrap() - 0.73).abs() < 2e-3);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -59,7 +59,7 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Crosscorr {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         generalised(NAME, self.segment, weight, experiment, search)
     }
 }

@@ -26,7 +26,7 @@ use nalgebra::Complex;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
 
 use super::method::Condition;
-use super::{DelayError, DelayEstimate, Experiment, Outcome, PairEstimate, Record, Search, every_pair, posterior};
+use super::{DelayError, DelayEstimate, Experiment, Outcome, Record, Search, one_pair, posterior};
 use crate::signal::{CrossSpectra, HANN_LINES, RealFourier, correlation};
 
 /// What all of them withstand.
@@ -139,7 +139,7 @@ pub(in crate::delay) fn enough(method: &'static str, segment: usize, got: usize,
     }
     let needed = max_delay + LEAST.max(segment);
     if got < needed {
-        return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter --max-delay" });
+        return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter `max_delay`" });
     }
     Ok(())
 }
@@ -226,8 +226,8 @@ pub(in crate::delay) fn generalised(
     weight: fn(&Line) -> f64,
     experiment: &Experiment,
     search: &Search,
-) -> Result<Vec<PairEstimate>, DelayError> {
-    every_pair(experiment, search, |records, max_delay, bias| {
+) -> Result<DelayEstimate, DelayError> {
+    one_pair(experiment, search, |records, max_delay, bias| {
         let longest = experiment.longest();
         enough(method, segment, longest, max_delay)?;
         if let Some(note) = posterior::unseen(records, max_delay) {
@@ -411,7 +411,7 @@ impl Alike {
         // An exact copy is known no better than rounding tells.
         let std = (std.powi(2) + spread).sqrt().max(ROUNDING);
         let ends = [ends[0].min(raw - ROUNDING), ends[1].max(raw + ROUNDING)];
-        let estimate = DelayEstimate::measured(raw, std, ends, self.lag == max_delay, bias as f64, experiment.sample_time);
+        let estimate = DelayEstimate::measured(raw, std, ends, self.lag == max_delay, bias as f64, experiment.sample_time());
         let estimate = estimate.contradicted(self.bent.map(|spread| {
             format!("frequencies differ in their delay by {spread:.2} samples: the output is no delayed copy, and the plant's own lag counts as delay")
         }));

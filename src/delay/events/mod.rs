@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use super::correlation::real;
-use super::{DelayError, DelayEstimate, Experiment, Law, Outcome, PairEstimate, Search, posterior};
+use super::{DelayError, DelayEstimate, Experiment, Law, Outcome, Search, posterior};
 
 /// Times of the same events at two places; either may have missed some, or seen others besides.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -154,8 +154,8 @@ fn median(mut values: Vec<f64>) -> f64 {
 
 /// Refuses times that are no numbers or do not increase.
 pub(super) fn check_times(experiment: &Experiment) -> Result<(), DelayError> {
-    for events in &experiment.events {
-        for (role, names, times) in [("input", &experiment.inputs, &events.first), ("output", &experiment.outputs, &events.second)] {
+    for events in experiment.events() {
+        for (role, names, times) in [("input", experiment.inputs(), &events.first), ("output", experiment.outputs(), &events.second)] {
             let channel = || names.first().cloned().unwrap_or_default();
             if let Some(sample) = times.iter().position(|t| !t.is_finite()) {
                 return Err(DelayError::NotFinite { role, channel: channel(), sample, value: times[sample] });
@@ -176,18 +176,17 @@ pub(super) fn check_times(experiment: &Experiment) -> Result<(), DelayError> {
 
 /// Refuses what cannot be used at all.
 fn check(method: &'static str, units: Units, experiment: &Experiment) -> Result<(), DelayError> {
-    if experiment.events.is_empty() {
+    if experiment.events().is_empty() {
         return Err(DelayError::Count { what: "sequences of event times", needed: 1, got: 0 });
     }
-    check_times(experiment)?;
-    for events in &experiment.events {
+    for events in experiment.events() {
         if let ([Some(first), Some(second)], Units::Refuse) = (&events.units, units)
             && first != second
         {
             return Err(DelayError::Units { first: first.clone(), second: second.clone() });
         }
     }
-    let got = experiment.events.iter().map(|e| e.first.len().min(e.second.len())).max().unwrap_or(0);
+    let got = experiment.events().iter().map(|e| e.first.len().min(e.second.len())).max().unwrap_or(0);
     let needed = LEAST + 2;
     if got < needed {
         return Err(DelayError::TooShort { method, needed, got, remedy: "record more events at both places" });
@@ -202,15 +201,14 @@ pub(in crate::delay) fn by_offset(
     criterion: fn(&Paired<'_>) -> f64,
     experiment: &Experiment,
     search: &Search,
-) -> Result<Vec<PairEstimate>, DelayError> {
+) -> Result<DelayEstimate, DelayError> {
     check(method, units, experiment)?;
-    let window = experiment.sample_time.to_seconds(real(search.max_delay));
+    let window = experiment.sample_time().to_seconds(real(search.max_delay));
     let mut answers = Vec::new();
-    for events in experiment.events.iter().filter(|e| e.first.len().min(e.second.len()) >= LEAST + 2) {
+    for events in experiment.events().iter().filter(|e| e.first.len().min(e.second.len()) >= LEAST + 2) {
         answers.push(one(events, units, criterion, window));
     }
-    let estimate = combined(&answers, window);
-    Ok(vec![PairEstimate { input: 0, output: Some(0), estimate }])
+    Ok(combined(&answers, window))
 }
 
 /// What one pair of sequences says.
@@ -244,7 +242,7 @@ fn one(events: &Events, units: Units, criterion: fn(&Paired<'_>) -> f64, window:
     let paired = |k: isize| Paired::new((first, second), k);
     let Some(best) = offsets.iter().map(|&k| (criterion(&paired(k)), k)).min_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1) else {
         let note =
-            "no offset puts the second sequence behind the first by a delay of the window: search a longer --max-delay, or exchange them";
+            "no offset puts the second sequence behind the first by a delay of the window: search a longer `max_delay`, or exchange them";
         return Err((Outcome::NotVisible, note.into()));
     };
     let pairs = paired(best);

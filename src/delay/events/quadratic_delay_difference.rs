@@ -3,7 +3,7 @@
 //! Equation: k̂ = argmin ⟨|ΔT(i + k) − Δt(i)|²⟩.
 
 use super::{NO_MAGNITUDES, Paired, Units, by_offset, mean};
-use crate::delay::{Class, DelayError, DelayEstimator, Experiment, Information, Method, PairEstimate, Scope, Search, Start, Suits};
+use crate::delay::{Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Scope, Search, Start, Suits};
 use crate::registry::entry;
 
 /// Inputs: times of the same events at two places ([`Events`](crate::delay::Events)), on one clock. Output: seconds, positive = the second place later.
@@ -22,9 +22,9 @@ use crate::registry::entry;
 /// let first: Vec<f64> = (0..40).map(|i| f64::from(i) + 0.3 * f64::from(i * i % 7) / 7.0).collect();
 /// let second: Vec<f64> = first.iter().map(|t| t + 2.5).collect();
 /// // The window is 35 sample times: 35 s here.
-/// let experiment = Experiment::of_events(SampleTime::new(1.0)?, first, second);
+/// let experiment = Experiment::of_events(SampleTime::new(1.0)?, ["first", "second"], vec![Events { first, second, ..Events::default() }])?;
 /// let answer = EventQuadraticDifference::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 2.5).abs() < 1e-9);
+/// assert!((answer.delay_s.unwrap() - 2.5).abs() < 1e-9);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -57,7 +57,7 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for EventQuadraticDifference {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         by_offset(NAME, self.units, criterion, experiment, search)
     }
 }

@@ -132,8 +132,8 @@ impl AllPass {
             return DelayEstimate::without(Outcome::Flat, note);
         }
         let note = (self.left_out > 0).then(|| format!("{} zeros near z = 1 left out of the all-pass part", self.left_out));
-        let estimate = DelayEstimate::measured(delay, std, interval, delay > longest - FRACTION, off, experiment.sample_time);
-        DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(self.raw)), ..estimate }.noting(note)
+        let estimate = DelayEstimate::measured(delay, std, interval, delay > longest - FRACTION, off, experiment.sample_time());
+        DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(self.raw)), ..estimate }.noting(note)
     }
 }
 

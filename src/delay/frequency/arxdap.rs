@@ -4,8 +4,8 @@
 
 use super::all_pass::all_pass;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
-    Search, Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
+    Suits, one_pair, posterior,
 };
 use crate::identify::{Record, Regression, fir_or_rank};
 use crate::registry::entry;
@@ -34,9 +34,9 @@ use crate::registry::entry;
 /// for t in 5..400 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Arxdap::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 0.001);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.001);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -72,11 +72,11 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Arxdap {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         if self.nb == 0 {
             return Err(DelayError::Option { method: NAME, option: "nb", value: 0.0, allowed: "1 or more" });
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
     }
 }
 
@@ -86,7 +86,7 @@ impl Arxdap {
         let regression = Regression { na: self.na, lags };
         let (needed, got) = (bias + regression.first_row() + 2 * regression.columns(), experiment.longest());
         if got < needed {
-            let remedy = "search a shorter --max-delay, or set smaller na and nb";
+            let remedy = "search a shorter `max_delay`, or set smaller na and nb";
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
         }
         let ahead: Vec<Record> = records.iter().map(|r| r.ahead(bias)).collect();

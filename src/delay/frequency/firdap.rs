@@ -4,8 +4,8 @@
 
 use super::all_pass::all_pass;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
-    Search, Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
+    Suits, one_pair, posterior,
 };
 use crate::identify::{Record, fir_or_rank};
 use crate::registry::entry;
@@ -35,9 +35,9 @@ use crate::registry::entry;
 /// for t in 5..400 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Firdap::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 0.001);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.001);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -74,11 +74,11 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Firdap {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         if self.taps == 0 {
             return Err(DelayError::Option { method: NAME, option: "taps", value: 0.0, allowed: "1 or more" });
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
     }
 }
 
@@ -87,7 +87,7 @@ impl Firdap {
         let taps = self.taps.max(max_delay + BEYOND);
         let (needed, got) = (bias + 2 * taps + 1, experiment.longest());
         if got < needed {
-            let remedy = "search a shorter --max-delay, or set fewer taps";
+            let remedy = "search a shorter `max_delay`, or set fewer taps";
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
         }
         let ahead: Vec<Record> = records.iter().map(|r| r.ahead(bias)).collect();

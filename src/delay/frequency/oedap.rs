@@ -4,8 +4,8 @@
 
 use super::all_pass::all_pass;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
-    Search, Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
+    Suits, one_pair, posterior,
 };
 use crate::identify::{MAX_OE_ORDER, ManyZeros, Record, fir_or_rank};
 use crate::registry::entry;
@@ -33,9 +33,9 @@ use crate::registry::entry;
 /// for t in 5..400 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Oedap::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 0.001);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.001);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -73,7 +73,7 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Oedap {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         for (option, value, ok, allowed) in [
             ("nb", self.nb, self.nb >= 1, "1 or more"),
             ("nf", self.nf, self.nf <= MAX_OE_ORDER, "at most 16"),
@@ -83,7 +83,7 @@ impl DelayEstimator for Oedap {
                 return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
             }
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
     }
 }
 
@@ -92,7 +92,7 @@ impl Oedap {
         let lags = max_delay + self.nb;
         let (needed, got) = (bias + self.nf.max(lags - 1) + 2 * (self.nf + lags), experiment.longest().min(self.max_samples));
         if got < needed {
-            let remedy = "search a shorter --max-delay, or set a smaller nb or a larger max_samples";
+            let remedy = "search a shorter `max_delay`, or set a smaller nb or a larger max_samples";
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
         }
         if records.iter().any(|r| r.present.is_some()) {

@@ -11,8 +11,8 @@ use crate::delay::correlation::{
     Alike, Centred, LATE, NEEDS, WITHSTANDS, alike, enough, hannan_thomson, independent_lines, segment_length,
 };
 use crate::delay::{
-    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Record, Scope, Search,
-    Start, Suits, every_pair, posterior,
+    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record, Scope, Search, Start, Suits,
+    one_pair, posterior,
 };
 use crate::registry::entry;
 use crate::signal::HANN_LINES;
@@ -35,10 +35,10 @@ use crate::signal::HANN_LINES;
 /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 /// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
 /// let y = fractional_delay(&u, 7.3);
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let search = Search { default_bias: 0, ..Search::default() }; // two sensors: no hold, no bias
 /// let answer = PhaseSlope::default().estimate(&experiment, &search)?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.73).abs() < 2e-3);
+/// assert!((answer.delay_s.unwrap() - 0.73).abs() < 2e-3);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -73,8 +73,8 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for PhaseSlope {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
     }
 }
 

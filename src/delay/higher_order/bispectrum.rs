@@ -11,8 +11,8 @@ use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use crate::delay::correlation::{Alike, Centred, Interpolant, LATE, real};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Record,
-    Scope, Search, Start, Suits, every_pair,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record, Scope, Search,
+    Start, Suits, one_pair,
 };
 use crate::registry::entry;
 use crate::signal::RealFourier;
@@ -37,10 +37,10 @@ use crate::signal::RealFourier;
 /// let mut rng = ChaCha8Rng::seed_from_u64(1);
 /// let u: Vec<f64> = (0..600).map(|_| -rng.random_range(1e-9_f64..1.0).ln()).collect(); // exponential: skewed
 /// let y: Vec<f64> = (0..600_usize).map(|t| t.checked_sub(7).map_or(0.0, |i| u[i]) + rng.random_range(-0.1..0.1)).collect();
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let search = Search { default_bias: 0, ..Search::default() }; // two sensors: no hold, no bias
 /// let answer = Bispectrum::default().estimate(&experiment, &search)?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.7).abs() < 2e-3);
+/// assert!((answer.delay_s.unwrap() - 0.7).abs() < 2e-3);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -89,7 +89,7 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Bispectrum {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         for (option, value, ok, allowed) in [
             ("segment", self.segment, (8..=256).contains(&self.segment), "from 8 to 256"),
             ("max_samples", self.max_samples, self.max_samples >= 1000, "1000 or more"),
@@ -98,7 +98,7 @@ impl DelayEstimator for Bispectrum {
                 return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
             }
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
     }
 }
 
@@ -110,16 +110,12 @@ impl Bispectrum {
                 method: NAME,
                 needed,
                 got,
-                remedy: "search a shorter --max-delay, or set a shorter segment",
+                remedy: "search a shorter `max_delay`, or set a shorter segment",
             });
         }
         // No longer part than the cap, but never so short that the window does not fit.
         let most = self.max_samples.max(needed);
-        let head = |r: &Record| {
-            let n = r.len().min(most);
-            Record { u: r.u[..n].to_vec(), y: r.y[..n].to_vec(), present: r.present.as_ref().map(|p| p[..n].to_vec()) }
-        };
-        let cut: Vec<Record> = records.iter().map(head).collect();
+        let cut: Vec<Record<'_>> = records.iter().map(|r| r.head(most)).collect();
         let signals = Centred::new(&cut);
         let (skewness, chance) = skewness(&signals);
         if skewness.abs() <= SKEWED * chance {

@@ -6,8 +6,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
-    Search, Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
+    Suits, one_pair, posterior,
 };
 use crate::identify::{Initial, OutputError, Record, laguerre_spectra};
 use crate::registry::entry;
@@ -34,9 +34,9 @@ use crate::registry::entry;
 /// for t in 5..400 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Fischer::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 1e-12);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -79,11 +79,11 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Fischer {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         if self.order < LEAST {
             return Err(DelayError::Option { method: NAME, option: "order", value: self.order as f64, allowed: "10 or more" });
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
     }
 }
 
@@ -91,7 +91,7 @@ impl Fischer {
     fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
         let (needed, got) = (max_delay + 2 * self.order, experiment.longest());
         if got < needed {
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter --max-delay, or set a smaller order" });
+            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter `max_delay`, or set a smaller order" });
         }
         if records.iter().any(|r| r.present.is_some()) {
             return Ok(DelayEstimate::without(Outcome::NotApplicable, "output samples are missing, and sums over all of them are needed"));
@@ -124,7 +124,7 @@ impl Fischer {
             }
             // One sample more, (w + a)/(1 + aw).
             for record in &mut spectra {
-                record.u = along(&record.u, [pole, 1.0], pole);
+                record.u = along(&record.u, [pole, 1.0], pole).into();
             }
         }
         let power = crate::identify::power(&spectra);
@@ -139,7 +139,7 @@ impl Fischer {
         }
         let best = posterior.best;
         let (raw, [from, to]) = (best as f64, posterior.ends);
-        Ok(DelayEstimate::counted(raw, posterior.std, [from - 0.5, to + 0.5], best == max_delay, bias, experiment.sample_time))
+        Ok(DelayEstimate::counted(raw, posterior.std, [from - 0.5, to + 0.5], best == max_delay, bias, experiment.sample_time()))
     }
 }
 

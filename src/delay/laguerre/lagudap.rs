@@ -6,8 +6,8 @@
 
 use crate::delay::frequency::all_pass::all_pass;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
-    Search, Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
+    Suits, one_pair, posterior,
 };
 use crate::identify::{Laguerre, Record, laguerre};
 use crate::registry::entry;
@@ -35,9 +35,9 @@ use crate::registry::entry;
 /// for t in 5..400 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Lagudap::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 0.05);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.05);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -87,7 +87,7 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Lagudap {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         for (option, value, ok, allowed) in [
             ("order", self.order.unwrap_or(LEAST) as f64, self.order.is_none_or(|n| n >= 2), "2 or more"),
             ("pole", self.pole.unwrap_or_default(), self.pole.is_none_or(|a| (0.0..1.0).contains(&a)), "0 or more and below 1"),
@@ -97,7 +97,7 @@ impl DelayEstimator for Lagudap {
                 return Err(DelayError::Option { method: NAME, option, value, allowed });
             }
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
     }
 }
 
@@ -106,7 +106,7 @@ impl Lagudap {
         let order = self.order.unwrap_or(LEAST.max(max_delay + BEYOND));
         let (needed, got) = (max_delay + 4 * order, experiment.longest().min(self.max_samples));
         if got < needed {
-            let remedy = "search a shorter --max-delay, or set a smaller order or a larger max_samples";
+            let remedy = "search a shorter `max_delay`, or set a smaller order or a larger max_samples";
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
         }
         let cut: Vec<Record> = records.iter().map(|r| r.head(self.max_samples)).collect();

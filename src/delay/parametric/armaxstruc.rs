@@ -5,8 +5,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
-    Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, Scope, Search, Start, Suits,
+    one_pair, posterior,
 };
 use crate::identify::{Armax, ArmaxFit, MAX_OE_ORDER, Record};
 use crate::registry::entry;
@@ -40,9 +40,9 @@ use crate::stop::Stop;
 ///     }
 ///     u[t] = dither[t] - 0.6 * y[t]; // held by feedback
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Armaxstruc::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.2).abs() < 1e-12);
+/// assert!((answer.delay_s.unwrap() - 0.2).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -97,7 +97,7 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Armaxstruc {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         for (option, value, ok, allowed) in [
             ("na", self.na, self.na <= MAX_OE_ORDER, "at most 16"),
             ("nb", self.nb, (1..=MAX_OE_ORDER).contains(&self.nb), "from 1 to 16"),
@@ -108,7 +108,7 @@ impl DelayEstimator for Armaxstruc {
                 return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
             }
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment, &search.stop))
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment, &search.stop))
     }
 }
 
@@ -130,7 +130,7 @@ impl Armaxstruc {
                 method: NAME,
                 needed: self.na.max(max_delay + self.nb - 1) + orders.rows_needed(),
                 got: experiment.longest().min(self.max_samples),
-                remedy: "search a shorter --max-delay, or set smaller na, nb and nc",
+                remedy: "search a shorter `max_delay`, or set smaller na, nb and nc",
             });
         }
         let losses: Vec<Vec<f64>> =
@@ -179,7 +179,7 @@ impl Armaxstruc {
             posterior::first_coefficient(posterior.ends[0], posterior.ends[1], bias),
             best == max_delay,
             bias,
-            experiment.sample_time,
+            experiment.sample_time(),
         );
         let used = cut.is_some().then(|| format!("used the first {} of {} samples", self.max_samples, experiment.longest()));
         let leading = best.saturating_sub(minimum);
@@ -191,7 +191,7 @@ impl Armaxstruc {
         let edge = fit
             .filter(|f| on_circle(f))
             .map(|_| "the noise model has a root on the unit circle: too many orders, or a drift taken off".to_owned());
-        Ok(DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(raw)), ..estimate }
+        Ok(DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(raw)), ..estimate }
             .noting(zeros)
             .noting(unstable)
             .noting(edge)

@@ -5,8 +5,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
-    Start, Suits, every_output, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, Scope, Search, Start, Suits,
+    joint_inputs, one_pair, posterior,
 };
 use crate::identify::{ArxScan, JointArx, Record, arx_scan, beside};
 use crate::registry::entry;
@@ -33,9 +33,9 @@ use crate::registry::entry;
 /// for t in 5..400 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Arxstruc::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 1e-12);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -98,7 +98,7 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Arxstruc {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         self.run(NAME, experiment, search)
     }
 
@@ -109,14 +109,15 @@ impl DelayEstimator for Arxstruc {
 
 impl Arxstruc {
     /// The scan under the name of a method that is one.
-    pub(super) fn run(&self, name: &'static str, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    pub(super) fn run(&self, name: &'static str, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         if self.nb == 0 {
             return Err(DelayError::Option { method: name, option: "nb", value: 0.0, allowed: "1 or more" });
         }
-        if self.others == Others::Regressors && experiment.inputs.len() > 1 {
-            return every_output(experiment, search, |inputs, max_delay, bias| self.joint(name, inputs, max_delay, bias, experiment));
+        if self.others == Others::Regressors && experiment.inputs().len() > 1 {
+            let all = joint_inputs(experiment, search, |inputs, max_delay, bias| self.joint(name, inputs, max_delay, bias, experiment))?;
+            return all.into_iter().next().ok_or(DelayError::Count { what: "inputs", needed: 1, got: 0 });
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(name, records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(name, records, max_delay, bias, experiment))
     }
 
     /// The answers of all inputs for one output, each with the others as regressors.
@@ -138,7 +139,7 @@ impl Arxstruc {
                 method: name,
                 needed: self.na.max(max_delay + self.nb - 1) + rows_needed,
                 got: experiment.longest(),
-                remedy: "search a shorter --max-delay, or set smaller na and nb",
+                remedy: "search a shorter `max_delay`, or set smaller na and nb",
             });
         }
         // Each input alone first: the descent starts where the pairs' answers are.
@@ -184,7 +185,7 @@ impl Arxstruc {
                 method: name,
                 needed: self.na.max(max_delay + self.nb - 1) + rows_needed,
                 got: experiment.longest(),
-                remedy: "search a shorter --max-delay, or set smaller na and nb",
+                remedy: "search a shorter `max_delay`, or set smaller na and nb",
             });
         }
         Ok(answer(&scan, self.nb, max_delay, bias, experiment))
@@ -219,10 +220,10 @@ pub(super) fn answer(scan: &ArxScan, nb: usize, max_delay: usize, bias: usize, e
         posterior::first_coefficient(posterior.ends[0], posterior.ends[1], bias),
         best == max_delay,
         bias,
-        experiment.sample_time,
+        experiment.sample_time(),
     );
     let leading = best.saturating_sub(minimum);
     let note = (leading > 0)
         .then(|| format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise"));
-    DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(raw)), ..estimate }.noting(note)
+    DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(raw)), ..estimate }.noting(note)
 }

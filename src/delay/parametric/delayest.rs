@@ -5,7 +5,7 @@
 use super::Arxstruc;
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimator, Experiment, Information, Method, PairEstimate, Scope, Search, Start, Suits,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Scope, Search, Start, Suits,
 };
 use crate::registry::entry;
 
@@ -18,7 +18,7 @@ use crate::registry::entry;
 /// answer weighs one and two of them by their evidence, the raw value is the published minimum.
 /// Source: MATLAB, System Identification Toolbox, page `delayest` (na = 2, nb = 2, nkmin = 0, nkmax = nkmin + 20, at most 10 000 models). The page says that ARX models of
 /// different delays are compared, not by which criterion nor over which rows, nor what is done about feedback or about several inputs beyond trying all combinations; here
-/// the criterion is the loss over rows that all delays share, each input on its own, and the range is that of the search (0 to `--max-delay`).
+/// the criterion is the loss over rows that all delays share, each input on its own, and the range is that of the search (0 to `max_delay`).
 ///
 /// # Example
 /// ```
@@ -31,9 +31,9 @@ use crate::registry::entry;
 /// for t in 5..400 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Delayest::default().estimate(&experiment, &Search { max_delay: 20, ..Search::default() })?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 1e-12);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -67,7 +67,7 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Delayest {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         Arxstruc { na: self.na, nb: self.nb, ..Arxstruc::default() }.run("delayest", experiment, search)
     }
 }

@@ -4,8 +4,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
-    Search, Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
+    Suits, one_pair, posterior,
 };
 use crate::identify::{Record, arx_scan};
 use crate::registry::entry;
@@ -45,9 +45,9 @@ pub enum Cost {
 /// for t in 5..400 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Elnaggar::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 1e-12);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -80,11 +80,11 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Elnaggar {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        every_pair(experiment, search, |records, max_delay, bias| {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+        one_pair(experiment, search, |records, max_delay, bias| {
             let (needed, got) = (max_delay + 1 + ROWS, experiment.longest());
             if got < needed {
-                return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter --max-delay" });
+                return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter `max_delay`" });
             }
             if let Some(note) = posterior::unseen(records, max_delay) {
                 return Ok(DelayEstimate::without(Outcome::NotVisible, note));
@@ -109,7 +109,7 @@ impl DelayEstimator for Elnaggar {
             let interval = posterior::first_coefficient(from, posterior.ends[1], bias);
             let note = (raw - from > 1.5).then(|| format!("the products stand out from nk = {from} on: the response may begin there"));
             let std = posterior.std.max((interval[1] - interval[0]) * posterior::RESOLUTION.sqrt());
-            Ok(DelayEstimate::counted(raw, std, interval, best == max_delay, bias, experiment.sample_time).noting(note))
+            Ok(DelayEstimate::counted(raw, std, interval, best == max_delay, bias, experiment.sample_time()).noting(note))
         })
     }
 }
@@ -141,7 +141,7 @@ impl Scores {
 /// Σ (Δy(t) − b·u(t − d))² for every d, over the rows that the longest delay has.
 fn products(records: &[Record], max_delay: usize) -> Scores {
     let delays = max_delay + 1;
-    let mean = records.iter().flat_map(|r| &r.u).sum::<f64>() / records.iter().map(Record::len).sum::<usize>().max(1) as f64;
+    let mean = records.iter().flat_map(|r| r.u.iter()).sum::<f64>() / records.iter().map(Record::len).sum::<usize>().max(1) as f64;
     let (mut cross, mut energy, mut power, mut rows) = (vec![0.0; delays], vec![0.0; delays], 0.0, 0.0);
     for record in records {
         let there = |t: usize| record.present.as_ref().is_none_or(|p| p[t]);

@@ -5,8 +5,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
-    Search, Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
+    Suits, one_pair, posterior,
 };
 use crate::identify::{MAX_OE_ORDER, Record, RefinedIv};
 use crate::registry::entry;
@@ -35,9 +35,9 @@ use crate::stop::Stop;
 /// for t in 5..300 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Ivstruc::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 1e-12);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -85,7 +85,7 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Ivstruc {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         for (option, value, ok, allowed) in [
             ("nb", self.nb, (1..=MAX_OE_ORDER).contains(&self.nb), "from 1 to 16"),
             ("nf", self.nf, self.nf <= MAX_OE_ORDER, "at most 16"),
@@ -96,7 +96,7 @@ impl DelayEstimator for Ivstruc {
                 return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
             }
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment, &search.stop))
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment, &search.stop))
     }
 }
 
@@ -117,7 +117,7 @@ impl Ivstruc {
                 method: NAME,
                 needed,
                 got: got.min(self.max_samples),
-                remedy: "search a shorter --max-delay",
+                remedy: "search a shorter `max_delay`",
             });
         }
         if records.iter().any(|r| r.present.as_ref().is_some_and(|p| p.contains(&false))) {
@@ -169,7 +169,7 @@ impl Ivstruc {
             posterior::first_coefficient(from, to, bias),
             best == max_delay,
             bias,
-            experiment.sample_time,
+            experiment.sample_time(),
         );
         Ok(estimate.noting(note))
     }

@@ -27,7 +27,7 @@ pub use two_step::TwoStep;
 use crate::identify::Record;
 
 /// The first `most` samples of every record; `None` where none is longer.
-fn heads(records: &[Record], most: usize) -> Option<Vec<Record>> {
+fn heads<'a>(records: &'a [Record<'_>], most: usize) -> Option<Vec<Record<'a>>> {
     records.iter().any(|r| r.len() > most).then(|| records.iter().map(|r| r.head(most)).collect())
 }
 

@@ -7,8 +7,8 @@ use super::Oestruc;
 use super::profile::{Profile, Weighing, check, profile};
 use crate::delay::posterior::{RESOLUTION, first_coefficient};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, PairEstimate, Scope, Search, Start,
-    Suits, every_pair,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Scope, Search, Start, Suits,
+    one_pair,
 };
 use crate::identify::{Initial, OutputError};
 use crate::registry::entry;
@@ -48,9 +48,9 @@ pub enum Center {
 /// for t in 5..300 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = OePosterior::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 1e-9);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-9);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -102,10 +102,10 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for OePosterior {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         let orders = OutputError { nb: self.nb, nf: self.nf, initial: self.initial };
         check(NAME, &orders, self.max_samples)?;
-        every_pair(experiment, search, |records, max_delay, bias| {
+        one_pair(experiment, search, |records, max_delay, bias| {
             let Profile { posterior, note, .. } =
                 match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Average, &search.stop)? {
                     Ok(profile) => profile,
@@ -132,8 +132,8 @@ impl DelayEstimator for OePosterior {
             });
             let at_edge = posterior.best == max_delay;
             let std = (variance + RESOLUTION).sqrt();
-            let estimate = DelayEstimate::counted(answer, std, interval, at_edge, bias, experiment.sample_time);
-            let raw_delay_s = Some(experiment.sample_time.to_seconds(posterior.best as f64));
+            let estimate = DelayEstimate::counted(answer, std, interval, at_edge, bias, experiment.sample_time());
+            let raw_delay_s = Some(experiment.sample_time().to_seconds(posterior.best as f64));
             Ok(DelayEstimate { raw_delay_s, ..estimate }.noting(note).noting(spread).noting(leans))
         })
     }

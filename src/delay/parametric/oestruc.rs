@@ -5,8 +5,8 @@
 use super::profile::{Profile, Weighing, check, profile, shortened};
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, PairEstimate, Scope, Search, Start,
-    Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Scope, Search, Start, Suits, one_pair,
+    posterior,
 };
 use crate::identify::{Initial, OeFit, OutputError, Record};
 use crate::registry::entry;
@@ -30,9 +30,9 @@ use crate::registry::entry;
 /// for t in 5..300 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Oestruc::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 1e-12);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -79,10 +79,10 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Oestruc {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         let orders = OutputError { nb: self.nb, nf: self.nf, initial: self.initial };
         check(NAME, &orders, self.max_samples)?;
-        every_pair(experiment, search, |records, max_delay, bias| {
+        one_pair(experiment, search, |records, max_delay, bias| {
             let Profile { fits, posterior, note, .. } =
                 match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best, &search.stop)? {
                     Ok(profile) => profile,
@@ -95,7 +95,7 @@ impl DelayEstimator for Oestruc {
             let [from, to] = posterior.ends;
             let interval = posterior::first_coefficient(from, to, bias);
             let at_edge = best == max_delay && !self.always_answers;
-            Ok(DelayEstimate::counted(raw, posterior.std, interval, at_edge, bias, experiment.sample_time).noting(note))
+            Ok(DelayEstimate::counted(raw, posterior.std, interval, at_edge, bias, experiment.sample_time()).noting(note))
         })
     }
 }
@@ -116,7 +116,7 @@ impl Oestruc {
         let (raw, window) = (best as f64, max_delay as f64);
         // Nothing speaks for it: as uncertain as a delay anywhere in the window.
         let std = window * posterior::RESOLUTION.sqrt();
-        DelayEstimate::counted(raw, std, [0.0, window], false, bias, experiment.sample_time).noting(answer.note)
+        DelayEstimate::counted(raw, std, [0.0, window], false, bias, experiment.sample_time()).noting(answer.note)
     }
 }
 

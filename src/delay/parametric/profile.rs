@@ -8,7 +8,7 @@ use crate::identify::{Initial, MAX_OE_ORDER, OeFit, OutputError, Record, largest
 use crate::stop::Stop;
 
 /// An output-error scan against which nothing speaks.
-pub(super) struct Profile {
+pub(super) struct Profile<'a> {
     /// The model of every delay.
     pub(super) fits: Vec<Option<OeFit>>,
     /// What their losses say.
@@ -16,7 +16,7 @@ pub(super) struct Profile {
     /// Measured samples for each independent one among the residuals of the best model.
     pub(super) per_independent: f64,
     /// The records as far as they were used.
-    pub(super) records: Vec<Record>,
+    pub(super) records: Vec<Record<'a>>,
     /// What a reader must know.
     pub(super) note: Option<String>,
 }
@@ -45,15 +45,10 @@ pub(super) fn check(name: &'static str, orders: &OutputError, max_samples: usize
 }
 
 /// The records as far as `max_samples` reach, and the note that says so.
-pub(super) fn shortened(records: &[Record], max_samples: usize) -> (Vec<Record>, Option<String>) {
+pub(super) fn shortened<'a>(records: &'a [Record<'_>], max_samples: usize) -> (Vec<Record<'a>>, Option<String>) {
     let got = records.iter().map(Record::len).max().unwrap_or(0);
     let note = (got > max_samples).then(|| format!("used the first {max_samples} of {got} samples"));
-    (records.iter().map(|r| head(r, max_samples)).collect(), note)
-}
-
-fn head(record: &Record, samples: usize) -> Record {
-    let n = record.len().min(samples);
-    Record { u: record.u[..n].to_vec(), y: record.y[..n].to_vec(), present: record.present.as_ref().map(|p| p[..n].to_vec()) }
+    (records.iter().map(|r| r.head(max_samples)).collect(), note)
 }
 
 /// The measured outputs less the residuals.
@@ -66,20 +61,20 @@ pub(super) fn model(records: &[Record], residuals: &[f64]) -> Vec<f64> {
 const SLOW: f64 = 4.0;
 
 /// The scan of `orders`, or the answer that takes its place: nothing moves, nothing is seen, many delays fit alike, no minimum.
-pub(super) fn profile(
+pub(super) fn profile<'a>(
     name: &'static str,
     orders: OutputError,
     max_samples: usize,
-    records: &[Record],
+    records: &'a [Record<'_>],
     max_delay: usize,
     weighing: Weighing,
     stop: &Stop,
-) -> Result<Result<Profile, DelayEstimate>, DelayError> {
+) -> Result<Result<Profile<'a>, DelayEstimate>, DelayError> {
     let parameters = orders.nb + orders.nf;
     let needed = max_delay + orders.nb + 3 * parameters;
     let got = records.iter().map(Record::len).max().unwrap_or(0);
     if got < needed {
-        return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter --max-delay" });
+        return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter `max_delay`" });
     }
     let (records, note) = shortened(records, max_samples);
     let fits = orders.scan_until(&records, max_delay, stop);

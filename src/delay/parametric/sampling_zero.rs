@@ -6,8 +6,8 @@ use nalgebra::DVector;
 
 use super::profile::{Profile, Weighing, check, profile};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
-    Search, Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
+    Suits, one_pair, posterior,
 };
 use crate::identify::{Initial, OeFit, OutputError};
 use crate::registry::entry;
@@ -37,9 +37,9 @@ use crate::registry::entry;
 /// for t in 6..400 {
 ///     y[t] = p * y[t - 1] + b1 * u[t - 5] + b2 * u[t - 6];
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = SamplingZero::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.43).abs() < 1e-3);
+/// assert!((answer.delay_s.unwrap() - 0.43).abs() < 1e-3);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -80,10 +80,10 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for SamplingZero {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         let orders = OutputError { nb: 2, nf: 1, initial: self.initial };
         check(NAME, &orders, self.max_samples)?;
-        every_pair(experiment, search, |records, max_delay, bias| {
+        one_pair(experiment, search, |records, max_delay, bias| {
             let profile = match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best, &search.stop)? {
                 Ok(profile) => profile,
                 Err(answer) => return Ok(answer),
@@ -92,7 +92,7 @@ impl DelayEstimator for SamplingZero {
                 return Ok(DelayEstimate::without(Outcome::Singular, "numerator and pole cannot be told apart on this record"));
             };
             let at_edge = answer.raw + 0.5 >= as_f64(max_delay);
-            let estimate = DelayEstimate::counted(answer.raw, answer.std, answer.interval, at_edge, bias, experiment.sample_time);
+            let estimate = DelayEstimate::counted(answer.raw, answer.std, answer.interval, at_edge, bias, experiment.sample_time());
             Ok(estimate.noting(profile.note).noting(answer.note))
         })
     }

@@ -5,8 +5,8 @@
 
 use super::profile::shortened;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
-    Search, Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
+    Suits, one_pair, posterior,
 };
 use crate::identify::{Initial, OeFit, OutputError, Record, filtered, largest_pole, power};
 use crate::registry::entry;
@@ -33,9 +33,9 @@ use crate::registry::entry;
 /// for t in 5..300 {
 ///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = TwoStep::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 1e-3);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-3);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -87,16 +87,16 @@ const ROWS: usize = 12;
 const MODEL: OutputError = OutputError { nb: 1, nf: 2, initial: Initial::Zero };
 
 impl DelayEstimator for TwoStep {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         for (option, value) in [("max_turns", self.max_turns), ("max_samples", self.max_samples)] {
             if value == 0 {
                 return Err(DelayError::Option { method: NAME, option, value: 0.0, allowed: "1 or more" });
             }
         }
-        every_pair(experiment, search, |records, max_delay, bias| {
+        one_pair(experiment, search, |records, max_delay, bias| {
             let (needed, got) = (max_delay + 1 + ROWS, experiment.longest());
             if got < needed {
-                return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter --max-delay" });
+                return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter `max_delay`" });
             }
             if let Some(note) = posterior::unseen(records, max_delay) {
                 return Ok(DelayEstimate::without(Outcome::NotVisible, note));
@@ -150,8 +150,8 @@ impl TwoStep {
         let apart = rivals.iter().map(|r| (r.delay - best.delay).abs()).fold(0.0, f64::max);
         let note = (apart > 0.5).then(|| format!("another minimum, {apart:.1} samples away, is nearly as good"));
         let at_edge = delay + 0.5 >= longest;
-        let estimate = DelayEstimate::counted(delay, std, [from, to], at_edge, bias, experiment.sample_time).noting(note);
-        DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(best.delay)), ..estimate }
+        let estimate = DelayEstimate::counted(delay, std, [from, to], at_edge, bias, experiment.sample_time()).noting(note);
+        DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(best.delay)), ..estimate }
     }
 
     /// Turns from one start until the delay stands still.
@@ -282,13 +282,13 @@ const HALVINGS: usize = 16;
 const LEAST_STD: f64 = 1e-9;
 
 /// The records with the input `delay` samples later, interpolated within a sample.
-fn interpolated(records: &[Record], delay: f64) -> Vec<Record> {
+fn interpolated<'a>(records: &'a [Record<'_>], delay: f64) -> Vec<Record<'a>> {
     let (n, share) = split(delay);
     let later = |u: &[f64]| -> Vec<f64> {
         let at = |t: usize, lag: usize| if t >= lag { u[t - lag] } else { 0.0 };
         (0..u.len()).map(|t| (1.0 - share) * at(t, n) + share * at(t, n + 1)).collect()
     };
-    records.iter().map(|r| Record { u: later(&r.u[..r.len()]), y: r.y.clone(), present: r.present.clone() }).collect()
+    records.iter().map(|r| Record { u: later(&r.u[..r.len()]).into(), ..r.head(usize::MAX) }).collect()
 }
 
 /// Whole samples and the share of the next.

@@ -14,8 +14,8 @@ use self::chain::Shape;
 use self::fit::{Found, Place, Problem};
 use super::method::WHOLE;
 use super::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
-    Search, Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
+    Suits, one_pair, posterior,
 };
 use crate::identify::{Initial, Record};
 use crate::registry::entry;
@@ -63,9 +63,9 @@ pub enum Poles {
 /// for t in 5..300 {
 ///     y[t] = (-0.1_f64).exp() * y[t - 1] + new * u[t - 5] + if t > 5 { old * u[t - 6] } else { 0.0 };
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = P1d::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.43).abs() < 1e-6);
+/// assert!((answer.delay_s.unwrap() - 0.43).abs() < 1e-6);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -112,7 +112,7 @@ macro_rules! process {
         };
 
         impl DelayEstimator for $type {
-            fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+            fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
                 self.0.run($name, Shape { poles: $poles, zero: $zero }, experiment, search)
             }
         }
@@ -209,7 +209,7 @@ process!(
 );
 
 impl Process {
-    fn run(&self, method: &'static str, shape: Shape, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn run(&self, method: &'static str, shape: Shape, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         let option = |option, value, allowed| DelayError::Option { method, option, value, allowed };
         if self.max_samples == 0 {
             return Err(option("max_samples", 0.0, "1 or more"));
@@ -219,7 +219,7 @@ impl Process {
         }
         // Raw delays count the sample that a hold takes to show; here it is in the model.
         let search = Search { min_delay: search.min_delay.saturating_sub(1), ..search.clone() };
-        every_pair(experiment, &search, |records, max_delay, _| self.pair(method, shape, records, max_delay, experiment, &search.stop))
+        one_pair(experiment, &search, |records, max_delay, _| self.pair(method, shape, records, max_delay, experiment, &search.stop))
     }
 
     fn pair(
@@ -235,7 +235,7 @@ impl Process {
         let needed = max_delay + 3 * (shape.denominator() + shape.numerator() + 1 + start);
         let got = experiment.longest();
         if got < needed {
-            return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter --max-delay" });
+            return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter `max_delay`" });
         }
         let cut: Vec<Record>;
         let shortened = got > self.max_samples;
@@ -246,7 +246,7 @@ impl Process {
             records
         };
         let mut problem = Problem::new(shape, self.poles == Poles::Real, self.initial, records, max_delay, stop);
-        let initial = self.initial_delay_s.map(|s| s / experiment.sample_time.seconds());
+        let initial = self.initial_delay_s.map(|s| s / experiment.sample_time().seconds());
         let mut minima = problem.minima(initial);
         let Some(mut best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite()) else {
             return Ok(DelayEstimate::without(
@@ -295,7 +295,7 @@ impl Process {
         let left = knowledge.leaves(records, max_delay).then(|| {
             "what the model leaves over still follows the input: a plant of another shape, whose lag may be in the dead time".to_owned()
         });
-        let estimate = DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time);
+        let estimate = DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time());
         Ok(estimate.noting(used).contradicted(left))
     }
 }

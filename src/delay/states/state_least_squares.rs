@@ -2,11 +2,13 @@
 //!
 //! Equation: z(k) = x(k+1) − A x(k) = Σⱼ Σᵢ γᵢⱼ Bⱼ uⱼ(k − tᵢ), γ by least squares; one γ per input is 1, at its delay.
 
+use std::borrow::Cow;
+
 use nalgebra::{DMatrix, DVector};
 
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, PlantModel,
-    Prewindow, Recording, Scope, Search, Start, Suits, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PlantModel, Prewindow,
+    Recording, Scope, Search, Start, Suits, posterior,
 };
 use crate::identify::lag_matrix;
 use crate::model::c2d::{Hold, transition};
@@ -80,15 +82,20 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for StateLeastSquares {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
-        experiment.check()?;
+    /// The delay of the first input; all are found together.
+    fn estimate(&self, experiment: &Experiment<'_>, search: &Search) -> Result<DelayEstimate, DelayError> {
+        let first = self.estimate_inputs(experiment, search)?.into_iter().next();
+        first.ok_or(DelayError::Count { what: "inputs", needed: 1, got: 0 })
+    }
+
+    fn estimate_inputs(&self, experiment: &Experiment<'_>, search: &Search) -> Result<Vec<DelayEstimate>, DelayError> {
         let mut estimates = self.window(experiment, search.max_delay)?;
         if estimates.iter().any(|e| e.outcome == Outcome::AtEdge)
             && let Ok(wider) = self.window(experiment, 2 * search.max_delay)
         {
             estimates = wider;
         }
-        Ok(estimates.into_iter().enumerate().map(|(input, estimate)| PairEstimate { input, output: None, estimate }).collect())
+        Ok(estimates)
     }
 }
 
@@ -109,8 +116,8 @@ struct Plant {
 
 impl Plant {
     fn new(experiment: &Experiment) -> Result<Self, DelayError> {
-        let ts = experiment.sample_time.seconds();
-        let plant = match &experiment.model {
+        let ts = experiment.sample_time().seconds();
+        let plant = match experiment.model() {
             None => return Err(DelayError::NoStates { method: NAME }),
             Some(PlantModel::Sampled(sys)) => Self { a: sys.a().clone(), b: sys.b().clone(), continuous: None },
             Some(PlantModel::Continuous(sys)) => {
@@ -119,14 +126,14 @@ impl Plant {
             }
         };
         let (n, m) = plant.b.shape();
-        if experiment.recordings.iter().any(|r| r.states.len() != n || n == 0) {
+        if experiment.recordings().iter().any(|r| r.states.len() != n || n == 0) {
             return Err(DelayError::NoStates { method: NAME });
         }
-        if m != experiment.inputs.len() {
+        if m != experiment.inputs().len() {
             return Err(DelayError::Count {
                 what: "inputs (the method needs all of the model's)",
                 needed: m,
-                got: experiment.inputs.len(),
+                got: experiment.inputs().len(),
             });
         }
         Ok(plant)
@@ -204,7 +211,6 @@ impl StateLeastSquares {
     /// # Errors
     /// As an estimation; [`DelayError::Dependent`] where the lags of the inputs are combinations of each other.
     pub fn coefficients(&self, experiment: &Experiment, max_delay: usize) -> Result<Coefficients, DelayError> {
-        experiment.check()?;
         let plant = Plant::new(experiment)?;
         let (n, m) = plant.b.shape();
         let lags = max_delay + 1;
@@ -317,7 +323,7 @@ impl StateLeastSquares {
                     }
                     Selection::LargestProduct => (product, f64::NAN),
                 };
-                let ts = experiment.sample_time;
+                let ts = experiment.sample_time();
                 let at_edge = peak == max_delay;
                 let note = format!(
                     "largest coefficient {coefficient:.3} at lag {peak} (1 if A and B are exact); one delay per input explains {:.1} % of the state's motion",
@@ -350,7 +356,7 @@ fn real(i: usize) -> f64 {
     i as f64
 }
 
-fn rows<'a>(recording: &'a Recording, a: &DMatrix<f64>) -> Rows<'a> {
+fn rows<'a>(recording: &'a Recording<'_>, a: &DMatrix<f64>) -> Rows<'a> {
     let samples = recording.inputs[0].len();
     let x = DMatrix::from_fn(recording.states.len(), samples, |i, k| recording.states[i][k]);
     let z = x.columns(1, samples - 1) - a * x.columns(0, samples - 1);
@@ -358,22 +364,22 @@ fn rows<'a>(recording: &'a Recording, a: &DMatrix<f64>) -> Rows<'a> {
 }
 
 /// Every recording behind `samples` of rest: inputs at their first value where the record begins at rest, else at zero. No equation is made of those samples' states.
-fn behind_rest(experiment: &Experiment, samples: usize) -> Experiment {
+fn behind_rest<'b>(experiment: &Experiment<'_>, samples: usize) -> Experiment<'b> {
     let rests = experiment.begins_at_rest();
-    let behind = |level: f64, x: &[f64]| -> Vec<f64> { std::iter::repeat_n(level, samples).chain(x.iter().copied()).collect() };
-    let recordings = (experiment.recordings.iter())
+    let behind = |level: f64, x: &[f64]| -> Cow<'b, [f64]> { std::iter::repeat_n(level, samples).chain(x.iter().copied()).collect() };
+    let recordings = (experiment.recordings().iter())
         .map(|r| Recording {
             inputs: r.inputs.iter().map(|u| behind(u.first().copied().filter(|_| rests).unwrap_or(0.0), u)).collect(),
             outputs: Vec::new(),
             states: r.states.iter().map(|x| behind(0.0, x)).collect(),
         })
         .collect();
-    Experiment { recordings, ..experiment.clone() }
+    experiment.with_recordings(recordings)
 }
 
 /// The recordings that have samples behind the first one.
-fn usable<'a>(experiment: &'a Experiment, plant: &Plant, first: usize) -> Vec<Rows<'a>> {
-    experiment.recordings.iter().filter(|r| r.inputs[0].len() > first + 1).map(|r| rows(r, &plant.a)).collect()
+fn usable<'a>(experiment: &'a Experiment<'_>, plant: &Plant, first: usize) -> Vec<Rows<'a>> {
+    experiment.recordings().iter().filter(|r| r.inputs[0].len() > first + 1).map(|r| rows(r, &plant.a)).collect()
 }
 
 fn samples(recordings: &[Rows<'_>], first: usize) -> usize {
@@ -391,7 +397,7 @@ fn enough(experiment: &Experiment, plant: &Plant, samples: usize, first: usize, 
         method: NAME,
         needed: first + 1 + needed_rows,
         got: experiment.longest(),
-        remedy: "search a shorter --max-delay",
+        remedy: "search a shorter `max_delay`",
     })
 }
 

@@ -10,8 +10,8 @@ use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
 use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PairEstimate, Scope,
-    Search, Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
+    Suits, one_pair, posterior,
 };
 use crate::registry::entry;
 
@@ -40,9 +40,9 @@ use crate::registry::entry;
 /// for t in 5..600 {
 ///     y[t] = 0.6 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Cusum::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 1e-12);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -84,7 +84,7 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Cusum {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         self.run("cusum", &Kind::Impulse, experiment, search)
     }
 }
@@ -96,7 +96,7 @@ impl Cusum {
         kind: &Kind,
         experiment: &Experiment,
         search: &Search,
-    ) -> Result<Vec<PairEstimate>, DelayError> {
+    ) -> Result<DelayEstimate, DelayError> {
         let option = |option, value, allowed| DelayError::Option { method: name, option, value, allowed };
         if self.taps == 0 {
             return Err(option("taps", 0.0, "1 or more"));
@@ -110,7 +110,7 @@ impl Cusum {
         if !(self.false_alarm > 0.0 && self.false_alarm < 1.0) {
             return Err(option("false_alarm", self.false_alarm, "between 0 and 1"));
         }
-        every_pair(experiment, search, |records, max_delay, bias| {
+        one_pair(experiment, search, |records, max_delay, bias| {
             let taps = self.taps.max(max_delay + 1);
             let response = match response(name, kind, records, taps, self.records, self.prewindow)? {
                 Ok(response) => response,
@@ -143,8 +143,8 @@ impl Cusum {
         let interval = posterior::first_coefficient(began, alarm, bias);
         let std = (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt();
         let at_edge = start == max_delay as f64;
-        let estimate = DelayEstimate::counted(start, std, interval, at_edge, bias, experiment.sample_time);
-        DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(raw)), ..estimate }.noting(response.note.clone())
+        let estimate = DelayEstimate::counted(start, std, interval, at_edge, bias, experiment.sample_time());
+        DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(raw)), ..estimate }.noting(response.note.clone())
     }
 }
 

@@ -7,8 +7,8 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
-    Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, Scope, Search, Start, Suits,
+    one_pair, posterior,
 };
 use crate::registry::entry;
 
@@ -34,9 +34,9 @@ use crate::registry::entry;
 /// for t in 5..600 {
 ///     y[t] = 0.6 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Threshold::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 1e-12);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -76,7 +76,7 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Threshold {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         self.run("threshold", &Kind::Impulse, experiment, search)
     }
 }
@@ -88,7 +88,7 @@ impl Threshold {
         kind: &Kind,
         experiment: &Experiment,
         search: &Search,
-    ) -> Result<Vec<PairEstimate>, DelayError> {
+    ) -> Result<DelayEstimate, DelayError> {
         let option = |option, value, allowed| DelayError::Option { method: name, option, value, allowed };
         if self.taps == 0 {
             return Err(option("taps", 0.0, "1 or more"));
@@ -99,7 +99,7 @@ impl Threshold {
         if let Some(level) = self.family_wise.filter(|l| !(*l > 0.0 && *l < 1.0)) {
             return Err(option("family_wise", level, "between 0 and 1"));
         }
-        every_pair(experiment, search, |records, max_delay, bias| {
+        one_pair(experiment, search, |records, max_delay, bias| {
             let taps = self.taps.max(max_delay + 1);
             let response = match response(name, kind, records, taps, self.records, self.prewindow)? {
                 Ok(response) => response,
@@ -143,6 +143,6 @@ impl Threshold {
             .then(|| format!("the impulse response has not died out after {taps} taps: set more of them"));
         // The true start is anywhere between: a uniform distribution's standard deviation.
         let std = (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt();
-        DelayEstimate::counted(raw, std, interval, at_edge, bias, experiment.sample_time).noting(note).noting(response.note.clone())
+        DelayEstimate::counted(raw, std, interval, at_edge, bias, experiment.sample_time()).noting(note).noting(response.note.clone())
     }
 }

@@ -6,8 +6,8 @@
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, PairEstimate, Scope, Search,
-    Start, Suits, every_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, Scope, Search, Start, Suits,
+    one_pair, posterior,
 };
 use crate::identify::{Evidence, Record};
 use crate::registry::entry;
@@ -37,9 +37,9 @@ use crate::registry::entry;
 /// for t in 5..400 {
 ///     y[t] = 0.6 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
 /// }
-/// let experiment = Experiment::siso(SampleTime::new(0.1)?, u, y);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
 /// let answer = Impulseest::default().estimate(&experiment, &Search::default())?;
-/// assert!((answer[0].estimate.delay_s.unwrap() - 0.4).abs() < 1e-12);
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -86,7 +86,7 @@ const ROWS: usize = 20;
 const ROUNDS: usize = 3;
 
 impl DelayEstimator for Impulseest {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         let option = |option, value, allowed| DelayError::Option { method: NAME, option, value, allowed };
         if self.taps == 0 {
             return Err(option("taps", 0.0, "1 or more"));
@@ -94,7 +94,7 @@ impl DelayEstimator for Impulseest {
         if !(self.false_alarm > 0.0 && self.false_alarm < 1.0) {
             return Err(option("false_alarm", self.false_alarm, "between 0 and 1"));
         }
-        every_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
     }
 }
 
@@ -103,7 +103,7 @@ impl Impulseest {
         let taps = self.taps.max(max_delay + 1);
         let (needed, got) = (taps - 1 + ROWS, experiment.longest());
         if got < needed {
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter --max-delay, or set fewer taps" });
+            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter `max_delay`, or set fewer taps" });
         }
         let Some(evidence) = Evidence::new(records, taps) else {
             let note = format!("the input never moves within {taps} samples of a measured output");
@@ -144,7 +144,7 @@ impl Impulseest {
         let (raw, first) = (posterior.best as f64, crossing as f64);
         let interval = posterior::first_coefficient(posterior.ends[0], posterior.ends[1], bias);
         let at_edge = posterior.best == max_delay;
-        let estimate = DelayEstimate::counted(raw, posterior.std, interval, at_edge, bias, experiment.sample_time);
-        Ok(DelayEstimate { raw_delay_s: Some(experiment.sample_time.to_seconds(first)), ..estimate })
+        let estimate = DelayEstimate::counted(raw, posterior.std, interval, at_edge, bias, experiment.sample_time());
+        Ok(DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(first)), ..estimate })
     }
 }

@@ -1,5 +1,7 @@
 //! Responses with their uncertainty, as every threshold takes them, and where a response may have begun.
 
+use std::borrow::Cow;
+
 use nalgebra::{DMatrix, DVector};
 
 use crate::delay::{DelayError, DelayEstimate, Outcome};
@@ -66,7 +68,7 @@ pub(super) fn response(
     let needed = taps + 2 + if prewindow == Prewindow::Rest { 0 } else { taps - 1 };
     let got = records.iter().map(Record::len).max().unwrap_or(0);
     if got < needed {
-        return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter --max-delay, or set fewer taps" });
+        return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter `max_delay`, or set fewer taps" });
     }
     let rested;
     let records = if prewindow == Prewindow::Rest {
@@ -151,7 +153,7 @@ fn still(record: &Record) -> usize {
 }
 
 /// The record measured from where it rested, behind as many samples of rest as `taps` coefficients look back. Those outputs are no rows of a regression without past outputs.
-fn from_rest(record: &Record, taps: usize) -> Record {
+fn from_rest<'b>(record: &Record<'_>, taps: usize) -> Record<'b> {
     let before = taps - 1;
     let rest = still(record);
     let there = |t: usize| record.present.as_ref().is_none_or(|p| p[t]);
@@ -161,7 +163,7 @@ fn from_rest(record: &Record, taps: usize) -> Record {
         let count = resting.len().max(1) as f64;
         (level_u, level_y) = (record.u[0], resting.iter().sum::<f64>() / count);
     }
-    let behind = |x: &[f64], level: f64| -> Vec<f64> { vec![0.0; before].into_iter().chain(x.iter().map(|v| v - level)).collect() };
+    let behind = |x: &[f64], level: f64| -> Cow<'b, [f64]> { vec![0.0; before].into_iter().chain(x.iter().map(|v| v - level)).collect() };
     let n = record.len();
     Record {
         u: behind(&record.u[..n], level_u),

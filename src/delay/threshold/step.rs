@@ -4,7 +4,7 @@ use super::Threshold;
 use super::response::Kind;
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimator, Experiment, Information, Law, Method, PairEstimate, Scope, Search, Start, Suits,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Scope, Search, Start, Suits,
 };
 use crate::registry::entry;
 
@@ -35,7 +35,7 @@ pub(in crate::delay) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for Step {
-    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<Vec<PairEstimate>, DelayError> {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
         self.0.run("threshold_step", &Kind::Step, experiment, search)
     }
 }

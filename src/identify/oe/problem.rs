@@ -358,7 +358,7 @@ mod tests {
         let present = Some((0..120).map(|t| t % 11 != 3).collect());
         for initial in [Initial::Zero, Initial::Estimated] {
             for present in [None, present.clone()] {
-                let records = [Record { u: u.clone(), y: noisy.clone(), present }];
+                let records = [Record { present, ..Record::new(&u, &noisy) }];
                 let mut problem = Problem::new(OutputError { nb: 2, nf: 2, initial }, &records);
                 problem.nk = 1;
                 let at = [-0.9, 0.3];
@@ -385,7 +385,7 @@ mod tests {
         let noisy: Vec<f64> = y.iter().enumerate().map(|(k, v)| v + ((k * 31 % 17) as f64 - 8.0) * 0.3).collect();
         // Weights that are all 1 lead through the general evaluation.
         let records = [Record::new(u.clone(), noisy.clone()), Record::new(u[..90].to_vec(), noisy[..90].to_vec())];
-        let weighted = records.clone().map(|r| Record { present: Some(vec![true; r.len()]), ..r });
+        let weighted = records.clone().map(|r| Record { present: Some(vec![true; r.len()].into()), ..r });
         let orders = OutputError { nb: 1, nf: 2, initial: Initial::Zero };
         let (mut quick, mut general) = (Problem::new(orders, &records), Problem::new(orders, &weighted));
         let mut upwards = 0;

@@ -1,6 +1,6 @@
 //! Plants, inputs and records with a known dead time, for the tests of the estimators.
 
-use deadtime::delay::{DelayEstimate, Experiment, Method, Search};
+use deadtime::delay::{DelayError, DelayEstimate, DelayEstimator, Events, Experiment, Method, PlantModel, Recording, Scope, Search};
 use deadtime::model::{Sampled, StateSpace};
 use deadtime::signal::Excitation;
 use deadtime::signal::excitation::Rbs;
@@ -95,10 +95,58 @@ pub(crate) fn process(u: &[f64], lags_s: &[f64], zero_s: Option<f64>, delay_s: f
 }
 
 /// The one answer of a method that looks at a pair.
-pub(crate) fn answer(method: &Method, experiment: &Experiment, search: &Search) -> DelayEstimate {
-    let mut all = method.entry.with(serde_json::json!({})).unwrap().estimate(experiment, search).unwrap();
-    assert_eq!(all.len(), 1, "{}", method.entry.name);
-    all.remove(0).estimate
+pub(crate) fn answer(method: &Method, experiment: &Experiment<'_>, search: &Search) -> DelayEstimate {
+    method.entry.with(serde_json::json!({})).unwrap().estimate(experiment, search).unwrap()
+}
+
+/// What was measured, not yet checked, for tests that spoil it.
+#[derive(Debug, Clone)]
+pub(crate) struct Measured {
+    pub(crate) sample_time: SampleTime,
+    pub(crate) inputs: Vec<String>,
+    pub(crate) outputs: Vec<String>,
+    pub(crate) recordings: Vec<Recording<'static>>,
+    pub(crate) model: Option<PlantModel>,
+    pub(crate) events: Vec<Events>,
+}
+
+impl Measured {
+    pub(crate) fn siso(sample_time: SampleTime, u: Vec<f64>, y: Vec<f64>) -> Self {
+        let recordings = vec![Recording { inputs: vec![u.into()], outputs: vec![y.into()], states: Vec::new() }];
+        let (inputs, outputs) = (vec!["u".into()], vec!["y".into()]);
+        Self { sample_time, inputs, outputs, recordings, model: None, events: Vec::new() }
+    }
+
+    pub(crate) fn of_events(sample_time: SampleTime, events: Vec<Events>) -> Self {
+        let (inputs, outputs) = (vec!["a".into()], vec!["b".into()]);
+        Self { sample_time, inputs, outputs, recordings: Vec::new(), model: None, events }
+    }
+
+    pub(crate) fn checked(&self) -> Result<Experiment<'static>, DelayError> {
+        let Self { sample_time, inputs, outputs, recordings, model, events } = self.clone();
+        if !events.is_empty() {
+            return Experiment::of_events(sample_time, [&inputs[0], &outputs[0]], events);
+        }
+        let experiment = Experiment::new(sample_time, inputs, outputs, recordings)?;
+        Ok(match model {
+            Some(model) => experiment.with_model(model),
+            None => experiment,
+        })
+    }
+}
+
+/// What a method answers: of one that looks at states the delays of all inputs.
+pub(crate) fn estimates(
+    method: &Method,
+    estimator: &dyn DelayEstimator,
+    measured: &Measured,
+    search: &Search,
+) -> Result<Vec<DelayEstimate>, DelayError> {
+    let experiment = measured.checked()?;
+    if method.scope == Scope::States {
+        return estimator.estimate_inputs(&experiment, search);
+    }
+    Ok(vec![estimator.estimate(&experiment, search)?])
 }
 
 /// Seconds as samples.
