@@ -176,14 +176,20 @@ pub enum Values {
 /// A file of estimates that is being read.
 pub(super) struct Reader {
     path: PathBuf,
-    file: SerializedFileReader<File>,
+    file: Box<dyn FileReader>,
 }
 
 impl Reader {
     pub(super) fn open(path: &Path) -> crate::Result<Self> {
         let file = File::open(path).map_err(|e| crate::Error::io(path, e))?;
         let file = SerializedFileReader::new(file).map_err(|e| unread(path, &e.to_string()))?;
-        Ok(Self { path: path.to_owned(), file })
+        Ok(Self { path: path.to_owned(), file: Box::new(file) })
+    }
+
+    /// A file whose bytes are at hand.
+    pub(super) fn of(path: &Path, bytes: Vec<u8>) -> crate::Result<Self> {
+        let file = SerializedFileReader::new(bytes::Bytes::from(bytes)).map_err(|e| unread(path, &e.to_string()))?;
+        Ok(Self { path: path.to_owned(), file: Box::new(file) })
     }
 
     /// What stands in the footer under a name.
@@ -300,7 +306,7 @@ impl Reader {
 pub(super) fn unread(path: &Path, detail: &str) -> crate::Error {
     StudyError::Results {
         path: path.to_owned(),
-        detail: format!("{detail}; remove the file and go on with --resume (in Python resume=True)"),
+        detail: format!("{detail}; --resume makes a part again that is damaged (in Python resume=True)"),
     }
     .into()
 }

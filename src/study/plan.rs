@@ -10,6 +10,7 @@ use super::StudyError;
 use super::aim::Aim;
 use super::published::{Published, spread};
 use crate::delay::{Detrend, METHODS, Scope};
+use crate::file::read_text;
 
 /// Plans of this folder, by name.
 macro_rules! shipped {
@@ -426,7 +427,7 @@ impl Plan {
         if !path.exists() {
             return Err(StudyError::UnknownPlan { name: name.to_owned(), known: PLANS.iter().map(|p| p.0).collect() }.into());
         }
-        let text = std::fs::read_to_string(path).map_err(|e| crate::Error::io(path, e))?;
+        let text = read_text(path)?;
         Ok(Self::parse(name, &text, path.parent().unwrap_or(Path::new(".")))?)
     }
 
@@ -584,6 +585,11 @@ pub(super) fn spelt_out(method: &str) -> Vec<String> {
         "all" => METHODS.iter().filter(|m| m.scope == Scope::Pair).map(|m| m.entry.name.to_owned()).collect(),
         other => vec![other.to_owned()],
     }
+}
+
+/// How many names a method stands for.
+pub(super) fn spelt(method: &str) -> usize {
+    if method == "all" { METHODS.iter().filter(|m| m.scope == Scope::Pair).count() } else { 1 }
 }
 
 fn read<T: DeserializeOwned>(table: toml::Table) -> Result<T, String> {

@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::ModelError;
-use crate::error::{Error, Result};
+use crate::error::Result;
 
 pub use document::ModelDocument;
 pub use equations::{EquationsFile, ParameterEntry, StateEntry};
@@ -94,7 +94,7 @@ fn syntax(path: &Path) -> std::result::Result<Syntax, ModelError> {
 
 fn read_text(path: &Path) -> Result<(String, Syntax)> {
     let syntax = syntax(path)?;
-    let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+    let text = crate::file::read_text(path)?;
     Ok((text, syntax))
 }
 
