@@ -11,6 +11,7 @@ mod error;
 mod estimates;
 mod feedback;
 mod gate;
+mod origin;
 #[cfg(feature = "parquet")]
 mod parquet;
 #[cfg(feature = "parquet")]
@@ -31,6 +32,7 @@ pub use budget::{Budget, Needs};
 pub use common::{Common, MethodRow, Score as CommonScore};
 pub use error::StudyError;
 pub use gate::{Finding, Gate, GateGroup, GateReport, Measured};
+pub use origin::Origin;
 #[cfg(feature = "parquet")]
 pub use parquet::{Values, columns};
 #[cfg(feature = "parquet")]

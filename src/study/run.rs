@@ -86,7 +86,7 @@ impl Runner {
     /// As [`Self::new`], but for records.
     pub fn untried(plan: &Plan, budget: &Budget) -> crate::Result<Self> {
         budget.check(plan)?;
-        let layout = Layout::new(plan)?;
+        let layout = Layout::new(plan).map_err(|e| plan.origin.place(e))?;
         let uncounted = || StudyError::Plan { plan: plan.name.clone(), detail: "`trials`: more records than can be counted".to_owned() };
         let blocks = Blocks::new(layout.settings.iter().map(|s| s.trials)).ok_or_else(uncounted)?;
         let stamp = stamp(plan, &layout);

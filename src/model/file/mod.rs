@@ -141,6 +141,12 @@ fn kind(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<String, 
     }
 }
 
+/// No more states, inputs, outputs and parameters than a model may have: before anything is compared with anything.
+fn check_sizes(path: &Path, [inputs, states, parameters, outputs]: [usize; 4]) -> std::result::Result<(), ModelError> {
+    let wrong = |source| ModelError::Equations { path: path.to_owned(), source: Box::new(source) };
+    super::equations::check_sizes(inputs, states, parameters, outputs).map_err(wrong)
+}
+
 /// No name twice.
 fn check_names(path: &Path, what: &'static str, names: &[&str]) -> std::result::Result<(), ModelError> {
     match names.iter().enumerate().find(|(i, n)| names[..*i].contains(n)) {
