@@ -50,6 +50,22 @@ pub enum Error {
         /// What the operating system said.
         source: std::io::Error,
     },
+    /// A file that says what to do, and is far larger than any such file.
+    #[error("{path}: larger than {mib} MiB, the most that is read of a file of this kind; is it a log, or a device?", path = path.display(), mib = limit >> 20)]
+    Large {
+        /// The file.
+        path: PathBuf,
+        /// Bytes at most.
+        limit: u64,
+    },
+    /// Another run writes to the folder.
+    #[error("{folder}: {other} writes there; wait for it, or give another folder", folder = folder.display(), other = process.map_or_else(|| "another process".to_owned(), |p| format!("process {p}")))]
+    Busy {
+        /// The folder.
+        folder: PathBuf,
+        /// The other's process id, where it can be read.
+        process: Option<u32>,
+    },
     /// Nobody waits for the answer any more.
     #[error("stopped before it was done")]
     Stopped,

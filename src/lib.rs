@@ -20,6 +20,8 @@ pub mod signal;
 pub mod simulate;
 pub mod stop;
 pub mod study;
+pub mod text;
+pub mod threads;
 pub mod time;
 
 pub use error::{Error, Result};

@@ -40,6 +40,14 @@ pub enum RegistryError {
         /// What serde found wrong.
         source: serde_json::Error,
     },
+    /// The same with the place of a file that names it.
+    #[error("{place}: {source}")]
+    At {
+        /// The file and its line.
+        place: String,
+        /// What is wrong there.
+        source: Box<RegistryError>,
+    },
     /// An option is written `key=value`.
     #[error("option `{text}`: write it as KEY=VALUE")]
     Syntax {

@@ -16,13 +16,14 @@ import time
 import uuid
 from collections.abc import Callable, Generator, Iterable
 from contextlib import closing
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from . import _native
 from .blind import BlindRun, CaseOutcome
 from .errors import FileError, StudyError
-from .studies import PathLike, PlanLike, Study, as_plan
+from .studies import PathLike, Plan, PlanLike, Study, as_plan
 
 if TYPE_CHECKING:
     import distributed
@@ -60,7 +61,7 @@ def _runner(text: str, folder: str, stamp: str) -> _native.Runner:
     with _lock:
         runner = _runners.get(stamp)
         if runner is None:
-            runner = _native.Runner(_native.Plan(text, folder), tried=False)
+            runner = _native.Runner(_native.Plan(text, folder), tried=False, max_memory_gb=inf, max_disk_gb=inf)
             if runner.stamp != stamp:
                 raise StudyError(
                     f"worker on {socket.gethostname()}: the plan means something else there: install the client's version of deadtime "
@@ -112,6 +113,8 @@ def run_study(
     shared: bool = True,
     in_flight: int | None = None,
     progress: Callable[[int, int], object] | None = None,
+    max_memory_gb: float | None = None,
+    max_disk_gb: float | None = None,
 ) -> Study:
     """Runs a study on the workers of a Dask cluster.
 
@@ -134,7 +137,8 @@ def run_study(
         block at least, 400 000 estimates at most, and
         never ends within a setting that it shares with another setting.
     resume : bool
-        Go on where an earlier run in `out` ended, in whatever way, with the tasks of that run: parts that are there are not made again.
+        Go on where an earlier run in `out` ended, in whatever way, with the tasks of that run: parts that are there are not made again,
+        unless a single byte of one is not as it was written (a warning names them).
     shared : bool
         Workers write to `out` themselves: it is the same folder for all of them. False: they send their parts to the client, which writes
         them.
@@ -142,9 +146,13 @@ def run_study(
         Tasks that the scheduler holds at a time; default: 3 by thread of a worker, 16 at least.
     progress : function of (done, all), optional
         Told the number of estimates made, and of all, after every task.
+    max_memory_gb, max_disk_gb : float, optional
+        As `deadtime.study` takes them.
 
     Raises
     ------
+    FileError
+        Another client writes to `out`.
     StudyError
         A plan that cannot be run; a folder that holds another study; a record that cannot be made, naming setting, trial and seed; a task
         on which workers died again and again;
@@ -152,11 +160,29 @@ def run_study(
     KeyboardInterrupt
         At once; what is done stays, and `resume=True` goes on.
     """
-    distributed = _distributed()
+    _distributed()
     _check(client)
     chosen = as_plan(plan, trials=trials, seed=seed)
     folder = Path(out).absolute()
-    runner = _native.Runner(chosen)
+    runner = _native.Runner(chosen, max_memory_gb=max_memory_gb, max_disk_gb=max_disk_gb)
+    with closing(_native.Lock(folder)):
+        return _run_study(client, chosen, folder, runner, block, task_seconds, resume, shared, in_flight, progress)
+
+
+def _run_study(
+    client: Any,
+    chosen: Plan,
+    folder: Path,
+    runner: _native.Runner,
+    block: int | None,
+    task_seconds: float,
+    resume: bool,
+    shared: bool,
+    in_flight: int | None,
+    progress: Callable[[int, int], object] | None,
+) -> Study:
+    """The study in a folder that no other client writes to."""
+    distributed = _distributed()
     sent = (chosen._bare(), os.fspath(chosen.folder), runner.stamp)
     tasks = _native.Tasks.open(runner, folder, resume)
     if tasks is None:
@@ -229,7 +255,10 @@ def run_blind(
         return (os.fspath(source / names[number]), names[number], os.fspath(target), fresh, seed, threads)
 
     outcomes: dict[int, CaseOutcome] = {}
-    with closing(_results(distributed, client, "deadtime-blind", _diagnose, range(len(names)), arguments, in_flight)) as results:
+    with (
+        closing(_native.Lock(target)),
+        closing(_results(distributed, client, "deadtime-blind", _diagnose, range(len(names)), arguments, in_flight)) as results,
+    ):
         for number, told in results:
             outcomes[number] = CaseOutcome(*told)
             if progress is not None:

@@ -69,6 +69,8 @@ def study(
     resume: bool = False,
     threads: int | None = None,
     progress: Callable[[int, int], object] | None = None,
+    max_memory_gb: float | None = None,
+    max_disk_gb: float | None = None,
 ) -> Study:
     """Runs a study on this machine: `deadtime study`.
 
@@ -85,29 +87,35 @@ def study(
     seed : int, optional
         Default: as the plan says.
     resume : bool
-        Go on where an earlier run of this plan in `out` was stopped: blocks of 25 records are kept as they are done.
+        Go on where an earlier run of this plan in `out` was stopped: blocks of 25 records are kept as they are done. A block that
+        is damaged is made again, with a warning.
     threads : int, optional
         Default: all cores.
     progress : function of (done, all), optional
         Told the number of estimates made, and of all, every now and then.
+    max_memory_gb, max_disk_gb : float, optional
+        What the study may need, 10^9 bytes of memory and on the disk, estimated before anything is made; default: 4 and 50.
 
     Raises
     ------
     StudyError
-        A plan that cannot be run, a folder that holds another study, a record that cannot be made.
+        A plan that cannot be run or needs more than it may, a folder that holds another study, a record that cannot be made.
+    FileError
+        Another run writes to `out`.
     RegistryError
         A method, excitation or conversion that no list knows.
     KeyboardInterrupt
         Within 0.2 s; finished blocks stay in `out`.
     """
     chosen = as_plan(plan, trials=trials, seed=seed)
+    limits = (max_memory_gb, max_disk_gb)
     if out is not None:
         folder = Path(out)
-        return Study(_native._study(chosen, folder, resume, perhaps("threads", threads, 1), progress), chosen, folder)
+        return Study(_native._study(chosen, folder, resume, perhaps("threads", threads, 1), progress, limits), chosen, folder)
     if resume:
         raise ValueError("resume=True goes on in the folder of an earlier run: give it as `out`")
     with tempfile.TemporaryDirectory(prefix="deadtime-", ignore_cleanup_errors=True) as name:
-        result = Study(_native._study(chosen, Path(name), False, perhaps("threads", threads, 1), progress), chosen, Path(name))
+        result = Study(_native._study(chosen, Path(name), False, perhaps("threads", threads, 1), progress, limits), chosen, Path(name))
         result._load()
         result._folder = None
     return result

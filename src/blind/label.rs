@@ -7,7 +7,8 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
 use super::BlindError;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::file::read_bytes;
 
 /// The kinds of cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -134,9 +135,9 @@ impl Label {
     /// Reads a label; also gives the file's bytes, for the commitment.
     ///
     /// # Errors
-    /// [`Error::Io`], [`BlindError::Label`], [`BlindError::LabelId`], [`BlindError::LabelEffects`], [`BlindError::LabelNameless`].
+    /// [`crate::Error::Io`], [`BlindError::Label`], [`BlindError::LabelId`], [`BlindError::LabelEffects`], [`BlindError::LabelNameless`].
     pub fn read(path: &Path, id: &str) -> Result<(Self, Vec<u8>)> {
-        let bytes = std::fs::read(path).map_err(|source| Error::io(path, source))?;
+        let bytes = read_bytes(path)?;
         let label: Self = serde_json::from_slice(&bytes).map_err(|source| BlindError::Label { file: path.to_owned(), source })?;
         if label.id != id {
             return Err(BlindError::LabelId { file: path.to_owned(), id: label.id }.into());

@@ -7,6 +7,7 @@ use super::run_time::RunTime;
 use super::{BlindError, Label, commitment};
 use crate::diagnose::Diagnosis;
 use crate::error::{Error, Result};
+use crate::file::read_bytes;
 
 /// The file of a verdict.
 pub(super) const DIAGNOSIS: &str = "diagnosis.json";
@@ -108,10 +109,10 @@ fn check_commitments(labels: &[(Label, Vec<u8>)], verdicts: &Path, cases: Option
 
 /// The first word of a commitment file, in small letters; none where there is no file.
 fn committed(path: &PathBuf, id: &str) -> Result<Option<String>> {
-    let text = match std::fs::read(path) {
+    let text = match read_bytes(path) {
         Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(e) => return Err(Error::io(path, e)),
+        Err(Error::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(e) => return Err(e),
     };
     let word = text.split_whitespace().next().unwrap_or_default().to_ascii_lowercase();
     if word.len() == 64 && word.bytes().all(|b| b.is_ascii_hexdigit()) {
@@ -122,6 +123,6 @@ fn committed(path: &PathBuf, id: &str) -> Result<Option<String>> {
 
 /// Reads a run time.
 pub(super) fn run_time(path: &Path) -> Result<RunTime> {
-    let bytes = std::fs::read(path).map_err(|source| Error::io(path, source))?;
+    let bytes = read_bytes(path)?;
     Ok(serde_json::from_slice(&bytes).map_err(|source| BlindError::RunTime { file: path.to_owned(), source })?)
 }

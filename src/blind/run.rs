@@ -6,13 +6,16 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
+use sha2::{Digest, Sha256};
+
 use super::cases::{COMMITMENT, CaseFiles, find};
 use super::run_time::{RunFormat, RunTime};
 use super::{BlindError, load};
 use crate::diagnose::Diagnosis;
 use crate::error::{Error, Result};
-use crate::file::write_atomic;
+use crate::file::{Lock, read_bytes, sweep, write_atomic};
 use crate::stop::Stop;
+use crate::threads::at_most;
 
 /// What becomes of cases that were diagnosed before.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -48,6 +51,8 @@ pub enum Outcome {
     Done {
         /// Wall-clock time of the diagnosis, s.
         time_s: f64,
+        /// What is wrong with an earlier verdict that stood there and could not be kept.
+        damage: Option<&'static str>,
     },
     /// Diagnosed before and kept.
     Kept,
@@ -74,11 +79,13 @@ impl Summary {
 
 /// Diagnoses every case of `cases` by `diagnose` and writes `verdicts/ID/{commitment.txt, diagnosis.json, run.json}`.
 ///
-/// A case counts as done when its diagnosis and run time can be read and its commitment is still the case's. A case that fails (also by a panic) is
+/// A case counts as done when its diagnosis can be read, every byte of the verdict is as it was written (`run.json` holds the digest), and its commitment is still the
+/// case's. A case that fails (also by a panic) is
 /// an [`Outcome::Failed`] and stops no other; it leaves no earlier diagnosis behind. `progress` is called after every case, from its thread.
 ///
 /// # Errors
-/// Only when there are no cases to begin with: [`Error::Io`], [`BlindError::NoCases`], [`BlindError::BadName`]; [`Error::Stopped`], with the cases done so far written.
+/// Only when there are no cases to begin with: [`Error::Io`], [`BlindError::NoCases`], [`BlindError::BadName`]; [`Error::Busy`] where another run writes to `verdicts`;
+/// [`Error::Stopped`], with the cases done so far written.
 pub fn run(
     cases: &Path,
     verdicts: &Path,
@@ -88,11 +95,12 @@ pub fn run(
 ) -> Result<Summary> {
     let found: Vec<(String, Mutex<Option<Result<CaseFiles>>>)> =
         find(cases)?.into_iter().map(|(id, files)| (id, Mutex::new(Some(files)))).collect();
+    let _held = Lock::of(verdicts)?;
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Vec::with_capacity(found.len()));
     // Threads of our own: in a shared pool a case that waits would work on another one, and that would count as its run time.
     std::thread::scope(|scope| {
-        for _ in 0..options.jobs.clamp(1, found.len()) {
+        for _ in 0..at_most(options.jobs).clamp(1, found.len()) {
             scope.spawn(|| {
                 while !options.stop.is_set()
                     && let Some((id, files)) = found.get(next.fetch_add(1, Ordering::Relaxed))
@@ -151,11 +159,19 @@ impl Place {
         existing: Existing,
         diagnose: &(dyn Fn(&CaseFiles) -> Result<Diagnosis> + Sync),
     ) -> Result<Outcome> {
-        let commitment = std::fs::read(&case.commitment).map_err(|source| Error::io(&case.commitment, source))?;
-        if existing == Existing::Keep && self.is_done(&commitment) {
-            return Ok(Outcome::Kept);
+        let commitment = read_bytes(&case.commitment)?;
+        let mut damage = None;
+        if existing == Existing::Keep {
+            match self.state(&commitment) {
+                State::Done => return Ok(Outcome::Kept),
+                State::Damaged(why) => damage = Some(why),
+                State::Missing => {}
+            }
         }
         self.clear()?;
+        if let Some(folder) = self.time.parent() {
+            sweep(folder)?;
+        }
         let clock = Instant::now();
         let diagnosis = catch_unwind(AssertUnwindSafe(|| diagnose(case))).map_err(|panic| {
             let message = panic.downcast_ref::<&str>().map(|t| (*t).to_owned()).or_else(|| panic.downcast_ref::<String>().cloned());
@@ -164,18 +180,23 @@ impl Place {
         let time_s = clock.elapsed().as_secs_f64();
         write_atomic(&self.commitment, |out| out.write_all(&commitment))?;
         diagnosis.write(&self.diagnosis)?;
-        let time = RunTime { format: RunFormat::V1, time_s };
-        write_atomic(&self.time, |out| {
-            serde_json::to_writer_pretty(&mut *out, &time)?;
-            writeln!(out)
-        })?;
-        Ok(Outcome::Done { time_s })
+        let sealed = sealed(time_s, &read_bytes(&self.diagnosis)?, &commitment);
+        write_atomic(&self.time, |out| out.write_all(sealed.as_bytes()))?;
+        Ok(Outcome::Done { time_s, damage })
     }
 
-    fn is_done(&self, commitment: &[u8]) -> bool {
-        Diagnosis::read(&self.diagnosis).is_ok()
-            && load::run_time(&self.time).is_ok()
-            && std::fs::read(&self.commitment).is_ok_and(|copy| copy == commitment)
+    /// What stands there of an earlier run.
+    fn state(&self, commitment: &[u8]) -> State {
+        let Ok(run) = std::fs::read(&self.time) else { return State::Missing };
+        let Ok(RunTime { time_s, .. }) = load::run_time(&self.time) else { return State::Damaged("run.json cannot be read") };
+        if std::fs::read(&self.commitment).ok().as_deref() != Some(commitment) {
+            return State::Damaged("its commitment is not the case's");
+        }
+        let Ok(diagnosis) = std::fs::read(&self.diagnosis) else { return State::Damaged("diagnosis.json is missing") };
+        if sealed(time_s, &diagnosis, commitment).as_bytes() != run {
+            return State::Damaged("the digest in run.json is not that of the verdict");
+        }
+        if Diagnosis::read(&self.diagnosis).is_err() { State::Damaged("diagnosis.json cannot be read") } else { State::Done }
     }
 
     /// Removes what an earlier run left, the mark of being done first.
@@ -188,4 +209,20 @@ impl Place {
         }
         Ok(())
     }
+}
+
+/// What stands in the folder of a verdict.
+enum State {
+    Missing,
+    Done,
+    Damaged(&'static str),
+}
+
+/// The text of `run.json`: the run time, and a digest of it and of all else that the verdict consists of.
+fn sealed(time_s: f64, diagnosis: &[u8], commitment: &[u8]) -> String {
+    let time = serde_json::json!(time_s).to_string();
+    let lengths = format!("{time} {} {}\n", diagnosis.len(), commitment.len());
+    let digest = Sha256::new().chain_update(lengths).chain_update(diagnosis).chain_update(commitment).finalize();
+    let hex: String = digest.iter().map(|b| format!("{b:02x}")).collect();
+    format!("{{\n  \"format\": \"deadtime/blind-run@1\",\n  \"time_s\": {time},\n  \"sha256\": \"{hex}\"\n}}\n")
 }

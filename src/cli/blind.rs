@@ -10,6 +10,7 @@ use crate::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, load, run, s
 use crate::diagnose::{GapOptions, diagnose_files};
 use crate::file::write_atomic;
 use crate::report::blind;
+use crate::text::{message, printed, shown};
 
 /// Diagnose cases whose cause is withheld, and score the verdicts once the labels are known
 #[derive(Debug, clap::Subcommand)]
@@ -27,7 +28,7 @@ pub(super) struct RunCases {
     /// Folder to write the verdicts to; cases that stand there are not done again
     #[arg(long, value_name = "VERDICTS")]
     out: PathBuf,
-    /// Cases at a time
+    /// Cases at a time, four for each core at most
     #[arg(long, value_name = "N", default_value_t = 1)]
     jobs: usize,
     /// Diagnose all cases again
@@ -73,9 +74,10 @@ impl RunCases {
         let options = GapOptions { seed: self.seed, ..GapOptions::default() };
         let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &options)?.diagnosis);
         let progress = |id: &str, outcome: &Outcome| match outcome {
-            Outcome::Done { time_s } => eprintln!("{id}: {time_s:.1} s"),
-            Outcome::Kept => eprintln!("{id}: done before"),
-            Outcome::Failed(error) => eprintln!("{id}: {error}"),
+            Outcome::Done { time_s, damage: None } => eprintln!("{}: {time_s:.1} s", shown(id)),
+            Outcome::Done { time_s, damage: Some(why) } => eprintln!("{}: {time_s:.1} s, made again: {why}", shown(id)),
+            Outcome::Kept => eprintln!("{}: done before", shown(id)),
+            Outcome::Failed(error) => eprintln!("{}: {}", shown(id), message(&error.to_string())),
         };
         let summary =
             run(&self.cases, &self.out, &RunOptions { jobs: self.jobs, existing, ..RunOptions::default() }, &diagnose, &progress)?;
@@ -98,7 +100,7 @@ impl ScoreVerdicts {
         if let Some(path) = &self.markdown {
             write_atomic(path, |out| out.write_all(blind::markdown(&scores).as_bytes()))?;
         }
-        std::io::stdout().lock().write_all(blind::text(&scores).as_bytes()).context("standard output")?;
+        std::io::stdout().lock().write_all(printed(&blind::text(&scores)).as_bytes()).context("standard output")?;
         let unmet: Vec<String> = limits.iter().filter_map(|limit| limit.unmet(&scores)).collect();
         if unmet.is_empty() { Ok(()) } else { Err(LimitNotMet(unmet.join("; ")).into()) }
     }

@@ -9,6 +9,7 @@ use super::{LimitNotMet, write_json};
 use crate::file::write_atomic;
 use crate::report::{gate, junit};
 use crate::study::{self, Study};
+use crate::text::printed;
 
 /// Fail where a study is worse than its baseline: correctness compared exactly, accuracy statistically
 ///
@@ -67,7 +68,7 @@ impl Gate {
         if let Some(path) = &self.markdown {
             write_atomic(path, |out| out.write_all(gate::markdown(&report).as_bytes()))?;
         }
-        std::io::stdout().lock().write_all(gate::text(&report).as_bytes()).context("standard output")?;
+        std::io::stdout().lock().write_all(printed(&gate::text(&report)).as_bytes()).context("standard output")?;
         if report.worse.is_empty() {
             return Ok(());
         }

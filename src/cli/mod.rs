@@ -1,10 +1,11 @@
 //! The command line: one file per subcommand.
 
-/// `println!` that hands a closed pipe on as an error instead of panicking.
+/// `println!` that hands a closed pipe on as an error instead of panicking, and shows control characters instead of sending them.
 macro_rules! say {
     ($($text:tt)*) => {{
         use std::io::Write as _;
-        anyhow::Context::context(writeln!(std::io::stdout().lock(), $($text)*), "standard output")?
+        let text = crate::text::printed(&format!($($text)*));
+        anyhow::Context::context(writeln!(std::io::stdout().lock(), "{text}"), "standard output")?
     }};
 }
 
@@ -31,6 +32,8 @@ use anyhow::Context;
 use clap::Parser;
 
 use crate::file::write_atomic;
+use crate::text::{message, printed};
+use crate::threads::at_most;
 
 /// Dead time between command and response, from a measured log
 ///
@@ -40,7 +43,7 @@ use crate::file::write_atomic;
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Threads to use; default: all
+    /// Threads to use, four for each core at most; default: one for each
     #[arg(long, global = true, value_name = "N")]
     threads: Option<usize>,
     /// Also write what was found as JSON
@@ -72,7 +75,11 @@ impl Cli {
     /// Whatever stopped it, with the file it is about.
     pub fn run(&self) -> anyhow::Result<()> {
         if let Some(threads) = self.threads {
-            rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
+            let most = at_most(threads);
+            if most < threads {
+                eprintln!("deadtime: --threads {threads}: {most} are used, four for each core");
+            }
+            rayon::ThreadPoolBuilder::new().num_threads(most).build_global()?;
         }
         let json = self.json.as_deref();
         match &self.command {
@@ -98,7 +105,11 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> u8 {
         Ok(cli) => cli.run(),
         // A wrong word, or a wish for help.
         Err(told) => {
-            let _ = told.print();
+            if told.use_stderr() {
+                eprintln!("{}", printed(told.render().to_string().trim_end()));
+            } else {
+                let _ = told.print();
+            }
             return u8::try_from(told.exit_code()).unwrap_or(2);
         }
     };
@@ -110,7 +121,7 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> u8 {
         // Whoever read our output has seen enough.
         Err(e) if e.chain().any(closed) => 0,
         Err(e) => {
-            eprintln!("deadtime: {}", words::with_options(&said(&e)));
+            eprintln!("deadtime: {}", message(&words::with_options(&said(&e))));
             if e.is::<LimitNotMet>() { 1 } else { 2 }
         }
     }

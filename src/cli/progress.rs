@@ -3,6 +3,8 @@
 use std::fmt::Display;
 use std::io::{IsTerminal, Write, stderr};
 
+use crate::text::shown;
+
 /// Cells of the bar.
 const CELLS: f64 = 24.0;
 
@@ -22,6 +24,7 @@ impl Bar {
         if self.seen {
             let (done, cells) = ((share.clamp(0.0, 1.0) * CELLS).round() as usize, CELLS as usize);
             let mut out = stderr().lock();
+            let what = shown(&what.to_string());
             let _ = write!(out, "\r\x1b[K[{}{}] {:3.0} % {what}", "#".repeat(done), "-".repeat(cells - done), 100.0 * share);
             let _ = out.flush();
         }

@@ -7,10 +7,11 @@ use anyhow::bail;
 
 use super::progress::Bar;
 use super::write_json;
-use crate::file::write_atomic;
+use crate::file::{component, write_atomic};
 use crate::report::study::{page, text};
 use crate::stop::Stop;
-use crate::study::{Plan, Progress, Runner};
+use crate::study::{Budget, Plan, Progress, Runner};
+use crate::text::message;
 
 /// Study how accurate methods are, on delays that were injected and so are known
 ///
@@ -35,9 +36,15 @@ pub(super) struct Study {
     /// Seed; default: as the plan says
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Go on where an earlier run of this plan was stopped
+    /// Go on where an earlier run of this plan was stopped; parts that are damaged are made again
     #[arg(long)]
     resume: bool,
+    /// Memory that the study may need, GB; it is estimated before anything is made
+    #[arg(long, value_name = "GB", default_value_t = Budget::default().memory_gb)]
+    max_memory_gb: f64,
+    /// Room on the disk that the study may need, GB
+    #[arg(long, value_name = "GB", default_value_t = Budget::default().disk_gb)]
+    max_disk_gb: f64,
 }
 
 impl Study {
@@ -51,11 +58,16 @@ impl Study {
             plan.grids.iter_mut().for_each(|g| g.trials = trials);
         }
         plan.seed = self.seed.unwrap_or(plan.seed);
-        let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(format!("study-{}", plan.name)));
-        let runner = Runner::new(&plan)?;
+        let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(component(&format!("study-{}", plan.name))));
+        let runner = Runner::within(&plan, &Budget { memory_gb: self.max_memory_gb, disk_gb: self.max_disk_gb })?;
+        let stop = Stop::default();
+        let begun = runner.begin(&folder, self.resume, &stop)?;
+        for damaged in begun.damaged() {
+            eprintln!("{}", message(&damaged.to_string()));
+        }
         let bar = Bar::new();
         let clock = Instant::now();
-        let study = runner.run(&folder, self.resume, &Stop::default(), &|p| bar.show(share(p), &left(p, clock)));
+        let study = begun.run(&stop, &|p| bar.show(share(p), &left(p, clock)));
         bar.end();
         let study = study?;
         write_json(json, &study)?;

@@ -92,6 +92,12 @@ impl DelayEstimate {
     /// The same of a method that resolves fractions of a sample, and whose bias may be one (half a sample for a phase behind a zero-order hold).
     pub(super) fn measured(raw: f64, std: f64, interval: [f64; 2], at_edge: bool, off: f64, sample_time: SampleTime) -> Self {
         let seconds = |samples: f64| sample_time.to_seconds(samples - off);
+        if [raw, std, interval[0], interval[1]].iter().any(|v| v.is_nan()) {
+            return Self::without(
+                Outcome::Singular,
+                "the numbers of the record leave no finite answer: too large, too small, or too alike",
+            );
+        }
         Self {
             outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
             delay_s: Some(seconds(raw)),

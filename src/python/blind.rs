@@ -17,7 +17,7 @@ type Told = (String, &'static str, Option<f64>, Option<String>);
 
 fn told(id: &str, outcome: &Outcome) -> Told {
     let (word, time_s, error) = match outcome {
-        Outcome::Done { time_s } => ("done", Some(*time_s), None),
+        Outcome::Done { time_s, .. } => ("done", Some(*time_s), None),
         Outcome::Kept => ("kept", None, None),
         Outcome::Failed(error) => ("failed", None, Some(error.to_string())),
     };

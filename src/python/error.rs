@@ -41,7 +41,7 @@ fn class(error: &Error) -> Option<&'static str> {
         Error::Blind(_) => "BlindError",
         Error::Study(_) => "StudyError",
         Error::Registry(_) => "RegistryError",
-        Error::Io { .. } => "FileError",
+        Error::Io { .. } | Error::Large { .. } | Error::Busy { .. } => "FileError",
         Error::Stopped => return None,
     })
 }
@@ -55,7 +55,7 @@ pub(super) fn raise(py: Python<'_>, error: impl Into<Error>) -> PyErr {
         (Ok(class), Error::Io { path, source }) => {
             PyErr::from_type(class, (source.raw_os_error(), os_message(source), path.clone().into_os_string()))
         }
-        (Ok(class), _) => PyErr::from_type(class, in_python(&error.to_string())),
+        (Ok(class), _) => PyErr::from_type(class, in_python(&crate::text::message(&error.to_string()))),
         (Err(missing), _) => missing,
     }
 }

@@ -1,11 +1,12 @@
 //! Files written whole or not at all: [`crate::file`].
 
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
 use pyo3::prelude::*;
 
 use super::error::OrRaise;
-use crate::file::write_atomic;
+use crate::file::{Lock as Inner, write_atomic};
 
 /// Writes bytes under a temporary name, which becomes the file's once it is whole.
 #[pyfunction]
@@ -13,6 +14,25 @@ fn _write_whole(py: Python<'_>, path: PathBuf, bytes: &[u8]) -> PyResult<()> {
     py.detach(|| write_atomic(&path, |out| out.write_all(bytes))).or_raise(py)
 }
 
+/// Held while a run writes to a folder.
+#[pyclass(frozen, module = "deadtime._native", name = "Lock")]
+struct Lock(Mutex<Option<Inner>>);
+
+#[pymethods]
+impl Lock {
+    /// Locks a folder, which is made if it is missing.
+    #[new]
+    fn new(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
+        Ok(Self(Mutex::new(Some(py.detach(|| Inner::of(&folder)).or_raise(py)?))))
+    }
+
+    /// Lets go of it.
+    fn close(&self) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
+    }
+}
+
 pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_class::<Lock>()?;
     m.add_function(wrap_pyfunction!(_write_whole, m)?)
 }

@@ -14,6 +14,10 @@ use super::work::{long, long_told};
 use crate::file::write_atomic;
 use crate::report::{gate, junit, study as report};
 use crate::study::{self, Cell, PLANS, PLANTS, Progress, StudyError, Values};
+use crate::text::message;
+
+/// For counting alone.
+const UNLIMITED_DISK: study::Budget = study::Budget { memory_gb: 4.0, disk_gb: f64::INFINITY };
 
 fn text<T: serde::Serialize>(value: &T) -> PyResult<String> {
     serde_json::to_string_pretty(value).map_err(|e| PyValueError::new_err(e.to_string()))
@@ -122,7 +126,7 @@ impl Plan {
     /// Estimates in all.
     #[getter]
     fn estimates(&self, py: Python<'_>) -> PyResult<usize> {
-        py.detach(|| study::Runner::untried(&self.0).map(|r| r.estimates())).or_raise(py)
+        py.detach(|| study::Runner::untried(&self.0, &UNLIMITED_DISK).map(|r| r.estimates())).or_raise(py)
     }
 
     /// The plan with these `grids` and `methods` only (none given: all); a method is named with the options that the plan gives it, or without: then with any.
@@ -172,7 +176,8 @@ impl Plan {
             [one] => format!("grid {}", one.name),
             many => format!("{} grids", many.len()),
         };
-        let estimates = study::Runner::untried(&self.0).map_or_else(|e| e.to_string(), |r| format!("{} estimates", r.estimates()));
+        let estimates =
+            study::Runner::untried(&self.0, &UNLIMITED_DISK).map_or_else(|e| e.to_string(), |r| format!("{} estimates", r.estimates()));
         format!("<Plan {}: {}; {grids}, {} methods, {estimates}, seed {}>", self.0.name, self.0.about, self.methods().len(), self.0.seed)
     }
 
@@ -287,6 +292,18 @@ impl StudyResult {
     }
 }
 
+/// The limits of a study, those of the crate where none are given.
+fn budget((memory_gb, disk_gb): (Option<f64>, Option<f64>)) -> study::Budget {
+    let default = study::Budget::default();
+    study::Budget { memory_gb: memory_gb.unwrap_or(default.memory_gb), disk_gb: disk_gb.unwrap_or(default.disk_gb) }
+}
+
+/// Tells of parts that were damaged.
+fn warn(py: Python<'_>, damaged: &[study::Damaged]) -> PyResult<()> {
+    let warnings = py.import("warnings")?;
+    damaged.iter().try_for_each(|d| warnings.call_method1("warn", (message(&d.to_string()),)).map(|_| ()))
+}
+
 /// Runs a plan on this machine and writes `study.json`, `estimates.csv`, `estimates.parquet` and `tables.md`; `progress` is called with (done, all).
 #[pyfunction]
 fn _study(
@@ -296,6 +313,7 @@ fn _study(
     resume: bool,
     threads: Option<usize>,
     progress: Option<Py<PyAny>>,
+    limits_gb: (Option<f64>, Option<f64>),
 ) -> PyResult<StudyResult> {
     let plan = plan.get().0.clone();
     let count: Arc<Mutex<Option<Progress>>> = Arc::default();
@@ -306,12 +324,16 @@ fn _study(
         new.map_or(Ok(()), |p| progress.call1(py, (p.done, p.all)).map(|_| ()))
     };
     let run = move |stop: &crate::stop::Stop| {
-        let runner = study::Runner::new(&plan)?;
-        let study = runner.run(&folder, resume, stop, &|p| *count.lock().unwrap_or_else(PoisonError::into_inner) = Some(p))?;
+        let runner = study::Runner::within(&plan, &budget(limits_gb))?;
+        let begun = runner.begin(&folder, resume, stop)?;
+        let damaged = begun.damaged().to_vec();
+        let study = begun.run(stop, &|p| *count.lock().unwrap_or_else(PoisonError::into_inner) = Some(p))?;
         write_atomic(&folder.join("tables.md"), |out| out.write_all(report::page(&study, &plan).as_bytes()))?;
-        Ok(study)
+        Ok((study, damaged))
     };
-    long_told(py, threads, tell, run).map(StudyResult)
+    let (study, damaged) = long_told(py, threads, tell, run)?;
+    warn(py, &damaged)?;
+    Ok(StudyResult(study))
 }
 
 /// The columns of files of estimates, one file after the other: an array, or for words a list of the different ones and an array of which one of them every line has.
@@ -337,10 +359,12 @@ struct Runner(Arc<study::Runner>);
 impl Runner {
     /// Looks up everything that the plan names; with `tried`, makes one record of every setting.
     #[new]
-    #[pyo3(signature = (plan, tried = true))]
-    fn new(py: Python<'_>, plan: &Bound<'_, Plan>, tried: bool) -> PyResult<Self> {
+    #[pyo3(signature = (plan, tried = true, max_memory_gb = None, max_disk_gb = None))]
+    fn new(py: Python<'_>, plan: &Bound<'_, Plan>, tried: bool, max_memory_gb: Option<f64>, max_disk_gb: Option<f64>) -> PyResult<Self> {
         let plan = plan.get().0.clone();
-        let runner = long(py, None, move |_| if tried { study::Runner::new(&plan) } else { study::Runner::untried(&plan) })?;
+        let budget = budget((max_memory_gb, max_disk_gb));
+        let runner =
+            long(py, None, move |_| if tried { study::Runner::within(&plan, &budget) } else { study::Runner::untried(&plan, &budget) })?;
         Ok(Self(Arc::new(runner)))
     }
 
@@ -441,10 +465,12 @@ impl Tasks {
         self.0.path(task)
     }
 
-    /// The tasks without a part.
+    /// The tasks without a part that can be used; a warning names parts that are damaged.
     fn missing(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
         let tasks = self.0.clone();
-        long(py, None, move |_| Ok(tasks.missing()))
+        let (missing, damaged) = long(py, None, move |stop| tasks.missing(stop))?;
+        warn(py, &damaged)?;
+        Ok(missing)
     }
 
     /// Writes a task's part, all of it or none.

@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 
 use super::error::raise;
 use crate::stop::Stop;
+use crate::threads::at_most;
 
 /// How often signals are looked at: an eighth of the 0.2 s in which Ctrl-C is to be honoured.
 const LOOK: Duration = Duration::from_millis(25);
@@ -42,7 +43,7 @@ pub(super) fn long_told<T: Send + 'static>(
     let body = move || {
         let done = match threads {
             None => Ok(work(&wish)),
-            Some(count) => rayon::ThreadPoolBuilder::new().num_threads(count).build().map(|pool| pool.install(|| work(&wish))),
+            Some(count) => rayon::ThreadPoolBuilder::new().num_threads(at_most(count)).build().map(|pool| pool.install(|| work(&wish))),
         };
         // Whoever waited may have gone.
         let _ = answer.send(done);

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::Table;
 use crate::study::{Cell, Delay, Grid, Layout, Measure, Plan, Score, Shown, Standing, Statistic, Study, Which};
+use crate::text::markdown;
 
 /// How one number of a table is shown.
 pub(super) fn number(value: Option<f64>) -> String {
@@ -319,7 +320,7 @@ pub fn headline(study: &Study) -> String {
 /// The page `tables.md`: what was run, the summary, the published numbers, the scores, every cell.
 #[must_use]
 pub fn page(study: &Study, plan: &Plan) -> String {
-    let mut text = format!("# {}\n\n{}\n\n", plan.name, plan.about);
+    let mut text = format!("# {}\n\n{}\n\n", markdown(&plan.name), markdown(&plan.about));
     text += &format!("Seed {}; {}.\n\n## Methods\n\n{}\n", study.seed, study.program, summary(study).markdown());
     if let Some(table) = aims(study, plan) {
         text += &format!("## Aims\n\n{}\n", table.markdown());
@@ -342,7 +343,7 @@ pub fn page(study: &Study, plan: &Plan) -> String {
     }
     for grid in &plan.grids {
         let (told, table) = cells(study, &grid.name);
-        text += &format!("## Cells of {}\n\nIn all of them: {told}.\n\n{}\n", grid.name, table.markdown());
+        text += &format!("## Cells of {}\n\nIn all of them: {}.\n\n{}\n", markdown(&grid.name), markdown(&told), table.markdown());
     }
     text
 }

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::escape::escape;
+use crate::text::{markdown, shown};
 
 /// A table with columns as wide as their widest cell; the first column is flush left, the others right.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -18,7 +19,7 @@ impl Table {
         Self { rows: vec![headings.iter().map(|h| (*h).to_owned()).collect()], left: left.to_vec() }
     }
 
-    /// Adds a row.
+    /// Adds a row. Names in it are data: nothing in it commands a terminal or is markup.
     pub fn row(&mut self, cells: Vec<String>) {
         self.rows.push(cells);
     }
@@ -46,7 +47,14 @@ impl Table {
     /// The same table in Markdown.
     #[must_use]
     pub fn markdown(&self) -> String {
-        let mut lines: Vec<String> = self.rows.iter().map(|r| format!("| {} |", r.join(" | "))).collect();
+        // A cell that is code as a whole is ours.
+        let is_code = |cell: &str| {
+            let inside = cell.strip_prefix('`').and_then(|c| c.strip_suffix('`'));
+            inside.is_some_and(|c| c.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '=' | '.' | ' ')))
+        };
+        let safe = |cell: &String| if is_code(cell) { cell.clone() } else { markdown(cell) };
+        let line = |row: &Vec<String>| format!("| {} |", row.iter().map(safe).collect::<Vec<_>>().join(" | "));
+        let mut lines: Vec<String> = self.rows.iter().map(line).collect();
         let columns = self.rows.first().map_or(0, Vec::len);
         let rule: Vec<&str> = (0..columns).map(|c| if self.left.contains(&c) { "---" } else { "---:" }).collect();
         lines.insert(1.min(lines.len()), format!("| {} |", rule.join(" | ")));
@@ -56,8 +64,9 @@ impl Table {
 
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let widths = self.widths();
-        for row in &self.rows {
+        let shown = Self { rows: self.rows.iter().map(|r| r.iter().map(|c| shown(c)).collect()).collect(), left: Vec::new() };
+        let widths = shown.widths();
+        for row in &shown.rows {
             let cells: Vec<String> = row
                 .iter()
                 .enumerate()
@@ -108,6 +117,17 @@ mod tests {
         assert_eq!(shown(2.1166e-8, 2.1142e-8, 2.119e-8), "2.117e-8 (2.114e-8 to 2.119e-8)");
         assert_eq!(shown(-3e-12, -5e-12, -1e-12), "-3e-12 (-5e-12 to -1e-12)");
         assert_eq!([estimate(0.5, None).0, estimate(2e-10, None).0, estimate(0.0, None).0], ["0.5000", "2.00e-10", "0.0000"]);
+    }
+
+    #[test]
+    fn cells_neither_command_nor_mark_up() {
+        let mut table = Table::new(&["name"], &[0]);
+        table.row(vec!["a|b <script> `x`\u{1b}[2J\n# c".into()]);
+        table.row(vec!["long ".repeat(60)]);
+        let text = table.to_string();
+        assert!(text.contains("`x`\\u{1b}[2J\\n# c\n") && text.contains("long…") == text.contains('…'), "{text}");
+        assert!(text.lines().count() == 3 && text.lines().all(|l| l.chars().count() < 210), "{text}");
+        assert!(table.markdown().contains("| a\\|b \\<script> \\`x\\`\\\\u{1b}[2J\\\\n# c |"), "{}", table.markdown());
     }
 
     #[test]

@@ -126,6 +126,21 @@ pub enum SimulateError {
         /// The last step.
         step_s: f64,
     },
+    /// The same, with the state to blame.
+    #[error(
+        "the state `{state}` is too fast to simulate at t = {time_s} s: its time constant there is about {time_constant_s:e} s ({steps} steps so far); \
+         replace it by its steady state, or correct the units of its parameters"
+    )]
+    TooFast {
+        /// The state.
+        state: String,
+        /// Its time constant, s.
+        time_constant_s: f64,
+        /// When.
+        time_s: f64,
+        /// Steps made.
+        steps: usize,
+    },
     /// A delay of an input that the model does not have.
     #[error("there is no input `{input}` to delay; the model has {known}", known = known.join(", "))]
     NoInput {

@@ -6,6 +6,7 @@ use super::field::{Driven, Field, Plant, sign};
 use super::ode::Integrator;
 use super::piecewise::Piece;
 use super::plan::Term;
+use super::system::Port;
 use super::walk::{Drive, Stepper};
 
 /// Changes between sticking and sliding within one step before the simulation gives up.
@@ -27,6 +28,17 @@ impl<'a> Nonlinear<'a> {
     pub(super) fn new(assembly: &Assembly, equations: Option<Plant<'a>>, terms: &'a [Term], integrator: Integrator) -> Self {
         let field = || Field::new(assembly, equations, terms);
         Self { field: field(), watch: field(), integrator, pieces: Vec::new(), x: assembly.start.clone(), dx: vec![0.0; assembly.states] }
+    }
+
+    /// An error of equations that are too stiff, with the name of the state to blame.
+    pub(super) fn blame(&self, error: SimulateError, states: &[Port]) -> SimulateError {
+        match (error, self.integrator.fastest()) {
+            (SimulateError::Stiff { time_s, steps, .. }, Some((state, time_constant_s))) => {
+                let state = states.get(state).map_or_else(|| "lag or mode of an effect".to_owned(), |s| s.name.clone());
+                SimulateError::TooFast { state, time_constant_s, time_s, steps }
+            }
+            (error, _) => error,
+        }
     }
 
     /// A velocity of 0 sticks if friction can hold it; all others slide the way they go.

@@ -80,11 +80,22 @@ impl System {
             return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, correction);
         }
         let mut integrator = Integrator::with_tolerance(assembly.states, plan.tolerance.relative, plan.tolerance.absolute);
-        (integrator.max_steps, integrator.budget) = (plan.tolerance.steps, plan.tolerance.budget);
+        let operations = equations.map_or(0, |(e, _)| e.operations().0);
+        (integrator.max_steps, integrator.budget) =
+            (plan.tolerance.steps, plan.tolerance.budget.min(affordable(operations, assembly.states)));
         let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, integrator);
-        walk(&mut stepper, &signals, plan, time_s, correction)
+        walk(&mut stepper, &signals, plan, time_s, correction).map_err(|e| stepper.blame(e, &self.states))
     }
 }
+
+/// Steps of a whole run whose right-hand side takes so many operations: about [`WORK`] operations in all, which is a minute or two. A step takes seven evaluations, or as many as
+/// there are states where its Jacobian is needed; what else an evaluation takes is that of a hundred operations.
+fn affordable(operations: usize, states: usize) -> usize {
+    (WORK / ((operations + 100) as f64 * (7 + states) as f64)) as usize
+}
+
+/// Operations of a run at most.
+const WORK: f64 = 6e10;
 
 fn check(system: &System, commands: Commands<'_>, x0: &[f64]) -> Result<(), SimulateError> {
     if commands.inputs.len() != system.inputs.len() {

@@ -38,6 +38,30 @@ pub enum StudyError {
         /// What is wrong, and the remedy.
         detail: String,
     },
+    /// A plan that needs more than it may.
+    #[error(
+        "plan {plan}: {settings} settings, {cells} cells and {estimates} estimates need about {needed_gb:.1} GB of {what}, at most {limit_gb} GB are allowed; \
+         ask for less, or lift the limit by {option} {lifted}",
+        lifted = (1.1 * needed_gb).ceil()
+    )]
+    Budget {
+        /// The plan's name.
+        plan: String,
+        /// Combinations of its lists.
+        settings: f64,
+        /// Settings times methods.
+        cells: f64,
+        /// Cells times trials.
+        estimates: f64,
+        /// Memory, or room on the disk.
+        what: &'static str,
+        /// 10⁹ bytes estimated.
+        needed_gb: f64,
+        /// 10⁹ bytes allowed.
+        limit_gb: f64,
+        /// The option that lifts the limit.
+        option: &'static str,
+    },
     /// The operating system gives no threads, or one stopped.
     #[error("no worker thread: {detail}")]
     Threads {

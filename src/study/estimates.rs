@@ -1,6 +1,6 @@
 //! Every single estimate: how it is made, and the files it is kept in.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use cpu_time::ThreadTime;
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,7 @@ use super::plan::{Place, Plan, Scoring, Shown, Truth};
 use super::results::Cell;
 use super::setting::{Record, Setting};
 use crate::delay::{DelayEstimate, Detrend, Experiment, Outcome, Scope, Search, Start, richness};
-use crate::file::{named, temporary, write_atomic};
+use crate::file::{named, temporary};
 use crate::stop::Stop;
 
 /// One estimate.
@@ -172,30 +172,6 @@ fn row(
         predicted_samples: None,
         time_s,
     }
-}
-
-/// Writes rows to a file of their own.
-pub(super) fn write_part(path: &Path, rows: &[Row]) -> crate::Result<()> {
-    write_atomic(path, |out| {
-        let mut csv = csv::Writer::from_writer(out);
-        for row in rows {
-            csv.serialize(row)?;
-        }
-        csv.flush()
-    })
-}
-
-/// Reads such a file row by row.
-pub(super) fn read_part(path: &Path) -> crate::Result<impl Iterator<Item = crate::Result<Row>> + use<>> {
-    let wrong = {
-        let path = path.to_owned();
-        move |e: csv::Error| StudyError::Results {
-            path: path.clone(),
-            detail: format!("{e}; remove the file and go on where it was (`resume`)"),
-        }
-    };
-    let reader = csv::Reader::from_path(path).map_err(&wrong)?;
-    Ok(reader.into_deserialize().map(move |row| row.map_err(|e| wrong(e).into())))
 }
 
 /// A value of `estimates.csv` or `estimates.parquet`.

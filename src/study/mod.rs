@@ -1,13 +1,17 @@
 //! Accuracy on delays that were injected and so are known.
 
 mod aim;
+mod block_file;
+mod blocks;
 mod bound;
+mod budget;
 mod cell;
 mod common;
 mod error;
 mod estimates;
 mod feedback;
 mod gate;
+mod origin;
 #[cfg(feature = "parquet")]
 mod parquet;
 #[cfg(feature = "parquet")]
@@ -17,13 +21,18 @@ mod plants;
 mod published;
 mod results;
 mod run;
+#[cfg(feature = "parquet")]
+mod seal;
 mod setting;
 mod tally;
 
 pub use aim::{Aim, Measure, Reached};
+pub use block_file::Damaged;
+pub use budget::{Budget, Needs};
 pub use common::{Common, MethodRow, Score as CommonScore};
 pub use error::StudyError;
 pub use gate::{Finding, Gate, GateGroup, GateReport, Measured};
+pub use origin::Origin;
 #[cfg(feature = "parquet")]
 pub use parquet::{Values, columns};
 #[cfg(feature = "parquet")]
@@ -32,5 +41,5 @@ pub use plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Layout, Loop, PLANS
 pub use plants::{PLANTS, Plant, PlantEntry};
 pub use published::{Beside, Published, Standing, Statistic, Which};
 pub use results::{Cell, FORMAT, Kept, Score, Study};
-pub use run::{Progress, Runner};
+pub use run::{Begun, Progress, Runner};
 pub use setting::Key;

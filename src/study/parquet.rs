@@ -176,14 +176,20 @@ pub enum Values {
 /// A file of estimates that is being read.
 pub(super) struct Reader {
     path: PathBuf,
-    file: SerializedFileReader<File>,
+    file: Box<dyn FileReader>,
 }
 
 impl Reader {
     pub(super) fn open(path: &Path) -> crate::Result<Self> {
         let file = File::open(path).map_err(|e| crate::Error::io(path, e))?;
         let file = SerializedFileReader::new(file).map_err(|e| unread(path, &e.to_string()))?;
-        Ok(Self { path: path.to_owned(), file })
+        Ok(Self { path: path.to_owned(), file: Box::new(file) })
+    }
+
+    /// A file whose bytes are at hand.
+    pub(super) fn of(path: &Path, bytes: Vec<u8>) -> crate::Result<Self> {
+        let file = SerializedFileReader::new(bytes::Bytes::from(bytes)).map_err(|e| unread(path, &e.to_string()))?;
+        Ok(Self { path: path.to_owned(), file: Box::new(file) })
     }
 
     /// What stands in the footer under a name.
@@ -298,7 +304,8 @@ impl Reader {
 
 /// A file that cannot be used.
 pub(super) fn unread(path: &Path, detail: &str) -> crate::Error {
-    StudyError::Results { path: path.to_owned(), detail: format!("{detail}; remove the file and go on where it was (`resume`)") }.into()
+    let detail = format!("{detail}; go on where it was (`resume`): a damaged part is made again");
+    StudyError::Results { path: path.to_owned(), detail }.into()
 }
 
 /// Everything that a column of a row group holds.

@@ -12,13 +12,16 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::StudyError;
+use super::block_file::Damaged;
+use super::blocks::BLOCK;
 use super::estimates::{Row, of_record, value_fields};
 use super::parquet::{Reader, Table, unread, unwritten};
 use super::results::Study;
-use super::run::{BLOCK, Runner};
+use super::run::Runner;
+use super::seal;
 use super::setting::Setting;
 use super::tally::Tally;
-use crate::file::write_atomic;
+use crate::file::{read_text, sweep, write_atomic};
 use crate::stop::Stop;
 
 /// The format of `tasks.json`.
@@ -62,7 +65,7 @@ impl Runner {
     /// Estimates of these blocks.
     #[must_use]
     pub fn estimates_of(&self, blocks: Range<usize>) -> usize {
-        self.blocks.get(blocks).unwrap_or_default().iter().map(|b| self.size(*b)).sum()
+        self.blocks.iter(blocks).map(|b| self.size(b)).sum()
     }
 
     /// A setting of every kind, and the records of that kind: those that are given to the same methods, have as many samples and are searched as far, and so cost about as much.
@@ -120,7 +123,7 @@ impl Runner {
         let (mut ends, mut held) = (Vec::new(), 0.0);
         let mut first = 0;
         while let Some(setting) = self.blocks.get(first).map(|b| b.setting) {
-            let end = first + self.blocks[first..].iter().take_while(|b| b.setting == setting).count();
+            let end = self.blocks.of(setting).end;
             let whole: f64 = (first..end).map(|b| share(setting, b)).sum();
             if held + whole > 1.0 && held > 0.0 {
                 ends.push(first);
@@ -153,12 +156,12 @@ impl Runner {
     /// # Errors
     /// [`StudyError::Record`], naming setting, trial and seed; [`crate::Error::Stopped`].
     pub fn part(&self, blocks: Range<usize>, stop: &Stop) -> crate::Result<Vec<u8>> {
-        let told = [(STAMP, self.stamp().to_owned()), (BLOCKS, text(&blocks))];
+        let told = [(STAMP, self.stamp().to_owned()), (BLOCKS, text(&blocks)), seal::open()];
         let wrong = |e| unwritten(Path::new("part"), &e);
         let mut keys = BTreeMap::new();
         let mut table: Option<Table<Vec<u8>>> = None;
-        for block in self.blocks.get(blocks).unwrap_or_default() {
-            for row in self.block(*block, stop)? {
+        for block in self.blocks.iter(blocks) {
+            for row in self.block(block, stop)? {
                 let key = keys.entry(row.cell).or_insert_with(|| self.key(row.cell));
                 let values = value_fields(&row);
                 let fields = key.iter().chain(&values);
@@ -169,7 +172,7 @@ impl Runner {
                 table.write(fields).map_err(wrong)?;
             }
         }
-        table.map_or_else(|| Ok(Vec::new()), |t| t.finish().map_err(wrong))
+        table.map_or_else(|| Ok(Vec::new()), |t| t.finish().map(seal::close).map_err(wrong))
     }
 }
 
@@ -190,7 +193,7 @@ impl Tasks {
             let full = std::fs::read_dir(folder.join(ESTIMATES)).is_ok_and(|mut entries| entries.next().is_some());
             return if full { refused("has a folder `estimates` that is no part of this study; give another folder") } else { Ok(None) };
         }
-        let text = std::fs::read_to_string(&path).map_err(|e| crate::Error::io(&path, e))?;
+        let text = read_text(&path)?;
         let saved: Saved = serde_json::from_str(&text).map_err(|e| unread(&path, &format!("no {FORMAT}: {e}")))?;
         if saved.stamp != runner.stamp() || saved.format != FORMAT || !tile(&saved.ends, runner.blocks()) {
             return refused(
@@ -261,14 +264,38 @@ impl Tasks {
         (0..self.len()).map(|task| self.path(task)).collect()
     }
 
-    /// The tasks without a part of this study; a part that cannot be read is none.
-    #[must_use]
-    pub fn missing(&self) -> Vec<usize> {
-        let is_done = |task: &usize| {
-            let path = self.path(*task);
-            path.exists() && Reader::open(&path).is_ok_and(|part| self.owns(*task, &part))
+    /// The tasks without a part of this study, in order, and which of them have one that cannot be used: parts are read whole, byte by byte. What workers of a dead
+    /// client left half-written is removed: whoever calls this holds the folder's [`crate::file::Lock`].
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`]; [`crate::Error::Stopped`].
+    pub fn missing(&self, stop: &Stop) -> crate::Result<(Vec<usize>, Vec<Damaged>)> {
+        self.tidy()?;
+        let state = |task: usize| -> crate::Result<Option<(usize, Option<Damaged>)>> {
+            stop.check()?;
+            let path = self.path(task);
+            if !path.exists() {
+                return Ok(Some((task, None)));
+            }
+            Ok(self.sound(task)?.err().map(|why| (task, Some(Damaged { file: path, why }))))
         };
-        (0..self.len()).into_par_iter().filter(|task| !is_done(task)).collect()
+        let missing = (0..self.len()).into_par_iter().map(state).collect::<crate::Result<Vec<_>>>()?;
+        let (tasks, damaged): (Vec<usize>, Vec<Option<Damaged>>) = missing.into_iter().flatten().unzip();
+        Ok((tasks, damaged.into_iter().flatten().collect()))
+    }
+
+    /// A task's part, once every byte of it is known to be what was written, and it is this task's of this study; else what is wrong with it.
+    fn sound(&self, task: usize) -> crate::Result<Result<Reader, String>> {
+        let path = self.path(task);
+        let bytes = std::fs::read(&path).map_err(|e| crate::Error::io(&path, e))?;
+        if !seal::is_whole(&bytes) {
+            return Ok(Err(if bytes.is_empty() { "it is empty" } else { "its digest is not that of its bytes" }.to_owned()));
+        }
+        Ok(match Reader::of(&path, bytes) {
+            Err(e) => Err(e.to_string()),
+            Ok(part) if !self.owns(task, &part) => Err("it is no part of this study, or another task's".to_owned()),
+            Ok(part) => Ok(part),
+        })
     }
 
     fn owns(&self, task: usize, part: &Reader) -> bool {
@@ -330,28 +357,14 @@ impl Tasks {
 
     /// Removes what workers that were killed while they wrote left behind.
     fn tidy(&self) -> crate::Result<()> {
-        let parts = self.folder.join(ESTIMATES);
-        let wrong = |e| crate::Error::io(&parts, e);
-        for entry in std::fs::read_dir(&parts).map_err(wrong)? {
-            let entry = entry.map_err(wrong)?;
-            if entry.file_name().to_string_lossy().starts_with(".tmp") {
-                match std::fs::remove_file(entry.path()) {
-                    Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(crate::Error::io(&entry.path(), e)),
-                    _ => {}
-                }
-            }
-        }
-        Ok(())
+        sweep(&self.folder)?;
+        sweep(&self.folder.join(ESTIMATES))
     }
 
     /// The estimates of one task.
     fn rows(&self, runner: &Runner, task: usize) -> crate::Result<Vec<Row>> {
         let path = self.path(task);
-        let part = Reader::open(&path)?;
-        if !self.owns(task, &part) {
-            return Err(unread(&path, "it is no part of this study"));
-        }
-        let rows = part.rows()?;
+        let rows = self.sound(task)?.map_err(|why| unread(&path, &why))?.rows()?;
         let expected = runner.estimates_of(self.blocks(task));
         if rows.len() == expected { Ok(rows) } else { Err(unread(&path, &format!("{} estimates where there are {expected}", rows.len()))) }
     }

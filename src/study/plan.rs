@@ -8,8 +8,11 @@ use serde::{Deserialize, Serialize};
 
 use super::StudyError;
 use super::aim::Aim;
+use super::origin::Origin;
 use super::published::{Published, spread};
 use crate::delay::{Detrend, METHODS, Scope};
+use crate::file::read_text;
+use crate::text::located;
 
 /// Plans of this folder, by name.
 macro_rules! shipped {
@@ -59,6 +62,9 @@ pub struct Plan {
     /// The folder that file names of the plan count from.
     #[serde(skip)]
     pub folder: PathBuf,
+    /// The text that it was read from, so that errors can tell the line.
+    #[serde(skip)]
+    pub origin: Origin,
 }
 
 /// An excitation of the registry with its options, under a name of the plan's.
@@ -426,17 +432,21 @@ impl Plan {
         if !path.exists() {
             return Err(StudyError::UnknownPlan { name: name.to_owned(), known: PLANS.iter().map(|p| p.0).collect() }.into());
         }
-        let text = std::fs::read_to_string(path).map_err(|e| crate::Error::io(path, e))?;
+        let text = read_text(path)?;
         Ok(Self::parse(name, &text, path.parent().unwrap_or(Path::new(".")))?)
     }
 
     /// A plan from its text; file names in it count from `folder`.
     ///
     /// # Errors
-    /// [`StudyError::Plan`] naming the key.
+    /// [`StudyError::Plan`] naming the file, the line and the key.
     pub fn parse(name: &str, text: &str, folder: &Path) -> Result<Self, StudyError> {
-        let keys = toml::from_str(text).map_err(|e| StudyError::Plan { plan: name.to_owned(), detail: e.to_string() })?;
-        Self::of(name, keys, folder)
+        let wrong =
+            |e: toml::de::Error| StudyError::Plan { plan: name.to_owned(), detail: located(text, e.span().map(|s| s.start), e.message()) };
+        let keys = toml::from_str(text).map_err(wrong)?;
+        let origin = Origin::of(name, text);
+        let plan = Self::of(name, keys, folder).map_err(|e| origin.study(e))?;
+        Ok(Self { origin, ..plan })
     }
 
     /// A plan from its keys, as a file has them.
@@ -493,6 +503,7 @@ impl Plan {
             published: head.published,
             aims: head.aims,
             folder: folder.to_owned(),
+            origin: Origin::default(),
         };
         plan.check().map_err(wrong)?;
         Ok(plan)
@@ -584,6 +595,11 @@ pub(super) fn spelt_out(method: &str) -> Vec<String> {
         "all" => METHODS.iter().filter(|m| m.scope == Scope::Pair).map(|m| m.entry.name.to_owned()).collect(),
         other => vec![other.to_owned()],
     }
+}
+
+/// How many names a method stands for.
+pub(super) fn spelt(method: &str) -> usize {
+    if method == "all" { METHODS.iter().filter(|m| m.scope == Scope::Pair).count() } else { 1 }
 }
 
 fn read<T: DeserializeOwned>(table: toml::Table) -> Result<T, String> {

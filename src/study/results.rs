@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use super::StudyError;
 use super::plan::{Delay, Loop, Place, Truth};
-use crate::file::write_atomic;
+use crate::file::{read_text, write_atomic};
 
 /// The format's name.
 pub const FORMAT: &str = "deadtime/study@1";
@@ -237,7 +237,7 @@ impl Study {
     /// [`crate::Error::Io`]; [`StudyError::Results`] for another format.
     pub fn read(path: &Path) -> crate::Result<Self> {
         let path = if path.is_dir() { path.join("study.json") } else { path.to_owned() };
-        let text = std::fs::read_to_string(&path).map_err(|e| crate::Error::io(&path, e))?;
+        let text = read_text(&path)?;
         let wrong = |detail: String| StudyError::Results { path: path.clone(), detail };
         let study: Self = serde_json::from_str(&text).map_err(|e| wrong(format!("no {FORMAT}: {e}")))?;
         if study.format != FORMAT {

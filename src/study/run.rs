@@ -1,6 +1,6 @@
 //! Runs a plan on all cores, block by block; what is done stays done when the program is stopped.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -11,20 +11,23 @@ use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
 use super::StudyError;
+use super::block_file::{BlockFile, Damaged};
+use super::blocks::{BLOCK, Block, Blocks};
+use super::budget::Budget;
 use super::cell::{Layout, Slot};
-use super::estimates::{CsvSink, Field, Row, Sink, key_fields, made, of_record, read_part, value_fields, write_part};
+use super::estimates::{CsvSink, Field, Row, Sink, key_fields, made, of_record, value_fields};
 use super::plan::{Delay, Plan};
 use super::results::{Cell, FORMAT, Kept, Score, Study};
 use super::tally::{Tally, kept};
-use crate::file::write_atomic;
+use crate::file::{Lock, sweep, write_atomic};
 use crate::stop::Stop;
 
-/// Records of one setting that are made together, and written as one file: seconds of work between two writes at most.
-pub(super) const BLOCK: usize = 25;
 /// The folder of finished blocks.
 const PARTS: &str = "parts";
 /// What the blocks belong to.
 const STAMP: &str = "plan.sha256";
+/// The folder of blocks that are no longer needed, on its way out.
+const SPENT: &str = ".deadtime-parts.tmp";
 
 /// How far a study is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,25 +44,37 @@ pub struct Progress {
 pub struct Runner {
     pub(super) plan: Plan,
     pub(super) layout: Layout,
-    pub(super) blocks: Vec<Block>,
+    pub(super) blocks: Blocks,
     stamp: String,
 }
 
-/// Trials of one setting.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Block {
-    pub(super) setting: usize,
-    pub(super) first: usize,
-    pub(super) end: usize,
+/// A study in a folder to which nobody else writes meanwhile.
+pub struct Begun<'a> {
+    runner: &'a Runner,
+    folder: PathBuf,
+    parts: PathBuf,
+    /// Blocks that need not be made.
+    done: BTreeSet<usize>,
+    damaged: Vec<Damaged>,
+    _lock: Lock,
 }
 
 impl Runner {
-    /// Looks up everything that the plan names, and makes one record of every setting.
+    /// Looks up everything that the plan names, and makes one record of every setting; no larger than a [`Budget`] allows by default.
     ///
     /// # Errors
-    /// [`StudyError::Plan`], [`crate::registry::RegistryError`] for unknown names and options; what keeps a record from being made, as [`StudyError::Record`].
+    /// [`StudyError::Plan`], [`crate::registry::RegistryError`] for unknown names and options; what keeps a record from being made, as [`StudyError::Record`];
+    /// [`StudyError::Budget`].
     pub fn new(plan: &Plan) -> crate::Result<Self> {
-        let runner = Self::untried(plan)?;
+        Self::within(plan, &Budget::default())
+    }
+
+    /// The same within other limits.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn within(plan: &Plan, budget: &Budget) -> crate::Result<Self> {
+        let runner = Self::untried(plan, budget)?;
         let tried = runner.layout.settings.par_iter().map(|s| made(plan, s, 0).map(|_| ()));
         tried.collect::<crate::Result<Vec<()>>>()?;
         Ok(runner)
@@ -69,13 +84,11 @@ impl Runner {
     ///
     /// # Errors
     /// As [`Self::new`], but for records.
-    pub fn untried(plan: &Plan) -> crate::Result<Self> {
-        let layout = Layout::new(plan)?;
-        let blocks = (layout.settings.iter().enumerate())
-            .flat_map(|(setting, s)| {
-                (0..s.trials).step_by(BLOCK).map(move |first| Block { setting, first, end: (first + BLOCK).min(s.trials) })
-            })
-            .collect();
+    pub fn untried(plan: &Plan, budget: &Budget) -> crate::Result<Self> {
+        budget.check(plan)?;
+        let layout = Layout::new(plan).map_err(|e| plan.origin.place(e))?;
+        let uncounted = || StudyError::Plan { plan: plan.name.clone(), detail: "`trials`: more records than can be counted".to_owned() };
+        let blocks = Blocks::new(layout.settings.iter().map(|s| s.trials)).ok_or_else(uncounted)?;
         let stamp = stamp(plan, &layout);
         Ok(Self { plan: plan.clone(), layout, blocks, stamp })
     }
@@ -95,7 +108,7 @@ impl Runner {
     /// Estimates in all.
     #[must_use]
     pub fn estimates(&self) -> usize {
-        self.blocks.iter().map(|b| self.size(*b)).sum()
+        self.layout.settings.iter().enumerate().map(|(number, s)| s.trials.saturating_mul(self.layout.of(number).len())).sum()
     }
 
     pub(super) fn size(&self, block: Block) -> usize {
@@ -106,30 +119,39 @@ impl Runner {
     /// where it was with `resume`. The same to the bit for any number of threads, run times apart. `stop` is looked at between the methods of a record.
     ///
     /// # Errors
-    /// [`StudyError::Folder`] where the folder holds another plan's blocks, or some of this one without `resume`; what keeps a record from being made;
-    /// [`crate::Error::Io`]; [`crate::Error::Stopped`].
+    /// As [`Self::begin`] and [`Begun::run`].
     pub fn run(&self, folder: &Path, resume: bool, stop: &Stop, progress: &(dyn Fn(Progress) + Sync)) -> crate::Result<Study> {
+        self.begin(folder, resume, stop)?.run(stop, progress)
+    }
+
+    /// Locks the folder, removes what killed runs left half-written, and checks every block that is there, byte by byte.
+    ///
+    /// # Errors
+    /// [`crate::Error::Busy`] where another run writes to the folder; [`StudyError::Folder`] where it holds another plan's blocks, or some of this one without
+    /// `resume`; [`crate::Error::Io`]; [`crate::Error::Stopped`].
+    pub fn begin(&self, folder: &Path, resume: bool, stop: &Stop) -> crate::Result<Begun<'_>> {
+        let lock = Lock::of(folder)?;
+        let spent = folder.join(SPENT);
+        if spent.exists() {
+            fs::remove_dir_all(&spent).map_err(|e| crate::Error::io(&spent, e))?;
+        }
+        sweep(folder)?;
         let parts = self.open(folder, resume)?;
-        let pending: Vec<(usize, Block)> = self.blocks.iter().copied().enumerate().filter(|(n, _)| !part(&parts, *n).exists()).collect();
-        let all = self.estimates();
-        let left: usize = pending.iter().map(|(_, b)| self.size(*b)).sum();
-        let count = Mutex::new(Progress { done: all - left, now: 0, all });
-        let tell = |more: usize| {
-            if let Ok(mut count) = count.lock() {
-                count.done += more;
-                count.now += more;
-                progress(*count);
-            }
+        sweep(&parts)?;
+        let there: Vec<(usize, PathBuf)> = blocks_in(&parts)?.into_iter().filter(|(number, _)| *number < self.blocks.len()).collect();
+        let whole = |(number, path): &(usize, PathBuf)| -> crate::Result<Option<Damaged>> {
+            stop.check()?;
+            let damaged = |why| Damaged { file: path.clone(), why };
+            Ok(self.block_file(*number).body(path)?.err().map(damaged))
         };
-        tell(0);
-        shared_out(&pending, |&(number, block)| {
-            write_part(&part(&parts, number), &self.block(block, stop)?)?;
-            tell(self.size(block));
-            Ok(())
-        })?;
-        let study = self.gather(folder, &parts, stop)?;
-        fs::remove_dir_all(&parts).map_err(|e| crate::Error::io(&parts, e))?;
-        Ok(study)
+        let checked = there.par_iter().map(whole).collect::<crate::Result<Vec<_>>>()?;
+        let done = there.iter().zip(&checked).filter(|(_, damage)| damage.is_none()).map(|((number, _), _)| *number).collect();
+        let damaged = checked.into_iter().flatten().collect();
+        Ok(Begun { runner: self, folder: folder.to_owned(), parts, done, damaged, _lock: lock })
+    }
+
+    fn block_file(&self, number: usize) -> BlockFile<'_> {
+        BlockFile { stamp: &self.stamp, number, rows: self.blocks.get(number).map_or(0, |b| self.size(b)) }
     }
 
     /// The rows of one block, in the order of trials and cells.
@@ -147,6 +169,11 @@ impl Runner {
         let stamp = parts.join(STAMP);
         let mine = self.stamp.as_str();
         if parts.exists() {
+            if !stamp.exists() && blocks_in(&parts)?.is_empty() {
+                // A run was killed before it said what it was.
+                write_atomic(&stamp, |out| writeln!(out, "{mine}"))?;
+                return Ok(parts);
+            }
             let theirs = fs::read_to_string(&stamp).unwrap_or_default();
             let detail = if theirs.trim() != mine {
                 "holds the unfinished study of another plan (other trials, seed or program version included); give another folder, or remove its folder `parts`"
@@ -159,27 +186,6 @@ impl Runner {
         }
         write_atomic(&stamp, |out| writeln!(out, "{mine}"))?;
         Ok(parts)
-    }
-
-    /// Reads all blocks in order, one row at a time, and writes what came of them.
-    fn gather(&self, folder: &Path, parts: &Path, stop: &Stop) -> crate::Result<Study> {
-        let keys: Vec<_> = (0..self.layout.slots.len()).map(|number| self.key(number)).collect();
-        let mut tallies = vec![Tally::default(); keys.len()];
-        let mut sinks = sinks(folder)?;
-        for number in 0..self.blocks.len() {
-            stop.check()?;
-            for row in read_part(&part(parts, number))? {
-                let row = row?;
-                let Some((tally, key)) = tallies.get_mut(row.cell).zip(keys.get(row.cell)) else { continue };
-                self.count(tally, &row);
-                let values = value_fields(&row);
-                sinks.iter_mut().try_for_each(|s| s.write(key, &values))?;
-            }
-        }
-        sinks.into_iter().try_for_each(Sink::finish)?;
-        let study = self.study(&tallies);
-        study.write(&folder.join("study.json"))?;
-        Ok(study)
     }
 
     /// The columns of a cell's estimates that are the same in all of them.
@@ -312,6 +318,67 @@ impl Runner {
     }
 }
 
+impl Begun<'_> {
+    /// Blocks that were there and cannot be used: they are made again.
+    #[must_use]
+    pub fn damaged(&self) -> &[Damaged] {
+        &self.damaged
+    }
+
+    /// Makes what is not done yet, and writes what came of all of it.
+    ///
+    /// # Errors
+    /// What keeps a record from being made; [`crate::Error::Io`]; [`crate::Error::Stopped`].
+    pub fn run(self, stop: &Stop, progress: &(dyn Fn(Progress) + Sync)) -> crate::Result<Study> {
+        let runner = self.runner;
+        let done = self.done.iter().filter_map(|number| runner.blocks.get(*number)).map(|b| runner.size(b)).sum();
+        let count = Mutex::new(Progress { done, now: 0, all: runner.estimates() });
+        let tell = |more: usize| {
+            if let Ok(mut count) = count.lock() {
+                count.done += more;
+                count.now += more;
+                progress(*count);
+            }
+        };
+        tell(0);
+        shared_out(runner.blocks.len(), |number| {
+            let Some(block) = runner.blocks.get(number).filter(|_| !self.done.contains(&number)) else { return Ok(()) };
+            runner.block_file(number).write(&part(&self.parts, number), &runner.block(block, stop)?)?;
+            tell(runner.size(block));
+            Ok(())
+        })?;
+        let study = self.gather(stop)?;
+        // At once, so that a kill on the way leaves no half of them.
+        let spent = self.folder.join(SPENT);
+        fs::rename(&self.parts, &spent).and_then(|()| fs::remove_dir_all(&spent)).map_err(|e| crate::Error::io(&self.parts, e))?;
+        Ok(study)
+    }
+
+    /// Reads all blocks in order, one at a time, and writes what came of them.
+    fn gather(&self, stop: &Stop) -> crate::Result<Study> {
+        let Self { runner, folder, parts, .. } = self;
+        let keys: Vec<_> = (0..runner.layout.slots.len()).map(|number| runner.key(number)).collect();
+        let mut tallies = vec![Tally::default(); keys.len()];
+        let mut sinks = sinks(folder)?;
+        for number in 0..runner.blocks.len() {
+            stop.check()?;
+            let path = part(parts, number);
+            for row in runner.block_file(number).read(&path)? {
+                let Some((tally, key)) = tallies.get_mut(row.cell).zip(keys.get(row.cell)) else {
+                    return Err(StudyError::Results { path, detail: format!("cell {} is none of this study", row.cell) }.into());
+                };
+                runner.count(tally, &row);
+                let values = value_fields(&row);
+                sinks.iter_mut().try_for_each(|s| s.write(key, &values))?;
+            }
+        }
+        sinks.into_iter().try_for_each(Sink::finish)?;
+        let study = runner.study(&tallies);
+        study.write(&folder.join("study.json"))?;
+        Ok(study)
+    }
+}
+
 /// What two runs must share for their blocks to go together; what published numbers and aims say is no part of it.
 fn stamp(plan: &Plan, layout: &Layout) -> String {
     let plan = serde_json::to_string(&Plan { published: Vec::new(), aims: Vec::new(), ..plan.clone() }).unwrap_or_default();
@@ -320,22 +387,24 @@ fn stamp(plan: &Plan, layout: &Layout) -> String {
     Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// Hands the items out to as many workers as there are threads, in order, until one fails.
+/// Hands the numbers below `count` out to as many workers as there are threads, in order, until one fails.
 ///
 /// Each worker is a pool of one thread: what a method would do in parallel it does there one after the other, so that its run time is its own, and no other estimate's.
-fn shared_out<T: Sync>(items: &[T], work: impl Fn(&T) -> crate::Result<()> + Sync) -> crate::Result<()> {
+fn shared_out(count: usize, work: impl Fn(usize) -> crate::Result<()> + Sync) -> crate::Result<()> {
     let next = AtomicUsize::new(0);
     let failed = AtomicBool::new(false);
     let worker = || -> crate::Result<()> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|e| StudyError::Threads { detail: e.to_string() })?;
-        while !failed.load(Ordering::Relaxed)
-            && let Some(item) = items.get(next.fetch_add(1, Ordering::Relaxed))
-        {
-            pool.install(|| work(item)).inspect_err(|_| failed.store(true, Ordering::Relaxed))?;
+        while !failed.load(Ordering::Relaxed) {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            if number >= count {
+                break;
+            }
+            pool.install(|| work(number)).inspect_err(|_| failed.store(true, Ordering::Relaxed))?;
         }
         Ok(())
     };
-    let workers = rayon::current_num_threads().min(items.len());
+    let workers = rayon::current_num_threads().min(count);
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
         let ended = |w: std::thread::ScopedJoinHandle<'_, crate::Result<()>>| {
@@ -344,6 +413,23 @@ fn shared_out<T: Sync>(items: &[T], work: impl Fn(&T) -> crate::Result<()> + Syn
         // All are waited for; the first error is told.
         workers.into_iter().map(ended).collect::<Vec<_>>().into_iter().collect()
     })
+}
+
+/// The blocks in a folder of parts, by their names; what else lies there is none.
+fn blocks_in(parts: &Path) -> crate::Result<Vec<(usize, PathBuf)>> {
+    let wrong = |e| crate::Error::io(parts, e);
+    let mut found = Vec::new();
+    for entry in fs::read_dir(parts).map_err(wrong)? {
+        let name = entry.map_err(wrong)?.file_name();
+        let number = name.to_str().and_then(|n| n.strip_suffix(".csv")).and_then(|n| n.parse().ok());
+        if let Some(number) = number
+            && part(parts, number).file_name() == Some(&name)
+        {
+            found.push((number, part(parts, number)));
+        }
+    }
+    found.sort_unstable();
+    Ok(found)
 }
 
 /// The files that every estimate goes to.

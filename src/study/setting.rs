@@ -13,6 +13,7 @@ use super::plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, Place, Pla
 use super::plants::{PLANTS, Plant, PlantEntry};
 use super::{StudyError, feedback};
 use crate::delay::{Detrend, Experiment, PlantModel, Recording};
+use crate::file::read_text;
 use crate::model::c2d::{CONVERSIONS, Conversion, Tustin};
 use crate::model::{ModelFile, Sampled, StateSpace, dlqr};
 use crate::registry::{self, Entry};
@@ -427,7 +428,7 @@ fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> crate::Re
     let controller = key.controller.as_ref().and_then(|c| plan.controllers.get(c));
     let listed = PLANTS.iter().any(|p| p.name == key.plant);
     let path = plan.folder.join(&key.plant);
-    let file = if listed { String::new() } else { std::fs::read_to_string(&path).map_err(|e| crate::Error::io(&path, e))? };
+    let file = if listed { String::new() } else { read_text(&path)? };
     let all = serde_json::json!([signal, noise, controller, file, grid.detrend, grid.known_degree, invalid_samples, wrong_samples]);
     Ok(format!("{:016x}", hash(&all.to_string())))
 }

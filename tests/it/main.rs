@@ -31,6 +31,7 @@ mod contract;
 mod correlation;
 mod diagnosis;
 mod differential;
+mod durable;
 #[cfg(feature = "cli")]
 mod effect_list;
 mod effects;

@@ -105,26 +105,6 @@ fn a_run_that_is_killed_goes_on_where_it_was() {
 }
 
 #[test]
-fn a_block_that_was_damaged_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let plan = write(folder.path(), "small.toml", &SMALL.replace("trials = 60", "trials = 600"));
-    let out = folder.path().join("out");
-    let mut running = program().args(["study", &plan, "--out"]).arg(&out).stdout(Stdio::null()).spawn().unwrap();
-    let first = out.join("parts").join("00000000.csv");
-    while !first.exists() && running.try_wait().unwrap().is_none() {
-        std::thread::sleep(Duration::from_millis(2));
-    }
-    running.kill().unwrap();
-    running.wait().unwrap();
-    std::fs::write(&first, "cell,trial\nx,y\n").unwrap();
-    let refused = program().args(["study", &plan, "--resume", "--out"]).arg(&out).output().unwrap();
-    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert_eq!(refused.status.code(), Some(2), "{said}");
-    assert!(said.contains("00000000.csv") && said.contains("--resume"), "{said}");
-    assert!(!out.join("study.json").exists() && !out.join("estimates.csv").exists());
-}
-
-#[test]
 fn tables_are_what_the_estimates_say() {
     let folder = tempfile::tempdir().unwrap();
     let plan = write(folder.path(), "small.toml", SMALL);
@@ -336,8 +316,9 @@ fn parquet_holds_what_the_csv_holds() {
 #[cfg(feature = "parquet")]
 #[test]
 fn parts_of_many_tasks_say_what_one_run_says() {
-    use deadtime::study::{Tasks, columns};
+    use deadtime::study::{Budget, Tasks, columns};
 
+    let missing = |tasks: &Tasks| tasks.missing(&Stop::default()).unwrap().0;
     let folder = tempfile::tempdir().unwrap();
     let plan = Plan::parse("small", SMALL, Path::new(".")).unwrap();
     let runner = Runner::new(&plan).unwrap();
@@ -351,10 +332,10 @@ fn parts_of_many_tasks_say_what_one_run_says() {
     assert_eq!((0..tasks.len()).map(|t| runner.estimates_of(tasks.blocks(t))).sum::<usize>(), runner.estimates());
     // Whoever comes first, and twice.
     for task in (0..tasks.len()).rev().chain([3]) {
-        assert!(task == 3 || tasks.missing().contains(&task));
+        assert!(task == 3 || missing(&tasks).contains(&task));
         tasks.keep(task, &runner.part(tasks.blocks(task), &Stop::default()).unwrap()).unwrap();
     }
-    assert!(tasks.missing().is_empty());
+    assert!(missing(&tasks).is_empty());
     tasks.gather(&runner, &Stop::default()).unwrap();
     assert!(results(&out) == results(&whole));
     let [mut ours, mut theirs] =
@@ -367,14 +348,14 @@ fn parts_of_many_tasks_say_what_one_run_says() {
 
     // What is damaged is missing; what belongs to another plan is refused.
     std::fs::write(tasks.path(5), "no part").unwrap();
-    assert_eq!(tasks.missing(), [5]);
+    assert_eq!(missing(&tasks), [5]);
     assert!(tasks.gather(&runner, &Stop::default()).unwrap_err().to_string().contains("part-00000005.parquet"));
     let again = Tasks::open(&runner, &out, true).unwrap().unwrap();
     assert_eq!(again, tasks);
     assert!(Tasks::open(&runner, &out, false).unwrap_err().to_string().contains("resume"));
     let mut other = plan.clone();
     other.seed += 1;
-    let other = Runner::untried(&other).unwrap();
+    let other = Runner::untried(&other, &Budget::default()).unwrap();
     assert!(Tasks::open(&other, &out, true).unwrap_err().to_string().contains("another study"));
     assert!(Tasks::new(&runner, &folder.path().join("gaps"), vec![3, 3, 24]).is_err());
 }

@@ -7,8 +7,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
-use crate::file::write_atomic;
+use crate::error::Result;
+use crate::file::{read_text, write_atomic};
 
 /// A diagnosis file that cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -377,16 +377,16 @@ impl Diagnosis {
     /// Reads a diagnosis file.
     ///
     /// # Errors
-    /// [`Error::Io`], or [`DiagnosisError::Unreadable`] with line and column.
+    /// [`crate::Error::Io`], or [`DiagnosisError::Unreadable`] with line and column.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|source| Error::io(path, source))?;
+        let text = read_text(path)?;
         Ok(serde_json::from_str(&text).map_err(|source| DiagnosisError::Unreadable { file: path.display().to_string(), source })?)
     }
 
     /// Writes a diagnosis file as a whole.
     ///
     /// # Errors
-    /// [`Error::Io`], or [`DiagnosisError::Unwritable`] where a number that must be given is NaN or infinite.
+    /// [`crate::Error::Io`], or [`DiagnosisError::Unwritable`] where a number that must be given is NaN or infinite.
     pub fn write(&self, path: &Path) -> Result<()> {
         let refused = |source| DiagnosisError::Unwritable { file: path.display().to_string(), source };
         let text = serde_json::to_string_pretty(self).map_err(refused)?;

@@ -28,6 +28,16 @@ pub enum EquationError {
         /// The name.
         name: String,
     },
+    /// More of something than a model may have.
+    #[error("the model has {got} {what}, at most {limit} are allowed; split the model, or write repeated parts as one")]
+    TooMany {
+        /// Of what.
+        what: &'static str,
+        /// How many there are.
+        got: usize,
+        /// How many may be.
+        limit: usize,
+    },
     /// One name for two things.
     #[error("`{name}` is {first} and {second}: every name in the equations means one thing, so rename one of them")]
     Clash {

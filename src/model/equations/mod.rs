@@ -180,6 +180,20 @@ impl Names<'_> {
     }
 }
 
+/// States, inputs and outputs of a model, parameters, and the numbers, names and operators of all its equations, at most: what is simulated in minutes.
+const MOST_CHANNELS: usize = 1000;
+const MOST_PARAMETERS: usize = 10_000;
+const MOST_NODES: usize = 200_000;
+
+/// Refuses a model that is too large before anything is made of it.
+pub(super) fn check_sizes(inputs: usize, states: usize, parameters: usize, outputs: usize) -> Result<(), EquationError> {
+    let channels = [("inputs", inputs), ("states", states), ("outputs", outputs)].map(|(what, got)| (what, got, MOST_CHANNELS));
+    match channels.into_iter().chain([("parameters", parameters, MOST_PARAMETERS)]).find(|(_, got, limit)| got > limit) {
+        Some((what, got, limit)) => Err(EquationError::TooMany { what, got, limit }),
+        None => Ok(()),
+    }
+}
+
 impl Equations {
     /// Checks the names and compiles the equations.
     ///
@@ -191,6 +205,7 @@ impl Equations {
         parameters: Vec<Parameter>,
         outputs: Vec<OutputVariable>,
     ) -> Result<Self, EquationError> {
+        check_sizes(inputs.len(), states.len(), parameters.len(), outputs.len())?;
         let names = Names { inputs: &inputs, states: &states, parameters: &parameters };
         names.check()?;
         for (i, output) in outputs.iter().enumerate() {
@@ -202,6 +217,10 @@ impl Equations {
             states.iter().map(|s| parse(&format!("derivatives.{}", s.name), &s.derivative, &names)).collect::<Result<_, _>>()?;
         let output_trees: Vec<Tree> =
             outputs.iter().map(|o| parse(&format!("output_equations.{}", o.name), &o.equation, &names)).collect::<Result<_, _>>()?;
+        let got = derivative_trees.iter().chain(&output_trees).map(|t| t.nodes.len()).sum();
+        if got > MOST_NODES {
+            return Err(EquationError::TooMany { what: "numbers, names and operators", got, limit: MOST_NODES });
+        }
         let sizes = Sizes { states: states.len(), inputs: inputs.len(), parameters: parameters.len() };
         let derivative_program = Program::compile(&derivative_trees, sizes);
         let output_program = Program::compile(&output_trees, sizes);

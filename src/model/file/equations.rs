@@ -138,6 +138,7 @@ impl EquationsFile {
     }
 
     fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
+        super::check_sizes(path, [self.inputs.len(), self.states.len(), self.parameters.len(), self.outputs.len()])?;
         super::check_channels(path, &self.inputs, &self.outputs)?;
         super::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;
         let number = |key, value, rule| Err(ModelError::Number { path: path.to_owned(), key, value, rule });

@@ -83,6 +83,7 @@ impl ModelFile {
 
     fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
         let states: Vec<&str> = self.states.iter().map(|s| s.name.as_str()).collect();
+        super::check_sizes(path, [self.inputs.len(), states.len(), 0, self.outputs.len()])?;
         super::check_channels(path, &self.inputs, &self.outputs)?;
         super::check_names(path, "state", &states)?;
         super::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;

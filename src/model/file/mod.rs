@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::ModelError;
-use crate::error::{Error, Result};
+use crate::error::Result;
 
 pub use document::ModelDocument;
 pub use equations::{EquationsFile, ParameterEntry, StateEntry};
@@ -94,7 +94,7 @@ fn syntax(path: &Path) -> std::result::Result<Syntax, ModelError> {
 
 fn read_text(path: &Path) -> Result<(String, Syntax)> {
     let syntax = syntax(path)?;
-    let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+    let text = crate::file::read_text(path)?;
     Ok((text, syntax))
 }
 
@@ -139,6 +139,12 @@ fn kind(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<String, 
         Some(kind) if kind == "lti" || kind == "equations" => Ok(kind),
         kind => Err(wrong("kind", kind, KINDS)),
     }
+}
+
+/// No more states, inputs, outputs and parameters than a model may have: before anything is compared with anything.
+fn check_sizes(path: &Path, [inputs, states, parameters, outputs]: [usize; 4]) -> std::result::Result<(), ModelError> {
+    let wrong = |source| ModelError::Equations { path: path.to_owned(), source: Box::new(source) };
+    super::equations::check_sizes(inputs, states, parameters, outputs).map_err(wrong)
 }
 
 /// No name twice.

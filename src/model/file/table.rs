@@ -1,5 +1,6 @@
 //! Tables whose keys keep the order they have in the file.
 
+use std::collections::HashSet;
 use std::fmt;
 use std::marker::PhantomData;
 
@@ -19,10 +20,10 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for InOrder<T> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Table<T>, A::Error> {
-        let mut table: Table<T> = Vec::new();
+        let (mut table, mut known): (Table<T>, HashSet<String>) = Default::default();
         while let Some((key, value)) = map.next_entry::<String, T>()? {
             // TOML forbids this itself, JSON does not.
-            if table.iter().any(|(known, _)| *known == key) {
+            if !known.insert(key.clone()) {
                 return Err(A::Error::custom(format!("`{key}` is given twice")));
             }
             table.push((key, value));

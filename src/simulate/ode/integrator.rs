@@ -70,6 +70,7 @@ pub struct Integrator {
     pub(super) past: Past,
     broken: Option<f64>,
     broken_x: Vec<f64>,
+    fastest: Option<(usize, f64)>,
     steps: usize,
     rejected: usize,
 }
@@ -108,6 +109,7 @@ impl Integrator {
             past: Past::new(n),
             broken: None,
             broken_x: vec![0.0; n],
+            fastest: None,
             steps: 0,
             rejected: 0,
         }
@@ -142,6 +144,26 @@ impl Integrator {
     #[must_use]
     pub fn breakdown(&self) -> Option<(f64, &[f64])> {
         self.broken.map(|t| (t, self.broken_x.as_slice()))
+    }
+
+    /// After [`SimulateError::Stiff`]: the state that asks for the shortest steps, and its time constant there, s.
+    #[must_use]
+    pub fn fastest(&self) -> Option<(usize, f64)> {
+        self.fastest
+    }
+
+    /// The error of equations that are too stiff, with the state to blame: the one with the largest √|Jᵢⱼ·Jⱼᵢ|, which is its own rate for i = j and the frequency of an
+    /// oscillation between two states otherwise, whatever the units.
+    fn stiff<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, x: &[f64], steps: usize, step_s: f64) -> SimulateError {
+        let n = self.n;
+        let (mut at, mut dx, mut scratch, mut jacobian) = (x.to_vec(), vec![0.0; n], vec![0.0; 2 * n], vec![0.0; n * n]);
+        rhs.eval(t, &at, &mut dx);
+        rhs.jacobian(t, &mut at, &dx, &mut scratch, &mut jacobian);
+        let entry = |i: usize, j: usize| jacobian.get(i + n * j).copied().unwrap_or(0.0);
+        let rate = |i: usize| (0..n).map(|j| (entry(i, j).abs().sqrt()) * entry(j, i).abs().sqrt()).fold(0.0, f64::max);
+        let fastest = (0..n).map(|i| (i, rate(i))).filter(|(_, rate)| rate.is_finite() && *rate > 0.0).max_by(|a, b| a.1.total_cmp(&b.1));
+        self.fastest = fastest.map(|(state, rate)| (state, 1.0 / rate));
+        SimulateError::Stiff { time_s: t, steps, step_s }
     }
 
     /// Integrates x from t0 exactly to t1. On an error x is the last state that could be trusted.
@@ -220,11 +242,13 @@ impl Integrator {
             };
             steps += 1;
             if self.steps + self.rejected >= self.budget {
-                return Err(SimulateError::Stiff { time_s: t, steps: self.budget, step_s: self.h });
+                let (steps, step_s) = (self.budget, self.h);
+                return Err(self.stiff(rhs, t, x, steps, step_s));
             }
             if steps > self.max_steps {
                 if self.method == Method::Rosenbrock {
-                    return Err(SimulateError::Stiff { time_s: t, steps: self.max_steps, step_s: self.h });
+                    let (steps, step_s) = (self.max_steps, self.h);
+                    return Err(self.stiff(rhs, t, x, steps, step_s));
                 }
                 (self.method, steps) = (Method::Rosenbrock, 0);
             }
@@ -371,7 +395,8 @@ impl Integrator {
                 return SimulateError::Undefined { time_s: at };
             }
         }
-        SimulateError::Stiff { time_s: t, steps: self.steps, step_s: smallest }
+        let steps = self.steps;
+        self.stiff(rhs, t, x, steps, smallest)
     }
 }
 
