@@ -5,11 +5,15 @@
 pub mod csv;
 mod error;
 mod grid;
+mod reader;
+mod recording;
 #[cfg(test)]
 mod tests;
 
-pub use self::csv::{EventTimes, name_and_unit, read, read_events, read_records};
+pub use self::csv::{EventTimes, name_and_unit, read_events, read_records};
 pub use self::error::LogError;
+pub use self::reader::{READERS, Reader, open, read, reader};
+pub use self::recording::{ReadOptions, Recording, Stamps, TimeUnit, Topic};
 
 use std::collections::HashSet;
 
