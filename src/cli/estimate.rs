@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use serde_json::Value;
 
-use super::source::Source;
+use super::source::{Needed, Source};
 use super::write_json;
 use crate::delay::report::Report;
 use crate::delay::{Detrend, EventsJob, Feedback, Job, Scope, chosen};
@@ -82,7 +82,7 @@ impl Estimate {
         let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
         Ok(Job {
             name: self.source.log.display().to_string(),
-            logs: self.source.read(&self.input)?,
+            logs: self.source.read(&Needed { inputs: &self.input, outputs: &self.output, required: true })?,
             inputs: self.input.clone(),
             outputs: self.output.clone(),
             methods: chosen(&self.method, &options(&self.set)?, scopes)?,

@@ -303,6 +303,24 @@ pub enum LogError {
         /// The log's channels.
         existing: Vec<String>,
     },
+    /// Several channels end in the name asked for.
+    #[error("{file}: several channels are called `{channel}`; say which: {}", listing(matches))]
+    AmbiguousChannel {
+        /// The log.
+        file: String,
+        /// The name asked for.
+        channel: String,
+        /// Their full names.
+        matches: Vec<String>,
+    },
+    /// Channels of topics that were never logged at the same time.
+    #[error("{file}: the channels have no time in common: {}", spans.iter().map(|(name, a, b)| format!("`{name}` {a} s to {b} s")).collect::<Vec<_>>().join(", "))]
+    NoCommonTime {
+        /// The log.
+        file: String,
+        /// Name, first and last stamp of each, s.
+        spans: Vec<(String, f64, f64)>,
+    },
     /// An input must be known at every sample.
     #[error(
         "{file}, {place}: input `{channel}` has no sample at {time_s} s; {} (only outputs may miss samples)",

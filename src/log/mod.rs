@@ -2,16 +2,20 @@
 //!
 //! NaN and infinities never leave this module: a missing sample is a mark beside the value, and only outputs may have one.
 
+mod align;
 pub mod csv;
 mod error;
 mod grid;
+mod listing;
 mod reader;
 mod recording;
 #[cfg(test)]
 mod tests;
 
+pub use self::align::Wanted;
 pub use self::csv::{EventTimes, name_and_unit, read_events, read_records};
 pub use self::error::LogError;
+pub use self::listing::{ChannelListing, GapListing, Listing, TopicListing};
 pub use self::reader::{READERS, Reader, open, read, reader};
 pub use self::recording::{ReadOptions, Recording, Stamps, TimeUnit, Topic};
 

@@ -10,6 +10,7 @@ pub mod gate;
 pub mod html;
 pub mod isolability;
 pub mod junit;
+pub mod log;
 pub mod methods;
 #[cfg(feature = "cli")]
 pub mod picture;

@@ -129,7 +129,7 @@ impl Stamps {
 }
 
 /// The median difference of neighbours; 0 for fewer than two stamps.
-pub(super) fn median_step(stamps: &[f64]) -> f64 {
+pub(in crate::log) fn median_step(stamps: &[f64]) -> f64 {
     let mut steps: Vec<f64> = stamps.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let middle = steps.len() / 2;
     if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(middle, f64::total_cmp).1 }

@@ -10,6 +10,7 @@ use std::fmt::Write as _;
 use std::io::{Read, Write};
 use std::path::Path;
 
+pub(super) use self::clock::median_step;
 use self::clock::{Stamps, Why};
 use self::lines::{Lines, Separator};
 use super::recording::{ReadOptions, Recording, TimeUnit};
@@ -345,7 +346,7 @@ impl Header {
                 guess
             }
         };
-        let step_s = clock::median_step(raw) / unit.per_second();
+        let step_s = median_step(raw) / unit.per_second();
         let column = &self.clock.column;
         let every = if step_s > 0.0 { format!(", a sample every {} s", shortest(step_s)) } else { String::new() };
         let again = "; --time COLUMN and --time-unit s|ms|us|ns|iso say it otherwise";
@@ -477,7 +478,7 @@ impl Part {
     fn push(&mut self, lines: &Lines<'_>, header: &mut Header) -> Result<(), LogError> {
         header.check_length(lines)?;
         let row = lines.row;
-        let source = self.source.clone();
+        let Self { source, stamps, raw: before, columns, rows } = self;
         let file = || source.clone();
         let not_a_number =
             |channel: &str, cell| LogError::NotANumber { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
@@ -489,7 +490,7 @@ impl Part {
             _ => None,
         };
         let unit = header.clock.unit.map(|(unit, _)| unit);
-        let Some(raw) = self.stamps.read(time, unit, number) else {
+        let Some(raw) = stamps.read(time, unit, number) else {
             let column = &header.clock.column;
             return Err(match parse(time, header.separator) {
                 Cell::Missing => LogError::EmptyTime { file: file(), row },
@@ -497,14 +498,14 @@ impl Part {
                 Cell::Number(_) | Cell::Text => not_a_number(column, time),
             });
         };
-        if self.raw.last().is_none_or(|before| *before < raw) && raw.abs() <= super::TIME_LIMIT_S {
-            self.rows.note(self.raw.len(), row);
-            self.raw.push(raw);
+        if before.last().is_none_or(|before| *before < raw) && raw.abs() <= super::TIME_LIMIT_S {
+            rows.note(before.len(), row);
+            before.push(raw);
         } else {
-            let scale = header.settle(&self.stamps, &self.raw).per_second();
-            time_follows(&self.source, || Place::Row(row), self.raw.last().map(|t| t / scale), raw / scale)?;
+            let scale = header.settle(stamps, before).per_second();
+            time_follows(source, || Place::Row(row), before.last().map(|t| t / scale), raw / scale)?;
         }
-        let places = self.columns.iter_mut().zip(&header.columns);
+        let places = columns.iter_mut().zip(&header.columns);
         for (column, (place, name, _)) in places.filter(|(column, _)| column.refused.is_none()) {
             let cell = lines.cell(*place);
             match parse(cell, header.separator) {
