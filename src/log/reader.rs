@@ -4,7 +4,7 @@ use std::io::Read;
 use std::path::Path;
 
 use super::recording::{ReadOptions, Recording};
-use super::{Log, csv};
+use super::{Log, csv, mcap, ulog};
 use crate::error::Error;
 
 /// As many bytes as any format is recognised by.
@@ -25,13 +25,29 @@ pub struct Reader {
 }
 
 /// Every format there is; the last one takes what no other knows.
-pub const READERS: &[Reader] = &[Reader {
-    name: "csv",
-    summary: "text: a header row, a column of time, one row per sample; separated by comma, semicolon, tab, bar or blanks; .gz too",
-    extensions: &["csv", "csv.gz", "tsv", "tsv.gz", "txt", "txt.gz"],
-    sniff: |_| false,
-    open: csv::recording,
-}];
+pub const READERS: &[Reader] = &[
+    Reader {
+        name: "ulog",
+        summary: "ULog of PX4: topics with instances, dropouts, appended data",
+        extensions: &["ulg"],
+        sniff: |head| head.starts_with(ulog::MAGIC),
+        open: ulog::open,
+    },
+    Reader {
+        name: "mcap",
+        summary: "MCAP: topics of ROS 2 (CDR) and ROS 1 messages by their definitions, and JSON; plain, lz4 or zstd chunks",
+        extensions: &["mcap"],
+        sniff: |head| head.starts_with(mcap::MAGIC),
+        open: mcap::open,
+    },
+    Reader {
+        name: "csv",
+        summary: "text: a header row, a column of time, one row per sample; separated by comma, semicolon, tab, bar or blanks; .gz too",
+        extensions: &["csv", "csv.gz", "tsv", "tsv.gz", "txt", "txt.gz"],
+        sniff: |_| false,
+        open: csv::recording,
+    },
+];
 
 /// The format of a file: by its first bytes, then by its name; text where neither tells.
 ///

@@ -147,8 +147,46 @@ impl Table {
         Self { name: name.into(), ..Self::default() }
     }
 
+    /// Its name.
     pub(super) fn name(&self) -> &str {
         &self.name
+    }
+
+    /// The number of a column.
+    pub(super) fn place(&self, name: &str) -> Option<usize> {
+        self.columns.iter().position(|column| column.name == name)
+    }
+
+    /// A column's value in the row that was begun last.
+    pub(super) fn last(&self, column: usize) -> Option<f64> {
+        let row = self.time_s.len().checked_sub(1)?;
+        let column = self.columns.get(column)?;
+        let there = column.present.as_ref().is_none_or(|p| p.get(row).copied().unwrap_or(false));
+        if there { column.values.get(row).copied() } else { None }
+    }
+
+    /// Gives the row that was begun last another time stamp.
+    pub(super) fn restamp(&mut self, time_s: f64) {
+        if let Some(last) = self.time_s.last_mut() {
+            *last = time_s;
+        }
+    }
+
+    /// Takes back the row that was begun last.
+    pub(super) fn drop_row(&mut self) {
+        self.time_s.pop();
+        let rows = self.time_s.len();
+        for column in &mut self.columns {
+            column.values.truncate(rows);
+            if let Some(present) = &mut column.present {
+                present.truncate(rows);
+            }
+        }
+    }
+
+    /// Gives it another name.
+    pub(super) fn rename(&mut self, name: String) {
+        self.name = name;
     }
 
     /// Adds a column and gives its number.
