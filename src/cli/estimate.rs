@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 use serde_json::Value;
 
-use super::source::Source;
+use super::source::{Needed, Source};
 use super::words::in_options;
 use super::write_json;
 use crate::delay::report::Report;
@@ -81,6 +81,7 @@ impl Estimate {
 
     fn job(&self) -> anyhow::Result<Job> {
         let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
+        let needed = Needed { inputs: &self.input, outputs: &self.output, required: true };
         Ok(Job {
             name: self.source.log.display().to_string(),
             methods: chosen(&self.method, &options(&self.set)?, scopes)?,
@@ -89,7 +90,7 @@ impl Estimate {
             degree_bias: self.degree_bias,
             detrend: self.detrend,
             feedback: self.feedback,
-            ..Job::new(self.source.read(&self.input)?, &self.input, &self.output)
+            ..Job::new(self.source.read(&needed)?, &self.input, &self.output)
         })
     }
 

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use super::write_json;
 use crate::delay::METHODS;
 use crate::effect;
+use crate::log::READERS;
 use crate::model::ModelDocument;
 use crate::model::c2d::CONVERSIONS;
 use crate::model::uav::Dynamics;
@@ -18,7 +19,7 @@ use crate::signal::EXCITATIONS;
 use crate::simulate::System;
 use crate::study::{PLANS, PLANTS, Plan};
 
-/// List the methods, effects, excitations, conversions, dynamics, plants or plans there are, with their options and defaults
+/// List the methods, effects, excitations, conversions, dynamics, plants, plans or readers of log files there are, with their options and defaults
 #[derive(Debug, clap::Args)]
 pub(super) struct List {
     /// What to list
@@ -38,6 +39,7 @@ enum What {
     Dynamics,
     Plants,
     Plans,
+    Readers,
 }
 
 impl List {
@@ -66,6 +68,9 @@ impl List {
                 .concat(),
             What::Plants => PLANTS.iter().map(|p| format!("{}\n    {}\n", p.name, p.summary)).collect(),
             What::Plans => plans()?.iter().map(|p| format!("{}\n    {}\n", p.name, p.about)).collect(),
+            What::Readers => {
+                READERS.iter().map(|r| format!("{}\n    {}\n    .{}\n", r.name, r.summary, r.extensions.join(", ."))).collect()
+            }
         };
         print(&text)
     }
@@ -88,6 +93,7 @@ impl List {
                 .collect(),
             What::Plants => PLANTS.iter().map(|p| json!({ "name": p.name, "summary": p.summary })).collect(),
             What::Plans => plans()?.iter().map(|p| json!({ "name": p.name, "summary": p.about })).collect(),
+            What::Readers => READERS.iter().map(|r| json!({ "name": r.name, "summary": r.summary, "extensions": r.extensions })).collect(),
         })
     }
 }

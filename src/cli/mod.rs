@@ -18,6 +18,7 @@ mod excite;
 mod gap;
 mod gate;
 mod list;
+mod log;
 mod methods;
 mod progress;
 mod simulate;
@@ -64,6 +65,7 @@ enum Command {
     #[command(subcommand)]
     Blind(blind::Blind),
     List(list::List),
+    Log(log::Log),
     Methods(methods::Methods),
     Study(study::Study),
 }
@@ -93,6 +95,7 @@ impl Cli {
             Command::Gate(c) => c.run(json),
             Command::Blind(c) => c.run(json),
             Command::List(c) => c.run(json),
+            Command::Log(c) => c.run(json),
             Command::Methods(c) => c.run(json),
             Command::Study(c) => c.run(json),
         }

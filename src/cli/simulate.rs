@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-use super::source::Source;
+use super::source::{Needed, Source};
 use super::write_json;
 use crate::effect::{OnLog, Still, check_units};
 use crate::model::ModelDocument;
@@ -50,7 +50,8 @@ impl Simulate {
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let model = ModelDocument::read(&self.model)?;
         let inputs: Vec<String> = model.inputs().iter().map(|c| c.name.clone()).collect();
-        let logs = self.source.read(&inputs)?;
+        let outputs: Vec<String> = model.outputs().iter().map(|c| c.name.clone()).collect();
+        let logs = self.source.read(&Needed { inputs: &inputs, outputs: &outputs, required: false })?;
         let [log] = logs.as_slice() else {
             bail!("{}: simulate takes one record at a time; cut it out with --from and --to", self.source.log.display());
         };

@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 
-use crate::log::{EventTimes, Log, read, read_events, read_records};
+use crate::log::{EventTimes, Log, ReadOptions, Stamps, TimeUnit, Wanted, csv, open, read_events, reader};
 use crate::time::SampleTime;
 
 /// Where the data come from.
 #[derive(Debug, clap::Args)]
 pub(super) struct Source {
-    /// The log: CSV (or .csv.gz) with a header row, the first column `time` in seconds
+    /// The log: text with a header row and a column `time` in seconds (.csv, .csv.gz), or another format of `deadtime list readers`
     #[arg(value_name = "LOG")]
     pub(super) log: PathBuf,
     #[command(flatten)]
@@ -35,29 +35,93 @@ pub(super) struct Reading {
     /// Column of the log that carries a name of the model; may be repeated
     #[arg(long, value_name = "MODEL_NAME=COLUMN")]
     map: Vec<String>,
+    #[command(flatten)]
+    clock: Clock,
 }
 
-impl Source {
-    /// The log's records; `held` are the channels that keep their value between samples.
-    pub(super) fn read(&self, held: &[String]) -> anyhow::Result<Vec<Log>> {
-        self.reading.read(&self.log, held)
+/// How time stamps are to be understood.
+#[derive(Debug, clap::Args)]
+pub(super) struct Clock {
+    /// Column of time in a log of text; default: the one called `time`, or like it
+    #[arg(long, value_name = "COLUMN")]
+    time: Option<String>,
+    /// Unit of that column; default: by its name and the size of its numbers, which is said
+    #[arg(long, value_enum, value_name = "s|ms|us|ns|iso")]
+    time_unit: Option<UnitName>,
+    /// Which stamps of a ROS bag to use
+    #[arg(long, value_enum, default_value_t = StampsName::Arrival)]
+    stamps: StampsName,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum UnitName {
+    S,
+    Ms,
+    Us,
+    Ns,
+    Iso,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum StampsName {
+    /// When the recorder got a message
+    Arrival,
+    /// What the sender wrote into `header.stamp`
+    Header,
+}
+
+impl Clock {
+    /// What the library calls it.
+    pub(super) fn options(&self) -> ReadOptions {
+        ReadOptions {
+            time: self.time.clone(),
+            time_unit: self.time_unit.map(|unit| match unit {
+                UnitName::S => TimeUnit::S,
+                UnitName::Ms => TimeUnit::Ms,
+                UnitName::Us => TimeUnit::Us,
+                UnitName::Ns => TimeUnit::Ns,
+                UnitName::Iso => TimeUnit::Iso,
+            }),
+            stamps: match self.stamps {
+                StampsName::Arrival => Stamps::Arrival,
+                StampsName::Header => Stamps::Header,
+            },
+        }
     }
 }
 
+/// The channels that a command needs.
+pub(super) struct Needed<'a> {
+    /// Those that keep their value between samples.
+    pub(super) inputs: &'a [String],
+    /// Those that are measured.
+    pub(super) outputs: &'a [String],
+    /// Whether all outputs must be there.
+    pub(super) required: bool,
+}
+
 impl Source {
+    /// The log's records.
+    pub(super) fn read(&self, needed: &Needed<'_>) -> anyhow::Result<Vec<Log>> {
+        self.reading.read(&self.log, needed)
+    }
+
     /// Two columns of event times; what cuts, renames or resamples a log of samples means nothing there.
     pub(super) fn events(&self, columns: [&str; 2]) -> anyhow::Result<[EventTimes; 2]> {
         let r = &self.reading;
         if r.records.is_some() || r.from.is_some() || r.to.is_some() || r.resample.is_some() || !r.map.is_empty() {
             bail!("--events reads whole columns of event times: leave out --records, --from, --to, --resample and --map");
         }
+        if reader(&self.log)?.name != "csv" {
+            bail!("{}: --events reads columns of text files only", self.log.display());
+        }
         Ok(read_events(&self.log, columns)?)
     }
 }
 
 impl Reading {
-    /// The records of one log; `held` are the channels that keep their value between samples.
-    pub(super) fn read(&self, log: &Path, held: &[String]) -> anyhow::Result<Vec<Log>> {
+    /// The records of one log.
+    pub(super) fn read(&self, log: &Path, needed: &Needed<'_>) -> anyhow::Result<Vec<Log>> {
         let mut map = Vec::with_capacity(self.map.len());
         for text in &self.map {
             let Some((name, column)) = text.split_once('=') else {
@@ -65,19 +129,42 @@ impl Reading {
             };
             map.push((name.to_owned(), column.to_owned()));
         }
-        let logs = match &self.records {
-            Some(column) => read_records(log, column)?,
-            None => vec![read(log)?],
+        let options = self.clock.options();
+        let grid = self.resample.map(SampleTime::new).transpose()?;
+        let mut even = false;
+        let (logs, notes) = match &self.records {
+            Some(_) if reader(log)?.name != "csv" => bail!("{}: --records splits text files only", log.display()),
+            Some(column) => csv::records(log, column, &options)?,
+            None => {
+                let mut recording = open(log, &options)?;
+                let mut notes = std::mem::take(&mut recording.notes);
+                let column = |name: &String| map.iter().find(|(new, _)| new == name).map_or(name, |(_, column)| column).clone();
+                let input = |name: &String| Wanted { name: column(name), held: true, required: needed.required };
+                let output = |name: &String| Wanted { name: column(name), held: false, required: needed.required };
+                let mut wanted: Vec<Wanted> = needed.inputs.iter().map(input).collect();
+                for one in needed.outputs.iter().map(output) {
+                    if wanted.iter().all(|w| w.name != one.name) {
+                        wanted.push(one);
+                    }
+                }
+                even = recording.topics.iter().any(|topic| !topic.name.is_empty());
+                let (log, more) = recording.together(&wanted, grid.filter(|_| even))?;
+                notes.extend(more);
+                (vec![log], notes)
+            }
         };
-        let held: Vec<&str> = held.iter().map(String::as_str).collect();
+        for note in notes {
+            eprintln!("{}: {note}", log.display());
+        }
+        let held: Vec<&str> = needed.inputs.iter().map(String::as_str).collect();
         logs.into_iter()
             .map(|log| {
                 let mut log = log.rename(&map)?;
                 if self.from.is_some() || self.to.is_some() {
                     log = log.window(self.from, self.to)?;
                 }
-                if let Some(seconds) = self.resample {
-                    log = log.resample(SampleTime::new(seconds)?, &held)?;
+                if let Some(step) = grid.filter(|_| !even) {
+                    log = log.resample(step, &held)?;
                 }
                 Ok(log)
             })

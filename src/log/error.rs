@@ -49,21 +49,65 @@ pub enum LogError {
         /// What the decoder said.
         reason: String,
     },
-    /// The header does not begin with `time`.
-    #[error("{file}, row 1: the first column is called `{found}`; call it `time` (in seconds) and separate columns by commas")]
+    /// No column can be the time.
+    #[error(
+        "{file}, row {row}: no column is called `time` (the first is `{found}`); call it `time`, or say which it is with `--time COLUMN`"
+    )]
     FirstColumn {
         /// The log.
         file: String,
+        /// The line of the header.
+        row: usize,
         /// The first cell of the header.
         found: String,
     },
-    /// Time in another unit than seconds.
-    #[error("{file}, row 1: time is in `{unit}`; convert it to seconds and call the column `time` or `time [s]`")]
+    /// Time in a unit that is not known.
+    #[error("{file}, row {row}: time is in `{unit}`; convert it to seconds, or say the unit with `--time-unit s|ms|us|ns|iso`")]
     TimeUnit {
         /// The log.
         file: String,
+        /// The line of the header.
+        row: usize,
         /// The unit that the header gives.
         unit: String,
+    },
+    /// Several topics where one log is wanted.
+    #[error("{file}: several topics; name channels as TOPIC.FIELD; there are {}", listing(topics))]
+    SeveralTopics {
+        /// The log.
+        file: String,
+        /// The topics.
+        topics: Vec<String>,
+    },
+    /// A format that this build of the program cannot read.
+    #[error("{file}: this is {format}, which this build cannot read; build it with `--features {feature}`")]
+    Feature {
+        /// The log.
+        file: String,
+        /// What the file is.
+        format: &'static str,
+        /// The cargo feature.
+        feature: &'static str,
+    },
+    /// A file of a known format that does not begin as the format says, or asks for what is not supported.
+    #[error("{file}: {format}: {what}")]
+    Format {
+        /// The log.
+        file: String,
+        /// What the file is.
+        format: &'static str,
+        /// What is wrong with it and what to do.
+        what: String,
+    },
+    /// A file of topics without a single number.
+    #[error("{file}: {format}: no topic with numbers{}", why(notes))]
+    NoTopics {
+        /// The log.
+        file: String,
+        /// What the file is.
+        format: &'static str,
+        /// What was said while it was read.
+        notes: Vec<String>,
     },
     /// A channel in another unit than the model's.
     #[error("{file}: `{channel}` is in {logged} here and in {modelled} in the model; convert one of them")]
@@ -92,10 +136,12 @@ pub enum LogError {
         time: f64,
     },
     /// A column without a name.
-    #[error("{file}, row 1: column {column} has no name; name it or delete it")]
+    #[error("{file}, row {row}: column {column} has no name; name it or delete it")]
     UnnamedColumn {
         /// The log.
         file: String,
+        /// The line of the header.
+        row: usize,
         /// Its number; the first is 1.
         column: usize,
     },
@@ -257,6 +303,24 @@ pub enum LogError {
         /// The log's channels.
         existing: Vec<String>,
     },
+    /// Several channels end in the name asked for.
+    #[error("{file}: several channels are called `{channel}`; say which: {}", listing(matches))]
+    AmbiguousChannel {
+        /// The log.
+        file: String,
+        /// The name asked for.
+        channel: String,
+        /// Their full names.
+        matches: Vec<String>,
+    },
+    /// Channels of topics that were never logged at the same time.
+    #[error("{file}: the channels have no time in common: {}", spans.iter().map(|(name, a, b)| format!("`{name}` {a} s to {b} s")).collect::<Vec<_>>().join(", "))]
+    NoCommonTime {
+        /// The log.
+        file: String,
+        /// Name, first and last stamp of each, s.
+        spans: Vec<(String, f64, f64)>,
+    },
     /// An input must be known at every sample.
     #[error(
         "{file}, {place}: input `{channel}` has no sample at {time_s} s; {} (only outputs may miss samples)",
@@ -375,6 +439,10 @@ impl Place {
 
 /// Names in a message beyond this many are counted, not listed.
 const LISTED: usize = 40;
+
+fn why(notes: &[String]) -> String {
+    if notes.is_empty() { String::new() } else { format!(" ({})", notes.join("; ")) }
+}
 
 fn suggestion(closest: Option<&str>) -> String {
     closest.map_or_else(String::new, |name| format!(" (did you mean `{name}`?)"))

@@ -123,10 +123,8 @@ impl Log {
         Ok(Self { early_s, ..even })
     }
 
-    fn median_step_s(&self) -> f64 {
-        let mut steps: Vec<f64> = self.time_s.iter().zip(self.time_s.iter().skip(1)).map(|(a, b)| b - a).collect();
-        let middle = steps.len() / 2;
-        if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    pub(super) fn median_step_s(&self) -> f64 {
+        super::csv::median_step(&self.time_s)
     }
 
     /// The shortest decimal, of at most twelve digits, that the rounding of the time stamps hides from `slope_s` over the whole log.

@@ -2,14 +2,26 @@
 //!
 //! NaN and infinities never leave this module: a missing sample is a mark beside the value, and only outputs may have one.
 
+mod align;
+mod bag;
 pub mod csv;
 mod error;
 mod grid;
+mod listing;
+mod mcap;
+mod reader;
+mod recording;
+mod ros;
 #[cfg(test)]
 mod tests;
+mod ulog;
 
-pub use self::csv::{EventTimes, name_and_unit, read, read_events, read_records};
+pub use self::align::Wanted;
+pub use self::csv::{EventTimes, name_and_unit, read_events, read_records};
 pub use self::error::LogError;
+pub use self::listing::{ChannelListing, GapListing, Listing, TopicListing};
+pub use self::reader::{READERS, Reader, open, read, reader};
+pub use self::recording::{ReadOptions, Recording, Stamps, TimeUnit, Topic};
 
 use std::collections::HashSet;
 

@@ -123,15 +123,91 @@ fn header_only_is_refused() {
 }
 
 #[test]
-fn first_column_must_be_time_in_seconds() {
-    for (text, found) in [("t,u\n0,1\n", "`t`"), ("time;u\n0;1\n", "`time;u`"), ("0,1\n1,1\n", "`0`"), (",time\n0,1\n", "``")] {
+fn a_column_of_time_is_needed_in_a_known_unit() {
+    for (text, found) in [("0,1\n1,1\n", "`0`"), ("speed,t\n0,1\n", "`speed`"), ("u;v\n0;1\n", "`u`")] {
         let error = refusal(text);
         assert!(matches!(error, LogError::FirstColumn { .. }));
-        says(&error, &["a.csv", "row 1", found, "`time`", "commas"]);
+        says(&error, &["a.csv", "row 1", found, "`time`", "--time COLUMN"]);
     }
-    let error = refusal("time [ms],u\n0,1\n");
-    assert!(matches!(&error, LogError::TimeUnit { unit, .. } if unit == "ms"));
-    says(&error, &["a.csv", "row 1", "`ms`", "convert it to seconds"]);
+    let error = refusal("# made by hand\ntime [min],u\n0,1\n");
+    assert!(matches!(&error, LogError::TimeUnit { unit, row: 2, .. } if unit == "min"));
+    says(&error, &["a.csv", "row 2", "`min`", "convert it to seconds", "--time-unit"]);
+}
+
+// Dialects.
+
+#[test]
+fn separators_decimal_commas_and_comments_are_found_out() {
+    for text in [
+        "time,u,y\n0,1,2.5\n0.5,-1e-3,\n",
+        "time;u;y\n0;1;2,5\n0,5;-1e-3;\n",
+        "sep=;\r\ntime;u;y\r\n0;1;2,5\r\n0,5;-0,001;\r\n",
+        "time\tu\ty\n0\t1\t2.5\n0.5\t-1e-3\t\n",
+        "time|u|y\n0|1|2.5\n0.5|-1e-3|\n",
+        "# recorder 3\n# two, or more\ntime,u,y\n0,1,2.5\n# a pause\n0.5,-1e-3,\n",
+        "% of a matrix\n# time u y\n0 1 2.5\n",
+        "time  u y\n0 1 2.5\n",
+    ] {
+        let log = log(text);
+        assert_eq!(log.names().collect::<Vec<_>>(), ["u", "y"], "{text}");
+        assert_eq!((log.input("u").unwrap()[0], log.output("y").unwrap().get(0)), (1.0, Some(2.5)), "{text}");
+        if log.len() > 1 {
+            assert_eq!((log.time_s(), log.input("u").unwrap()), ([0.0, 0.5].as_slice(), [1.0, -1e-3].as_slice()), "{text}");
+            assert_eq!(log.output("y").unwrap().get(1), None);
+        }
+    }
+    let log = log("time [s] temp [degC] u\n0 20 1\n1 21 1\n");
+    assert_eq!((log.unit("temp"), log.input("temp").unwrap()), (Some("degC"), [20.0, 21.0].as_slice()));
+    says(&refusal("# a\ntime;u\n0;1\n0,5;1,2;3\n"), &["row 4", "3 cells"]);
+    let error = super::csv::read_from("a.csv", "time;u\n0;1.234,5\n".as_bytes()).unwrap().input("u").unwrap_err();
+    says(&error, &["`1.234,5`"]);
+}
+
+fn timed(text: &str, options: &ReadOptions) -> (Vec<f64>, String) {
+    let recording = super::csv::recording_from("a.csv", text.as_bytes(), options).unwrap();
+    let notes = recording.notes.join("|");
+    (recording.into_log().unwrap().time_s().to_vec(), notes)
+}
+
+#[test]
+fn the_unit_of_time_is_guessed_and_said() {
+    for (text, expected, said) in [
+        ("time,u\n0,1\n4000,1\n8000,1\n", [0.0, 0.004, 0.008], "microseconds by the size"),
+        ("time,u\n0,1\n10000000,1\n20000000,1\n", [0.0, 0.01, 0.02], "nanoseconds by the size"),
+        ("timestamp,u\n0,1\n10,1\n20,1\n", [0.0, 0.01, 0.02], "milliseconds by the size"),
+        ("time_ms,u\n0,1\n10,1\n20,1\n", [0.0, 0.01, 0.02], "milliseconds by its name"),
+        ("time [us],u\n0,1\n10,1\n20,1\n", [0.0, 1e-5, 2e-5], "microseconds by its name"),
+        ("%time,u\n1700000000000000000,1\n1700000000010000001,1\n1700000000020000000,1\n", [0.0, 0.010_000_001, 0.02], "nanoseconds"),
+        ("stamp,u\n1700000000123,1\n1700000000133,1\n1700000000143,1\n", [0.0, 0.01, 0.02], "counted from the first (1700000000123)"),
+        ("u;date\n1;2024-03-01T10:00:00Z\n1;2024-03-01T10:00:00,5Z\n1;2024-03-01T11:00:01+01:00\n", [0.0, 0.5, 1.0], "dates"),
+        ("time,u\n0,1\n10,1\n20,1\n", [0.0, 10.0, 20.0], "taken in seconds, a sample every 10 s; --time COLUMN"),
+        ("time,u\n0,1\n3600,1\n7200,1\n", [0.0, 3600.0, 7200.0], "taken in seconds"),
+        ("t,u\n0,1\n0.1,1\n0.2,1\n", [0.0, 0.1, 0.2], "column `t`, taken in seconds"),
+    ] {
+        let (time_s, notes) = timed(text, &ReadOptions::default());
+        assert_eq!(time_s, expected, "{text}: {notes}");
+        assert!(notes.contains(said), "{text}: {notes}");
+    }
+    for quiet in ["time,u\n0,1\n0.1,1\n", "time [s],u\n0,1\n4000,1\n8000,2\n", "time,u\n0,1\n1,1\n2,1\n"] {
+        assert_eq!(timed(quiet, &ReadOptions::default()).1, "", "{quiet}");
+    }
+}
+
+#[test]
+fn the_callers_word_on_time_stands() {
+    let said = |time: &str, unit| ReadOptions { time: Some(time.into()), time_unit: unit, ..ReadOptions::default() };
+    let text = "a,time,b\n0,5,1\n4000,6,1\n8000,7,1\n";
+    assert_eq!(timed(text, &said("a", Some(TimeUnit::S))).0, [0.0, 4000.0, 8000.0]);
+    assert_eq!(timed(text, &said("a", Some(TimeUnit::Ms))).0, [0.0, 4.0, 8.0]);
+    let (time_s, notes) = timed(text, &said("a", None));
+    assert_eq!(time_s, [0.0, 0.004, 0.008]);
+    assert!(notes.contains("`time` is left out"), "{notes}");
+    let error = super::csv::recording_from("a.csv", text.as_bytes(), &said("c", None)).unwrap_err();
+    says(&error, &["`c`", "`a`, `time`, `b`"]);
+    let error = super::csv::recording_from("a.csv", text.as_bytes(), &said("a", Some(TimeUnit::Iso))).unwrap_err();
+    says(&error, &["row 2", "`a`", "`0`"]);
+    let back = super::csv::recording_from("a.csv", "time_us,u\n4000,1\n2000,1\n".as_bytes(), &ReadOptions::default()).unwrap_err();
+    says(&back, &["row 3", "0.004 s to 0.002 s"]);
 }
 
 #[test]

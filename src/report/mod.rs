@@ -12,6 +12,7 @@ pub mod gate;
 pub mod html;
 pub mod isolability;
 pub mod junit;
+pub mod log;
 pub mod methods;
 pub mod picture;
 pub mod study;

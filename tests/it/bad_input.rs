@@ -76,7 +76,7 @@ fn a_header_alone_has_no_samples() {
 
 #[test]
 fn a_header_without_time_says_how_to_call_the_first_column() {
-    refused("t,u,y\n0,1,2\n", &[], &["row 1", "`t`", "call it `time`"]);
+    refused("speed,u,y\n0,1,2\n", &[], &["row 1", "`speed`", "call it `time`", "--time COLUMN"]);
 }
 
 #[test]

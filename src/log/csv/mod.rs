@@ -1,43 +1,34 @@
-//! Logs as CSV: a header row, `time` first, one row per sample; `.csv.gz` too.
+//! Logs as text: a header row, a column of time, one row per sample; `.csv.gz` too. Columns may be separated by commas, semicolons, tabs, bars or blanks.
 //!
 //! Lines are read and counted here rather than by the csv crate, whose positions are off behind blank lines and in files with CRLF line
 //! ends: the row in a message is the line that an editor shows. The csv crate takes apart lines with quotes.
 
+mod clock;
+mod lines;
+
 use std::fmt::Write as _;
-use std::io::{BufRead, BufReader, Read, Write};
-use std::ops::Range;
+use std::io::{Read, Write};
 use std::path::Path;
 
-use flate2::bufread::MultiGzDecoder;
-
+pub(super) use self::clock::median_step;
+use self::clock::{Stamps, Why};
+use self::lines::{Lines, Separator};
+use super::recording::{ReadOptions, Recording, TimeUnit};
 use super::{Channel, Log, LogError, Origin, Place, Rows, Unusable, time_follows};
 use crate::error::Error;
 use crate::file::write_atomic;
 
-/// A longer line is no row of a log, whatever the file is.
-const LONGEST_LINE: u64 = 1 << 24;
 /// As much of an offending cell as a message shows, in characters.
 const SHOWN: usize = 40;
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
-const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
-
-/// Reads one log from a `.csv` or `.csv.gz` file.
-///
-/// A column that holds text, NaN or infinities somewhere loads as unusable: only asking for it is an error. `time` is always checked.
-///
-/// # Errors
-/// [`Error::Io`] when the operating system refuses the file; [`LogError`] naming file, row and column.
-pub fn read(path: &Path) -> Result<Log, Error> {
-    read_from(&path.display().to_string(), open(path)?)
-}
 
 /// Reads a file of several records: a new one begins wherever the cell of `column` (numbers or text) differs from the row before, and time
 /// may start afresh in it. They are called `FILE#VALUE`; a value that comes back later begins another record of the same name.
 ///
 /// # Errors
-/// As [`read`]; [`LogError::UnknownChannel`] when there is no such column, [`LogError::EmptyRecord`].
+/// As [`super::read`]; [`LogError::UnknownChannel`] when there is no such column, [`LogError::EmptyRecord`].
 pub fn read_records(path: &Path, column: &str) -> Result<Vec<Log>, Error> {
-    read_records_from(&path.display().to_string(), open(path)?, column)
+    records(path, column, &ReadOptions::default()).map(|(logs, _)| logs)
 }
 
 /// A column of event times.
@@ -55,7 +46,7 @@ pub struct EventTimes {
 /// hold different numbers of events: empty cells are passed over.
 ///
 /// # Errors
-/// As [`read`]; [`LogError::EventOrder`] where times do not increase, [`LogError::MissingThroughout`] for a column without events.
+/// As [`super::read`]; [`LogError::EventOrder`] where times do not increase, [`LogError::MissingThroughout`] for a column without events.
 pub fn read_events(path: &Path, columns: [&str; 2]) -> Result<[EventTimes; 2], Error> {
     read_events_from(&path.display().to_string(), open(path)?, columns)
 }
@@ -67,10 +58,10 @@ pub fn read_events(path: &Path, columns: [&str; 2]) -> Result<[EventTimes; 2], E
 pub fn read_events_from(source: &str, bytes: impl Read, columns: [&str; 2]) -> Result<[EventTimes; 2], Error> {
     let file = || source.to_owned();
     let mut lines = Lines::new(source, bytes)?;
-    if !lines.next()? {
+    if !lines.header()? {
         return Err(LogError::Empty { file: file() }.into());
     }
-    let cells = lines.cells.len();
+    let cells = lines.len();
     let text = |place| std::str::from_utf8(lines.cell(place)).map(|cell| name_and_unit(cell).0.to_owned());
     let names: Vec<String> =
         (0..cells).map(text).collect::<Result<_, _>>().map_err(|_| LogError::NotText { file: file(), row: lines.row })?;
@@ -88,12 +79,12 @@ pub fn read_events_from(source: &str, bytes: impl Read, columns: [&str; 2]) -> R
         found.push((place, EventTimes { name: column.into(), unit, times: Vec::new() }));
     }
     while lines.next()? {
-        if lines.cells.len() != cells {
-            return Err(LogError::RowLength { file: file(), row: lines.row, expected: cells, found: lines.cells.len() }.into());
+        if lines.len() != cells {
+            return Err(LogError::RowLength { file: file(), row: lines.row, expected: cells, found: lines.len() }.into());
         }
         for (place, events) in &mut found {
             let (cell, row, channel) = (lines.cell(*place), lines.row, events.name.clone());
-            let time = match parse(cell) {
+            let time = match parse(cell, lines.separator) {
                 Cell::Missing => continue,
                 Cell::Number(time) => time,
                 Cell::NotFinite => {
@@ -120,15 +111,29 @@ pub fn read_events_from(source: &str, bytes: impl Read, columns: [&str; 2]) -> R
 /// Reads one log from any source of bytes, gzip or plain; `source` names it in errors and results.
 ///
 /// # Errors
-/// As [`read`].
+/// As [`super::read`].
 pub fn read_from(source: &str, bytes: impl Read) -> Result<Log, Error> {
+    Ok(recording_from(source, bytes, &ReadOptions::default())?.into_log()?)
+}
+
+/// Reads a file as a recording without topics, whose notes say what was guessed.
+pub(super) fn recording(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
+    recording_from(&path.display().to_string(), open(path)?, options)
+}
+
+/// Reads any source of bytes as a recording without topics.
+///
+/// # Errors
+/// As [`super::read`].
+pub fn recording_from(source: &str, bytes: impl Read, options: &ReadOptions) -> Result<Recording, Error> {
     let mut lines = Lines::new(source, bytes)?;
-    let header = Header::read(&mut lines)?;
+    let mut header = Header::read(&mut lines, options)?;
     let mut part = Part::new(source.into(), &header);
     while lines.next()? {
-        part.push(&lines, &header)?;
+        part.push(&lines, &mut header)?;
     }
-    Ok(part.finish(&header)?)
+    let log = part.finish(&mut header)?;
+    Ok(Recording::single("csv", log, header.notes))
 }
 
 /// Reads several records from any source of bytes, as [`read_records`] does.
@@ -136,8 +141,20 @@ pub fn read_from(source: &str, bytes: impl Read) -> Result<Log, Error> {
 /// # Errors
 /// As [`read_records`].
 pub fn read_records_from(source: &str, bytes: impl Read, column: &str) -> Result<Vec<Log>, Error> {
+    records_from(source, bytes, column, &ReadOptions::default()).map(|(logs, _)| logs)
+}
+
+/// The records of a file, as [`read_records`] reads them, and what was guessed, a sentence each.
+///
+/// # Errors
+/// As [`read_records`].
+pub fn records(path: &Path, column: &str, options: &ReadOptions) -> Result<(Vec<Log>, Vec<String>), Error> {
+    records_from(&path.display().to_string(), open(path)?, column, options)
+}
+
+fn records_from(source: &str, bytes: impl Read, column: &str, options: &ReadOptions) -> Result<(Vec<Log>, Vec<String>), Error> {
     let mut lines = Lines::new(source, bytes)?;
-    let header = Header::read(&mut lines)?;
+    let mut header = Header::read(&mut lines, options)?;
     let place = header.place(source, column)?;
     let mut logs = Vec::new();
     let mut current: Option<(Vec<u8>, Part)> = None;
@@ -152,18 +169,18 @@ pub fn read_records_from(source: &str, bytes: impl Read, column: &str) -> Result
             _ => {
                 let fresh = Part::new(format!("{source}#{}", String::from_utf8_lossy(value)), &header);
                 if let Some((_, done)) = current.take() {
-                    logs.push(done.finish(&header)?);
+                    logs.push(done.finish(&mut header)?);
                 }
                 &mut current.insert((value.to_vec(), fresh)).1
             }
         };
-        part.push(&lines, &header)?;
+        part.push(&lines, &mut header)?;
     }
     match current {
-        Some((_, last)) => logs.push(last.finish(&header)?),
+        Some((_, last)) => logs.push(last.finish(&mut header)?),
         None => return Err(LogError::NoSamples { file: source.into() }.into()),
     }
-    Ok(logs)
+    Ok((logs, header.notes))
 }
 
 impl Log {
@@ -244,136 +261,66 @@ fn first_bytes(bytes: &mut impl Read) -> std::io::Result<Vec<u8>> {
     Ok(head)
 }
 
-/// The lines of a file with their numbers, blank ones left out; the current one is cut into cells.
-struct Lines<'a> {
-    file: &'a str,
-    gzip: bool,
-    reader: Box<dyn BufRead + 'a>,
-    row: usize,
-    line: Vec<u8>,
-    cells: Vec<Range<usize>>,
-}
-
-impl<'a> Lines<'a> {
-    fn new(file: &'a str, mut bytes: impl Read + 'a) -> Result<Self, Error> {
-        let head = first_bytes(&mut bytes).map_err(|e| Error::io(Path::new(file), e))?;
-        let gzip = head == GZIP_MAGIC;
-        let whole = BufReader::with_capacity(1 << 16, std::io::Cursor::new(head).chain(bytes));
-        let reader: Box<dyn BufRead> =
-            if gzip { Box::new(BufReader::with_capacity(1 << 18, MultiGzDecoder::new(whole))) } else { Box::new(whole) };
-        Ok(Self { file, gzip, reader, row: 0, line: Vec::new(), cells: Vec::new() })
-    }
-
-    /// Goes to the next line that is not blank; false at the end.
-    fn next(&mut self) -> Result<bool, Error> {
-        loop {
-            self.line.clear();
-            let read = self.reader.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut self.line).map_err(|e| self.refusal(e))?;
-            if read == 0 {
-                return Ok(false);
-            }
-            self.row += 1;
-            if self.row == 1 && self.line.starts_with(BYTE_ORDER_MARK) {
-                self.line.drain(..BYTE_ORDER_MARK.len());
-            }
-            let endless = read as u64 == LONGEST_LINE && !self.line.ends_with(b"\n");
-            if endless || self.line.contains(&0) {
-                return Err(LogError::NotText { file: self.file.into(), row: self.row }.into());
-            }
-            if !self.line.trim_ascii().is_empty() {
-                self.cut()?;
-                return Ok(true);
-            }
-        }
-    }
-
-    fn refusal(&self, error: std::io::Error) -> Error {
-        use std::io::ErrorKind::{InvalidData, InvalidInput, UnexpectedEof};
-        if self.gzip && matches!(error.kind(), InvalidData | InvalidInput | UnexpectedEof) {
-            LogError::Gzip { file: self.file.into(), row: self.row, reason: error.to_string() }.into()
-        } else {
-            Error::io(Path::new(self.file), error)
-        }
-    }
-
-    /// Cuts the line into cells at its commas.
-    fn cut(&mut self) -> Result<(), Error> {
-        self.cells.clear();
-        if self.line.contains(&b'"') {
-            return self.cut_quoted();
-        }
-        let mut start = 0;
-        for (i, _) in self.line.iter().enumerate().filter(|(_, byte)| **byte == b',') {
-            self.cells.push(start..i);
-            start = i + 1;
-        }
-        self.cells.push(start..self.line.len());
-        Ok(())
-    }
-
-    /// As [`Lines::cut`] for a line with quotes, which go.
-    fn cut_quoted(&mut self) -> Result<(), Error> {
-        let open = || LogError::OpenQuote { file: self.file.into(), row: self.row };
-        if self.line.iter().filter(|byte| **byte == b'"').count() % 2 != 0 {
-            return Err(open().into());
-        }
-        let mut record = ::csv::ByteRecord::new();
-        let mut reader = ::csv::ReaderBuilder::new().has_headers(false).buffer_capacity(self.line.len()).from_reader(self.line.as_slice());
-        // Reading from memory fails in no way but at the end of a line that holds no cell.
-        if !reader.read_byte_record(&mut record).unwrap_or(false) {
-            return Err(open().into());
-        }
-        self.cells.extend((0..record.len()).filter_map(|i| record.range(i)));
-        self.line.clear();
-        self.line.extend_from_slice(record.as_slice());
-        Ok(())
-    }
-
-    /// A cell of the current line without spaces around it; empty beyond the last one.
-    fn cell(&self, place: usize) -> &[u8] {
-        self.cells.get(place).and_then(|cell| self.line.get(cell.clone())).unwrap_or_default().trim_ascii()
-    }
-}
-
-/// The header row behind `time`.
+/// The header row: where the time stands, and the channels.
 struct Header {
-    columns: Vec<(String, Option<String>)>,
+    separator: Separator,
+    time: usize,
+    clock: Clock,
+    /// Cell, name and unit of each channel.
+    columns: Vec<(usize, String, Option<String>)>,
+    cells: usize,
+    notes: Vec<String>,
+}
+
+/// What is known of the time before its stamps are read.
+struct Clock {
+    column: String,
+    unit: Option<(TimeUnit, Why)>,
 }
 
 impl Header {
-    fn read(lines: &mut Lines<'_>) -> Result<Self, Error> {
+    fn read(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<Self, Error> {
         let file = lines.file;
-        if !lines.next()? {
+        if !lines.header()? {
             return Err(LogError::Empty { file: file.into() }.into());
         }
         let not_text = || LogError::NotText { file: file.into(), row: lines.row };
-        let mut columns = Vec::with_capacity(lines.cells.len());
-        for place in 0..lines.cells.len() {
+        let mut names = Vec::with_capacity(lines.len());
+        for place in 0..lines.len() {
             let cell = std::str::from_utf8(lines.cell(place)).map_err(|_| not_text())?;
             if cell.chars().any(|c| c.is_control() && c != '\t') {
                 return Err(not_text().into());
             }
             let (name, unit) = name_and_unit(cell);
-            match (place, name, unit) {
-                (0, "time", None | Some("s")) => continue,
-                (0, "time", Some(unit)) => return Err(LogError::TimeUnit { file: file.into(), unit: shown(unit.as_bytes()) }.into()),
-                (0, ..) => return Err(LogError::FirstColumn { file: file.into(), found: shown(cell.as_bytes()) }.into()),
-                (_, "", _) => return Err(LogError::UnnamedColumn { file: file.into(), column: place + 1 }.into()),
-                (_, "time", _) => return Err(LogError::DuplicateChannel { file: file.into(), channel: name.into() }.into()),
-                _ => columns.push((name.to_owned(), unit.map(ToOwned::to_owned))),
+            names.push((name.to_owned(), unit.map(ToOwned::to_owned)));
+        }
+        let (time, unit) = time_column(lines, &names, options)?;
+        let mut notes = Vec::new();
+        let mut columns = Vec::with_capacity(names.len());
+        let mut clock = Clock { column: String::new(), unit };
+        for (place, (name, unit)) in names.into_iter().enumerate() {
+            if place == time {
+                clock.column = name;
+                continue;
+            }
+            match name.as_str() {
+                "" => return Err(LogError::UnnamedColumn { file: file.into(), row: lines.row, column: place + 1 }.into()),
+                "time" if options.time.is_none() => return Err(LogError::DuplicateChannel { file: file.into(), channel: name }.into()),
+                "time" => notes.push("the column `time` is left out: another one is taken as the time".to_owned()),
+                _ => columns.push((place, name, unit)),
             }
         }
         let mut seen = std::collections::HashSet::new();
-        match columns.iter().find(|(name, _)| !seen.insert(name)) {
-            Some((twice, _)) => Err(LogError::DuplicateChannel { file: file.into(), channel: twice.clone() }.into()),
-            None => Ok(Self { columns }),
+        match columns.iter().find(|(_, name, _)| !seen.insert(name)) {
+            Some((_, twice, _)) => Err(LogError::DuplicateChannel { file: file.into(), channel: twice.clone() }.into()),
+            None => Ok(Self { separator: lines.separator, time, clock, columns, cells: lines.len(), notes }),
         }
     }
 
     /// The cell of a column in each line.
     fn place(&self, file: &str, column: &str) -> Result<usize, LogError> {
-        let names = || self.columns.iter().map(|(name, _)| name.as_str());
-        names().position(|name| name == column).map(|i| i + 1).ok_or_else(|| LogError::UnknownChannel {
+        let names = || self.columns.iter().map(|(_, name, _)| name.as_str());
+        self.columns.iter().find(|(_, name, _)| name == column).map(|(place, ..)| *place).ok_or_else(|| LogError::UnknownChannel {
             file: file.into(),
             channel: column.into(),
             closest: super::error::closest(column, names()).map(Into::into),
@@ -382,9 +329,86 @@ impl Header {
     }
 
     fn check_length(&self, lines: &Lines<'_>) -> Result<(), LogError> {
-        let (expected, found) = (self.columns.len() + 1, lines.cells.len());
+        let (expected, found) = (self.cells, lines.len());
         if expected == found { Ok(()) } else { Err(LogError::RowLength { file: lines.file.into(), row: lines.row, expected, found }) }
     }
+
+    /// The unit of time, settled by the first record that shows it.
+    fn settle(&mut self, stamps: &Stamps, raw: &[f64]) -> TimeUnit {
+        let plain = self.clock.column == "time";
+        let (unit, why) = match self.clock.unit {
+            Some(settled) => settled,
+            None => {
+                let guess = stamps.guess(raw, plain);
+                if raw.len() > 1 {
+                    self.clock.unit = Some(guess);
+                }
+                guess
+            }
+        };
+        let step_s = median_step(raw) / unit.per_second();
+        let column = &self.clock.column;
+        let every = if step_s > 0.0 { format!(", a sample every {} s", shortest(step_s)) } else { String::new() };
+        let again = "; --time COLUMN and --time-unit s|ms|us|ns|iso say it otherwise";
+        let from = match (stamps.origin(), unit) {
+            (Some(_), TimeUnit::Iso) => ", counted from the first".to_owned(),
+            (Some(origin), _) => format!(", counted from the first ({origin})"),
+            (None, _) => String::new(),
+        };
+        let note = match why {
+            Why::Given => None,
+            Why::Named if plain && unit == TimeUnit::S => None,
+            Why::Named => Some(format!("time is the column `{column}` in {} by its name{every}{from}{again}", unit.words())),
+            Why::Size => Some(format!("time is the column `{column}` in {} by the size of its numbers{every}{from}{again}", unit.words())),
+            Why::Written => Some(format!("time is the column `{column}`, {}{every}{from}", unit.words())),
+            Why::Rule if !plain => Some(format!("time is the column `{column}`, taken in seconds{every}{from}{again}")),
+            Why::Rule if step_s >= 2.0 => Some(format!("time is taken in seconds{every}{again}")),
+            Why::Rule => None,
+        };
+        self.notes.extend(note.filter(|n| !self.notes.contains(n)));
+        unit
+    }
+}
+
+/// To four digits, as short as it goes.
+fn shortest(x: f64) -> f64 {
+    format!("{x:.3e}").parse().unwrap_or(x)
+}
+
+/// The column of time and, where somebody says it, its unit.
+fn time_column(
+    lines: &Lines<'_>,
+    names: &[(String, Option<String>)],
+    options: &ReadOptions,
+) -> Result<(usize, Option<(TimeUnit, Why)>), LogError> {
+    let file = || lines.file.to_owned();
+    let first = || names.first().map_or_else(String::new, |(name, _)| shown(name.as_bytes()));
+    let time = match &options.time {
+        Some(wanted) => names.iter().position(|(name, _)| name == wanted).ok_or_else(|| LogError::UnknownChannel {
+            file: file(),
+            channel: wanted.clone(),
+            closest: super::error::closest(wanted, names.iter().map(|(n, _)| n.as_str())).map(Into::into),
+            existing: names.iter().map(|(n, _)| n.clone()).collect(),
+        })?,
+        None => {
+            let called = |place: usize, name: &str| clock::named(name, place == 0).is_some();
+            let plain = names.iter().position(|(name, _)| name == "time");
+            plain
+                .or_else(|| names.iter().enumerate().position(|(place, (name, _))| called(place, name)))
+                .ok_or_else(|| LogError::FirstColumn { file: file(), row: lines.row, found: first() })?
+        }
+    };
+    let (name, bracket) = names.get(time).map_or(("", None), |(name, unit)| (name.as_str(), unit.as_deref()));
+    if let Some(given) = options.time_unit {
+        return Ok((time, Some((given, Why::Given))));
+    }
+    let unit = match bracket {
+        Some(text) => {
+            Some(clock::unit(text).ok_or_else(|| LogError::TimeUnit { file: file(), row: lines.row, unit: shown(text.as_bytes()) })?)
+        }
+        None => clock::named(name, time == 0).flatten(),
+    };
+    Ok((time, unit.map(|unit| (unit, Why::Named))))
 }
 
 /// What one cell holds.
@@ -395,21 +419,27 @@ enum Cell {
     Text,
 }
 
-fn parse(cell: &[u8]) -> Cell {
+fn parse(cell: &[u8], separator: Separator) -> Cell {
     if cell.is_empty() {
         return Cell::Missing;
     }
-    match std::str::from_utf8(cell).ok().and_then(|text| text.parse::<f64>().ok()) {
+    let number = |text: &str| match text.parse::<f64>() {
+        // A decimal comma, where commas separate nothing.
+        Err(_) if separator.allows_decimal_comma() && text.contains(',') && !text.contains('.') => text.replace(',', ".").parse().ok(),
+        x => x.ok(),
+    };
+    match std::str::from_utf8(cell).ok().and_then(number) {
         Some(x) if x.is_finite() => Cell::Number(x),
         Some(_) => Cell::NotFinite,
         None => Cell::Text,
     }
 }
 
-/// A log that is being read.
+/// A log that is being read; its time in the unit of the file until it is whole.
 struct Part {
     source: String,
-    time_s: Vec<f64>,
+    stamps: Stamps,
+    raw: Vec<f64>,
     columns: Vec<Column>,
     rows: Rows,
 }
@@ -441,32 +471,44 @@ impl Column {
 impl Part {
     fn new(source: String, header: &Header) -> Self {
         let columns = header.columns.iter().map(|_| Column::default()).collect();
-        Self { source, time_s: Vec::new(), columns, rows: Rows::new(Origin::File) }
+        Self { source, stamps: Stamps::default(), raw: Vec::new(), columns, rows: Rows::new(Origin::File) }
     }
 
     /// Adds the current line as a sample.
-    fn push(&mut self, lines: &Lines<'_>, header: &Header) -> Result<(), LogError> {
+    fn push(&mut self, lines: &Lines<'_>, header: &mut Header) -> Result<(), LogError> {
         header.check_length(lines)?;
         let row = lines.row;
-        let file = || self.source.clone();
+        let Self { source, stamps, raw: before, columns, rows } = self;
+        let file = || source.clone();
         let not_a_number =
             |channel: &str, cell| LogError::NotANumber { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
         let not_finite =
             |channel: &str, cell| LogError::NotFinite { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
-        let time = lines.cell(0);
-        let time_s = match parse(time) {
-            Cell::Number(time_s) => time_s,
-            Cell::Missing => return Err(LogError::EmptyTime { file: file(), row }),
-            Cell::NotFinite => return Err(not_finite("time", time)),
-            Cell::Text => return Err(not_a_number("time", time)),
+        let time = lines.cell(header.time);
+        let number = |cell: &[u8]| match parse(cell, header.separator) {
+            Cell::Number(x) => Some(x),
+            _ => None,
         };
-        time_follows(&self.source, || Place::Row(row), self.time_s.last().copied(), time_s)?;
-        self.rows.note(self.time_s.len(), row);
-        self.time_s.push(time_s);
-        let places = self.columns.iter_mut().zip(&header.columns).enumerate();
-        for (place, (column, (name, _))) in places.filter(|(_, (column, _))| column.refused.is_none()) {
-            let cell = lines.cell(place + 1);
-            match parse(cell) {
+        let unit = header.clock.unit.map(|(unit, _)| unit);
+        let Some(raw) = stamps.read(time, unit, number) else {
+            let column = &header.clock.column;
+            return Err(match parse(time, header.separator) {
+                Cell::Missing => LogError::EmptyTime { file: file(), row },
+                Cell::NotFinite => not_finite(column, time),
+                Cell::Number(_) | Cell::Text => not_a_number(column, time),
+            });
+        };
+        if before.last().is_none_or(|before| *before < raw) && raw.abs() <= super::TIME_LIMIT_S {
+            rows.note(before.len(), row);
+            before.push(raw);
+        } else {
+            let scale = header.settle(stamps, before).per_second();
+            time_follows(source, || Place::Row(row), before.last().map(|t| t / scale), raw / scale)?;
+        }
+        let places = columns.iter_mut().zip(&header.columns);
+        for (column, (place, name, _)) in places.filter(|(column, _)| column.refused.is_none()) {
+            let cell = lines.cell(*place);
+            match parse(cell, header.separator) {
                 Cell::Number(x) => column.push(Some(x)),
                 Cell::Missing => column.push(None),
                 Cell::NotFinite => column.refuse(not_finite(name, cell)),
@@ -476,10 +518,15 @@ impl Part {
         Ok(())
     }
 
-    fn finish(mut self, header: &Header) -> Result<Log, LogError> {
-        self.time_s.shrink_to_fit();
+    fn finish(mut self, header: &mut Header) -> Result<Log, LogError> {
+        let scale = header.settle(&self.stamps, &self.raw).per_second();
+        let mut time_s = self.raw;
+        if scale != 1.0 {
+            time_s.iter_mut().for_each(|t| *t /= scale);
+        }
+        time_s.shrink_to_fit();
         let (mut channels, mut unusable) = (Vec::new(), Vec::new());
-        for (column, (name, unit)) in self.columns.into_iter().zip(&header.columns) {
+        for (column, (_, name, unit)) in self.columns.drain(..).zip(&header.columns) {
             if let Some(error) = column.refused {
                 unusable.push(Unusable { name: name.clone(), error });
                 continue;
@@ -489,7 +536,7 @@ impl Part {
             present.iter_mut().for_each(Vec::shrink_to_fit);
             channels.push(Channel { name: name.clone(), unit: unit.clone(), values, present });
         }
-        Log::assemble(self.source, self.time_s, channels, unusable, self.rows)
+        Log::assemble(self.source, time_s, channels, unusable, self.rows)
     }
 }
 

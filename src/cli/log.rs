@@ -1,0 +1,34 @@
+//! `deadtime log`: what a log file holds.
+
+use std::path::{Path, PathBuf};
+
+use super::source::Clock;
+use super::write_json;
+use crate::log::open;
+use crate::report::log::text;
+
+/// List what a log holds: topics and channels with their rates, gaps, units and ranges, and the course of each
+#[derive(Debug, clap::Args)]
+pub(super) struct Log {
+    /// The log, of any format of `deadtime list readers`
+    #[arg(value_name = "LOG")]
+    log: PathBuf,
+    /// Only topics whose name contains this; may be repeated
+    #[arg(long, value_name = "TEXT")]
+    topic: Vec<String>,
+    #[command(flatten)]
+    clock: Clock,
+}
+
+impl Log {
+    /// Prints the listing; as JSON it is deadtime/log@1.
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        let mut listing = open(&self.log, &self.clock.options())?.listing();
+        if !self.topic.is_empty() {
+            listing.topics.retain(|topic| self.topic.iter().any(|part| topic.name.contains(part.as_str())));
+        }
+        write_json(json, &listing)?;
+        say!("{}", text(&listing).trim_end());
+        Ok(())
+    }
+}

@@ -1,0 +1,330 @@
+//! Channels of a recording by name, and channels of several topics on one grid.
+
+use super::listing::GAP_STEPS;
+use super::{Channel, Log, LogError, Output, Recording, Topic, error};
+use crate::time::SampleTime;
+
+/// Half the length of the interpolation kernel, in zero crossings.
+const CROSSINGS: f64 = 16.0;
+/// Shape of the Kaiser window: 80 dB of stop band.
+const KAISER_BETA: f64 = 8.0;
+/// Where the pass band ends when the rate falls, as a part of half the new rate: the kernel's edge lies below the fold.
+const EDGE: f64 = 0.85;
+/// Points of the kernel's table per zero crossing.
+const TABLE: usize = 1024;
+/// A common grid may have at most this many samples.
+const MOST_SAMPLES: f64 = 2e8;
+
+/// A channel that somebody asks a recording for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Wanted {
+    /// Its name: `topic.field`, or the end of it where only one channel ends so.
+    pub name: String,
+    /// Whether it keeps its value between samples, as commands do.
+    pub held: bool,
+    /// Whether it must be there.
+    pub required: bool,
+}
+
+impl Recording {
+    /// The channels' full names: `topic.field`, or `field` in a file without topics.
+    pub fn names(&self) -> impl Iterator<Item = String> {
+        self.topics.iter().flat_map(|topic| topic.log.names().map(|channel| full(&topic.name, channel)))
+    }
+
+    /// The shortest end of a channel's full name that no other channel has.
+    pub(super) fn shortest_name(&self, topic: &str, channel: &str) -> String {
+        let name = full(topic, channel);
+        let starts = name.char_indices().filter(|(_, c)| matches!(c, '.' | '/')).map(|(at, _)| at + 1);
+        let mut ends: Vec<&str> = starts.filter_map(|at| name.get(at..)).filter(|end| !end.is_empty()).collect();
+        ends.reverse();
+        ends.into_iter().find(|end| self.called(end).len() == 1).map_or_else(|| name.clone(), ToOwned::to_owned)
+    }
+
+    fn called(&self, wanted: &str) -> Vec<(&Topic, &Channel)> {
+        let all = || self.topics.iter().flat_map(|topic| topic.log.channels().map(move |channel| (topic, channel)));
+        let wanted = plain(wanted);
+        let named: Vec<_> = all().map(|(topic, channel)| (plain(&full(&topic.name, channel.name())), topic, channel)).collect();
+        let exact: Vec<_> = named.iter().filter(|(name, ..)| *name == wanted).map(|(_, t, c)| (*t, *c)).collect();
+        if !exact.is_empty() {
+            return exact;
+        }
+        let ends = |name: &str| name.strip_suffix(wanted.as_str()).is_some_and(|start| start.ends_with('.'));
+        named.iter().filter(|(name, ..)| ends(name)).map(|(_, t, c)| (*t, *c)).collect()
+    }
+
+    /// A channel by its full name or by an end of it that is unique.
+    fn find(&self, wanted: &str) -> Result<(&Topic, &Channel), LogError> {
+        let found = self.called(wanted);
+        match found.as_slice() {
+            [only] => Ok(*only),
+            [] => {
+                let names: Vec<String> = self.names().collect();
+                let ends = names.iter().flat_map(|n| [n.as_str(), n.rsplit(['.', '/']).next().unwrap_or(n)]);
+                Err(LogError::UnknownChannel {
+                    file: self.source.clone(),
+                    channel: wanted.into(),
+                    closest: error::closest(wanted, ends).map(Into::into),
+                    existing: names,
+                })
+            }
+            several => Err(LogError::AmbiguousChannel {
+                file: self.source.clone(),
+                channel: wanted.into(),
+                matches: several.iter().map(|(topic, channel)| full(&topic.name, channel.name())).collect(),
+            }),
+        }
+    }
+
+    /// The wanted channels as one log, each called as it was asked for; a file without topics gives all its channels.
+    ///
+    /// Channels of one topic keep its stamps. Where they come from several, all are put onto the stamps of the first held channel's topic, or onto an even grid of
+    /// `grid`: held channels keep their value until the next one, the others are interpolated with a kernel that passes what both rates can carry and stops what the
+    /// slower one would fold (Kaiser-windowed sinc, 16 zero crossings a side). The kernel reaches both ways, so an edge is blurred, not moved. Nothing is interpolated
+    /// across a gap. The second value says what was done.
+    ///
+    /// # Errors
+    /// [`LogError::UnknownChannel`], [`LogError::AmbiguousChannel`]; [`LogError::NoCommonTime`] for topics that do not overlap; [`LogError::TooFine`].
+    pub fn together(&self, wanted: &[Wanted], grid: Option<SampleTime>) -> Result<(Log, Vec<String>), LogError> {
+        if let [Topic { name, log }] = self.topics.as_slice()
+            && name.is_empty()
+        {
+            return Ok((log.clone(), Vec::new()));
+        }
+        let mut chosen: Vec<(&Wanted, &Topic, &Channel)> = Vec::with_capacity(wanted.len());
+        for one in wanted {
+            match self.find(&one.name) {
+                Ok((topic, channel)) => chosen.push((one, topic, channel)),
+                Err(LogError::UnknownChannel { .. }) if !one.required => {}
+                Err(error) => return Err(error),
+            }
+        }
+        let Some((_, base, _)) = chosen.iter().find(|(one, ..)| one.held).or(chosen.first()).copied() else {
+            let name = wanted.first().map_or("", |one| one.name.as_str());
+            return self.find(name).map(|(topic, _)| (topic.log.clone(), Vec::new()));
+        };
+        let named = |one: &Wanted, channel: &Channel| Channel { name: one.name.clone(), ..channel.clone() };
+        if grid.is_none() && chosen.iter().all(|(_, topic, _)| std::ptr::eq(*topic, base)) {
+            let channels = chosen.iter().map(|(one, _, channel)| named(one, channel)).collect();
+            let log = Log::assemble(self.source.clone(), base.log.time_s.clone(), channels, Vec::new(), base.log.rows.clone())?;
+            return Ok((log, Vec::new()));
+        }
+        let from_s = chosen.iter().map(|(_, t, _)| t.log.start_s()).fold(f64::NEG_INFINITY, f64::max);
+        let to_s = chosen.iter().map(|(_, t, _)| t.log.start_s() + t.log.duration_s()).fold(f64::INFINITY, f64::min);
+        let time_s = match grid {
+            None => base.log.time_s.iter().copied().filter(|t| (from_s..=to_s).contains(t)).collect(),
+            Some(step) => self.even(from_s, to_s, step.seconds())?,
+        };
+        if time_s.is_empty() {
+            let spans =
+                chosen.iter().map(|(one, t, _)| (one.name.clone(), t.log.start_s(), t.log.start_s() + t.log.duration_s())).collect();
+            return Err(LogError::NoCommonTime { file: self.source.clone(), spans });
+        }
+        let step_s = grid.map_or_else(|| base.log.median_step_s(), SampleTime::seconds);
+        let (mut channels, mut early_s) = (Vec::with_capacity(chosen.len()), 0.0_f64);
+        let (mut held, mut moved) = (Vec::new(), Vec::new());
+        for (one, topic, channel) in &chosen {
+            let (values, present) = if one.held {
+                held.push(one.name.as_str());
+                hold(topic.log.time_s(), channel.samples(), &time_s)
+            } else {
+                let own = grid.is_none() && std::ptr::eq(*topic, base);
+                if !own {
+                    moved.push(one.name.as_str());
+                    early_s = early_s.max(topic.log.median_step_s());
+                }
+                band_limited(topic.log.time_s(), channel.samples(), &time_s, step_s)
+            };
+            channels.push(Channel { name: one.name.clone(), unit: channel.unit.clone(), values, present: Some(present) });
+        }
+        let onto = grid.map_or_else(|| format!("the stamps of {}", base.name), |step| format!("an even grid of {} s", step.seconds()));
+        let mut note = format!("channels are put onto {onto}");
+        if !held.is_empty() {
+            note += &format!("; {} held", held.join(", "));
+        }
+        if !moved.is_empty() {
+            note += &format!("; {} interpolated within what both rates carry", moved.join(", "));
+        }
+        let log = Log::new(self.source.clone(), time_s, channels)?;
+        Ok((Log { early_s: if moved.is_empty() { 0.0 } else { early_s + step_s }, ..log }, vec![note]))
+    }
+
+    fn even(&self, from_s: f64, to_s: f64, step_s: f64) -> Result<Vec<f64>, LogError> {
+        let last = ((to_s - from_s) / step_s + 1e-6).floor();
+        if last >= MOST_SAMPLES {
+            let (samples, duration_s) = (last + 1.0, to_s - from_s);
+            return Err(LogError::TooFine { file: self.source.clone(), sample_time_s: step_s, samples, duration_s });
+        }
+        Ok(if last < 0.0 { Vec::new() } else { (0..=last as usize).map(|k| from_s + k as f64 * step_s).collect() })
+    }
+}
+
+fn full(topic: &str, channel: &str) -> String {
+    if topic.is_empty() { channel.to_owned() } else { format!("{topic}.{channel}") }
+}
+
+/// `/cmd_vel/linear/x`, `cmd_vel.linear.x` and `/cmd_vel.linear.x` are one.
+fn plain(name: &str) -> String {
+    name.trim_start_matches('/').replace('/', ".")
+}
+
+/// The value of the last sample at or before each time; missing before the first and where that sample is missing.
+fn hold(stamps: &[f64], samples: Output<'_>, at_s: &[f64]) -> (Vec<f64>, Vec<bool>) {
+    let mut next = 0;
+    let held = at_s.iter().map(|t| {
+        while stamps.get(next).is_some_and(|stamp| stamp <= t) {
+            next += 1;
+        }
+        next.checked_sub(1).and_then(|last| samples.get(last))
+    });
+    held.map(|value| (value.unwrap_or(0.0), value.is_some())).unzip()
+}
+
+/// Samples at other times, free of what a step of `step_s` would fold.
+///
+/// How it can be wrong: energy above half the new rate folds into the result (a sine there must vanish); the signal below is damped or moved in time (a sine there must keep
+/// phase and size); a straight line bends at the ends (the samples are continued by odd reflection); values are made up inside a gap (missing there instead).
+pub(super) fn band_limited(stamps: &[f64], samples: Output<'_>, at_s: &[f64], step_s: f64) -> (Vec<f64>, Vec<bool>) {
+    let own_s = super::csv::median_step(stamps);
+    let longest_s = GAP_STEPS * own_s;
+    // Band edge as a part of half the samples' own rate.
+    let edge = if step_s > 1.001 * own_s { EDGE * own_s / step_s } else { 1.0 };
+    let reach = CROSSINGS / edge;
+    let kernel = Kernel::new();
+    let joined = |i: usize| match (stamps.get(i), stamps.get(i + 1)) {
+        (Some(a), Some(b)) => b - a <= longest_s && samples.get(i).is_some() && samples.get(i + 1).is_some(),
+        _ => false,
+    };
+    let (mut i, mut run) = (0, (0, 0));
+    let value = |t: &f64| -> Option<f64> {
+        while stamps.get(i + 1).is_some_and(|next| next <= t) {
+            i += 1;
+        }
+        let (before_s, after_s) = (stamps.get(i)?, stamps.get(i + 1));
+        if t < before_s {
+            return None;
+        }
+        let fraction = after_s.map_or(0.0, |after| (t - before_s) / (after - before_s));
+        if fraction > 0.0 && !joined(i) || fraction == 0.0 && t > before_s {
+            return None;
+        }
+        samples.get(i)?;
+        if fraction == 0.0 && edge == 1.0 {
+            return samples.get(i);
+        }
+        // The stretch without gaps around the place.
+        if i < run.0 || i > run.1 || run == (0, 0) {
+            let first = (0..i).rev().find(|&k| !joined(k)).map_or(0, |k| k + 1);
+            let last = (i..stamps.len()).find(|&k| !joined(k)).unwrap_or(i);
+            run = (first, last);
+        }
+        let (first, last) = (run.0 as i64, run.1 as i64);
+        let at = |k: i64| samples.values.get(k.clamp(first, last) as usize).copied().unwrap_or(0.0);
+        let reflected = |k: i64| match k {
+            k if k < first => 2.0 * at(first) - at(2 * first - k),
+            k if k > last => 2.0 * at(last) - at(2 * last - k),
+            k => at(k),
+        };
+        let place = i as f64 + fraction;
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for k in (place - reach).ceil() as i64..=(place + reach).floor() as i64 {
+            let weight = kernel.at((place - k as f64).abs() * edge);
+            sum += weight * reflected(k);
+            weights += weight;
+        }
+        Some(sum / weights).filter(|x| x.is_finite())
+    };
+    at_s.iter().map(value).map(|value| (value.unwrap_or(0.0), value.is_some())).unzip()
+}
+
+/// A Kaiser-windowed sinc, tabulated.
+struct Kernel(Vec<f64>);
+
+impl Kernel {
+    fn new() -> Self {
+        let points = CROSSINGS as usize * TABLE;
+        let value = |j: usize| {
+            let x = j as f64 / TABLE as f64;
+            let arc = std::f64::consts::PI * x;
+            let sinc = if j == 0 { 1.0 } else { arc.sin() / arc };
+            sinc * bessel_i0(KAISER_BETA * (1.0 - (x / CROSSINGS).powi(2)).max(0.0).sqrt()) / bessel_i0(KAISER_BETA)
+        };
+        Self((0..=points + 1).map(value).collect())
+    }
+
+    /// At a distance in zero crossings; 0 beyond the last.
+    fn at(&self, distance: f64) -> f64 {
+        let place = distance * TABLE as f64;
+        let (whole, fraction) = (place as usize, place.fract());
+        match (self.0.get(whole), self.0.get(whole + 1)) {
+            (Some(a), Some(b)) if distance <= CROSSINGS => a + (b - a) * fraction,
+            _ => 0.0,
+        }
+    }
+}
+
+/// The modified Bessel function of the first kind and order 0, by its power series.
+fn bessel_i0(x: f64) -> f64 {
+    let quarter = x * x / 4.0;
+    let (mut term, mut sum) = (1.0, 1.0);
+    for k in 1..60 {
+        term *= quarter / f64::from(k * k);
+        sum += term;
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sine(hz: f64, t: f64) -> f64 {
+        (std::f64::consts::TAU * hz * t).sin()
+    }
+
+    fn worst(hz: f64, from_step: f64, to_step: f64, expected: impl Fn(f64) -> f64) -> f64 {
+        let stamps: Vec<f64> = (0..4000).map(|k| k as f64 * from_step).collect();
+        let values: Vec<f64> = stamps.iter().map(|t| sine(hz, *t)).collect();
+        let end = 4000.0 * from_step;
+        let at: Vec<f64> = (0..).map(|k| 0.0013 + k as f64 * to_step).take_while(|t| *t < end - 2.0 * from_step).collect();
+        let (made, there) = band_limited(&stamps, Output { values: &values, present: None }, &at, to_step);
+        assert!(there.iter().all(|x| *x));
+        // Away from the ends, where the kernel reaches beyond the record.
+        let inner = at.iter().zip(&made).filter(|(t, _)| **t > 0.2 * end && **t < 0.8 * end);
+        inner.map(|(t, x)| (x - expected(*t)).abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_sine_that_both_rates_carry_keeps_size_and_phase() {
+        // 250 Hz to 100 Hz: 30 Hz passes. 100 Hz to 250 Hz: 30 Hz passes too.
+        assert!(worst(30.0, 0.004, 0.01, |t| sine(30.0, t)) < 2e-3);
+        assert!(worst(30.0, 0.01, 0.004, |t| sine(30.0, t)) < 2e-3);
+    }
+
+    #[test]
+    fn a_sine_that_would_fold_vanishes() {
+        // 70 Hz at 250 Hz would appear as 30 Hz at 100 Hz.
+        assert!(worst(70.0, 0.004, 0.01, |_| 0.0) < 2e-3);
+    }
+
+    #[test]
+    fn a_line_stays_a_line_to_its_ends_and_a_gap_stays_empty() {
+        let stamps: Vec<f64> = (0..100).filter(|k| !(40..60).contains(k)).map(|k| f64::from(k) * 0.01).collect();
+        let values: Vec<f64> = stamps.iter().map(|t| 3.0 + 2.0 * t).collect();
+        let at: Vec<f64> = (0..99).map(|k| 0.005 + f64::from(k) * 0.01).collect();
+        for step in [0.01, 0.05] {
+            let (made, there) = band_limited(&stamps, Output { values: &values, present: None }, &at, step);
+            for ((t, x), there) in at.iter().zip(made).zip(there) {
+                assert_eq!(there, !(0.39..0.60).contains(t), "{t}");
+                assert!(!there || (x - 3.0 - 2.0 * t).abs() < 1e-9, "{t}: {x}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_held_keeps_its_value() {
+        let samples = Output { values: &[1.0, 2.0, 3.0], present: Some(&[true, false, true]) };
+        let (values, present) = hold(&[0.0, 1.0, 2.0], samples, &[-0.5, 0.0, 0.9, 1.0, 2.0, 7.0]);
+        assert_eq!((values, present), (vec![0.0, 1.0, 1.0, 0.0, 3.0, 3.0], vec![false, true, true, false, true, true]));
+    }
+}

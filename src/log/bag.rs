@@ -1,0 +1,184 @@
+//! Topics of bags (MCAP, rosbag2): messages of several encodings, stamped by the recorder or by their senders.
+
+use std::collections::{BTreeMap, HashMap};
+
+use serde_json::Value;
+
+use super::recording::{Recording, Stamps, Table};
+use super::ros::{Decoder, Definitions, Encoding, MOST_ELEMENTS, Node};
+use super::{LogError, Topic};
+use crate::error::Error;
+
+/// How messages of a topic are written.
+pub(super) struct Schema<'a> {
+    /// The type's name.
+    pub(super) name: &'a str,
+    /// How the definition is written: `ros2msg`, `ros1msg`, `jsonschema`, ….
+    pub(super) encoding: &'a str,
+    /// The definition.
+    pub(super) data: &'a [u8],
+}
+
+/// A bag while it is read.
+pub(super) struct Bag {
+    stamps: Stamps,
+    origin_ns: Option<i128>,
+    streams: BTreeMap<u64, Stream>,
+    pub(super) notes: Vec<String>,
+}
+
+struct Stream {
+    table: Table,
+    how: How,
+    messages: usize,
+    broken: usize,
+    header: Option<(usize, usize)>,
+    /// Recorder's stamp minus sender's, s.
+    late_s: Vec<f64>,
+}
+
+enum How {
+    Ros(Box<Decoder>),
+    Json(HashMap<String, usize>),
+    Unknown(String),
+}
+
+impl Bag {
+    pub(super) fn new(stamps: Stamps) -> Self {
+        Self { stamps, origin_ns: None, streams: BTreeMap::new(), notes: Vec::new() }
+    }
+
+    /// Adds a topic, unless its number is known already.
+    pub(super) fn topic(&mut self, id: u64, name: &str, message_encoding: &str, schema: Option<&Schema<'_>>) {
+        if self.streams.contains_key(&id) {
+            return;
+        }
+        let ros = |encoding, schema: &Schema<'_>| match Definitions::parse(schema.name, &String::from_utf8_lossy(schema.data)) {
+            Ok(definitions) => How::Ros(Box::new(Decoder { definitions, encoding, root: Node::Unseen, long: Vec::new() })),
+            Err(what) => How::Unknown(format!("{}: {what}", schema.name)),
+        };
+        let how = match (message_encoding, schema) {
+            ("cdr", Some(schema)) if schema.encoding == "ros2msg" => ros(Encoding::Cdr, schema),
+            ("ros1", Some(schema)) if schema.encoding == "ros1msg" => ros(Encoding::Ros1, schema),
+            ("json", _) => How::Json(HashMap::new()),
+            (encoding, schema) => {
+                let schema = schema.map_or_else(String::new, |s| {
+                    format!(" with a schema in {}", if s.encoding.is_empty() { "no language" } else { s.encoding })
+                });
+                How::Unknown(format!("messages in {encoding}{schema} are not read"))
+            }
+        };
+        let stream = Stream { table: Table::new(name), how, messages: 0, broken: 0, header: None, late_s: Vec::new() };
+        self.streams.insert(id, stream);
+    }
+
+    /// Adds a message of a topic; `ns` is the recorder's stamp in nanoseconds.
+    pub(super) fn message(&mut self, id: u64, ns: i128, data: &[u8]) {
+        let origin = *self.origin_ns.get_or_insert(ns);
+        let Some(stream) = self.streams.get_mut(&id) else { return };
+        stream.messages += 1;
+        let table = &mut stream.table;
+        table.row((ns - origin) as f64 / 1e9);
+        let whole = match &mut stream.how {
+            How::Unknown(_) => None,
+            How::Ros(decoder) => decoder.message(data, table),
+            How::Json(columns) => serde_json::from_slice::<Value>(data).ok().map(|value| json(&value, "", columns, table)),
+        };
+        if whole.is_none() {
+            table.drop_row();
+            stream.broken += 1;
+            return;
+        }
+        if stream.header.is_none() && stream.table.len() == 1 {
+            let place = |names: [&str; 2]| names.iter().find_map(|name| stream.table.place(name));
+            stream.header = place(["header.stamp.sec", "header.stamp.secs"]).zip(place(["header.stamp.nanosec", "header.stamp.nsecs"]));
+        }
+        if let Some((sec, nanosec)) = stream.header {
+            let table = &mut stream.table;
+            if let (Some(sec), Some(nanosec)) = (table.last(sec), table.last(nanosec)) {
+                let sent_ns = sec as i128 * 1_000_000_000 + nanosec as i128;
+                stream.late_s.push((ns - sent_ns) as f64 / 1e9);
+                if self.stamps == Stamps::Header {
+                    table.restamp((sent_ns - origin) as f64 / 1e9);
+                }
+            }
+        }
+    }
+
+    /// The topics with numbers.
+    pub(super) fn finish(mut self, source: &str, format: &'static str, title: &'static str) -> Result<Recording, Error> {
+        let mut topics: Vec<Topic> = Vec::new();
+        for stream in self.streams.into_values() {
+            let name = stream.table.name().to_owned();
+            match &stream.how {
+                How::Unknown(why) if stream.messages > 0 => self.notes.push(format!("{name}: {why}; left out")),
+                _ if stream.broken > 0 => {
+                    self.notes.push(format!(
+                        "{name}: {} of {} messages do not fit their definition and are left out",
+                        stream.broken, stream.messages
+                    ));
+                }
+                _ => {}
+            }
+            if let How::Ros(decoder) = &stream.how {
+                for field in &decoder.long {
+                    self.notes.push(format!("{name}.{field}: more than {MOST_ELEMENTS} elements; left out"));
+                }
+            }
+            let mut late_s = stream.late_s;
+            let middle = late_s.len() / 2;
+            if !late_s.is_empty() {
+                let median_s = *late_s.select_nth_unstable_by(middle, f64::total_cmp).1;
+                let used = match self.stamps {
+                    Stamps::Arrival => "the recorder's stamps are used, for the same clock everywhere (--stamps header takes the senders')",
+                    Stamps::Header => "header.stamp is used",
+                };
+                self.notes.push(format!("{name}: recorded {median_s:.6} s after header.stamp (median); {used}"));
+            } else if self.stamps == Stamps::Header && stream.messages > stream.broken {
+                self.notes.push(format!("{name}: has no header.stamp; the recorder's stamps are used"));
+            }
+            topics.extend(stream.table.finish(source, &mut self.notes)?);
+        }
+        if topics.is_empty() {
+            return Err(LogError::NoTopics { file: source.into(), format: title, notes: self.notes }.into());
+        }
+        if let Some(origin) = self.origin_ns {
+            self.notes.push(format!(
+                "time is counted from the first message ({}.{:09} s)",
+                origin.div_euclid(1_000_000_000),
+                origin.rem_euclid(1_000_000_000)
+            ));
+        }
+        Ok(Recording { source: source.into(), format, topics, notes: self.notes })
+    }
+}
+
+/// Puts the numbers of a JSON value into the row that was begun last.
+fn json(value: &Value, path: &str, columns: &mut HashMap<String, usize>, table: &mut Table) {
+    let number = match value {
+        Value::Number(number) => number.as_f64(),
+        Value::Bool(truth) => Some(f64::from(u8::from(*truth))),
+        Value::Object(fields) => {
+            for (name, value) in fields {
+                let path = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
+                json(value, &path, columns, table);
+            }
+            None
+        }
+        Value::Array(values) if values.len() <= MOST_ELEMENTS => {
+            for (i, value) in values.iter().enumerate() {
+                json(value, &format!("{path}[{i}]"), columns, table);
+            }
+            None
+        }
+        Value::Array(_) | Value::Null | Value::String(_) => None,
+    };
+    if let Some(number) = number {
+        let name = if path.is_empty() { "value" } else { path };
+        let column = match columns.get(name) {
+            Some(column) => *column,
+            None => *columns.entry(name.to_owned()).or_insert(table.column(name, None)),
+        };
+        table.set(column, number);
+    }
+}

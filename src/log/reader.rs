@@ -1,0 +1,82 @@
+//! The registry of readers: which format a file is in, by its first bytes, then by its name.
+
+use std::io::Read;
+use std::path::Path;
+
+use super::recording::{ReadOptions, Recording};
+use super::{Log, csv, mcap, ulog};
+use crate::error::Error;
+
+/// As many bytes as any format is recognised by.
+const HEAD: usize = 16;
+
+/// One format of log files.
+pub struct Reader {
+    /// Its name.
+    pub name: &'static str,
+    /// What it is, in one line.
+    pub summary: &'static str,
+    /// How its files' names end, without the dot.
+    pub extensions: &'static [&'static str],
+    /// Whether a file with this beginning is of the format.
+    pub sniff: fn(&[u8]) -> bool,
+    /// Reads a file.
+    pub open: fn(&Path, &ReadOptions) -> Result<Recording, Error>,
+}
+
+/// Every format there is; the last one takes what no other knows.
+pub const READERS: &[Reader] = &[
+    Reader {
+        name: "ulog",
+        summary: "ULog of PX4: topics with instances, dropouts, appended data",
+        extensions: &["ulg"],
+        sniff: |head| head.starts_with(ulog::MAGIC),
+        open: ulog::open,
+    },
+    Reader {
+        name: "mcap",
+        summary: "MCAP: topics of ROS 2 (CDR) and ROS 1 messages by their definitions, and JSON; plain, lz4 or zstd chunks",
+        extensions: &["mcap"],
+        sniff: |head| head.starts_with(mcap::MAGIC),
+        open: mcap::open,
+    },
+    Reader {
+        name: "csv",
+        summary: "text: a header row, a column of time, one row per sample; separated by comma, semicolon, tab, bar or blanks; .gz too",
+        extensions: &["csv", "csv.gz", "tsv", "tsv.gz", "txt", "txt.gz"],
+        sniff: |_| false,
+        open: csv::recording,
+    },
+];
+
+/// The format of a file: by its first bytes, then by its name; text where neither tells.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn reader(path: &Path) -> Result<&'static Reader, Error> {
+    let io = |e| Error::io(path, e);
+    let mut head = Vec::with_capacity(HEAD);
+    std::fs::File::open(path).map_err(io)?.take(HEAD as u64).read_to_end(&mut head).map_err(io)?;
+    let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let called = |r: &&Reader| r.extensions.iter().any(|e| name.strip_suffix(e).is_some_and(|stem| stem.ends_with('.')));
+    let text = &READERS[READERS.len() - 1];
+    Ok(READERS.iter().find(|r| (r.sniff)(&head)).or_else(|| READERS.iter().find(called)).unwrap_or(text))
+}
+
+/// Reads a file of any format.
+///
+/// # Errors
+/// [`Error::Io`] when the operating system refuses the file; [`super::LogError`] naming what is wrong, and where.
+pub fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
+    (reader(path)?.open)(path, options)
+}
+
+/// Reads a file that holds one log: what [`open`] guessed is not said.
+///
+/// A column of text that holds no number, NaN or an infinity somewhere loads as unusable: only asking for it is an error. Time is always checked.
+///
+/// # Errors
+/// As [`open`]; [`super::LogError::SeveralTopics`].
+pub fn read(path: &Path) -> Result<Log, Error> {
+    Ok(open(path, &ReadOptions::default())?.into_log()?)
+}

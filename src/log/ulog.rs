@@ -1,0 +1,394 @@
+//! ULog, the log of PX4 autopilots: topics with numbered instances, dropouts, damaged stretches, data appended after a crash.
+//!
+//! Source: PX4 guide, "ULog File Format", version 1.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use super::recording::{ReadOptions, Recording, Table};
+use super::{LogError, Topic};
+use crate::error::Error;
+
+pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
+const NAME: &str = "ULog";
+const HEADER: u64 = 16;
+/// The message that recorders write now and then so that readers find back in.
+const SYNC: [u8; 11] = [8, 0, b'S', 0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x12];
+const TYPES: &[u8] = b"BFIMPQARDLCSO";
+/// Formats within formats deeper than this are refused.
+const DEEPEST: usize = 8;
+/// No sample of a topic is larger, as its message's length has 16 bits.
+const LARGEST: usize = 1 << 16;
+
+/// Reads a file.
+pub(super) fn open(path: &Path, _: &ReadOptions) -> Result<Recording, Error> {
+    let io = |e| Error::io(path, e);
+    let file = File::open(path).map_err(io)?;
+    let length = file.metadata().map_err(io)?.len();
+    read(&path.display().to_string(), BufReader::with_capacity(1 << 18, file), length)
+}
+
+/// Reads `length` bytes of any source.
+pub(super) fn read(source: &str, bytes: impl BufRead + Seek, length: u64) -> Result<Recording, Error> {
+    let io = |e| Error::io(Path::new(source), e);
+    let mut file = Input { bytes, at: 0, length, payload: Vec::new() };
+    let mut head = Vec::new();
+    file.bytes.by_ref().take(HEADER).read_to_end(&mut head).map_err(io)?;
+    file.at = head.len() as u64;
+    if head.len() < HEADER as usize || !head.starts_with(MAGIC) {
+        return Err(
+            LogError::Format { file: source.into(), format: NAME, what: "the header is cut off; copy the file again".into() }.into()
+        );
+    }
+    let mut log = Ulog::default();
+    loop {
+        match file.message(log.next_section(file.at)).map_err(io)? {
+            Next::Message(kind) => log.take(kind, &file.payload),
+            Next::End => break,
+            Next::Cut => {
+                log.notes.push(format!("cut off at byte {} of {length}: the last message is not whole", file.at));
+                break;
+            }
+            Next::Section(from) => {
+                file.bytes.seek(SeekFrom::Start(from)).map_err(io)?;
+                file.at = from;
+            }
+            Next::Damage => {
+                let from = file.at;
+                let found = file.resynchronise().map_err(io)?;
+                let until = if found { format!("to {}", file.at) } else { "to the end".to_owned() };
+                log.notes.push(format!("damaged from byte {from} {until}, which is left out"));
+                if !found {
+                    break;
+                }
+            }
+        }
+        if let Some(what) = log.refused.take() {
+            return Err(LogError::Format { file: source.into(), format: NAME, what }.into());
+        }
+    }
+    log.finish(source)
+}
+
+/// What comes next in a file.
+enum Next {
+    Message(u8),
+    Section(u64),
+    Damage,
+    Cut,
+    End,
+}
+
+struct Input<R> {
+    bytes: R,
+    at: u64,
+    length: u64,
+    payload: Vec<u8>,
+}
+
+impl<R: BufRead + Seek> Input<R> {
+    /// Reads the next message; a section that begins at `appended` ends the one before, even within a message.
+    fn message(&mut self, appended: Option<u64>) -> std::io::Result<Next> {
+        let end = appended.unwrap_or(self.length).min(self.length);
+        let ended = |at: u64| match appended {
+            Some(from) if from < self.length => Next::Section(from),
+            _ if at == end => Next::End,
+            _ => Next::Cut,
+        };
+        if self.at + 3 > end {
+            return Ok(ended(self.at));
+        }
+        let mut head = [0; 3];
+        self.bytes.read_exact(&mut head)?;
+        let size = u16::from_le_bytes([head[0], head[1]]);
+        if !TYPES.contains(&head[2]) {
+            self.bytes.seek(SeekFrom::Start(self.at))?;
+            return Ok(Next::Damage);
+        }
+        if self.at + 3 + u64::from(size) > end {
+            return Ok(ended(self.at));
+        }
+        self.payload.clear();
+        self.bytes.by_ref().take(u64::from(size)).read_to_end(&mut self.payload)?;
+        self.at += 3 + self.payload.len() as u64;
+        Ok(Next::Message(head[2]))
+    }
+
+    /// Goes to the next synchronisation message.
+    fn resynchronise(&mut self) -> std::io::Result<bool> {
+        let mut matched = 0;
+        let mut at = self.at;
+        loop {
+            let chunk = self.bytes.fill_buf()?;
+            if chunk.is_empty() {
+                return Ok(false);
+            }
+            let mut used = 0;
+            for byte in chunk {
+                used += 1;
+                matched = if SYNC.get(matched) == Some(byte) { matched + 1 } else { usize::from(*byte == SYNC[0]) };
+                if matched == SYNC.len() {
+                    break;
+                }
+            }
+            self.bytes.consume(used);
+            at += used as u64;
+            if matched == SYNC.len() {
+                self.at = at;
+                return Ok(true);
+            }
+        }
+    }
+}
+
+/// A number within a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+    /// Letters: no numbers.
+    Char,
+}
+
+impl Kind {
+    fn of(name: &str) -> Option<Self> {
+        Some(match name {
+            "int8_t" => Self::I8,
+            "uint8_t" | "bool" => Self::U8,
+            "int16_t" => Self::I16,
+            "uint16_t" => Self::U16,
+            "int32_t" => Self::I32,
+            "uint32_t" => Self::U32,
+            "int64_t" => Self::I64,
+            "uint64_t" => Self::U64,
+            "float" => Self::F32,
+            "double" => Self::F64,
+            "char" => Self::Char,
+            _ => return None,
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 | Self::Char => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::I64 | Self::U64 | Self::F64 => 8,
+        }
+    }
+
+    fn value(self, bytes: &[u8], at: usize) -> Option<f64> {
+        fn take<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
+            bytes.get(at..at.checked_add(N)?)?.try_into().ok()
+        }
+        Some(match self {
+            Self::I8 => f64::from(i8::from_le_bytes(take(bytes, at)?)),
+            Self::U8 | Self::Char => f64::from(u8::from_le_bytes(take(bytes, at)?)),
+            Self::I16 => f64::from(i16::from_le_bytes(take(bytes, at)?)),
+            Self::U16 => f64::from(u16::from_le_bytes(take(bytes, at)?)),
+            Self::I32 => f64::from(i32::from_le_bytes(take(bytes, at)?)),
+            Self::U32 => f64::from(u32::from_le_bytes(take(bytes, at)?)),
+            Self::I64 => i64::from_le_bytes(take(bytes, at)?) as f64,
+            Self::U64 => u64::from_le_bytes(take(bytes, at)?) as f64,
+            Self::F32 => f64::from(f32::from_le_bytes(take(bytes, at)?)),
+            Self::F64 => f64::from_le_bytes(take(bytes, at)?),
+        })
+    }
+}
+
+/// A number of a topic: where in a message, and in which column.
+struct Field {
+    kind: Kind,
+    at: usize,
+    column: usize,
+}
+
+/// A topic's instance that messages refer to by a number.
+struct Subscription {
+    topic: usize,
+    stamp: Option<(Kind, usize)>,
+    fields: Vec<Field>,
+}
+
+#[derive(Default)]
+struct Ulog {
+    formats: HashMap<String, Vec<(String, String)>>,
+    sections: Vec<u64>,
+    subscriptions: HashMap<u16, Subscription>,
+    tables: Vec<Table>,
+    places: BTreeMap<(String, u8), usize>,
+    dropouts: (usize, f64),
+    short: usize,
+    strange: usize,
+    notes: Vec<String>,
+    refused: Option<String>,
+}
+
+impl Ulog {
+    fn next_section(&self, at: u64) -> Option<u64> {
+        self.sections.iter().copied().filter(|from| *from > at).min()
+    }
+
+    fn take(&mut self, kind: u8, payload: &[u8]) {
+        match kind {
+            b'B' => self.flags(payload),
+            b'F' => self.format(payload),
+            b'A' => self.subscribe(payload),
+            b'D' => self.sample(payload),
+            b'O' => {
+                self.dropouts.0 += 1;
+                self.dropouts.1 += Kind::U16.value(payload, 0).unwrap_or(0.0) / 1e3;
+            }
+            // Parameters, information, messages to people, synchronisation.
+            _ => {}
+        }
+    }
+
+    fn flags(&mut self, payload: &[u8]) {
+        let incompatible = payload.get(8..16).unwrap_or_default();
+        // The lowest bit says that data are appended; others this reader does not know.
+        if incompatible.iter().enumerate().any(|(i, byte)| byte & !u8::from(i == 0) != 0) {
+            self.refused = Some("it uses a newer version of the format than 1; convert it with pyulog".into());
+            return;
+        }
+        let offsets = (0..3).filter_map(|i| payload.get(16 + 8 * i..24 + 8 * i)).filter_map(|b| b.try_into().ok()).map(u64::from_le_bytes);
+        self.sections = offsets.filter(|from| *from > HEADER).collect();
+    }
+
+    fn format(&mut self, payload: &[u8]) {
+        let text = String::from_utf8_lossy(payload);
+        let Some((name, fields)) = text.split_once(':') else {
+            self.strange += 1;
+            return;
+        };
+        let field = |text: &str| text.trim().split_once(' ').map(|(kind, name)| (kind.to_owned(), name.trim().to_owned()));
+        self.formats.insert(name.to_owned(), fields.split(';').filter_map(field).collect());
+    }
+
+    fn subscribe(&mut self, payload: &[u8]) {
+        let (Some(instance), Some(id), Some(name)) = (payload.first(), payload.get(1..3), payload.get(3..)) else {
+            self.strange += 1;
+            return;
+        };
+        let name = String::from_utf8_lossy(name).into_owned();
+        let mut layout = Layout { ulog: self, at: 0, numbers: Vec::new() };
+        if layout.add(&name, "", 0).is_none() {
+            self.notes.push(format!("{name}: its format is unknown or broken; left out"));
+            return;
+        }
+        let numbers = layout.numbers;
+        let stamp = numbers.iter().find(|(path, ..)| path == "timestamp").map(|(_, kind, at)| (*kind, *at));
+        if stamp.is_none() {
+            self.notes.push(format!("{name}: it has no time stamps; left out"));
+        }
+        let topic = *self.places.entry((name.clone(), *instance)).or_insert_with(|| {
+            let mut table = Table::new(name);
+            for (path, ..) in numbers.iter().filter(|(path, ..)| path != "timestamp") {
+                table.column(path.clone(), None);
+            }
+            self.tables.push(table);
+            self.tables.len() - 1
+        });
+        let fields = numbers.iter().filter(|(path, ..)| path != "timestamp").enumerate();
+        let fields = fields.map(|(column, (_, kind, at))| Field { kind: *kind, at: *at, column }).collect();
+        let id = u16::from_le_bytes([id[0], id[1]]);
+        self.subscriptions.insert(id, Subscription { topic, stamp, fields });
+    }
+
+    fn sample(&mut self, payload: &[u8]) {
+        let Some(id) = payload.get(..2).map(|b| u16::from_le_bytes([b[0], b[1]])) else {
+            self.strange += 1;
+            return;
+        };
+        let Some(subscription) = self.subscriptions.get(&id) else {
+            self.strange += 1;
+            return;
+        };
+        let data = payload.get(2..).unwrap_or_default();
+        let Some(table) = self.tables.get_mut(subscription.topic) else { return };
+        let Some(stamp_us) = subscription.stamp.and_then(|(kind, at)| kind.value(data, at)) else {
+            self.short += usize::from(subscription.stamp.is_some());
+            return;
+        };
+        table.row(stamp_us / 1e6);
+        let mut whole = true;
+        for field in &subscription.fields {
+            match field.kind.value(data, field.at) {
+                Some(value) => table.set(field.column, value),
+                None => whole = false,
+            }
+        }
+        self.short += usize::from(!whole);
+    }
+
+    fn finish(mut self, source: &str) -> Result<Recording, Error> {
+        let count = |n: usize, what: &str| (n > 0).then(|| format!("{n} {what}"));
+        if self.dropouts.0 > 0 {
+            self.notes.push(format!("{} dropouts, {:.3} s together, in which the recorder lost samples", self.dropouts.0, self.dropouts.1));
+        }
+        self.notes.extend(count(self.short, "samples are shorter than their format says; what they lack is missing"));
+        self.notes.extend(count(self.strange, "messages make no sense and are left out"));
+        let several: Vec<String> = self.places.keys().filter(|(_, instance)| *instance > 0).map(|(name, _)| name.clone()).collect();
+        let mut topics: Vec<Topic> = Vec::new();
+        let mut tables: Vec<Option<Table>> = self.tables.into_iter().map(Some).collect();
+        for ((name, instance), place) in self.places {
+            let Some(mut table) = tables.get_mut(place).and_then(Option::take) else { continue };
+            if several.contains(&name) {
+                table.rename(format!("{name}[{instance}]"));
+            }
+            topics.extend(table.finish(source, &mut self.notes)?);
+        }
+        if topics.is_empty() {
+            return Err(LogError::NoTopics { file: source.into(), format: NAME, notes: self.notes }.into());
+        }
+        Ok(Recording { source: source.into(), format: "ulog", topics, notes: self.notes })
+    }
+}
+
+/// The numbers of a format, nested ones too, in the order of their bytes.
+struct Layout<'a> {
+    ulog: &'a Ulog,
+    at: usize,
+    numbers: Vec<(String, Kind, usize)>,
+}
+
+impl Layout<'_> {
+    fn add(&mut self, format: &str, prefix: &str, depth: usize) -> Option<()> {
+        let fields = self.ulog.formats.get(format).filter(|_| depth < DEEPEST)?;
+        for (kind, name) in fields {
+            let (kind, count) = match kind.strip_suffix(']').and_then(|k| k.split_once('[')) {
+                Some((kind, count)) => (kind, Some(count.parse::<usize>().ok().filter(|n| *n <= LARGEST)?)),
+                None => (kind.as_str(), None),
+            };
+            let number = Kind::of(kind);
+            if name.starts_with("_padding") || number == Some(Kind::Char) {
+                self.at = self.at.checked_add(number?.size().checked_mul(count.unwrap_or(1))?)?;
+                continue;
+            }
+            for i in 0..count.unwrap_or(1) {
+                let path = if count.is_some() { format!("{prefix}{name}[{i}]") } else { format!("{prefix}{name}") };
+                match number {
+                    Some(kind) => {
+                        self.numbers.push((path, kind, self.at));
+                        self.at += kind.size();
+                    }
+                    None => self.add(kind, &format!("{path}."), depth + 1)?,
+                }
+                if self.at > LARGEST {
+                    return None;
+                }
+            }
+        }
+        Some(())
+    }
+}
