@@ -30,7 +30,9 @@ impl Check {
         let held: Vec<String> = document.inputs().iter().map(|c| c.name.clone()).collect();
         let mut logs: Vec<Log> = Vec::new();
         for path in &self.log {
-            logs.extend(self.reading.read(path, &held)?);
+            for log in self.reading.read(path, &held)? {
+                logs.push(document.complete(log)?);
+            }
         }
         let found = inspect(&document, &logs, &Stop::default())?;
         write_json(json, &found)?;

@@ -60,7 +60,9 @@ impl Gap {
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Log>> {
             let mut logs = Vec::new();
             for path in paths {
-                logs.extend(self.reading.read(path, &inputs)?);
+                for log in self.reading.read(path, &inputs)? {
+                    logs.push(document.complete(log)?);
+                }
             }
             Ok(logs)
         };

@@ -21,6 +21,7 @@ mod methods;
 mod progress;
 mod simulate;
 mod source;
+mod structured;
 mod study;
 
 use std::ffi::OsString;
@@ -62,6 +63,8 @@ enum Command {
     List(list::List),
     Methods(methods::Methods),
     Study(study::Study),
+    #[command(name = "identify")]
+    Structured(structured::StructuredArgs),
 }
 
 impl Cli {
@@ -87,6 +90,7 @@ impl Cli {
             Command::List(c) => c.run(json),
             Command::Methods(c) => c.run(json),
             Command::Study(c) => c.run(json),
+            Command::Structured(c) => c.run(json),
         }
     }
 }

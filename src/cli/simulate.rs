@@ -50,7 +50,7 @@ impl Simulate {
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let model = ModelDocument::read(&self.model)?;
         let inputs: Vec<String> = model.inputs().iter().map(|c| c.name.clone()).collect();
-        let logs = self.source.read(&inputs)?;
+        let logs = self.source.read(&inputs)?.into_iter().map(|log| model.complete(log)).collect::<Result<Vec<_>, _>>()?;
         let [log] = logs.as_slice() else {
             bail!("{}: simulate takes one record at a time; cut it out with --from and --to", self.source.log.display());
         };

@@ -7,7 +7,7 @@ use pyo3::types::PyType;
 use crate::Error;
 
 /// The classes of `deadtime.errors`, beside their base `DeadtimeError`; a test holds them against the module.
-const CLASSES: [&str; 13] = [
+const CLASSES: [&str; 14] = [
     "TimeError",
     "LogError",
     "ModelError",
@@ -16,6 +16,7 @@ const CLASSES: [&str; 13] = [
     "GapError",
     "EffectError",
     "DelayError",
+    "IdentifyError",
     "DiagnosisError",
     "BlindError",
     "StudyError",
@@ -37,6 +38,7 @@ fn class(error: &Error) -> Option<&'static str> {
         Error::Gap(_) => "GapError",
         Error::Effect(_) => "EffectError",
         Error::Delay(_) => "DelayError",
+        Error::Structured(_) => "IdentifyError",
         Error::Diagnosis(_) => "DiagnosisError",
         Error::Blind(_) => "BlindError",
         Error::Study(_) => "StudyError",

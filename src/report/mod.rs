@@ -13,6 +13,7 @@ pub mod junit;
 pub mod methods;
 #[cfg(feature = "cli")]
 pub mod picture;
+pub mod structured;
 pub mod study;
 mod text;
 

@@ -18,7 +18,7 @@ pub use error::{EquationError, Fault};
 pub use explain::{Breakdown, NonFinite};
 
 use parse::{Leaf, Scope, Tree, parse, reserved};
-use program::{Point, Program, Registers, Sizes};
+use program::{Point, Program, Registers, Seeds, Sizes};
 
 /// A name with its unit.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -75,6 +75,23 @@ pub enum Wrt {
     Inputs,
     /// The parameters.
     Parameters,
+}
+
+/// Directions in the space of states and parameters, along which an evaluation is differentiated.
+#[derive(Debug, Clone, Copy)]
+pub struct Directions<'a> {
+    /// How many.
+    pub count: usize,
+    /// States × count, row by row: how each state moves along each direction.
+    pub states: &'a [f64],
+    /// Parameters × count, row by row.
+    pub parameters: &'a [f64],
+}
+
+impl<'a> Directions<'a> {
+    fn seeds(self) -> Seeds<'a> {
+        Seeds { states: self.states, parameters: self.parameters }
+    }
 }
 
 /// Matrices of a linearisation: δx' = A δx + B δu, δy = C δx + D δu.
@@ -298,6 +315,43 @@ impl Equations {
         let at = Point { t, x, u, p };
         self.check_point(at);
         self.output_program.differentiate(at, self.leaves(wrt), &mut workspace.outputs, jacobian);
+    }
+
+    /// dx/dt and its derivatives along directions, `tangents[i*count + j]` that of state i along direction j: the right-hand side of the sensitivity
+    /// equations, at the cost of one evaluation for each direction.
+    #[allow(clippy::too_many_arguments)]
+    pub fn derivatives_along(
+        &self,
+        t: f64,
+        x: &[f64],
+        u: &[f64],
+        p: &[f64],
+        directions: Directions<'_>,
+        workspace: &mut Workspace,
+        dx: &mut [f64],
+        tangents: &mut [f64],
+    ) {
+        let at = Point { t, x, u, p };
+        self.check_point(at);
+        self.derivative_program.along(at, directions.count, directions.seeds(), &mut workspace.derivatives, dx, tangents);
+    }
+
+    /// The outputs and their derivatives along directions, as [`Self::derivatives_along`].
+    #[allow(clippy::too_many_arguments)]
+    pub fn outputs_along(
+        &self,
+        t: f64,
+        x: &[f64],
+        u: &[f64],
+        p: &[f64],
+        directions: Directions<'_>,
+        workspace: &mut Workspace,
+        y: &mut [f64],
+        tangents: &mut [f64],
+    ) {
+        let at = Point { t, x, u, p };
+        self.check_point(at);
+        self.output_program.along(at, directions.count, directions.seeds(), &mut workspace.outputs, y, tangents);
     }
 
     /// ∂(dx/dt)/∂t, by the equations' own `time`.
