@@ -42,10 +42,6 @@ class DelayError(DeadtimeError):
     """An estimation that cannot be set up."""
 
 
-class IdentifyError(DeadtimeError):
-    """A model that cannot be identified."""
-
-
 class DiagnosisError(DeadtimeError):
     """A diagnosis that cannot be read or written."""
 

@@ -15,8 +15,8 @@ mod zeros;
 
 pub use d2c::d2c;
 pub use equations::{
-    Breakdown, Directions, EquationError, Equations, Fault, Linearisation, NonFinite, OutputVariable, Parameter, StateVariable, Symbol,
-    Workspace, Wrt,
+    Breakdown, Definition, Directions, EquationError, Equations, Fault, Linearisation, NonFinite, OutputVariable, Parameter, StateVariable,
+    Symbol, Workspace, Wrt,
 };
 pub use file::{
     Channel, EffectEntry, EquationsFile, GroupEntry, GroupKind, ModelDocument, ModelFile, Operating, ParameterEntry, State, StateEntry,

@@ -7,7 +7,7 @@ use pyo3::types::PyType;
 use crate::Error;
 
 /// The classes of `deadtime.errors`, beside their base `DeadtimeError`; a test holds them against the module.
-const CLASSES: [&str; 14] = [
+const CLASSES: [&str; 13] = [
     "TimeError",
     "LogError",
     "ModelError",
@@ -16,7 +16,6 @@ const CLASSES: [&str; 14] = [
     "GapError",
     "EffectError",
     "DelayError",
-    "IdentifyError",
     "DiagnosisError",
     "BlindError",
     "StudyError",
@@ -32,13 +31,12 @@ fn class(error: &Error) -> Option<&'static str> {
         | Error::Model(crate::model::ModelError::Time(_))
         | Error::Simulate(crate::simulate::SimulateError::DelayTime(_)) => "TimeError",
         Error::Log(_) => "LogError",
-        Error::Model(_) => "ModelError",
+        Error::Model(_) | Error::Structured(_) => "ModelError",
         Error::Signal(_) => "SignalError",
         Error::Simulate(_) => "SimulateError",
         Error::Gap(_) => "GapError",
         Error::Effect(_) => "EffectError",
         Error::Delay(_) => "DelayError",
-        Error::Structured(_) => "IdentifyError",
         Error::Diagnosis(_) => "DiagnosisError",
         Error::Blind(_) => "BlindError",
         Error::Study(_) => "StudyError",

@@ -128,22 +128,26 @@ impl Builder {
 }
 
 impl Program {
-    pub(super) fn compile(trees: &[Tree], sizes: Sizes) -> Self {
+    /// The expressions of `trees`, which may use `definitions`, as each of those may use the ones before it.
+    pub(super) fn compile(definitions: &[Tree], trees: &[Tree], sizes: Sizes) -> Self {
         let mut builder = Builder::default();
-        let roots: Vec<Place> = trees
-            .iter()
-            .map(|tree| {
+        let mut defined: Vec<Place> = Vec::with_capacity(definitions.len());
+        let mut roots: Vec<Place> = Vec::with_capacity(trees.len());
+        for (number, tree) in definitions.iter().chain(trees).enumerate() {
+            let root = {
                 let mut places: Vec<Place> = Vec::with_capacity(tree.nodes.len());
                 for node in &tree.nodes {
                     places.push(match node.kind {
                         Kind::Number(value) => Builder::constant(value),
                         Kind::Leaf(leaf) => Place::Leaf(leaf),
+                        Kind::Definition(at) => defined.get(at).copied().unwrap_or(Builder::constant(f64::NAN)),
                         Kind::Operation(operation, a, b) => builder.operation(operation, places[a], places[b]),
                     });
                 }
                 places.last().copied().unwrap_or(Builder::constant(f64::NAN))
-            })
-            .collect();
+            };
+            if number < definitions.len() { defined.push(root) } else { roots.push(root) }
+        }
         Self::lay_out(&builder.steps, &roots, sizes)
     }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize, Serializer};
 use super::table::{self, Table};
 use super::{Channel, EffectEntry, FORMAT, Operating, Sign, Syntax, parse_text, read_text, syntax, write_text};
 use crate::error::Result;
-use crate::model::{EquationError, Equations, ModelError, OutputVariable, Parameter, StateVariable, Symbol};
+use crate::model::{Definition, EquationError, Equations, ModelError, OutputVariable, Parameter, StateVariable, Symbol};
 
 /// A state's unit and start.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -82,6 +82,9 @@ pub struct EquationsFile {
     /// The parameters, in order.
     #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
     pub parameters: Vec<(String, ParameterEntry)>,
+    /// Named expressions that equations, and definitions after them, can use.
+    #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
+    pub definitions: Vec<(String, String)>,
     /// dx/dt of each state.
     #[serde(with = "table")]
     pub derivatives: Vec<(String, String)>,
@@ -147,6 +150,7 @@ impl EquationsFile {
                 .iter()
                 .map(|p| (p.name.clone(), ParameterEntry { unit: p.unit.clone(), value: p.value }))
                 .collect(),
+            definitions: model.definitions().iter().map(|d| (d.name.clone(), d.expression.clone())).collect(),
             derivatives: states.iter().map(|s| (s.name.clone(), s.derivative.clone())).collect(),
             output_equations: outputs.iter().map(|o| (o.name.clone(), o.equation.clone())).collect(),
             groups: Vec::new(),
@@ -255,7 +259,9 @@ impl EquationsFile {
             |(name, entry): &(String, ParameterEntry)| Parameter { name: name.clone(), unit: entry.unit.clone(), value: entry.value };
         let parameters = self.parameters.iter().map(parameter).collect();
         let wrong = |source: EquationError| ModelError::Equations { path: path.to_owned(), source: Box::new(source) };
-        Equations::new(inputs, states, parameters, outputs).map_err(wrong)
+        let definition = |(name, expression): &(String, String)| Definition { name: name.clone(), expression: expression.clone() };
+        let definitions = self.definitions.iter().map(definition).collect();
+        Equations::with_definitions(inputs, states, parameters, definitions, outputs).map_err(wrong)
     }
 
     /// Writes the file, as TOML or JSON by its extension.
