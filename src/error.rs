@@ -30,6 +30,9 @@ pub enum Error {
     /// An estimation that cannot be set up.
     #[error(transparent)]
     Delay(crate::delay::DelayError),
+    /// A model file's parameters that cannot be fitted.
+    #[error(transparent)]
+    Structured(#[from] crate::identify::structured::StructuredError),
     /// A diagnosis that cannot be read or written.
     #[error(transparent)]
     Diagnosis(#[from] crate::diagnose::DiagnosisError),

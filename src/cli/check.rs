@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::source::{Needed, Reading};
+use super::source::Reading;
 use super::write_json;
 use crate::diagnose::inspect;
 use crate::log::Log;
@@ -27,11 +27,9 @@ impl Check {
     /// Prints what was found; as JSON it is deadtime/check@1.
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let document = ModelDocument::read(&self.model)?;
-        let inputs: Vec<String> = document.inputs().iter().map(|c| c.name.clone()).collect();
-        let outputs: Vec<String> = document.outputs().iter().map(|c| c.name.clone()).collect();
         let mut logs: Vec<Log> = Vec::new();
         for path in &self.log {
-            logs.extend(self.reading.read(path, &Needed { inputs: &inputs, outputs: &outputs, required: false })?);
+            logs.extend(self.reading.read_for(path, &document, false)?);
         }
         let found = inspect(&document, &logs, &Stop::default())?;
         write_json(json, &found)?;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::progress::Bar;
-use super::source::{Needed, Reading};
+use super::source::Reading;
 use super::write_json;
 use crate::diagnose::{GapOptions, Mode, diagnose, isolability};
 use crate::log::Log;
@@ -57,12 +57,10 @@ enum ModeName {
 impl Gap {
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let document = ModelDocument::read(&self.model)?;
-        let inputs: Vec<String> = document.inputs().iter().map(|c| c.name.clone()).collect();
-        let outputs: Vec<String> = document.outputs().iter().map(|c| c.name.clone()).collect();
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Log>> {
             let mut logs = Vec::new();
             for path in paths {
-                logs.extend(self.reading.read(path, &Needed { inputs: &inputs, outputs: &outputs, required: true })?);
+                logs.extend(self.reading.read_for(path, &document, true)?);
             }
             Ok(logs)
         };

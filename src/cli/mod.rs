@@ -23,6 +23,7 @@ mod methods;
 mod progress;
 mod simulate;
 mod source;
+mod structured;
 mod study;
 mod words;
 
@@ -68,6 +69,8 @@ enum Command {
     Log(log::Log),
     Methods(methods::Methods),
     Study(study::Study),
+    #[command(name = "identify")]
+    Structured(structured::StructuredArgs),
 }
 
 impl Cli {
@@ -98,6 +101,7 @@ impl Cli {
             Command::Log(c) => c.run(json),
             Command::Methods(c) => c.run(json),
             Command::Study(c) => c.run(json),
+            Command::Structured(c) => c.run(json),
         }
     }
 }

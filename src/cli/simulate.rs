@@ -49,9 +49,7 @@ enum HoldName {
 impl Simulate {
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let model = ModelDocument::read(&self.model)?;
-        let inputs: Vec<String> = model.inputs().iter().map(|c| c.name.clone()).collect();
-        let outputs: Vec<String> = model.outputs().iter().map(|c| c.name.clone()).collect();
-        let logs = self.source.read(&Needed { inputs: &inputs, outputs: &outputs, required: false })?;
+        let logs = self.source.reading.read_for(&self.source.log, &model, false)?;
         let [log] = logs.as_slice() else {
             bail!("{}: simulate takes one record at a time; cut it out with --from and --to", self.source.log.display());
         };

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 
 use crate::log::{EventTimes, Log, ReadOptions, Stamps, TimeUnit, Wanted, csv, open, read_events, reader};
+use crate::model::ModelDocument;
 use crate::time::SampleTime;
 
 /// Where the data come from.
@@ -120,6 +121,14 @@ impl Source {
 }
 
 impl Reading {
+    /// The records of one log with the channels of a model, and the slopes that its inputs ask for.
+    pub(super) fn read_for(&self, log: &Path, model: &ModelDocument, required: bool) -> anyhow::Result<Vec<Log>> {
+        let inputs: Vec<String> = model.inputs().iter().filter(|c| c.derivative_of.is_none()).map(|c| c.name.clone()).collect();
+        let outputs: Vec<String> = model.outputs().iter().map(|c| c.name.clone()).collect();
+        let logs = self.read(log, &Needed { inputs: &inputs, outputs: &outputs, required })?;
+        Ok(logs.into_iter().map(|log| model.complete(log)).collect::<Result<_, _>>()?)
+    }
+
     /// The records of one log.
     pub(super) fn read(&self, log: &Path, needed: &Needed<'_>) -> anyhow::Result<Vec<Log>> {
         let mut map = Vec::with_capacity(self.map.len());

@@ -1,4 +1,4 @@
-//! Models from data: finite impulse responses, ARX, ARMAX and output-error models.
+//! Models from data: finite impulse responses, ARX, ARMAX and output-error models; many parameters of a model file at once.
 
 mod armax;
 mod arx;
@@ -12,6 +12,7 @@ mod many_zeros;
 mod oe;
 mod polynomial;
 mod regression;
+pub mod structured;
 mod subspace;
 
 pub use armax::{Armax, ArmaxFit, ArmaxScan};

@@ -54,6 +54,19 @@ impl Log {
         if deviation_samples.abs() <= EVEN_SAMPLES { SampleTime::new(self.decimal(slope_s)).map_err(|_| uneven()) } else { Err(uneven()) }
     }
 
+    /// The log with one more channel, the slope of another from its sample before, in units of that one per second; 0 at the first sample.
+    ///
+    /// # Errors
+    /// [`LogError`] for a channel that is not there or misses samples, and for a name that is taken.
+    pub fn with_slope(mut self, name: &str, of: &str) -> Result<Self, LogError> {
+        let values = self.input(of)?;
+        let pairs = values.windows(2).zip(self.time_s.windows(2));
+        let slopes = std::iter::once(0.0).chain(pairs.map(|(v, t)| (v[1] - v[0]) / (t[1] - t[0]))).collect();
+        self.channels.push(Channel::new(name, None, slopes));
+        let early_s = self.early_s;
+        Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows).map(|log| Self { early_s, ..log })
+    }
+
     /// The part from `from_s` to `to_s`, both included, in seconds from the log's first sample; `None` is that end of the log.
     /// Time stamps stay as logged.
     ///

@@ -15,9 +15,12 @@ mod zeros;
 
 pub use d2c::d2c;
 pub use equations::{
-    Breakdown, EquationError, Equations, Fault, Linearisation, NonFinite, OutputVariable, Parameter, StateVariable, Symbol, Workspace, Wrt,
+    Breakdown, Definition, Directions, EquationError, Equations, Fault, Linearisation, NonFinite, OutputVariable, Parameter, StateVariable,
+    Symbol, Workspace, Wrt,
 };
-pub use file::{Channel, EffectEntry, EquationsFile, ModelDocument, ModelFile, Operating, ParameterEntry, State, StateEntry};
+pub use file::{
+    Channel, EffectEntry, EquationsFile, GroupEntry, GroupKind, ModelDocument, ModelFile, Operating, ParameterEntry, State, StateEntry,
+};
 pub use hinf::Peak;
 pub use riccati::{Lqr, dare, dlqr};
 pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};

@@ -319,7 +319,12 @@ fn _uav(py: Python<'_>, name: Option<&str>) -> PyResult<Model> {
             }
         },
     };
-    let channel = |name: &str, unit: &str| Channel { name: name.to_owned(), unit: Some(unit.to_owned()), operating: Operating::default() };
+    let channel = |name: &str, unit: &str| Channel {
+        name: name.to_owned(),
+        unit: Some(unit.to_owned()),
+        operating: Operating::default(),
+        derivative_of: None,
+    };
     let inputs = parts.iter().map(|d| channel(d.input(), "1")).collect();
     let states = parts.iter().flat_map(|d| d.states()).map(|(n, u)| State { name: (*n).to_owned(), unit: Some((*u).to_owned()) }).collect();
     let outputs = parts.iter().flat_map(|d| d.outputs()).map(|(n, u)| channel(n, u)).collect();

@@ -15,6 +15,7 @@ pub mod junit;
 pub mod log;
 pub mod methods;
 pub mod picture;
+pub mod structured;
 pub mod study;
 mod text;
 

@@ -62,19 +62,8 @@ impl fmt::Display for Breakdown {
 }
 
 /// The first part of the tree without a finite value although its own parts have one; `None` if the whole is finite.
-pub(super) fn explain(equation: &str, tree: &Tree, at: Point<'_>) -> Option<NonFinite> {
-    let mut values: Vec<f64> = Vec::with_capacity(tree.nodes.len());
-    for node in &tree.nodes {
-        let of = |list: &[f64], i: usize| list.get(i).copied().unwrap_or(f64::NAN);
-        values.push(match node.kind {
-            Kind::Number(value) => value,
-            Kind::Leaf(Leaf::Time) => at.t,
-            Kind::Leaf(Leaf::State(i)) => of(at.x, i),
-            Kind::Leaf(Leaf::Input(i)) => of(at.u, i),
-            Kind::Leaf(Leaf::Parameter(i)) => of(at.p, i),
-            Kind::Operation(operation, a, b) => operation.apply(values[a], values[b]),
-        });
-    }
+pub(super) fn explain(equation: &str, tree: &Tree, defined: &[f64], at: Point<'_>) -> Option<NonFinite> {
+    let values = values(tree, defined, at);
     if values.last()?.is_finite() {
         return None;
     }
@@ -82,9 +71,27 @@ pub(super) fn explain(equation: &str, tree: &Tree, at: Point<'_>) -> Option<NonF
     let breakdown = match tree.nodes[broken].kind {
         Kind::Operation(operation, a, b) => breakdown(operation, values[a], values[b]),
         Kind::Number(value) => Breakdown::Given { value },
-        Kind::Leaf(_) => Breakdown::Given { value: values[broken] },
+        Kind::Leaf(_) | Kind::Definition(_) => Breakdown::Given { value: values[broken] },
     };
     Some(NonFinite { equation: equation.to_owned(), part: tree.said(broken).to_owned(), breakdown, time_s: at.t })
+}
+
+/// The values of all nodes, those of the definitions given.
+pub(super) fn values(tree: &Tree, defined: &[f64], at: Point<'_>) -> Vec<f64> {
+    let mut values: Vec<f64> = Vec::with_capacity(tree.nodes.len());
+    for node in &tree.nodes {
+        let of = |list: &[f64], i: usize| list.get(i).copied().unwrap_or(f64::NAN);
+        values.push(match node.kind {
+            Kind::Number(value) => value,
+            Kind::Definition(i) => of(defined, i),
+            Kind::Leaf(Leaf::Time) => at.t,
+            Kind::Leaf(Leaf::State(i)) => of(at.x, i),
+            Kind::Leaf(Leaf::Input(i)) => of(at.u, i),
+            Kind::Leaf(Leaf::Parameter(i)) => of(at.p, i),
+            Kind::Operation(operation, a, b) => operation.apply(values[a], values[b]),
+        });
+    }
+    values
 }
 
 fn breakdown(operation: Operation, a: f64, b: f64) -> Breakdown {

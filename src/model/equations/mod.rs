@@ -18,7 +18,7 @@ pub use error::{EquationError, Fault};
 pub use explain::{Breakdown, NonFinite};
 
 use parse::{Leaf, Scope, Tree, parse, reserved};
-use program::{Point, Program, Registers, Sizes};
+use program::{Point, Program, Registers, Seeds, Sizes};
 
 /// A name with its unit.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -66,6 +66,15 @@ pub struct OutputVariable {
     pub equation: String,
 }
 
+/// A named expression that equations, and definitions after it, can use.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Definition {
+    /// The name.
+    pub name: String,
+    /// The expression.
+    pub expression: String,
+}
+
 /// With respect to what a derivative is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Wrt {
@@ -75,6 +84,23 @@ pub enum Wrt {
     Inputs,
     /// The parameters.
     Parameters,
+}
+
+/// Directions in the space of states and parameters, along which an evaluation is differentiated.
+#[derive(Debug, Clone, Copy)]
+pub struct Directions<'a> {
+    /// How many.
+    pub count: usize,
+    /// States × count, row by row: how each state moves along each direction.
+    pub states: &'a [f64],
+    /// Parameters × count, row by row.
+    pub parameters: &'a [f64],
+}
+
+impl<'a> Directions<'a> {
+    fn seeds(self) -> Seeds<'a> {
+        Seeds { states: self.states, parameters: self.parameters }
+    }
 }
 
 /// Matrices of a linearisation: δx' = A δx + B δu, δy = C δx + D δu.
@@ -116,6 +142,8 @@ pub struct Equations {
     states: Vec<StateVariable>,
     parameters: Vec<Parameter>,
     outputs: Vec<OutputVariable>,
+    definitions: Vec<Definition>,
+    definition_trees: Vec<Tree>,
     derivative_trees: Vec<Tree>,
     output_trees: Vec<Tree>,
     derivative_program: Program,
@@ -129,10 +157,13 @@ pub struct Workspace {
     outputs: Registers,
 }
 
+#[derive(Clone, Copy)]
 struct Names<'a> {
     inputs: &'a [Symbol],
     states: &'a [StateVariable],
     parameters: &'a [Parameter],
+    /// Those that can be used so far.
+    definitions: &'a [Definition],
 }
 
 impl Scope for Names<'_> {
@@ -143,11 +174,16 @@ impl Scope for Names<'_> {
         state.or_else(input).or_else(parameter).or_else(|| (name == "time").then_some(Leaf::Time))
     }
 
+    fn definition(&self, name: &str) -> Option<usize> {
+        self.definitions.iter().position(|d| d.name == name)
+    }
+
     fn names(&self) -> Vec<String> {
         let states = self.states.iter().map(|s| s.name.clone());
         let inputs = self.inputs.iter().map(|s| s.name.clone());
         let parameters = self.parameters.iter().map(|s| s.name.clone());
-        states.chain(inputs).chain(parameters).chain(["time".to_owned()]).collect()
+        let definitions = self.definitions.iter().map(|d| d.name.clone());
+        states.chain(inputs).chain(parameters).chain(definitions).chain(["time".to_owned()]).collect()
     }
 }
 
@@ -158,7 +194,8 @@ impl Names<'_> {
         let states = self.states.iter().map(|s| ("state", "a state", &s.name));
         let parameters = self.parameters.iter().map(|s| ("parameter", "a parameter", &s.name));
         let mut seen = std::collections::HashMap::new();
-        for (what, one, name) in states.chain(inputs).chain(parameters) {
+        let definitions = self.definitions.iter().map(|d| ("definition", "a definition", &d.name));
+        for (what, one, name) in states.chain(inputs).chain(parameters).chain(definitions) {
             if !token::is_name(name) {
                 return Err(EquationError::Name { what, name: name.clone() });
             }
@@ -205,26 +242,57 @@ impl Equations {
         parameters: Vec<Parameter>,
         outputs: Vec<OutputVariable>,
     ) -> Result<Self, EquationError> {
+        Self::with_definitions(inputs, states, parameters, Vec::new(), outputs)
+    }
+
+    /// As [`Self::new`], with named expressions that the equations, and definitions after them, can use.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_definitions(
+        inputs: Vec<Symbol>,
+        states: Vec<StateVariable>,
+        parameters: Vec<Parameter>,
+        definitions: Vec<Definition>,
+        outputs: Vec<OutputVariable>,
+    ) -> Result<Self, EquationError> {
         check_sizes(inputs.len(), states.len(), parameters.len(), outputs.len())?;
-        let names = Names { inputs: &inputs, states: &states, parameters: &parameters };
+        let names = Names { inputs: &inputs, states: &states, parameters: &parameters, definitions: &definitions };
         names.check()?;
         for (i, output) in outputs.iter().enumerate() {
             if outputs[..i].iter().any(|o| o.name == output.name) {
                 return Err(EquationError::Clash { name: output.name.clone(), first: "an output", second: "another one of that kind" });
             }
         }
+        let before = |i: usize| Names { definitions: &definitions[..i], ..names };
+        let definition_trees: Vec<Tree> = definitions
+            .iter()
+            .enumerate()
+            .map(|(i, d)| parse(&format!("definitions.{}", d.name), &d.expression, &before(i)))
+            .collect::<Result<_, _>>()?;
         let derivative_trees: Vec<Tree> =
             states.iter().map(|s| parse(&format!("derivatives.{}", s.name), &s.derivative, &names)).collect::<Result<_, _>>()?;
         let output_trees: Vec<Tree> =
             outputs.iter().map(|o| parse(&format!("output_equations.{}", o.name), &o.equation, &names)).collect::<Result<_, _>>()?;
-        let got = derivative_trees.iter().chain(&output_trees).map(|t| t.nodes.len()).sum();
+        let got = definition_trees.iter().chain(&derivative_trees).chain(&output_trees).map(|t| t.nodes.len()).sum();
         if got > MOST_NODES {
             return Err(EquationError::TooMany { what: "numbers, names and operators", got, limit: MOST_NODES });
         }
         let sizes = Sizes { states: states.len(), inputs: inputs.len(), parameters: parameters.len() };
-        let derivative_program = Program::compile(&derivative_trees, sizes);
-        let output_program = Program::compile(&output_trees, sizes);
-        Ok(Self { inputs, states, parameters, outputs, derivative_trees, output_trees, derivative_program, output_program })
+        let derivative_program = Program::compile(&definition_trees, &derivative_trees, sizes);
+        let output_program = Program::compile(&definition_trees, &output_trees, sizes);
+        Ok(Self {
+            inputs,
+            states,
+            parameters,
+            outputs,
+            definitions,
+            definition_trees,
+            derivative_trees,
+            output_trees,
+            derivative_program,
+            output_program,
+        })
     }
 
     /// The inputs, in order.
@@ -249,6 +317,12 @@ impl Equations {
     #[must_use]
     pub fn output_variables(&self) -> &[OutputVariable] {
         &self.outputs
+    }
+
+    /// The definitions, in order.
+    #[must_use]
+    pub fn definitions(&self) -> &[Definition] {
+        &self.definitions
     }
 
     /// The nominal values of the parameters.
@@ -319,6 +393,43 @@ impl Equations {
         self.output_program.differentiate(at, self.leaves(wrt), &mut workspace.outputs, jacobian);
     }
 
+    /// dx/dt and its derivatives along directions, `tangents[i*count + j]` that of state i along direction j: the right-hand side of the sensitivity
+    /// equations, at the cost of one evaluation for each direction.
+    #[allow(clippy::too_many_arguments)]
+    pub fn derivatives_along(
+        &self,
+        t: f64,
+        x: &[f64],
+        u: &[f64],
+        p: &[f64],
+        directions: Directions<'_>,
+        workspace: &mut Workspace,
+        dx: &mut [f64],
+        tangents: &mut [f64],
+    ) {
+        let at = Point { t, x, u, p };
+        self.check_point(at);
+        self.derivative_program.along(at, directions.count, directions.seeds(), &mut workspace.derivatives, dx, tangents);
+    }
+
+    /// The outputs and their derivatives along directions, as [`Self::derivatives_along`].
+    #[allow(clippy::too_many_arguments)]
+    pub fn outputs_along(
+        &self,
+        t: f64,
+        x: &[f64],
+        u: &[f64],
+        p: &[f64],
+        directions: Directions<'_>,
+        workspace: &mut Workspace,
+        y: &mut [f64],
+        tangents: &mut [f64],
+    ) {
+        let at = Point { t, x, u, p };
+        self.check_point(at);
+        self.output_program.along(at, directions.count, directions.seeds(), &mut workspace.outputs, y, tangents);
+    }
+
     /// ∂(dx/dt)/∂t, by the equations' own `time`.
     pub fn derivatives_time_slope(&self, t: f64, x: &[f64], u: &[f64], p: &[f64], workspace: &mut Workspace, slope: &mut [f64]) {
         if (0..self.states.len()).any(|i| self.derivative_program.depends(i, 0)) {
@@ -366,8 +477,16 @@ impl Equations {
     #[must_use]
     pub fn explain(&self, t: f64, x: &[f64], u: &[f64], p: &[f64]) -> Option<NonFinite> {
         let at = Point { t, x, u, p };
+        let mut defined: Vec<f64> = Vec::with_capacity(self.definitions.len());
+        for (tree, definition) in self.definition_trees.iter().zip(&self.definitions) {
+            // What is undefined in a definition is told there, not where it is used.
+            if let Some(found) = explain::explain(&format!("definitions.{}", definition.name), tree, &defined, at) {
+                return Some(found);
+            }
+            defined.push(explain::values(tree, &defined, at).last().copied().unwrap_or(f64::NAN));
+        }
         let derivatives = self.derivative_trees.iter().zip(self.states.iter().map(|s| ("derivatives", &s.name)));
         let outputs = self.output_trees.iter().zip(self.outputs.iter().map(|o| ("output_equations", &o.name)));
-        derivatives.chain(outputs).find_map(|(tree, (table, name))| explain::explain(&format!("{table}.{name}"), tree, at))
+        derivatives.chain(outputs).find_map(|(tree, (table, name))| explain::explain(&format!("{table}.{name}"), tree, &defined, at))
     }
 }

@@ -25,6 +25,8 @@ pub(super) enum Leaf {
 pub(super) enum Kind {
     Number(f64),
     Leaf(Leaf),
+    /// A named expression that was defined before, by its number.
+    Definition(usize),
     /// Of one operand (given twice) or two, which stand before it.
     Operation(Operation, usize, usize),
 }
@@ -45,6 +47,7 @@ pub(super) struct Tree {
 /// What names mean.
 pub(super) trait Scope {
     fn find(&self, name: &str) -> Option<Leaf>;
+    fn definition(&self, name: &str) -> Option<usize>;
     fn names(&self) -> Vec<String>;
 }
 
@@ -87,6 +90,9 @@ impl Growing<'_> {
         if let Some(leaf) = self.scope.find(name) {
             return self.push(Kind::Leaf(leaf), span);
         }
+        if let Some(at) = self.scope.definition(name) {
+            return self.push(Kind::Definition(at), span);
+        }
         let fault = match function::find(name) {
             Some((name, ..)) => Fault::FunctionAsName { name },
             None => {
@@ -104,7 +110,7 @@ impl Growing<'_> {
             (Some((_, operation, 1)), &[a]) => self.push(Kind::Operation(operation, a, a), span),
             (Some((_, operation, 2)), &[a, b]) => self.push(Kind::Operation(operation, a, b), span),
             (Some((function, _, needed)), given) => self.fault(span, Fault::Arguments { function, needed, got: given.len() }),
-            (None, _) if self.scope.find(called).is_some() => {
+            (None, _) if self.scope.find(called).is_some() || self.scope.definition(called).is_some() => {
                 // A name before a parenthesis: most often a product without its sign.
                 let open = Span { from: name.to, to: name.to + 1 };
                 self.fault(open, Fault::OperatorExpected { found: "(".to_owned() })

@@ -26,6 +26,13 @@ pub(super) struct Point<'a> {
     pub(super) p: &'a [f64],
 }
 
+/// Derivatives of states and parameters along some directions: a row for each, an entry for each direction.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seeds<'a> {
+    pub(super) states: &'a [f64],
+    pub(super) parameters: &'a [f64],
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct Step {
     operation: Operation,
@@ -121,22 +128,26 @@ impl Builder {
 }
 
 impl Program {
-    pub(super) fn compile(trees: &[Tree], sizes: Sizes) -> Self {
+    /// The expressions of `trees`, which may use `definitions`, as each of those may use the ones before it.
+    pub(super) fn compile(definitions: &[Tree], trees: &[Tree], sizes: Sizes) -> Self {
         let mut builder = Builder::default();
-        let roots: Vec<Place> = trees
-            .iter()
-            .map(|tree| {
+        let mut defined: Vec<Place> = Vec::with_capacity(definitions.len());
+        let mut roots: Vec<Place> = Vec::with_capacity(trees.len());
+        for (number, tree) in definitions.iter().chain(trees).enumerate() {
+            let root = {
                 let mut places: Vec<Place> = Vec::with_capacity(tree.nodes.len());
                 for node in &tree.nodes {
                     places.push(match node.kind {
                         Kind::Number(value) => Builder::constant(value),
                         Kind::Leaf(leaf) => Place::Leaf(leaf),
+                        Kind::Definition(at) => defined.get(at).copied().unwrap_or(Builder::constant(f64::NAN)),
                         Kind::Operation(operation, a, b) => builder.operation(operation, places[a], places[b]),
                     });
                 }
                 places.last().copied().unwrap_or(Builder::constant(f64::NAN))
-            })
-            .collect();
+            };
+            if number < definitions.len() { defined.push(root) } else { roots.push(root) }
+        }
         Self::lay_out(&builder.steps, &roots, sizes)
     }
 
@@ -294,20 +305,58 @@ impl Program {
         for i in 0..count {
             tangents[(first + i) * count + i] = 1.0;
         }
+        self.propagate(count, registers);
+        for (i, &root) in self.roots.iter().enumerate() {
+            for j in 0..count {
+                jacobian[i + rows * j] = registers.tangents[root as usize * count + j];
+            }
+        }
+    }
+
+    /// Values of the expressions and their derivatives along `count` directions, row by row; inputs and time stand still.
+    pub(super) fn along(
+        &self,
+        at: Point<'_>,
+        count: usize,
+        seeds: Seeds<'_>,
+        registers: &mut Registers,
+        to: &mut [f64],
+        tangents: &mut [f64],
+    ) {
+        self.evaluate(at, registers, to);
+        if count == 0 {
+            return;
+        }
+        let base = self.base();
+        let needed = registers.values.len() * count;
+        if registers.tangents.len() < needed {
+            registers.tangents.resize(needed, 0.0);
+        }
+        let Sizes { states, inputs, parameters } = self.sizes;
+        let first = (self.constants.len() + 1) * count;
+        registers.tangents[..base * count].fill(0.0);
+        registers.tangents[first..first + states * count].copy_from_slice(&seeds.states[..states * count]);
+        let first = first + (states + inputs) * count;
+        registers.tangents[first..first + parameters * count].copy_from_slice(&seeds.parameters[..parameters * count]);
+        self.propagate(count, registers);
+        for (row, &root) in tangents.chunks_exact_mut(count).zip(&self.roots) {
+            row.copy_from_slice(&registers.tangents[root as usize * count..][..count]);
+        }
+    }
+
+    /// Carries the tangents of the leaves, `count` each, through the steps.
+    fn propagate(&self, count: usize, registers: &mut Registers) {
+        let base = self.base();
+        let Registers { values, tangents, .. } = registers;
         for (k, step) in self.steps.iter().enumerate() {
             let (a, b) = (step.a as usize, step.b as usize);
-            let (da, db) = step.operation.partials(registers.values[a], registers.values[b], registers.values[base + k]);
+            let (da, db) = step.operation.partials(values[a], values[b], values[base + k]);
             let (before, row) = tangents.split_at_mut((base + k) * count);
             let (of_a, of_b) = (&before[a * count..(a + 1) * count], &before[b * count..(b + 1) * count]);
             for ((to, ta), tb) in row.iter_mut().zip(of_a).zip(of_b) {
                 // What does not depend on the leaf stays 0 where a partial is infinite.
                 let part = |d: f64, tangent: f64| if tangent == 0.0 { 0.0 } else { d * tangent };
                 *to = part(da, *ta) + part(db, *tb);
-            }
-        }
-        for (i, &root) in self.roots.iter().enumerate() {
-            for j in 0..count {
-                jacobian[i + rows * j] = tangents[root as usize * count + j];
             }
         }
     }

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::{Channel, EffectEntry, EquationsFile, ModelFile, Syntax, read_text};
 use crate::error::Result;
+use crate::log::{Log, LogError};
 use crate::model::ModelError;
 
 /// A model file, linear or as equations.
@@ -100,6 +101,19 @@ impl ModelDocument {
             Self::Lti(file) => &file.inputs,
             Self::Equations(file) => &file.inputs,
         }
+    }
+
+    /// The log with the slopes that the model's inputs ask for (`derivative_of`) and the log lacks.
+    ///
+    /// # Errors
+    /// [`crate::log::LogError`] where the log lacks the input itself, or samples of it.
+    pub fn complete(&self, log: Log) -> std::result::Result<Log, LogError> {
+        let slopes = self.inputs().iter().filter_map(|c| Some((c.name.as_str(), c.derivative_of.as_deref()?)));
+        slopes
+            .filter(|(name, _)| !log.names().any(|n| n == *name))
+            .collect::<Vec<_>>()
+            .into_iter()
+            .try_fold(log, |log, (name, of)| log.with_slope(name, of))
     }
 
     /// The outputs, in order.

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize, Serializer};
 use super::table::{self, Table};
 use super::{Channel, EffectEntry, FORMAT, Operating, Sign, Syntax, parse_text, read_text, syntax, write_text};
 use crate::error::Result;
-use crate::model::{EquationError, Equations, ModelError, OutputVariable, Parameter, StateVariable, Symbol};
+use crate::model::{Definition, EquationError, Equations, ModelError, OutputVariable, Parameter, StateVariable, Symbol};
 
 /// A state's unit and start.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -35,6 +35,28 @@ pub struct ParameterEntry {
     pub value: f64,
 }
 
+/// What the outputs of a group are together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum GroupKind {
+    /// A vector: its error is the length of the difference.
+    #[default]
+    Vector,
+    /// A unit quaternion, scalar last: its error is the angle of the rotation between the two.
+    Attitude,
+}
+
+/// Outputs that are judged together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GroupEntry {
+    /// The outputs' names.
+    pub outputs: Vec<String>,
+    /// What they are together.
+    #[serde(default)]
+    pub kind: GroupKind,
+}
+
 /// A nonlinear model as it stands in its file. The tables keep the file's order; that of `states` is the order of the states.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -60,12 +82,18 @@ pub struct EquationsFile {
     /// The parameters, in order.
     #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
     pub parameters: Vec<(String, ParameterEntry)>,
+    /// Named expressions that equations, and definitions after them, can use.
+    #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
+    pub definitions: Vec<(String, String)>,
     /// dx/dt of each state.
     #[serde(with = "table")]
     pub derivatives: Vec<(String, String)>,
     /// Each output.
     #[serde(with = "table")]
     pub output_equations: Vec<(String, String)>,
+    /// Outputs that are judged together; an output of no group is one of its own.
+    #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
+    pub groups: Vec<(String, GroupEntry)>,
     /// Effects that belong to the simulator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectEntry>,
@@ -78,8 +106,14 @@ fn without_operating<S: Serializer>(channels: &[Channel], serializer: S) -> std:
         name: &'a str,
         #[serde(skip_serializing_if = "Option::is_none")]
         unit: Option<&'a str>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        derivative_of: Option<&'a str>,
     }
-    serializer.collect_seq(channels.iter().map(|c| Named { name: &c.name, unit: c.unit.as_deref() }))
+    let named = |c| {
+        let Channel { name, unit, derivative_of, .. }: &Channel = c;
+        Named { name, unit: unit.as_deref(), derivative_of: derivative_of.as_deref() }
+    };
+    serializer.collect_seq(channels.iter().map(named))
 }
 
 /// The value of a key.
@@ -91,8 +125,12 @@ impl EquationsFile {
     /// A file for compiled equations.
     #[must_use]
     pub fn from_equations(name: &str, model: &Equations) -> Self {
-        let channel =
-            |name: &str, unit: Option<&String>| Channel { name: name.to_owned(), unit: unit.cloned(), operating: Operating::default() };
+        let channel = |name: &str, unit: Option<&String>| Channel {
+            name: name.to_owned(),
+            unit: unit.cloned(),
+            operating: Operating::default(),
+            derivative_of: None,
+        };
         let states = model.state_variables();
         let outputs = model.output_variables();
         Self {
@@ -112,8 +150,10 @@ impl EquationsFile {
                 .iter()
                 .map(|p| (p.name.clone(), ParameterEntry { unit: p.unit.clone(), value: p.value }))
                 .collect(),
+            definitions: model.definitions().iter().map(|d| (d.name.clone(), d.expression.clone())).collect(),
             derivatives: states.iter().map(|s| (s.name.clone(), s.derivative.clone())).collect(),
             output_equations: outputs.iter().map(|o| (o.name.clone(), o.equation.clone())).collect(),
+            groups: Vec::new(),
             effects: Vec::new(),
         }
     }
@@ -145,6 +185,7 @@ impl EquationsFile {
         if self.sample_time_s != 0.0 {
             return number("sample_time_s", self.sample_time_s, "equations are in continuous time; leave it out");
         }
+        self.check_groups(path)?;
         let rule = "only a linear model has an operating point; leave it out";
         match self.inputs.iter().chain(&self.outputs).map(|c| c.operating).find(|o| *o != Operating::default()) {
             Some(Operating::Value(value)) => return number("operating", value, rule),
@@ -152,6 +193,37 @@ impl EquationsFile {
             None => {}
         }
         self.compile(path).map(drop)
+    }
+
+    /// Groups and slopes name what there is.
+    fn check_groups(&self, path: &Path) -> std::result::Result<(), ModelError> {
+        let unmatched = |what, name: &str, lacks| Err(ModelError::Unmatched { path: path.to_owned(), what, name: name.to_owned(), lacks });
+        for input in &self.inputs {
+            if let Some(of) = &input.derivative_of
+                && !self.inputs.iter().any(|i| i.name == *of && i.derivative_of.is_none())
+            {
+                return unmatched("`derivative_of`", of, "is no input that is measured itself; name one of `inputs`");
+            }
+        }
+        let mut seen: Vec<&String> = Vec::new();
+        for (name, group) in &self.groups {
+            for output in &group.outputs {
+                if !self.outputs.iter().any(|o| o.name == *output) {
+                    return unmatched("the group's output", output, "is none of `outputs`; correct its name");
+                }
+                if seen.contains(&output) {
+                    return unmatched("the output", output, "stands in a group twice; leave it in one");
+                }
+                seen.push(output);
+            }
+            if group.outputs.is_empty() {
+                return unmatched("the group", name, "has no output; name some");
+            }
+            if group.kind == GroupKind::Attitude && group.outputs.len() != 4 {
+                return unmatched("the attitude", name, "needs four outputs, a quaternion with its scalar last");
+            }
+        }
+        Ok(())
     }
 
     /// The compiled model.
@@ -188,7 +260,9 @@ impl EquationsFile {
             |(name, entry): &(String, ParameterEntry)| Parameter { name: name.clone(), unit: entry.unit.clone(), value: entry.value };
         let parameters = self.parameters.iter().map(parameter).collect();
         let wrong = |source: EquationError| ModelError::Equations { path: path.to_owned(), source: Box::new(source) };
-        Equations::new(inputs, states, parameters, outputs).map_err(wrong)
+        let definition = |(name, expression): &(String, String)| Definition { name: name.clone(), expression: expression.clone() };
+        let definitions = self.definitions.iter().map(definition).collect();
+        Equations::with_definitions(inputs, states, parameters, definitions, outputs).map_err(wrong)
     }
 
     /// Writes the file, as TOML or JSON by its extension.

@@ -15,7 +15,7 @@ use super::ModelError;
 use crate::error::Result;
 
 pub use document::ModelDocument;
-pub use equations::{EquationsFile, ParameterEntry, StateEntry};
+pub use equations::{EquationsFile, GroupEntry, GroupKind, ParameterEntry, StateEntry};
 pub use lti::{ModelFile, State};
 
 const FORMAT: &str = "deadtime/model@1";
@@ -58,6 +58,9 @@ pub struct Channel {
     /// The operating point.
     #[serde(default)]
     pub operating: Operating,
+    /// The input whose slope this input is: a log that lacks the channel gets it from that input's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub derivative_of: Option<String>,
 }
 
 /// An effect that already belongs to the simulator, kept as it stands in the file.

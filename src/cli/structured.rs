@@ -1,0 +1,132 @@
+//! `deadtime identify --structure`: many parameters of a model file from logs, jointly.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+
+use super::source::Reading;
+use super::write_json;
+use crate::identify::structured::{Balance, Structured, score};
+use crate::log::Log;
+use crate::model::{EquationsFile, ModelDocument};
+use crate::report::structured::{scores, text};
+
+/// Fit the parameters of a model file to logs, all at once, by predictions over windows; or only say how well it predicts
+#[derive(Debug, clap::Args)]
+pub(super) struct StructuredArgs {
+    /// Logs to learn from
+    #[arg(value_name = "LOG", required = true)]
+    log: Vec<PathBuf>,
+    /// The model whose parameters are fitted, deadtime/model@1 of kind "equations"
+    #[arg(long, value_name = "MODEL")]
+    structure: PathBuf,
+    /// Parameters to fit, NAME,… or `all`; without any, only the model's errors are told
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    free: Vec<String>,
+    /// Parameters that may stand off by record, NAME,…; a prediction of another log does not use that
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    per_record: Vec<String>,
+    /// A log to measure the errors on that takes no part in the fit; may be repeated
+    #[arg(long, value_name = "LOG")]
+    holdout: Vec<PathBuf>,
+    #[command(flatten)]
+    reading: Reading,
+    /// Steps that are predicted from each window's start
+    #[arg(long, value_name = "STEPS", default_value_t = 50)]
+    horizon: usize,
+    /// Steps from one window's start to the next; default: the horizon
+    #[arg(long, value_name = "STEPS")]
+    stride: Option<usize>,
+    /// Errors above this many median errors count by their size, not their square (Huber); inf: never
+    #[arg(long, value_name = "RATIO", default_value_t = 1.345)]
+    threshold: f64,
+    /// How the horizons of a group of outputs are weighed
+    #[arg(long, value_enum, default_value_t = BalanceName::Horizon)]
+    balance: BalanceName,
+    /// Shrinkage towards the file's values; default: what predicts left-out records (below three: stretches) best
+    #[arg(long, value_name = "SIZE")]
+    shrinkage: Option<f64>,
+    /// Leave out the fit over single steps, and with it the word on physical values and surrogates
+    #[arg(long)]
+    no_one_step: bool,
+    /// Fitted model file to write
+    #[arg(short, long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum BalanceName {
+    /// Each horizon by its own median error: none is sacrificed
+    Horizon,
+    /// All alike: long horizons, with larger errors, count most
+    Group,
+}
+
+impl StructuredArgs {
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        let document = ModelDocument::read(&self.structure)?;
+        let ModelDocument::Equations(file) = &document else {
+            bail!(
+                "{}: only a model of kind \"equations\" has parameters to fit; this one is \"{}\"",
+                self.structure.display(),
+                document.kind()
+            );
+        };
+        if self.threshold.is_nan() || self.threshold <= 0.0 {
+            bail!("--threshold {}: it must be above 0 (inf for plain squares)", self.threshold);
+        }
+        if self.shrinkage.is_some_and(|s| !s.is_finite() || s < 0.0) {
+            bail!("--shrinkage must be finite and not negative");
+        }
+        let (logs, held_out) = (self.read(&document, &self.log)?, self.read(&document, &self.holdout)?);
+        if self.free.is_empty() && self.per_record.is_empty() {
+            return self.only_score(file, &logs, json);
+        }
+        let options = Structured {
+            free: self.free.clone(),
+            per_record: self.per_record.clone(),
+            horizon: self.horizon,
+            stride: self.stride,
+            threshold: self.threshold,
+            balance: match self.balance {
+                BalanceName::Horizon => Balance::Horizon,
+                BalanceName::Group => Balance::Group,
+            },
+            shrinkage: self.shrinkage,
+            one_step: !self.no_one_step,
+            ..Structured::default()
+        };
+        let mut found = options.fit(file, &logs, &held_out)?;
+        found.name.clone_from(&file.name);
+        write_json(json, &found)?;
+        if let (Some(out), Some(model)) = (&self.out, &found.model) {
+            model.write(out)?;
+        }
+        say!("{}", text(&found).trim_end());
+        if let Some(out) = &self.out {
+            say!("\nWritten to {}.", out.display());
+        }
+        Ok(())
+    }
+
+    fn read(&self, document: &ModelDocument, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
+        let inputs: Vec<String> = document.inputs().iter().map(|c| c.name.clone()).collect();
+        let mut logs = Vec::new();
+        for path in paths {
+            for log in self.reading.read(path, &inputs)? {
+                logs.push(document.complete(log)?);
+            }
+        }
+        Ok(logs)
+    }
+
+    fn only_score(&self, file: &EquationsFile, logs: &[Log], json: Option<&Path>) -> anyhow::Result<()> {
+        if self.out.is_some() {
+            bail!("nothing is fitted, so there is nothing to write: name parameters with --free");
+        }
+        let found = score(file, logs, self.horizon, self.stride.unwrap_or(self.horizon))?;
+        write_json(json, &serde_json::json!({ "name": file.name, "horizon": self.horizon, "score": found }))?;
+        say!("{}", scores(&file.name, &[&found]).trim_end());
+        Ok(())
+    }
+}

@@ -1,0 +1,66 @@
+//! What stops a structured fit.
+
+/// A model, its logs or the options do not go together.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StructuredError {
+    /// A name that is no parameter of the model.
+    #[error("the model has no parameter `{name}`; it has {}", known.join(", "))]
+    NoParameter {
+        /// The name.
+        name: String,
+        /// The model's parameters.
+        known: Vec<String>,
+    },
+    /// No parameter is free.
+    #[error("no parameter is free: name some, or `all`")]
+    NothingFree,
+    /// The model has parts that windows do not simulate.
+    #[error("the model {model} has {what}, which a fit over windows does not simulate: {remedy}")]
+    Unsupported {
+        /// The model's name.
+        model: String,
+        /// What it has.
+        what: &'static str,
+        /// What to do instead.
+        remedy: &'static str,
+    },
+    /// The horizon is no length.
+    #[error("a horizon of {horizon} steps with windows {stride} steps apart: both must be at least 1")]
+    Horizon {
+        /// Steps of a window.
+        horizon: usize,
+        /// Steps from one window's start to the next.
+        stride: usize,
+    },
+    /// No record is long enough for a window that starts at a complete row.
+    #[error(
+        "{file}: no window of {horizon} steps that starts at a row with every logged state and input; the log has {rows} rows: use a shorter horizon"
+    )]
+    NoWindow {
+        /// The log.
+        file: String,
+        /// Steps of a window.
+        horizon: usize,
+        /// Rows of the log.
+        rows: usize,
+    },
+    /// Logs of different sample times.
+    #[error("{file} has a sample time of {found_s} s, the first log {first_s} s: resample them alike")]
+    SampleTime {
+        /// The log.
+        file: String,
+        /// Its sample time.
+        found_s: f64,
+        /// That of the first log.
+        first_s: f64,
+    },
+    /// The model cannot be simulated over a window even at its nominal parameters.
+    #[error("{file}: the nominal model leaves the finite numbers in the window that starts at {time_s} s; check units and the start")]
+    Diverges {
+        /// The log.
+        file: String,
+        /// The window's start.
+        time_s: f64,
+    },
+}

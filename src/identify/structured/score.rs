@@ -1,0 +1,63 @@
+//! The error of predictions by horizon and group.
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::problem::Problem;
+use super::window::{Buffers, Point};
+
+/// Mean length of a group's error over all windows, by horizon. A vector's error has the length of the difference, an attitude's the angle between the two.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GroupScore {
+    /// The group.
+    pub group: String,
+    /// Unit of the error.
+    pub unit: Option<String>,
+    /// Mean absolute error, horizons 1, 2, …
+    pub mean_absolute: Vec<f64>,
+    /// Root mean square, horizons 1, 2, …
+    pub rms: Vec<f64>,
+    /// Sum of the mean absolute errors over all horizons.
+    pub sum: f64,
+}
+
+/// Lengths of all errors, `[group][horizon - 1]` a list over windows in order. `None` where a window diverges, with its record and start.
+pub(super) fn lengths(problem: &Problem<'_>, z: &[f64]) -> Result<Vec<Vec<Vec<f64>>>, (usize, usize)> {
+    let (groups, horizon) = (problem.simulator.groups.len(), problem.simulator.horizon);
+    let one = |cluster: &super::problem::Cluster| {
+        let p = problem.parameters(cluster.record, z);
+        let (mut found, mut buffers) = (vec![vec![Vec::new(); horizon]; groups], Buffers::default());
+        let shift = vec![0.0; problem.starts.states.len()];
+        for &start in &cluster.starts {
+            let at = Point { p: &p, columns: &[], starts: &[], shift: &shift };
+            let finite = problem.simulator.walk(&problem.records[cluster.record], start, at, &mut buffers, |seen| {
+                found[seen.group][seen.horizon - 1].push(seen.error.iter().map(|e| e * e).sum::<f64>().sqrt());
+            });
+            if !finite {
+                return Err((cluster.record, start));
+            }
+        }
+        Ok(found)
+    };
+    let parts: Vec<_> = problem.clusters.par_iter().map(one).collect::<Result<_, _>>()?;
+    let mut all = vec![vec![Vec::new(); horizon]; groups];
+    for part in parts {
+        for (to, from) in all.iter_mut().flatten().zip(part.into_iter().flatten()) {
+            to.extend(from);
+        }
+    }
+    Ok(all)
+}
+
+/// The means of those lengths.
+pub(super) fn score(problem: &Problem<'_>, lengths: &[Vec<Vec<f64>>]) -> Vec<GroupScore> {
+    let mean = |list: &Vec<f64>, f: &dyn Fn(f64) -> f64| list.iter().map(|v| f(*v)).sum::<f64>() / list.len().max(1) as f64;
+    let groups = problem.simulator.groups.iter().zip(lengths);
+    groups
+        .map(|(group, by_horizon)| {
+            let mean_absolute: Vec<f64> = by_horizon.iter().map(|list| mean(list, &|v| v)).collect();
+            let rms = by_horizon.iter().map(|list| mean(list, &|v| v * v).sqrt()).collect();
+            GroupScore { group: group.name.clone(), unit: group.unit.clone(), sum: mean_absolute.iter().sum(), mean_absolute, rms }
+        })
+        .collect()
+}

@@ -1,0 +1,113 @@
+//! A structured fit as text.
+
+use super::Table;
+use crate::identify::structured::{GroupScore, Standing, StructuredFit};
+
+/// Horizons that a table shows.
+fn shown(horizon: usize) -> Vec<usize> {
+    let mut list: Vec<usize> = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].into_iter().filter(|h| *h < horizon).collect();
+    list.push(horizon);
+    list
+}
+
+/// Mean absolute errors by group and horizon; several lists of the same groups stand side by side as "from → to".
+#[must_use]
+pub fn scores(name: &str, lists: &[&[GroupScore]]) -> String {
+    let horizon = lists.first().and_then(|l| l.first()).map_or(0, |g| g.mean_absolute.len());
+    let heads: Vec<String> = shown(horizon).iter().map(|h| format!("h = {h}")).collect();
+    let mut headings = vec!["group"];
+    headings.extend(heads.iter().map(String::as_str));
+    headings.push("sum");
+    let mut table = Table::new(&headings, &[0]);
+    for (i, group) in lists.first().copied().unwrap_or(&[]).iter().enumerate() {
+        let cell = |f: &dyn Fn(&GroupScore) -> f64| {
+            let each: Vec<String> = lists.iter().filter_map(|l| l.get(i)).map(|g| number(f(g))).collect();
+            each.join(" → ")
+        };
+        let unit = group.unit.as_ref().map_or(String::new(), |u| format!(" [{u}]"));
+        let mut row = vec![format!("{}{unit}", group.group)];
+        row.extend(shown(horizon).iter().map(|&h| cell(&|g| g.mean_absolute.get(h - 1).copied().unwrap_or(f64::NAN))));
+        row.push(cell(&|g| g.sum));
+        table.row(row);
+    }
+    format!("Mean absolute errors of {name}, h steps after a window's start:\n{table}")
+}
+
+fn number(value: f64) -> String {
+    let size = value.abs();
+    if size == 0.0 || (1e-3..1e4).contains(&size) { format!("{value:.4}") } else { format!("{value:.3e}") }
+}
+
+/// Four digits, whatever the size.
+fn digits(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let exponent = value.abs().log10().floor();
+    if (-4.0..5.0).contains(&exponent) { format!("{value:.*}", (3.0 - exponent).max(0.0) as usize) } else { format!("{value:.3e}") }
+}
+
+/// Parameters with intervals, what cannot be had, and the errors before and after.
+#[must_use]
+pub fn text(found: &StructuredFit) -> String {
+    let mut text = format!(
+        "{}: {} parameters over {} windows of {} steps of {} s ({} clusters, {} Runge-Kutta step{} a sample), shrinkage {:.2e}{}.\n\n",
+        found.name,
+        found.parameters.len(),
+        found.windows,
+        found.horizon,
+        found.sample_time_s,
+        found.clusters,
+        found.substeps,
+        if found.substeps == 1 { "" } else { "s" },
+        found.shrinkage,
+        if found.converged { "" } else { "; the search did not end at a minimum" }
+    );
+    let mut table = Table::new(&["parameter", "unit", "file", "found", "95 % interval", "one step ahead", "standing"], &[0, 1, 6]);
+    for p in &found.parameters {
+        let standing = match p.standing {
+            Standing::Physical => "physical",
+            Standing::Surrogate => "surrogate",
+            Standing::Open => "open",
+        };
+        table.row(vec![
+            p.name.clone(),
+            p.unit.clone().unwrap_or_default(),
+            digits(p.nominal),
+            digits(p.value),
+            format!("{} to {}", digits(p.interval[0]), digits(p.interval[1])),
+            p.one_step.map_or(String::new(), |[v, s]| format!("{} ± {}", digits(v), digits(1.96 * s))),
+            standing.to_owned(),
+        ]);
+    }
+    text += &table.to_string();
+    if found.parameters.iter().any(|p| p.standing == Standing::Surrogate) {
+        text += "\nsurrogate: it predicts, but it is not the physics: one step and many steps ahead ask for values that differ twofold, or a nominal value moved tenfold.\n";
+    }
+    if found.parameters.iter().any(|p| p.standing == Standing::Open) {
+        text += "\nopen: these logs do not fix it: its interval holds 0, or another parameter trades with it.\n";
+    }
+    for unseen in &found.unseen {
+        text += &format!("\nCannot be had: {} (standard deviation {:.1} of its size).", unseen.words, unseen.std);
+    }
+    for trade in &found.trades {
+        text += &format!("\n{trade}.");
+    }
+    if !found.unseen.is_empty() || !found.trades.is_empty() {
+        text += "\n";
+    }
+    for (name, record, value) in &found.per_record {
+        text += &format!("\n{name} stands off by {} in {record}", digits(*value));
+    }
+    if !found.per_record.is_empty() {
+        text += "\n";
+    }
+    let [before, after] = &found.training;
+    text += "\nOn the training logs, file → fitted. ";
+    text += &scores(&found.name, &[before, after]);
+    if let Some([before, after]) = &found.held_out {
+        text += "\nOn the logs held out, file → fitted. ";
+        text += &scores(&found.name, &[before, after]);
+    }
+    text
+}
