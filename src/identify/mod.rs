@@ -1,7 +1,8 @@
-//! Models from data: finite impulse responses, ARX, ARMAX and output-error models.
+//! Models from data: finite impulse responses, ARX, ARMAX and output-error models; state-space models by subspace methods.
 
 mod armax;
 mod arx;
+mod error;
 mod fir;
 mod fir_regularised;
 mod iv;
@@ -12,10 +13,11 @@ mod many_zeros;
 mod oe;
 mod polynomial;
 mod regression;
-mod subspace;
+pub mod subspace;
 
 pub use armax::{Armax, ArmaxFit, ArmaxScan};
 pub use arx::{ArxScan, JointArx, scan as arx_scan};
+pub use error::IdentifyError;
 pub use fir::{Fir, fit as fir};
 pub use fir_regularised::{RegularisedFir, fit as fir_regularised};
 pub use iv::{IvFit, RefinedIv};
@@ -23,7 +25,7 @@ pub use oe::{Initial, OeFit, OutputError};
 pub use polynomial::MAX_ORDER as MAX_OE_ORDER;
 pub(crate) use regression::dot;
 pub use regression::{Record, Regression};
-pub use subspace::{Innovations, Subspace};
+pub use subspace::{Identified, Identifier, IDENTIFIERS, Innovations, Subspace};
 
 pub(crate) use arx::beside;
 pub(crate) use fir::estimate as fir_or_rank;
