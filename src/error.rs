@@ -21,6 +21,9 @@ pub enum Error {
     /// A simulation that cannot be run.
     #[error(transparent)]
     Simulate(#[from] crate::simulate::SimulateError),
+    /// A model that cannot be identified.
+    #[error(transparent)]
+    Identify(#[from] crate::identify::IdentifyError),
     /// A gap that cannot be diagnosed.
     #[error(transparent)]
     Gap(#[from] crate::diagnose::GapError),

@@ -9,7 +9,7 @@ use std::time::Instant;
 use sha2::{Digest, Sha256};
 
 use super::cases::{COMMITMENT, CaseFiles, find};
-use super::run_time::{RunFormat, RunTime};
+use super::run_time::RunTime;
 use super::{BlindError, load};
 use crate::diagnose::Diagnosis;
 use crate::error::{Error, Result};

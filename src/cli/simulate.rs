@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-use super::source::{Needed, Source};
+use super::source::Source;
 use super::write_json;
 use crate::effect::{OnLog, Still, check_units};
 use crate::model::ModelDocument;
@@ -49,6 +49,7 @@ enum HoldName {
 impl Simulate {
     pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let model = ModelDocument::read(&self.model)?;
+        let inputs: Vec<String> = model.inputs().iter().map(|c| c.name.clone()).collect();
         let logs = self.source.reading.read_for(&self.source.log, &model, false)?;
         let [log] = logs.as_slice() else {
             bail!("{}: simulate takes one record at a time; cut it out with --from and --to", self.source.log.display());

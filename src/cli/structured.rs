@@ -110,12 +110,9 @@ impl StructuredArgs {
     }
 
     fn read(&self, document: &ModelDocument, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
-        let inputs: Vec<String> = document.inputs().iter().map(|c| c.name.clone()).collect();
         let mut logs = Vec::new();
         for path in paths {
-            for log in self.reading.read(path, &inputs)? {
-                logs.push(document.complete(log)?);
-            }
+            logs.extend(self.reading.read_for(path, document, true)?);
         }
         Ok(logs)
     }

@@ -1,7 +1,9 @@
-//! Models from data: finite impulse responses, ARX, ARMAX and output-error models; many parameters of a model file at once.
+//! Models from data: finite impulse responses, ARX, ARMAX and output-error models; state-space models by subspace methods; many parameters of a model file at
+//! once.
 
 mod armax;
 mod arx;
+mod error;
 mod fir;
 mod fir_regularised;
 mod iv;
@@ -13,10 +15,11 @@ mod oe;
 mod polynomial;
 mod regression;
 pub mod structured;
-mod subspace;
+pub mod subspace;
 
 pub use armax::{Armax, ArmaxFit, ArmaxScan};
 pub use arx::{ArxScan, JointArx, scan as arx_scan};
+pub use error::IdentifyError;
 pub use fir::{Fir, fit as fir};
 pub use fir_regularised::{RegularisedFir, fit as fir_regularised};
 pub use iv::{IvFit, RefinedIv};
@@ -24,7 +27,7 @@ pub use oe::{Initial, OeFit, OutputError};
 pub use polynomial::MAX_ORDER as MAX_OE_ORDER;
 pub(crate) use regression::dot;
 pub use regression::{Record, Regression};
-pub use subspace::{Innovations, Subspace};
+pub use subspace::{IDENTIFIERS, Identified, Identifier, Innovations, Subspace};
 
 pub(crate) use arx::beside;
 pub(crate) use fir::estimate as fir_or_rank;

@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::polynomial::{from_roots, reflected};
-use super::regression::{DEPENDENT, Record, Regression};
+use crate::identify::polynomial::{from_roots, reflected};
+use crate::identify::regression::{DEPENDENT, Record, Regression};
 
 /// x(t+1) = A x + B u + K e, y = C x + D u + e, one input and one output.
 #[derive(Debug, Clone, PartialEq)]
@@ -149,14 +149,14 @@ fn norms(all: &[f64], columns: &[usize]) -> Vec<f64> {
     columns.iter().map(|&c| all[c]).collect()
 }
 
-fn join(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn join(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     let mut both = a.clone().resize_horizontally(a.ncols() + b.ncols(), 0.0);
     both.columns_mut(a.ncols(), b.ncols()).copy_from(b);
     both
 }
 
 /// Coefficients and residuals of every target on the columns; columns that only repeat the ones before them get 0.
-fn solve(columns: &DMatrix<f64>, targets: &DMatrix<f64>, norms: &[f64]) -> (DMatrix<f64>, DMatrix<f64>) {
+pub(super) fn solve(columns: &DMatrix<f64>, targets: &DMatrix<f64>, norms: &[f64]) -> (DMatrix<f64>, DMatrix<f64>) {
     let mut basis: Vec<DVector<f64>> = Vec::new();
     let mut kept = Vec::new();
     let mut upper = DMatrix::zeros(columns.ncols(), columns.ncols());

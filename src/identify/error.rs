@@ -1,0 +1,112 @@
+//! Why no model can be had from a log.
+
+/// A model that cannot be identified; every variant holds the facts, every message says what to do.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum IdentifyError {
+    /// No input or no output was named.
+    #[error("no {what} channel is named; name at least one")]
+    NoChannel {
+        /// Input or output.
+        what: &'static str,
+    },
+    /// One channel in two places.
+    #[error("`{channel}` is named twice; each channel is one input or one output")]
+    Twice {
+        /// The channel.
+        channel: String,
+    },
+    /// A channel that never moves.
+    #[error("`{channel}` never changes in the data that the model is learnt from: {remedy}")]
+    Constant {
+        /// The channel.
+        channel: String,
+        /// What to do about an input, or about an output.
+        remedy: &'static str,
+    },
+    /// Logs of different sample times.
+    #[error("{file}: its sample time is {found_s} s, that of the first record {first_s} s; resample one of them (--resample)")]
+    SampleTimes {
+        /// The log.
+        file: String,
+        /// Its sample time, s.
+        found_s: f64,
+        /// That of the first record, s.
+        first_s: f64,
+    },
+    /// Too few rows for the parameters of the long predictor.
+    #[error(
+        "a past window of {past} samples needs {needed} samples with all of their past, and there are {got}; \
+         {remedy}", remedy = remedy(*longest)
+    )]
+    TooFewRows {
+        /// The past window, samples.
+        past: usize,
+        /// Rows needed.
+        needed: usize,
+        /// Rows there are.
+        got: usize,
+        /// The longest past window that these data carry; 0: none.
+        longest: usize,
+    },
+    /// Inputs of which one is a combination of the others.
+    #[error(
+        "the input `{channel}` is a combination of the other inputs ({others}) at every sample: their effects cannot be told apart; \
+             leave it out or move it on its own"
+    )]
+    Collinear {
+        /// The input.
+        channel: String,
+        /// The others.
+        others: String,
+    },
+    /// An input that excites fewer directions than the model has.
+    #[error(
+        "the inputs are not rich enough: `{channel}` is told apart from its own past at {orders} lags only, and an order of {needed} needs more; \
+         use an excitation such as a random binary or multisine signal (deadtime excite)"
+    )]
+    NotRich {
+        /// The input.
+        channel: String,
+        /// The order of persistent excitation.
+        orders: usize,
+        /// What the model asks for.
+        needed: usize,
+    },
+    /// An order that the windows cannot show.
+    #[error("order {order}: a past window of {past} samples shows at most {most} states; choose a smaller order or a longer past")]
+    Order {
+        /// The order asked for.
+        order: usize,
+        /// The past window, samples.
+        past: usize,
+        /// Most states.
+        most: usize,
+    },
+    /// An option outside its range.
+    #[error("{option} is {value}: {rule}")]
+    Option {
+        /// Which option.
+        option: &'static str,
+        /// The value.
+        value: f64,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// The inputs explain nothing, or a decomposition failed.
+    #[error("{method}: {reason}")]
+    Numeric {
+        /// The method.
+        method: &'static str,
+        /// What went wrong.
+        reason: &'static str,
+    },
+}
+
+fn remedy(longest: usize) -> String {
+    if longest == 0 {
+        "record longer, or name fewer channels".to_owned()
+    } else {
+        format!("record longer, name fewer channels or take a past window of {longest} or less")
+    }
+}

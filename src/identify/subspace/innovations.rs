@@ -1,0 +1,148 @@
+//! Models in innovations form of several inputs and outputs, and how they follow from states that are known combinations of the past.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::recordings::{Factor, Scales, Stretch};
+use super::single::{join, solve};
+
+/// x(t+1) = A x + B u + K e, y = C x + D u + e; deviations from the operating point, in the channels' units.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InnovationsModel {
+    /// n×n.
+    pub a: DMatrix<f64>,
+    /// n×m.
+    pub b: DMatrix<f64>,
+    /// l×n.
+    pub c: DMatrix<f64>,
+    /// l×m.
+    pub d: DMatrix<f64>,
+    /// n×l, the predictor's gain.
+    pub k: DMatrix<f64>,
+}
+
+impl InnovationsModel {
+    /// Number of states.
+    #[must_use]
+    pub fn order(&self) -> usize {
+        self.a.nrows()
+    }
+
+    /// One-step prediction errors, l × samples, from the state 0.
+    #[must_use]
+    pub fn innovations(&self, s: &Stretch) -> DMatrix<f64> {
+        let mut x = DVector::zeros(self.order());
+        let mut e = s.y.clone();
+        for t in 0..s.len() {
+            let u = s.u.column(t);
+            let error = s.y.column(t) - &self.c * &x - &self.d * u;
+            x = &self.a * x + &self.b * u + &self.k * &error;
+            e.set_column(t, &error);
+        }
+        e
+    }
+
+    /// Outputs of a free run, l × samples, from the state that fits the record best (least squares).
+    #[must_use]
+    pub fn free_run(&self, s: &Stretch) -> DMatrix<f64> {
+        let (n, l) = (self.order(), self.c.nrows());
+        let samples = s.len();
+        let mut y = DMatrix::zeros(l, samples);
+        let mut x = DVector::zeros(n);
+        // Γ: the response to each state of the start; its effect fades, so that the first samples settle it.
+        let seen = samples.min(SETTLING);
+        let mut gamma = DMatrix::zeros(l * seen, n);
+        let mut power = DMatrix::identity(n, n);
+        for t in 0..samples {
+            let u = s.u.column(t);
+            y.set_column(t, &(&self.c * &x + &self.d * u));
+            x = &self.a * x + &self.b * u;
+            if t < seen {
+                gamma.view_mut((t * l, 0), (l, n)).copy_from(&(&self.c * &power));
+                power = &self.a * power;
+            }
+        }
+        let rest = DMatrix::from_fn(l * seen, 1, |row, _| s.y[(row % l, row / l)] - y[(row % l, row / l)]);
+        let (mut start, _) = solve(&gamma, &rest, &column_norms(&gamma));
+        for t in 0..samples {
+            let response = &self.c * &start;
+            for i in 0..l {
+                y[(i, t)] += response[(i, 0)];
+            }
+            start = &self.a * start;
+        }
+        y
+    }
+
+    /// Every entry is a number.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        [&self.a, &self.b, &self.c, &self.d, &self.k].iter().all(|m| m.iter().all(|v| v.is_finite()))
+    }
+
+    /// The model of scaled deviations, in the channels' own units.
+    pub(super) fn in_units(mut self, scales: &Scales) -> Self {
+        for (j, (_, su)) in scales.inputs.iter().enumerate() {
+            self.b.column_mut(j).scale_mut(1.0 / su);
+            self.d.column_mut(j).scale_mut(1.0 / su);
+        }
+        for (i, (_, sy)) in scales.outputs.iter().enumerate() {
+            self.c.row_mut(i).scale_mut(*sy);
+            self.d.row_mut(i).scale_mut(*sy);
+            self.k.column_mut(i).scale_mut(1.0 / sy);
+        }
+        self
+    }
+}
+
+/// Samples that the start of a free run is estimated from.
+const SETTLING: usize = 2000;
+
+pub(super) fn column_norms(m: &DMatrix<f64>) -> Vec<f64> {
+    m.column_iter().map(|c| c.norm()).collect()
+}
+
+/// Whether the input acts within the sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "snake_case")]
+pub enum Direct {
+    /// D = 0: right for sampled plants behind a hold, and needed where a controller answers within the sample.
+    #[default]
+    None,
+    /// D is estimated; wants an input that does not depend on the output of the same sample.
+    Free,
+}
+
+/// The model whose states are `map` times the past: x(t) = map·[z(t−1); …; z(t−p)]. Its residuals y − Cx − Du, in the rows of the factor, come with it.
+///
+/// C and D by regression of y(t) on x(t) and u(t), then A, B and K by regression of x(t+1) on x(t), u(t) and the residuals.
+/// Source: van der Veen et al. (2013), doi:10.1049/iet-cta.2012.0653, section 4.
+pub(super) fn of_states(factor: &Factor, y: &DMatrix<f64>, map: &DMatrix<f64>, direct: Direct) -> (InnovationsModel, DMatrix<f64>) {
+    let (layout, n) = (factor.layout, map.nrows());
+    let (m, l) = (layout.m, layout.l);
+    let u = factor.u();
+    let x = factor.r.columns(0, layout.window()) * map.transpose();
+    // z(t) is u(t) and the given y(t).
+    let ahead = map.columns(layout.width(), map.ncols() - layout.width());
+    let next = &u * map.columns(0, m).transpose()
+        + y * map.columns(m, l).transpose()
+        + factor.r.columns(0, layout.window() - layout.width()) * ahead.transpose();
+    debug_assert_eq!(ahead.ncols() + layout.width(), layout.shifted().len());
+    let seen = if direct == Direct::Free { join(&x, &u) } else { x.clone() };
+    let (of_output, e) = solve(&seen, y, &column_norms(&seen));
+    let moved = join(&join(&x, &u), &e);
+    let mut norms = column_norms(&moved);
+    // Residuals of rounding size are none.
+    for (norm, column) in norms[n + m..].iter_mut().zip(y.column_iter()) {
+        *norm = column.norm();
+    }
+    let (of_states, _) = solve(&moved, &next, &norms);
+    let model = InnovationsModel {
+        a: of_states.rows(0, n).transpose(),
+        b: of_states.rows(n, m).transpose(),
+        c: of_output.rows(0, n).transpose(),
+        d: if direct == Direct::Free { of_output.rows(n, m).transpose() } else { DMatrix::zeros(l, m) },
+        k: of_states.rows(n + m, l).transpose(),
+    };
+    (model, e)
+}

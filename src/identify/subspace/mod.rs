@@ -1,0 +1,389 @@
+//! State-space models from records of several inputs and outputs: one file a method, one line each in [`IDENTIFIERS`].
+//!
+//! Every method finds states as combinations of the past; A, B, C, D and K follow by two regressions (`innovations`).
+
+mod innovations;
+mod n4sid;
+mod order;
+mod pbsidopt;
+mod recordings;
+mod single;
+mod uncertainty;
+mod validation;
+
+use nalgebra::DMatrix;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+pub use innovations::{Direct, InnovationsModel};
+pub use order::{Candidate, OrderChoice, Sure};
+pub use recordings::{Named, Recordings, Scales, Stretch};
+pub use single::{Innovations, Subspace};
+pub use uncertainty::{Band, Draws, Response, Root};
+pub use validation::{Fit, InputTest, OutputCheck, Test};
+
+use super::IdentifyError;
+use crate::model::{Channel, ModelError, ModelFile, Operating, Sampled, StateSpace, d2c};
+use crate::registry::{Entry, entry};
+use crate::time::SampleTime;
+use n4sid::Weight;
+use pbsidopt::{Predictor, States};
+use recordings::Factor;
+
+/// A method that makes a model of records; the implementor is its option struct.
+pub trait Identifier: Send + Sync {
+    /// The model, in the records' own units.
+    ///
+    /// # Errors
+    /// [`IdentifyError`]: too few rows, inputs that are constant, collinear or not rich, an order that the window cannot show.
+    fn identify(&self, recordings: &Recordings) -> Result<Identified, IdentifyError>;
+}
+
+/// A line of the list of methods.
+pub struct IdentifierLine {
+    /// Name, summary, options.
+    pub entry: Entry<dyn Identifier>,
+    /// What the data must be like.
+    pub needs: &'static str,
+}
+
+/// Every method.
+pub const IDENTIFIERS: &[IdentifierLine] = &[
+    IdentifierLine {
+        entry: entry!("pbsidopt", "predictor-based subspace identification, with standard deviations", Pbsidopt, dyn Identifier),
+        needs: "rich inputs, a past window that outlasts the predictor's memory; open or closed loop, stable or unstable",
+    },
+    IdentifierLine {
+        entry: entry!("n4sid", "subspace identification by oblique projection", N4sid, dyn Identifier),
+        needs: "rich inputs that do not depend on the outputs (no feedback)",
+    },
+    IdentifierLine {
+        entry: entry!(
+            "moesp",
+            "subspace identification by orthogonal projection, past inputs and outputs as instruments",
+            Moesp,
+            dyn Identifier
+        ),
+        needs: "rich inputs that do not depend on the outputs (no feedback)",
+    },
+];
+
+/// The line called `name`.
+///
+/// # Errors
+/// [`crate::registry::RegistryError::Unknown`], with the names there are.
+pub fn identifier(name: &str) -> Result<&'static IdentifierLine, crate::registry::RegistryError> {
+    IDENTIFIERS.iter().find(|line| line.entry.name == name).ok_or_else(|| crate::registry::RegistryError::Unknown {
+        kind: "identification method",
+        name: name.to_owned(),
+        known: IDENTIFIERS.iter().map(|line| line.entry.name).collect(),
+    })
+}
+
+/// What all subspace methods are told.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// States; `None`: chosen by Schwarz's criterion among 1 to `max_order`.
+    pub order: Option<usize>,
+    /// Samples of the past that predict; `None`: by Akaike's criterion of the long predictor, at most 50. It must outlast the predictor's memory.
+    pub past: Option<usize>,
+    /// Most states that are tried; default 12.
+    pub max_order: usize,
+    /// Whether inputs act within the sample; default not.
+    pub direct: Direct,
+    /// Drawn models for bands, and as many small ones for standard deviations; default 200, 0: none.
+    pub draws: usize,
+    /// Seed of the draws; default 1.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { order: None, past: None, max_order: 12, direct: Direct::None, draws: 200, seed: 1 }
+    }
+}
+
+/// Predictor-based subspace identification (PBSIDopt).
+///
+/// A long predictor (ARX with exogenous inputs, `past` samples) gives C(A − KC)ʲ[B K]; with them the future outputs' predictions, whose singular value
+/// decomposition (weighted by the innovations' covariance) is observability matrix times states; A, B, C, D and K by regression. All inside one triangular
+/// factor of the lagged data.
+/// Assumes: past inputs and past noise are what the outputs depend on; consistent also under feedback, for stable and unstable plants.
+/// Fails when: the past is shorter than the predictor's memory (a bias), the inputs are not rich, or there are fewer rows than thrice the parameters.
+/// Source: Chiuso (2007), Automatica 43(6), 1034-1048, doi:10.1016/j.automatica.2006.12.005; Houtzager, van Wingerden and Verhaegen (2009), "VARMAX-based
+/// closed-loop subspace model identification", doi:10.1109/CDC.2009.5400695; van der Veen et al. (2013), doi:10.1049/iet-cta.2012.0653.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Pbsidopt(pub Settings);
+
+/// Subspace identification by oblique projection of future outputs along future inputs on the past (N4SID).
+///
+/// Source: Van Overschee and De Moor (1994), Automatica 30(1), 75-93, doi:10.1016/0005-1098(94)90230-5; the states' regressions as in [`Pbsidopt`].
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct N4sid(pub Settings);
+
+/// Subspace identification by orthogonal projection with past inputs and outputs as instruments (PO-MOESP).
+///
+/// Source: Verhaegen (1994), Automatica 30(1), 61-74, doi:10.1016/0005-1098(94)90229-1; the states' regressions as in [`Pbsidopt`].
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Moesp(pub Settings);
+
+impl Identifier for Pbsidopt {
+    fn identify(&self, recordings: &Recordings) -> Result<Identified, IdentifyError> {
+        self.0.identify("pbsidopt", None, recordings)
+    }
+}
+
+impl Identifier for N4sid {
+    fn identify(&self, recordings: &Recordings) -> Result<Identified, IdentifyError> {
+        self.0.identify("n4sid", Some(Weight::Past), recordings)
+    }
+}
+
+impl Identifier for Moesp {
+    fn identify(&self, recordings: &Recordings) -> Result<Identified, IdentifyError> {
+        self.0.identify("moesp", Some(Weight::PastBesideInputs), recordings)
+    }
+}
+
+/// A model from data, with what it was made of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identified {
+    /// The method.
+    pub method: &'static str,
+    /// The sample time.
+    pub sample_time: SampleTime,
+    /// The inputs.
+    pub inputs: Vec<Named>,
+    /// The outputs.
+    pub outputs: Vec<Named>,
+    /// The model, of deviations from the means.
+    pub model: InnovationsModel,
+    /// Means and standard deviations of the data that it was made of.
+    pub scales: Scales,
+    /// The past window, samples.
+    pub past: usize,
+    /// Samples that had all of their past.
+    pub rows: usize,
+    /// The order.
+    pub order: OrderChoice,
+    /// Covariance of the innovations, in the outputs' units.
+    pub innovations: DMatrix<f64>,
+    /// Drawn models; empty where the method gives none.
+    pub draws: Draws,
+    /// What a user should know.
+    pub notes: Vec<String>,
+}
+
+/// Size of the small draws, of a whole one.
+const STEP: f64 = 1e-3;
+/// Draws that tell the singular values of noise.
+const NOISE_DRAWS: usize = 20;
+/// Longest past window that is tried unasked.
+const LONGEST: usize = 50;
+
+impl Settings {
+    fn check(&self) -> Result<(), IdentifyError> {
+        for (option, value) in [("order", self.order), ("past", self.past), ("max_order", Some(self.max_order))] {
+            if value == Some(0) {
+                return Err(IdentifyError::Option { option, value: 0.0, rule: "it must be 1 or more" });
+            }
+        }
+        Ok(())
+    }
+
+    fn identify(&self, method: &'static str, weight: Option<Weight>, recordings: &Recordings) -> Result<Identified, IdentifyError> {
+        self.check()?;
+        let scales = recordings.scales()?;
+        let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
+        // Thrice the regressors of one output; projections look as far ahead as back.
+        let double = if weight.is_some() { 2 } else { 1 };
+        let needed = |past: usize| 3 * (double * past * (m + l) + m);
+        let carried = |past: usize| recordings.rows(double * past) >= needed(past);
+        let longest = (1..=LONGEST.max(self.past.unwrap_or(0))).rev().find(|p| carried(*p)).unwrap_or(0);
+        let wanted = self.past.unwrap_or(1);
+        if longest < wanted {
+            let got = recordings.rows(double * wanted);
+            return Err(IdentifyError::TooFewRows { past: wanted, needed: needed(wanted), got, longest });
+        }
+        let least = self.order.map_or(8, |n| n.div_ceil(l) + 2);
+        let past = self.past.unwrap_or_else(|| pbsidopt::past_by_akaike(recordings, &scales, longest.min(LONGEST), least));
+        let factor = recordings.factor(past, &scales);
+        let orders = factor.excitation(&recordings.inputs)?;
+        let most = (past * l).min(past * (m + l));
+        if let Some(order) = self.order.filter(|n| *n > most) {
+            return Err(IdentifyError::Order { order, past, most });
+        }
+        let poor = |needed: usize| orders.iter().position(|o| *o < needed.min(past)).map(|i| (i, orders[i]));
+        let least_rich = self.order.unwrap_or(1) + 1;
+        if let Some((i, orders)) = poor(least_rich) {
+            return Err(IdentifyError::NotRich { channel: recordings.inputs[i].name.clone(), orders, needed: self.order.unwrap_or(1) });
+        }
+        let predictor = Predictor::fit(&factor, self.direct);
+        let window = factor.layout.window();
+        let (predictions, right) = match weight {
+            None => (pbsidopt::predictions(&predictor.theta, &factor, past), factor.r.view((0, 0), (window, window)).into_owned()),
+            Some(weight) => n4sid::oblique(&recordings.factor(2 * past, &scales), weight),
+        };
+        let tried = self.order.unwrap_or(0).max(self.max_order).min(most);
+        let failed = |reason| IdentifyError::Numeric { method, reason };
+        let states = States::of(&predictions, &right, factor.rows, &predictor.noise, tried).ok_or_else(|| {
+            failed("the inputs and the past explain nothing of the outputs; check the channels, or record with a stronger excitation")
+        })?;
+        if let Some(order) = self.order.filter(|n| *n > states.rows.nrows()) {
+            return Err(IdentifyError::Order { order, past, most: states.rows.nrows() });
+        }
+        let y = factor.y();
+        let model_of = |order: usize| innovations::of_states(&factor, &y, &states.map(&predictions, order), self.direct).0;
+        let scaled: Vec<Stretch> = recordings.stretches.iter().map(|s| scales.scaled(s)).collect();
+        let losses: Vec<Option<f64>> = (1..=states.rows.nrows())
+            .into_par_iter()
+            .map(|order| Some(model_of(order)).filter(InnovationsModel::is_finite).and_then(|m| order::log_loss(&m, &scaled, past)))
+            .collect();
+        let noise_level = self.noise_level(&predictor, &factor, past);
+        let order = order::choose(self.order, &losses, &states.singular, noise_level, factor.rows, (m, l));
+        let mut notes = Vec::new();
+        if let Some((i, orders)) = poor(2 * order.order) {
+            let name = &recordings.inputs[i].name;
+            notes.push(format!(
+                "{name} is told apart from its past at {orders} lags only; twice the order would be safe: use a richer excitation"
+            ));
+        }
+        if weight.is_some() {
+            notes.push(format!("{method} is biased where the inputs depend on the outputs; under feedback use pbsidopt"));
+        }
+        let (model, residual) = innovations::of_states(&factor, &y, &states.map(&predictions, order.order), self.direct);
+        if !model.is_finite() {
+            return Err(failed("the regressions have no finite solution; choose a smaller order"));
+        }
+        let freedom = factor.rows.saturating_sub(predictor.parameters()).max(1) as f64;
+        let spread: Vec<f64> = scales.outputs.iter().map(|s| s.1).collect();
+        let covariance = residual.transpose() * residual / freedom;
+        let draws = if weight.is_some() { Draws::default() } else { self.drawn(&factor, &predictor, &states, order.order, &scales) };
+        Ok(Identified {
+            method,
+            sample_time: recordings.sample_time,
+            inputs: recordings.inputs.clone(),
+            outputs: recordings.outputs.clone(),
+            model: model.in_units(&scales),
+            past,
+            rows: factor.rows,
+            order,
+            innovations: DMatrix::from_fn(l, l, |i, j| covariance[(i, j)] * spread[i] * spread[j]),
+            draws,
+            notes,
+            scales,
+        })
+    }
+
+    /// Standard normal numbers of one draw.
+    fn normal(&self, draw: usize, predictor: &Predictor, outputs: usize) -> DMatrix<f64> {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        rng.set_stream(draw as u64);
+        DMatrix::from_fn(predictor.parameters(), outputs, |_, _| StandardNormal.sample(&mut rng))
+    }
+
+    fn noise_level(&self, predictor: &Predictor, factor: &Factor, horizon: usize) -> f64 {
+        let level = |draw: usize| {
+            let change = predictor.change(&self.normal(draw, predictor, factor.layout.l));
+            pbsidopt::noise_level(predictor, &change, factor, horizon)
+        };
+        let mut levels: Vec<f64> = (0..NOISE_DRAWS).into_par_iter().filter_map(level).collect();
+        levels.sort_by(f64::total_cmp);
+        levels.get(levels.len().saturating_sub(2)).copied().unwrap_or(0.0)
+    }
+
+    fn drawn(&self, factor: &Factor, predictor: &Predictor, states: &States, order: usize, scales: &Scales) -> Draws {
+        let y = factor.y();
+        let draw = |i: usize, size: f64| {
+            let change = predictor.change(&self.normal(i, predictor, factor.layout.l)) * size;
+            let theta = &predictor.theta + &change;
+            // What would have been measured: the same innovations on another predictor.
+            let y = &y + factor.r.columns(0, change.nrows()) * &change;
+            let predictions = pbsidopt::predictions(&theta, factor, factor.layout.past);
+            innovations::of_states(factor, &y, &states.map(&predictions, order), self.direct).0.in_units(scales)
+        };
+        let all = |size: f64| (0..self.draws).into_par_iter().map(|i| draw(i, size)).filter(InnovationsModel::is_finite).collect();
+        Draws { whole: all(1.0), small: all(STEP), step: STEP }
+    }
+}
+
+impl Identified {
+    /// The model without its predictor, behind these input delays (samples).
+    ///
+    /// # Errors
+    /// [`ModelError::Count`] for another number of delays.
+    pub fn system(&self, delays: &[usize]) -> Result<StateSpace<Sampled>, ModelError> {
+        uncertainty::system(&self.model, self.sample_time, delays)
+    }
+
+    /// The poles, with standard deviations from the draws.
+    #[must_use]
+    pub fn poles(&self) -> Vec<Root> {
+        let none = vec![0; self.inputs.len()];
+        let of = |m: &InnovationsModel| uncertainty::system(m, self.sample_time, &none).map(|s| s.poles()).unwrap_or_default();
+        let drawn: Vec<_> = self.draws.small.iter().map(of).collect();
+        uncertainty::roots(&of(&self.model), &drawn, self.draws.step, self.sample_time)
+    }
+
+    /// The invariant zeros, with standard deviations from the draws where their number does not change.
+    #[must_use]
+    pub fn zeros(&self) -> Vec<Root> {
+        let none = vec![0; self.inputs.len()];
+        let of = |m: &InnovationsModel| uncertainty::system(m, self.sample_time, &none).map(|s| s.zeros()).unwrap_or_default();
+        let drawn: Vec<_> = self.draws.small.iter().map(of).collect();
+        uncertainty::roots(&of(&self.model), &drawn, self.draws.step, self.sample_time)
+    }
+
+    /// Frequency responses of every pair behind these input delays, at `count` frequencies.
+    ///
+    /// # Errors
+    /// As [`Self::system`].
+    pub fn responses(&self, delays: &[usize], count: usize) -> Result<Vec<Response>, ModelError> {
+        let frequencies = uncertainty::frequencies(self.sample_time, self.rows, count);
+        let found = uncertainty::responses(&self.system(delays)?, &self.draws, &frequencies);
+        let mut responses = Vec::new();
+        for (input, of_input) in self.inputs.iter().zip(found) {
+            for (output, bands) in self.outputs.iter().zip(of_input) {
+                responses.push(Response { input: input.name.clone(), output: output.name.clone(), bands });
+            }
+        }
+        Ok(responses)
+    }
+
+    /// How the model does on records of the same channels (inputs behind the same delays).
+    #[must_use]
+    pub fn check(&self, recordings: &Recordings) -> Vec<OutputCheck> {
+        let centred: Vec<Stretch> = recordings.stretches.iter().map(|s| self.scales.centred(s)).collect();
+        let stable = self.poles().iter().all(|p| p.re.hypot(p.im) < 1.0);
+        validation::check(&self.model, &centred, self.past, (&self.inputs, &self.outputs), stable)
+    }
+
+    /// The model file: sampled, or the continuous model behind a zero-order hold.
+    ///
+    /// # Errors
+    /// [`ModelError::NoLogarithm`] where a sampled pole has no continuous counterpart, [`ModelError::Count`].
+    pub fn file(&self, name: &str, delays: &[usize], continuous: bool) -> Result<ModelFile, ModelError> {
+        let channel = |named: &Named, mean: f64| Channel {
+            name: named.name.clone(),
+            unit: named.unit.clone(),
+            operating: Operating::Value(mean),
+            derivative_of: None,
+        };
+        let channels = |names: &[Named], scales: &[(f64, f64)]| names.iter().zip(scales).map(|(n, s)| channel(n, s.0)).collect::<Vec<_>>();
+        let (inputs, outputs) = (channels(&self.inputs, &self.scales.inputs), channels(&self.outputs, &self.scales.outputs));
+        let system = self.system(delays)?;
+        if continuous {
+            let states = (1..=self.model.order()).map(|i| crate::model::State { name: format!("x{i}"), unit: None }).collect();
+            ModelFile::from_continuous(name, &d2c(&system)?, inputs, states, outputs)
+        } else {
+            ModelFile::from_sampled(name, &system, inputs, Vec::new(), outputs)
+        }
+    }
+}
