@@ -34,6 +34,7 @@ pub use format::diagnosis::{
 };
 pub use format::error::GapError;
 pub use format::progress::Stage;
+pub use input::criteria::Criteria;
 pub use input::options::GapOptions;
 pub use input::subject::Subject;
 pub use pipeline::{Diagnosed, diagnose, diagnose_files, isolability};

@@ -42,9 +42,6 @@ use crate::error::Result;
 use crate::log::Log;
 use crate::model::ModelDocument;
 
-/// Where a delay that explains much stands at the longest that was looked for, so many times longer ones are looked for, once.
-const LONGER: f64 = 3.0;
-
 /// A diagnosis, and the model with the effects that it found.
 #[derive(Debug, Clone)]
 pub struct Diagnosed {
@@ -157,6 +154,7 @@ impl Baseline {
             prior: self.motion.prior(system),
             noise_std: &self.noise_std,
             resolution: inputs.probed.as_ref().map(|p| p.resolution.clone()).unwrap_or_default(),
+            criteria: options.criteria,
             stop: options.stop.clone(),
         })
     }
@@ -204,8 +202,9 @@ fn in_stages(
     let Catalogue { candidates, left_out } = catalogue(system, inputs.probed.as_ref());
     let Searched { likelihood, found } =
         search(likelihood, candidates.clone(), &scales, &baseline.motion.smallest, progress).ok_or_else(|| not_finite(&inputs.records))?;
-    let longer_s = f64::min(LONGER * inputs.longest_delay_s, 0.5 * inputs.limit_s);
-    if options.longest_delay_s.is_none() && longer_s > 1.2 * inputs.longest_delay_s && found.wants_longer_delays(&scales) {
+    let longer_s = f64::min(options.criteria.longer * inputs.longest_delay_s, 0.5 * inputs.limit_s);
+    if options.longest_delay_s.is_none() && longer_s > 1.2 * inputs.longest_delay_s && found.wants_longer_delays(&scales, &options.criteria)
+    {
         progress(Stage::Longer);
         let longer = GapOptions { longest_delay_s: Some(longer_s), ..options.clone() };
         return in_stages(subject, simulator, logs, holdout, &longer, progress);

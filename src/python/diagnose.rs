@@ -331,7 +331,7 @@ fn copies(logs: &[PyRef<'_, Log>]) -> Vec<InnerLog> {
 
 fn options(prediction: Option<&str>, max_delay: Option<f64>, seed: u64, stop: &Stop) -> GapOptions {
     let prediction = prediction.map(|p| if p == "predictor" { Mode::Predictor } else { Mode::Simulation });
-    GapOptions { prediction, longest_delay_s: max_delay, seed, stop: stop.clone() }
+    GapOptions { prediction, longest_delay_s: max_delay, seed, stop: stop.clone(), ..GapOptions::default() }
 }
 
 fn mode(prediction: Option<&Bound<'_, PyString>>) -> PyResult<Option<String>> {

@@ -46,6 +46,7 @@ mod gate;
 mod golden;
 mod golden_effects;
 mod higher_order;
+mod house;
 #[cfg(feature = "cli")]
 mod isolability;
 #[cfg(feature = "cli")]

@@ -2,7 +2,7 @@
 
 use crate::diagnose::hypothesis::direction::difference;
 use crate::diagnose::hypothesis::hypothesis::Hypothesis;
-use crate::diagnose::hypothesis::penalised_gain::slack;
+use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::likelihood::likelihood::Likelihood;
 use crate::diagnose::search::catalogue_search::SearchResult;
 use crate::effect::Applied;
@@ -18,7 +18,7 @@ pub(in crate::diagnose) fn classes(
     let Some(own) = likelihood.whitened(leader) else { return Vec::new() };
     let mut classes: Vec<Vec<Applied>> = leader.effects.iter().map(|a| vec![a.clone()]).collect();
     let same_size = if leader.effects.len() == 1 { &found.singles } else { &found.pairs };
-    let slack = slack(leader.gain).max(inexact);
+    let slack = Penalties::of(likelihood).slack(leader.gain).max(inexact);
     for rival in same_size.iter().filter(|r| r.fitted && (r.gain - leader.gain).abs() < slack) {
         let missing = |of: &Hypothesis, from: &Hypothesis| {
             let keys: Vec<String> = from.effects.iter().map(Applied::key).collect();

@@ -8,6 +8,7 @@ use super::found_effects::found_effects;
 use super::probabilities::Probabilities;
 use crate::diagnose::format::diagnosis::{Cause, RankedPair, RankedSingle, RankingRow};
 use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::judge::intervals::Estimate;
 use crate::diagnose::judge::prior_sensitivity::PriorSensitivity;
 use crate::diagnose::judge::verdict::{GapVerdict, Judged};
@@ -28,7 +29,7 @@ pub(in crate::diagnose) fn cause(
     sensitivities: &[PriorSensitivity],
     after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
 ) -> Cause {
-    let scale = Probabilities::new(judged, found, likelihood.weight());
+    let scale = Probabilities::new(judged, found, Penalties::of(likelihood));
     let listed: Vec<&Hypothesis> = found.singles.iter().chain(found.pairs.iter().take(PAIRS)).collect();
     let sum: f64 = listed.iter().map(|e| scale.of(e)).sum::<f64>() + scale.share(scale.none);
     let rest = 1.0 - judged.unknown;

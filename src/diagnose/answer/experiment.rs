@@ -13,7 +13,6 @@ use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 
 use crate::diagnose::format::diagnosis::Mode;
-use crate::diagnose::hypothesis::penalised_gain::SELECTION_PENALTY;
 use crate::diagnose::judge::prior_sensitivity::PriorSensitivity;
 use crate::diagnose::likelihood::likelihood::Likelihood;
 use crate::effect::{Applied, Chance, Scales, Site, Telling};
@@ -21,10 +20,6 @@ use crate::simulate::Commands;
 
 /// Samples of an experiment that is simulated.
 const SAMPLES: usize = 3000;
-/// A step for the rival's derivatives, relative to the size of its parameter.
-const STEP: f64 = 1e-4;
-/// The same of a black box, which may be rough; and for its start, relative to what moves an output.
-const CALLED_STEP: f64 = 1e-2;
 
 /// One experiment: its name, its commands and where the state starts.
 struct Trial {
@@ -99,7 +94,7 @@ pub(in crate::diagnose) fn experiment(
     }
     let duration_s = time_s.last().copied().unwrap_or(0.0);
     match best {
-        Some((gain, words)) if gain > SELECTION_PENALTY => {
+        Some((gain, words)) if gain > likelihood.criteria.selection_penalty => {
             format!("To separate {names}: {words} (expected log Bayes factor of the first two {:.0} in {duration_s:.3} s).", 0.5 * gain)
         }
         _ => format!("To separate {names}: none of the experiments that were simulated does; measure at another place."),
@@ -136,16 +131,14 @@ fn apart(likelihood: &Likelihood<'_>, scales: &Scales, time_s: &[f64], trial: &T
     };
     for j in (0..trial.start.len()).filter(|_| !trial.released) {
         let mut start = trial.start.clone();
-        let share = if likelihood.system.is_black_box() { CALLED_STEP } else { 1e-3 };
-        let step = share * scales.states.get(j).map_or(1.0, |s| s.std).max(1e-9);
+        let step = likelihood.budget.ahead_push * scales.states.get(j).map_or(1.0, |s| s.std).max(1e-9);
         start[j] += step;
         take_out((simulate(rival, &start)? - &there) / step);
     }
     for e in 0..rival.len() {
         for i in (0..rival[e].values.len()).filter(|&i| rival[e].values[i].is_finite()) {
             let mut moved = rival.to_vec();
-            let share = if likelihood.system.is_black_box() { CALLED_STEP } else { STEP };
-            let step = share * moved[e].values[i].abs().max(1e-9);
+            let step = likelihood.budget.relative_step * moved[e].values[i].abs().max(1e-9);
             moved[e].values[i] += step;
             take_out((simulate(&moved, &trial.start)? - &there) / step);
         }

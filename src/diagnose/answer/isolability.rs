@@ -10,7 +10,6 @@ use serde::{Deserialize, Serialize};
 
 use super::experiment;
 use crate::diagnose::format::diagnosis::Prediction;
-use crate::diagnose::hypothesis::penalised_gain::SELECTION_PENALTY as VISIBLE;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
@@ -129,11 +128,12 @@ pub(in crate::diagnose) fn isolability(
     names: Names<'_>,
 ) -> Option<Isolability> {
     let nominal = likelihood.whitened(NO_EFFECT)?;
+    let visible_from = likelihood.criteria.selection_penalty;
     let limit = PLAUSIBLE * motion_size(likelihood.records, noise);
     let candidates: Vec<Candidate> = (catalogue.into_par_iter())
         .map(|applied| Candidate { signatures: signatures(likelihood, &applied, scales, &nominal, limit), applied })
         .collect();
-    let visible = |c: &Candidate| c.signatures.iter().any(|s| s.strength >= VISIBLE);
+    let visible = |c: &Candidate| c.signatures.iter().any(|s| s.strength >= visible_from);
     let cosines = cosines(&candidates);
     let rival = |i: usize| {
         let others = (0..candidates.len()).filter(|&j| j != i && visible(&candidates[j])).map(|j| (j, cosines[(i, j)]));
@@ -143,7 +143,7 @@ pub(in crate::diagnose) fn isolability(
         effect: c.applied.effect.name().to_owned(),
         channel: c.applied.channel.clone(),
         visible: visible(c),
-        smallest: smallest(c),
+        smallest: smallest(c, visible_from),
         rival: if visible(c) { rival(i) } else { None },
     });
     Some(Isolability {
@@ -152,7 +152,7 @@ pub(in crate::diagnose) fn isolability(
         logs: names.logs,
         prediction: Prediction { mode: likelihood.predictor.mode, why: likelihood.predictor.why.clone() },
         alike_from: ALIKE,
-        visible_from: VISIBLE,
+        visible_from,
         effects: effects.collect(),
         cosines: cosines.row_iter().map(|row| row.iter().copied().collect()).collect(),
         classes: classes(&candidates, &cosines, visible),
@@ -324,13 +324,13 @@ fn basis(gram: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// The smallest size that would be seen, from the weakest signature that is.
-fn smallest(c: &Candidate) -> Option<Size> {
-    let weakest = c.signatures.iter().filter(|s| s.strength >= VISIBLE).min_by(|a, b| a.strength.total_cmp(&b.strength))?;
+fn smallest(c: &Candidate, visible_from: f64) -> Option<Size> {
+    let weakest = c.signatures.iter().filter(|s| s.strength >= visible_from).min_by(|a, b| a.strength.total_cmp(&b.strength))?;
     let named = c.applied.parameters.iter().zip(&weakest.values);
     let (p, value) = named.rev().find(|(p, v)| !p.role.is_shape() && v.is_finite())?;
     let nominal = p.nominal.is_finite().then_some(p.nominal);
     // Small effects grow with their size.
-    let value = nominal.map_or(*value, |n| n + (value - n) * (VISIBLE / weakest.strength).sqrt());
+    let value = nominal.map_or(*value, |n| n + (value - n) * (visible_from / weakest.strength).sqrt());
     Some(Size { parameter: p.name.to_owned(), unit: p.unit.clone(), value, nominal })
 }
 

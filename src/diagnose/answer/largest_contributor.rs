@@ -6,7 +6,7 @@
 
 use super::found_effects::found_effects;
 use crate::diagnose::format::diagnosis::FoundEffect;
-use crate::diagnose::hypothesis::penalised_gain::{leader, penalised_gain};
+use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::judge::intervals;
 use crate::diagnose::judge::verdict::{GapVerdict, Judged};
@@ -41,7 +41,7 @@ pub(in crate::diagnose) fn largest_contributor(
     if judged.verdict == GapVerdict::Effects {
         return None;
     }
-    let weight = likelihood.weight();
+    let penalties = Penalties::of(likelihood);
     let nothing = residuals(likelihood, NO_EFFECT)?;
     let shares = |residuals: &[nalgebra::DMatrix<f64>]| -> Option<[f64; 2]> {
         let share = |held: bool| {
@@ -52,14 +52,14 @@ pub(in crate::diagnose) fn largest_contributor(
         Some([share(false)?, share(true)?])
     };
     let mut helping = Vec::new();
-    for hypothesis in found.singles.iter().filter(|e| e.fitted && penalised_gain(e, weight) > 0.0) {
+    for hypothesis in found.singles.iter().filter(|e| e.fitted && penalties.gain(e) > 0.0) {
         let Some(taken) = residuals(likelihood, hypothesis).and_then(|left| shares(&left)) else { continue };
         if taken.iter().all(|share| *share > LEAST) {
             helping.push((hypothesis.clone(), taken));
         }
     }
     let hypotheses: Vec<_> = helping.iter().map(|(e, _)| e.clone()).collect();
-    let best = leader(&hypotheses, weight)?;
+    let best = penalties.leader(&hypotheses)?;
     let [learnt, held_out] = helping.iter().find(|(e, _)| e.key() == best.key())?.1;
     let estimate = intervals::estimate(likelihood, best, scales);
     let effect = found_effects(likelihood, best, estimate.as_ref()).into_iter().next()?;

@@ -1,7 +1,7 @@
 //! Probabilities of all hypotheses, as the verdict sees them.
 
 use crate::diagnose::hypothesis::hypothesis::Hypothesis;
-use crate::diagnose::hypothesis::penalised_gain::{NEAR, penalised_gain, slack};
+use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::judge::verdict::Judged;
 use crate::diagnose::search::catalogue_search::SearchResult;
 
@@ -11,24 +11,24 @@ pub(in crate::diagnose) struct Probabilities {
     best: f64,
     /// What pairs lose where a second effect does not matter.
     pairs: f64,
-    weight: f64,
+    penalties: Penalties,
     /// Differences count for less by this factor.
     temper: f64,
 }
 
 impl Probabilities {
-    pub(in crate::diagnose) fn new(judged: &Judged, found: &SearchResult, weight: f64) -> Self {
+    pub(in crate::diagnose) fn new(judged: &Judged, found: &SearchResult, penalties: Penalties) -> Self {
         // 9 to 1 for the verdict where the likelihood prefers something that does not matter.
-        let top = |all: &[Hypothesis]| all.iter().map(|e| penalised_gain(e, weight)).fold(f64::NEG_INFINITY, f64::max);
+        let top = |all: &[Hypothesis]| all.iter().map(|e| penalties.gain(e)).fold(f64::NEG_INFINITY, f64::max);
         let (single, pair) = (top(&found.singles), top(&found.pairs));
-        let temper = slack(f64::max(single, pair)) / NEAR;
+        let temper = penalties.temper(f64::max(single, pair));
         let clear = 2.0 * 9.0_f64.ln() * temper;
         let size = judged.best.as_ref().map_or(0, |e| e.effects.len());
         let none = if size == 0 { f64::max(0.0, single + clear) } else { 0.0 };
         let limit = if size == 2 { f64::INFINITY } else { f64::max(single, none) - clear };
         let pairs = (pair - limit).max(0.0);
         let best = f64::max(f64::max(single, pair - pairs), none);
-        Self { none, best, pairs, weight, temper }
+        Self { none, best, pairs, penalties, temper }
     }
 
     pub(in crate::diagnose) fn share(&self, odds: f64) -> f64 {
@@ -37,6 +37,6 @@ impl Probabilities {
 
     pub(in crate::diagnose) fn of(&self, hypothesis: &Hypothesis) -> f64 {
         let less = if hypothesis.effects.len() > 1 { self.pairs } else { 0.0 };
-        self.share(penalised_gain(hypothesis, self.weight) - less)
+        self.share(self.penalties.gain(hypothesis) - less)
     }
 }

@@ -10,18 +10,15 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::noise::autoregression_of;
+use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::record::LogRecord;
 
 /// Past samples of all channels that predict a command.
 const PAST: usize = 6;
-/// Past outputs must lower the variance of what own past leaves by this part before commands count as fed back.
-const FED_BACK: f64 = 0.05;
-/// Correlation of the same sample, in standard deviations of chance.
-const CORRELATED: f64 = 5.0;
 
 /// The nuisance regressors of one record: what past samples do not predict of a command, in the output whose noise it meets; samples × outputs each.
 /// `residual` is that of the model as it is.
-pub(in crate::diagnose) fn regressors(record: &LogRecord, residual: &DMatrix<f64>) -> Vec<DMatrix<f64>> {
+pub(in crate::diagnose) fn regressors(record: &LogRecord, residual: &DMatrix<f64>, criteria: &Criteria) -> Vec<DMatrix<f64>> {
     let outputs = record.measured.len();
     let samples = record.time_s.len();
     let rows: Vec<usize> =
@@ -30,7 +27,7 @@ pub(in crate::diagnose) fn regressors(record: &LogRecord, residual: &DMatrix<f64
     for input in 0..record.inputs.len() {
         let Some(alone) = unpredicted(record, input, &rows, false) else { continue };
         let Some(with_outputs) = unpredicted(record, input, &rows, true) else { continue };
-        if with_outputs.norm_squared() > (1.0 - FED_BACK) * alone.norm_squared() {
+        if with_outputs.norm_squared() > (1.0 - criteria.fed_back) * alone.norm_squared() {
             continue;
         }
         for output in 0..outputs {
@@ -38,7 +35,7 @@ pub(in crate::diagnose) fn regressors(record: &LogRecord, residual: &DMatrix<f64
             let here = DVector::from_iterator(rows.len(), rows.iter().map(|&k| innovations[k]));
             let scale = (rows.len() as f64).sqrt();
             let correlation = with_outputs.dot(&here) / (with_outputs.norm() * here.norm()).max(f64::MIN_POSITIVE);
-            if correlation.abs() * scale > CORRELATED {
+            if correlation.abs() * scale > criteria.correlated {
                 let mut column = DMatrix::zeros(samples, outputs);
                 for (&k, value) in rows.iter().zip(with_outputs.iter()) {
                     column[(k, output)] = *value;

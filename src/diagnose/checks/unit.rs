@@ -1,9 +1,9 @@
 //! A channel in another unit.
 
 use super::evidence::{Evidence, result, short};
-use super::faults::{Fault, Port, agrees};
+use super::faults::{AGREES, Fault, Port, agrees};
 use super::kinematics::TOGETHER;
-use super::units::alternatives;
+use super::units::{Factor, alternatives};
 use crate::diagnose::format::diagnosis::{Check, CheckKind};
 
 /// How close a measured factor between two sensors comes to that of a unit; nothing but their own gains lies between.
@@ -28,7 +28,7 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     }
     kinematic(e, &mut found);
     for (i, fit) in e.search.iter().flat_map(|s| s.fits.iter().enumerate()) {
-        let Some(fit) = fit.filter(|f| f.along >= super::faults::AGREES && !agrees(f)) else { continue };
+        let Some(fit) = fit.filter(|f| f.along >= AGREES && !agrees(f)) else { continue };
         let name = e.output(i);
         if found.iter().all(|c| c.channel != name) {
             let finding = format!(
@@ -51,7 +51,7 @@ fn kinematic(e: &Evidence<'_>, found: &mut Vec<Check>) {
         let (of, rate) = (m.relation.of, m.relation.rate);
         let guess = |i: usize, inverse: bool| {
             let port = Port::Output(i);
-            let fits = move |f: &super::units::Factor| near(if inverse { 1.0 / f.factor } else { f.factor });
+            let fits = move |f: &Factor| near(if inverse { 1.0 / f.factor } else { f.factor });
             alternatives(port.unit(&e.view)).into_iter().find(fits).map(|f| format!("`{}` in {}", e.output(i), f.unit))
         };
         let guesses: Vec<String> = [guess(of, false), guess(rate, true)].into_iter().flatten().collect();

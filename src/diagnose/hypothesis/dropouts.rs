@@ -19,14 +19,8 @@ use crate::effect::{Applied, Chance, Scales};
 use crate::simulate::plan::InputPath;
 use crate::simulate::{Commands, Piecewise};
 
-/// Samples after which the response to one command counts as over, at most.
-const LONGEST: usize = 400;
-/// A decision counts for the probability where the two possible pasts differ by this many noise standard deviations.
-const DECIDED: f64 = 4.0;
 /// The probability with which a search begins.
 const FIRST: f64 = 0.3;
-/// Searches, each with the last one's probability and parameters.
-const PASSES: usize = 2;
 
 /// The hypothesis with the sequence of its lost commands estimated and its other parameters refitted; unchanged where it has none, `None` where nothing
 /// can be decided.
@@ -41,7 +35,7 @@ pub(in crate::diagnose) fn decoded(
     if losing.is_empty() {
         return Some(hypothesis);
     }
-    for _ in 0..PASSES {
+    for _ in 0..likelihood.budget.passes {
         let mut lost = Dropouts {
             sequences: vec![vec![None; likelihood.system.inputs.len()]; likelihood.records.len()],
             price: 0.0,
@@ -73,21 +67,21 @@ fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Drop
         let through = |v: f64| static_value(&plan.inputs[input], v);
         let response = response(likelihood, at, others, input)?;
         let (e, g) = (likelihood.whiten_whole(at, &residual), likelihood.filter(at, &response));
-        Some((search(&record.inputs[input], &through, &e, &g, probability), g.norm_squared()))
+        Some((search(&record.inputs[input], &through, &e, &g, probability, likelihood.budget.sequences), g.norm_squared()))
     };
     let paths: Vec<(Path, f64)> = likelihood.records.par_iter().enumerate().map(decode).collect::<Option<_>>()?;
     for (at, (path, energy)) in paths.into_iter().enumerate() {
         let counts = if likelihood.records[at].train.is_some() { path.decisions.as_slice() } else { &[] };
         for decision in counts {
             lost.price -= 2.0 * if decision.lost { probability.ln() } else { (1.0 - probability).ln() };
-            if decision.difference.powi(2) * energy > DECIDED * DECIDED {
+            if decision.difference.powi(2) * energy > likelihood.criteria.decided.powi(2) {
                 decided += 1.0;
                 held += if decision.lost { 1.0 } else { 0.0 };
             }
         }
         lost.sequences[at][input] = Some(path.lost);
     }
-    if decided < 5.0 {
+    if decided < likelihood.criteria.decisions {
         return None;
     }
     // Laplace's rule keeps the probability off its edges.
@@ -120,7 +114,7 @@ fn response(likelihood: &Likelihood<'_>, at: usize, others: &[Applied], input: u
         likelihood.system.simulate(&plan, commands, &likelihood.system.initial, likelihood.correction(at)).ok()
     };
     let (up, down) = (simulate(0.5 * size)?.y, simulate(-0.5 * size)?.y);
-    let length = LONGEST.min(samples - place);
+    let length = likelihood.budget.response.min(samples - place);
     let g = (up.rows(place, length) - down.rows(place, length)) / size;
     g.iter().all(|v| v.is_finite()).then_some(g)
 }

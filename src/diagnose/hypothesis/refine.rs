@@ -1,12 +1,10 @@
 //! What a fit alone does not find: minima beyond a kink, limits that were left out.
 
 use super::hypothesis::Hypothesis;
+use super::penalised_gain::Penalties;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::likelihood::Likelihood;
 use crate::effect::{Applied, Scales};
-
-/// Steps to either side that are tried for one parameter.
-const POLISHES: usize = 6;
 
 impl Hypothesis {
     /// Tries steps of each parameter beside the fit: a cost with kinks has minima that no gradient leaves.
@@ -19,7 +17,7 @@ impl Hypothesis {
             let (p, value) = (&best.effects[at.0].parameters[at.1], best.effects[at.0].values[at.1]);
             let mut step = p.leap(value, scales);
             let (lower, upper) = p.range(scales);
-            for _ in 0..POLISHES {
+            for _ in 0..likelihood.budget.polishes {
                 let try_at = |value: f64| {
                     let mut there = best.clone();
                     there.effects[at.0].values[at.1] = value.clamp(lower, upper);
@@ -71,7 +69,7 @@ impl Hypothesis {
             let Some((_, effects)) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
             let from = Self { effects, ..best.clone() };
             if let Some(better) = Self::refit(likelihood, from, scales, nominal_cost, iterations)
-                && better.gain > best.gain + 2.0 * likelihood.weight().max(2.0).ln()
+                && better.gain > best.gain + 2.0 * Penalties::of(likelihood).parameter
             {
                 best = better;
             }

@@ -4,9 +4,6 @@
 
 use nalgebra::DMatrix;
 
-/// Sequences that are kept.
-const KEPT: usize = 32;
-
 /// One command that differs from the one in force.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::diagnose) struct Decision {
@@ -33,7 +30,14 @@ struct Survivor {
 }
 
 /// The most probable sequence: `e` whitened residuals without losses, `g` the whitened response to one held sample (both samples × outputs).
-pub(in crate::diagnose) fn search(u: &[f64], through: &dyn Fn(f64) -> f64, e: &DMatrix<f64>, g: &DMatrix<f64>, probability: f64) -> Path {
+pub(in crate::diagnose) fn search(
+    u: &[f64],
+    through: &dyn Fn(f64) -> f64,
+    e: &DMatrix<f64>,
+    g: &DMatrix<f64>,
+    probability: f64,
+    kept: usize,
+) -> Path {
     let (length, outputs) = g.shape();
     let mut all: Vec<(Option<usize>, usize, Decision)> = Vec::new();
     let mut beam = vec![Survivor { cost: 0.0, held: u.first().copied().unwrap_or(0.0), ahead: vec![0.0; length * outputs], last: None }];
@@ -74,7 +78,7 @@ pub(in crate::diagnose) fn search(u: &[f64], through: &dyn Fn(f64) -> f64, e: &D
             }
         }
         next.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        next.truncate(KEPT);
+        next.truncate(kept);
         beam = next;
     }
     let mut path = Path { lost: vec![false; u.len()], decisions: Vec::new() };

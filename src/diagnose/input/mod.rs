@@ -1,6 +1,8 @@
 //! What a diagnosis begins with: the simulator, its logs and how they are divided.
 
 pub(in crate::diagnose) mod black_box;
+pub(in crate::diagnose) mod budget;
+pub(in crate::diagnose) mod criteria;
 pub(in crate::diagnose) mod inputs;
 pub(in crate::diagnose) mod log_caveats;
 pub(in crate::diagnose) mod options;

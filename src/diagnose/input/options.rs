@@ -1,5 +1,6 @@
 //! How to diagnose.
 
+use super::criteria::Criteria;
 use crate::diagnose::format::diagnosis::Mode;
 use crate::stop::Stop;
 
@@ -13,12 +14,14 @@ pub struct GapOptions {
     pub longest_delay_s: Option<f64>,
     /// Seed of the bootstrap. Default 1.
     pub seed: u64,
+    /// The thresholds on which the verdict rests.
+    pub criteria: Criteria,
     /// A wish to stop, looked at before every prediction.
     pub stop: Stop,
 }
 
 impl Default for GapOptions {
     fn default() -> Self {
-        Self { prediction: None, longest_delay_s: None, seed: 1, stop: Stop::default() }
+        Self { prediction: None, longest_delay_s: None, seed: 1, criteria: Criteria::default(), stop: Stop::default() }
     }
 }

@@ -12,6 +12,7 @@ use rand_distr::StandardNormal;
 use rayon::prelude::*;
 
 use crate::diagnose::baseline::noise::{Noise, autoregression_of, memory_of};
+use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::errors::Errors;
 use crate::diagnose::likelihood::likelihood::Likelihood;
@@ -20,10 +21,6 @@ use crate::diagnose::likelihood::likelihood::Likelihood;
 const WINDOWS: [usize; 3] = [20, 60, 180];
 /// Samples of the shortest window.
 const SHORTEST: usize = 10;
-/// A window holds at least so many times the noise's memory.
-const MEMORIES: f64 = 4.0;
-/// Noise of a sensor forgets within so many samples; what remembers longer is a gap.
-const SLOWEST: f64 = 60.0;
 /// Samples of noise that are simulated to see how calm calm windows are by chance.
 const SIMULATED: usize = 200_000;
 
@@ -42,17 +39,18 @@ pub(in crate::diagnose) fn estimate(
     reached: &[(Errors, Vec<DMatrix<f64>>)],
     related: &[f64],
 ) -> Floor {
-    let records = likelihood.records;
+    let (records, criteria) = (likelihood.records, &likelihood.criteria);
     let one = |i: usize| {
         let samples = records
             .iter()
             .zip(residuals)
             .flat_map(|(r, e)| (0..r.time_s.len()).filter(move |&k| r.measured_in(r.train, i, k).is_some()).map(move |k| e[(k, i)]));
         let square = mean_square(samples);
-        let calm = calmest(records, residuals, i) / square.max(f64::MIN_POSITIVE);
-        let slow = slow(records, residuals, i) / square.max(f64::MIN_POSITIVE);
+        let calm = calmest(records, residuals, i, criteria) / square.max(f64::MIN_POSITIVE);
+        let slow = slow(records, residuals, i, criteria.slowest_noise) / square.max(f64::MIN_POSITIVE);
         // Noise is in every residual: the calmest of any hypothesis holds no less.
-        let lowest = reached.iter().map(|(e, other)| e.rms()[i].min(calmest(records, other, i).sqrt())).fold(f64::INFINITY, f64::min);
+        let lowest =
+            reached.iter().map(|(e, other)| e.rms()[i].min(calmest(records, other, i, criteria).sqrt())).fold(f64::INFINITY, f64::min);
         (square * (1.0 - related[i]).min(calm).min(slow).clamp(0.0, 1.0)).sqrt().min(lowest)
     };
     Floor { floor: (0..related.len()).into_par_iter().map(one).collect() }
@@ -64,20 +62,20 @@ fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// The mean square that noise of the longest memory allowed would have with this residual's innovations; infinite where the residual forgets sooner.
-fn slow(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize) -> f64 {
+fn slow(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, slowest: f64) -> f64 {
     let (trained, left): (Vec<&LogRecord>, Vec<&DMatrix<f64>>) = records.iter().zip(residuals).filter(|(r, _)| r.train.is_some()).unzip();
     let noise = Noise::fit(&trained, &left, &vec![0.0; left.first().map_or(0, |r| r.ncols())]);
-    if noise.memory(output) <= SLOWEST {
+    if noise.memory(output) <= slowest {
         return f64::INFINITY;
     }
     // A first-order autoregression of memory m has the variance (m + 1)²/4m in units of its innovations'.
-    noise.std()[output].powi(2) * (SLOWEST + 1.0).powi(2) / (4.0 * SLOWEST)
+    noise.std()[output].powi(2) * (slowest + 1.0).powi(2) / (4.0 * slowest)
 }
 
 /// Mean square in the calmest quarter of the windows, over what the calmest quarter of stationary noise would have by chance; infinite where the windows
 /// differ no more than those of such noise. The noise is simulated with the autoregression of the calmest quarter: a gap that comes and goes must not
 /// pass for its colour. Windows shorter than the noise's memory tell nothing.
-fn calmest(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize) -> f64 {
+fn calmest(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, criteria: &Criteria) -> f64 {
     let series: Vec<Vec<Option<f64>>> = (records.iter().zip(residuals))
         .filter(|(r, _)| r.train.is_some())
         .map(|(record, residual)| {
@@ -85,11 +83,11 @@ fn calmest(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize) -> 
             inside.map(|k| record.measured[output].get(k).map(|_| residual[(k, output)])).collect()
         })
         .collect();
-    WINDOWS.par_iter().map(|&count| calmest_of(&series, count)).reduce(|| f64::INFINITY, f64::min)
+    WINDOWS.par_iter().map(|&count| calmest_of(&series, count, criteria.window_memories)).reduce(|| f64::INFINITY, f64::min)
 }
 
 /// As [`calmest`], with so many windows per record.
-fn calmest_of(series: &[Vec<Option<f64>>], count: usize) -> f64 {
+fn calmest_of(series: &[Vec<Option<f64>>], count: usize, memories: f64) -> f64 {
     let mut windows: Vec<Vec<Option<f64>>> = Vec::new();
     for inside in series {
         let size = (inside.len() / count).max(SHORTEST);
@@ -103,7 +101,7 @@ fn calmest_of(series: &[Vec<Option<f64>>], count: usize) -> f64 {
     let (calm, all) = calm_and_all(&powers);
     let ar = autoregression_of(&windows[..windows.len().div_ceil(4)]);
     let samples: usize = windows.iter().map(Vec::len).sum();
-    if (samples / windows.len()) as f64 <= MEMORIES * memory_of(&ar) {
+    if (samples / windows.len()) as f64 <= memories * memory_of(&ar) {
         return f64::INFINITY;
     }
     let draws = (SIMULATED / samples.max(1)).clamp(20, 200);

@@ -18,13 +18,8 @@ use crate::effect::{Applied, EFFECTS, Scales};
 const SIZES: [f64; 7] = [0.0, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.1];
 /// Blocks of time per record for the scores.
 const BLOCKS: usize = 12;
-/// Twice the log-likelihood that is lost at the end of an interval when that is about twice too narrow; and how often an interval is doubled.
-const UNNOTICED: f64 = 1.0;
+/// How often an interval is doubled.
 const DOUBLINGS: usize = 20;
-/// A relative change of a nominal parameter for its derivative.
-const STEP: f64 = 1e-4;
-/// The same where it is a call of a black box, which may be rough.
-const CALLED_STEP: f64 = 1e-2;
 
 /// Standard deviations of an hypothesis's free parameters.
 pub(in crate::diagnose) struct Estimate {
@@ -36,7 +31,7 @@ pub(in crate::diagnose) struct Estimate {
 fn nominal_columns(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, residual: &Whitened) -> Vec<(Applied, Whitened)> {
     let Some(effect) = EFFECTS.iter().find(|e| e.corrects_model()) else { return Vec::new() };
     let found: Vec<String> = hypothesis.effects.iter().map(Applied::key).collect();
-    let step = if likelihood.system.is_black_box() { CALLED_STEP } else { STEP };
+    let step = likelihood.budget.relative_step;
     let column = |channel: String| {
         let mut applied = Applied::nominal(likelihood.system, *effect, &channel).ok().filter(|a| !found.contains(&a.key()))?;
         let h = step * applied.values[0].abs();
@@ -135,7 +130,7 @@ fn as_far_as_unnoticed(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, (e,
         let mut effects = hypothesis.effects.clone();
         effects[e].values[i] += move_by;
         let there = likelihood.whitened(ActiveEffects::from(hypothesis).with(&effects));
-        there.is_some_and(|there| likelihood.inner(&there, &there) - cost < UNNOTICED)
+        there.is_some_and(|there| likelihood.inner(&there, &there) - cost < likelihood.criteria.unnoticed)
     };
     for _ in 0..DOUBLINGS {
         if !unnoticed(1.96 * reach) && !unnoticed(-1.96 * reach) {

@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use crate::diagnose::hypothesis::hypothesis::Hypothesis;
-use crate::diagnose::hypothesis::penalised_gain::penalised_gain;
+use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::input::record::{LogRecord, Span};
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::errors::Errors;
@@ -34,8 +34,8 @@ impl Level {
         self.hypothesis.as_ref().map_or(0.0, |e| e.gain)
     }
 
-    pub(in crate::diagnose) fn penalised_gain(&self, weight: f64) -> f64 {
-        self.hypothesis.as_ref().map_or(0.0, |e| penalised_gain(e, weight))
+    pub(in crate::diagnose) fn penalised_gain(&self, penalties: &Penalties) -> f64 {
+        self.hypothesis.as_ref().map_or(0.0, |e| penalties.gain(e))
     }
 
     /// Noise decides single samples: its lattice speaks for it.

@@ -9,16 +9,11 @@ use rayon::prelude::*;
 
 use crate::diagnose::hypothesis::direction::{NEAR, between, difference, with};
 use crate::diagnose::hypothesis::hypothesis::Hypothesis;
-use crate::diagnose::hypothesis::penalised_gain::{SELECTION_PENALTY, leader, penalised_gain, slack};
+use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
 use crate::diagnose::search::catalogue_search::SearchResult;
 use crate::effect::{Applied, Scales};
-
-/// The prior of one state's start is taken so much tighter and wider.
-const FACTORS: [f64; 2] = [0.1, 10.0];
-/// Leading hypotheses of each size that are compared again.
-const LEADERS: usize = 6;
 
 /// What takes the lead when the start of a state is trusted more or less.
 pub(in crate::diagnose) struct PriorSensitivity {
@@ -36,7 +31,7 @@ pub(in crate::diagnose) fn prior_sensitivities(
     catalogue: &[Applied],
     scales: &Scales,
 ) -> Vec<PriorSensitivity> {
-    let weight = likelihood.weight();
+    let penalties = Penalties::of(likelihood);
     // Only hypotheses of the verdict's size, and single effects where there is none.
     let rivals: Vec<Hypothesis> = match best.map_or(0, |b| b.effects.len()) {
         2 => &found.pairs,
@@ -44,7 +39,7 @@ pub(in crate::diagnose) fn prior_sensitivities(
     }
     .iter()
     .filter(|e| e.fitted)
-    .take(LEADERS)
+    .take(likelihood.budget.rivals)
     .cloned()
     .collect();
     let Some(nominal) = likelihood.whitened(NO_EFFECT) else { return Vec::new() };
@@ -53,7 +48,7 @@ pub(in crate::diagnose) fn prior_sensitivities(
     let signatures = if best.is_none() { signatures(likelihood, &nominal, catalogue, scales) } else { Vec::new() };
     let mut sensitivities = Vec::new();
     for (state, port) in likelihood.system.states.iter().enumerate().filter(|(j, _)| prior[*j] > 0.0) {
-        for factor in FACTORS {
+        for factor in [likelihood.criteria.prior_factor.recip(), likelihood.criteria.prior_factor] {
             let mut other = prior.clone();
             other[state] *= factor;
             let likelihood = likelihood.with_prior(other);
@@ -63,13 +58,13 @@ pub(in crate::diagnose) fn prior_sensitivities(
                 let price = e.lost.as_ref().map_or(0.0, |l| l.price);
                 e.gain = residual.as_ref().map_or(f64::NEG_INFINITY, |w| cost - likelihood.inner(w, w) - price);
             }
-            let lead = leader(&again, weight).filter(|e| penalised_gain(e, weight) > 0.0);
+            let lead = penalties.leader(&again).filter(|e| penalties.gain(e) > 0.0);
             let as_before = match (lead, best) {
                 (_, None) => {
                     // Something that was just below the search-wide bar and now is just above it is no other verdict.
                     let promise = |s: &Whitened| likelihood.inner(s, &nominal).powi(2) / likelihood.inner(s, s).max(f64::MIN_POSITIVE);
                     let most = signatures.iter().map(|(a, s)| (promise(s), a)).max_by(|a, b| a.0.total_cmp(&b.0));
-                    if let Some((_, applied)) = most.filter(|(promise, _)| *promise > 2.0 * SELECTION_PENALTY) {
+                    if let Some((_, applied)) = most.filter(|(promise, _)| *promise > 2.0 * likelihood.criteria.selection_penalty) {
                         sensitivities.push(PriorSensitivity { state: port.name.clone(), instead: vec![applied.clone()] });
                         break;
                     }
@@ -78,7 +73,7 @@ pub(in crate::diagnose) fn prior_sensitivities(
                 (None, Some(_)) => false,
                 (Some(lead), Some(best)) => {
                     let own = again.iter().find(|e| e.key() == best.key());
-                    own.is_some_and(|own| penalised_gain(own, weight) > penalised_gain(lead, weight) - slack(lead.gain))
+                    own.is_some_and(|own| penalties.gain(own) > penalties.gain(lead) - penalties.slack(lead.gain))
                 }
             };
             if !as_before {

@@ -5,28 +5,13 @@ use super::floor::{self, Floor};
 use super::intervals;
 use super::level::Level;
 use crate::diagnose::hypothesis::hypothesis::Hypothesis;
-use crate::diagnose::hypothesis::penalised_gain::leader;
+use crate::diagnose::hypothesis::penalised_gain::Penalties;
+use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::likelihood::Likelihood;
 use crate::diagnose::search::catalogue_search::SearchResult;
 use crate::effect::{Applied, Scales};
-
-/// A residual this many times its floor has something left in it that an effect did not explain.
-const ABOVE_FLOOR: f64 = 1.5;
-/// The same where no effect helps at all: a gap worth the name is well above the noise.
-const ABOVE_FLOOR_ALONE: f64 = 1.75;
-/// An effect that lowers the rms of no output by this factor is within the noise: the model as it is stands at the floor. A second effect likewise,
-/// on the training logs and the held-out data together.
-const MATTERS: [f64; 2] = [1.3, 1.25];
-/// The same once more for every parameter beyond a second effect's first: what can take many shapes takes that of a simulator's own errors, too.
-const FLEXIBLE: f64 = 1.1;
-/// A second effect that lowers the rms by this factor is no simulator's own error, however little is known of its parameters.
-const CLEAR: f64 = 2.0;
-/// The share of the explainable that one effect must explain, and two.
-const EXPLAINS: [f64; 2] = [0.93, 0.97];
-/// The share of the explainable that one effect, and two, must explain on held-out data: less, and they describe the training logs and no cause.
-const GENERALISES: [f64; 2] = [0.5, 0.75];
 
 /// The verdict and what it rests on.
 pub(in crate::diagnose) struct Judged {
@@ -68,11 +53,11 @@ fn matters(before: &Errors, after: &Errors, held: Option<[&Errors; 2]>, factor: 
 }
 
 /// The factor by which an hypothesis must lower the error of the one before it.
-fn needed(before: &Level, after: &Level) -> f64 {
+fn needed(before: &Level, after: &Level, criteria: &Criteria) -> f64 {
     let parameters = |level: &Level| level.hypothesis.as_ref().map_or(0, |e| e.free.len());
-    let steps: f64 = MATTERS[before.size().min(1)..after.size().min(2)].iter().product();
+    let steps: f64 = [criteria.first_matters, criteria.second_matters][before.size().min(1)..after.size().min(2)].iter().product();
     let further = if after.size() > 1 { parameters(after).saturating_sub(parameters(before) + after.size() - before.size()) } else { 0 };
-    let flexible = FLEXIBLE.powf(further as f64);
+    let flexible = criteria.flexible.powf(further as f64);
     steps * flexible
 }
 
@@ -83,22 +68,22 @@ pub(in crate::diagnose) fn judge(
     catalogue: &[Applied],
     scales: &Scales,
 ) -> Option<Judged> {
-    let weight = likelihood.weight();
+    let (criteria, penalties) = (likelihood.criteria, Penalties::of(likelihood));
     let nothing = Level::of(likelihood, None)?;
     let mut best = Level::of(likelihood, None)?;
     // Something beats no effect, by whatever measure; the best matters only beside noise of its colour; what a further effect would gain that does not matter.
     let (mut beaten, mut hidden, mut inexact) = (false, false, 0.0);
     let mut reached = vec![(nothing.train.clone(), nothing.residuals.clone())];
     for (size, hypotheses) in [&found.singles, &found.pairs].into_iter().enumerate() {
-        let Some(next) = leader(hypotheses, weight).and_then(|e| Level::of(likelihood, Some(e))) else { continue };
+        let Some(next) = penalties.leader(hypotheses).and_then(|e| Level::of(likelihood, Some(e))) else { continue };
         reached.push((next.train.clone(), next.residuals.clone()));
-        let better = next.penalised_gain(weight) > best.penalised_gain(weight);
+        let better = next.penalised_gain(&penalties) > best.penalised_gain(&penalties);
         // A lattice needs not lower the error to be seen.
         let lattice = next.is_chance() && !best.is_chance();
-        let factor = needed(&best, &next);
+        let factor = needed(&best, &next, &criteria);
         let held = (size > 0).then_some([&best.held, &next.held]);
         let (before, after) = (best.smooth(likelihood)?, next.smooth(likelihood)?);
-        let clear = matters(&before, &after, held, factor.max(CLEAR));
+        let clear = matters(&before, &after, held, factor.max(criteria.clear));
         let matters = lattice || matters(&before, &after, held, factor);
         // Two effects that do not matter clearly are named only where each is more than a nominal model that is a little off.
         let established = |e: &Hypothesis| e.effects.len() < 2 || clear || intervals::established(likelihood, e, scales);
@@ -129,9 +114,9 @@ pub(in crate::diagnose) fn judge(
     {
         let above = left / noise.max(1e-9);
         let share = if all > noise { (all * all - left * left) / (all * all - noise * noise) } else { 1.0 };
-        let limit = if size > 0 || beaten { ABOVE_FLOOR } else { ABOVE_FLOOR_ALONE };
+        let limit = if size > 0 || beaten { criteria.above_floor } else { criteria.above_floor_alone };
         left_over = Some((i, above)).filter(|(_, above)| *above > limit && !chance);
-        if above > limit && share < EXPLAINS[size.clamp(1, 2) - 1] && !chance {
+        if above > limit && share < [criteria.one_explains, criteria.two_explain][size.clamp(1, 2) - 1] && !chance {
             unknown = 1.0 - 0.5 * (limit - above).exp();
         }
     }
@@ -144,7 +129,10 @@ pub(in crate::diagnose) fn judge(
         (held(nothing.held.nrmse()), held(best.held.nrmse()), held(nothing.held.relative(&floor.floor)))
     };
     let taken = before * before - after * after;
-    if size > 0 && !chance && taken < GENERALISES[size.min(2) - 1] * (before * before - noise * noise).max(0.0) {
+    if size > 0
+        && !chance
+        && taken < [criteria.one_generalises, criteria.two_generalise][size.min(2) - 1] * (before * before - noise * noise).max(0.0)
+    {
         unknown = f64::max(unknown, 0.9);
     }
     let verdict = match (unknown > 0.5, size) {

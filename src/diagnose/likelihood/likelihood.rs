@@ -9,6 +9,8 @@ use crate::diagnose::baseline::feedback;
 use crate::diagnose::baseline::noise::Noise;
 use crate::diagnose::baseline::predictor::Predictor;
 use crate::diagnose::format::error::GapError;
+use crate::diagnose::input::budget::{Allowance, Budget};
+use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::record::{LogRecord, Span};
 use crate::effect::{Applied, Chance, Scales, Site};
 use crate::simulate::plan::Tolerance;
@@ -28,6 +30,7 @@ pub(in crate::diagnose) struct Terms<'a> {
     pub(in crate::diagnose) noise_std: &'a [f64],
     /// Per output of a black box, what is no more than rounding.
     pub(in crate::diagnose) resolution: Vec<f64>,
+    pub(in crate::diagnose) criteria: Criteria,
     pub(in crate::diagnose) stop: Stop,
 }
 
@@ -37,6 +40,10 @@ pub(in crate::diagnose) struct Likelihood<'a> {
     pub(in crate::diagnose) system: &'a System,
     pub(in crate::diagnose) records: &'a [LogRecord],
     pub(in crate::diagnose) predictor: &'a Predictor,
+    /// The thresholds of the verdict.
+    pub(in crate::diagnose) criteria: Criteria,
+    /// What a search may cost.
+    pub(in crate::diagnose) budget: &'static Budget,
     /// Effects that belong to the simulator.
     model_effects: Vec<Applied>,
     /// Prior standard deviations of the start; 0: exactly known.
@@ -44,7 +51,7 @@ pub(in crate::diagnose) struct Likelihood<'a> {
     noise: Vec<Noise>,
     nuisances: Vec<Nuisances>,
     /// Integration steps allowed, per record.
-    budgets: Vec<usize>,
+    step_limits: Vec<usize>,
     /// Per output of a black box, what is no more than rounding.
     resolution: Vec<f64>,
     stop: Stop,
@@ -55,11 +62,6 @@ const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 
 /// A rival that needs more integration steps than so many per sample and this multiple of the nominal model's is given up.
 const STEPS_PER_SAMPLE: usize = 10;
 const STEPS_OF_NOMINAL: usize = 4;
-
-/// A start of a black box is pushed by this part of its prior's standard deviation.
-const PUSHED: f64 = 0.2;
-/// First guesses of one effect that are tried where each is a call of a black box.
-const CALLED_STARTS: usize = 10;
 
 /// Per record, what a whitened residual has in common with the nuisances; `None` without nuisances.
 type Projected = Vec<Option<Common>>;
@@ -73,25 +75,36 @@ impl<'a> Likelihood<'a> {
     /// # Errors
     /// [`GapError::Nominal`] where the nominal model cannot be simulated, [`crate::Error::Stopped`].
     pub(in crate::diagnose) fn new(terms: Terms<'a>) -> crate::Result<Self> {
-        let Terms { system, records, predictor, model_effects, prior, noise_std, resolution, stop } = terms;
+        let Terms { system, records, predictor, model_effects, prior, noise_std, resolution, criteria, stop } = terms;
+        let budget = Budget::of(system);
         let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
         let plan = Applied::plan(system, &model_effects, Chance::Mean)?;
         let noise = vec![Noise::white(noise_std); records.len()];
-        let mut likelihood =
-            Self { system, records, predictor, model_effects, prior, noise, nuisances: Vec::new(), budgets: Vec::new(), resolution, stop };
+        let mut likelihood = Self {
+            system,
+            records,
+            predictor,
+            criteria,
+            budget,
+            model_effects,
+            prior,
+            noise,
+            nuisances: Vec::new(),
+            step_limits: Vec::new(),
+            resolution,
+            stop,
+        };
         for (at, record) in records.iter().enumerate() {
             likelihood.stop.check()?;
-            // What rounding adds to a start's response is then a small part of what the prior lets it do.
-            let share = if system.is_black_box() { PUSHED } else { 1e-3 };
-            let scale: Vec<f64> = likelihood.prior.iter().map(|s| share * s).collect();
+            let scale: Vec<f64> = likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
             let failed = |e: SimulateError| GapError::Nominal { log: record.name.clone(), why: e.to_string() };
             let all = system.sensitivity(&plan, record.commands(), &system.initial, &scale, likelihood.correction(at)).map_err(failed)?;
             let steps = system.simulate(&plan, record.commands(), &system.initial, likelihood.correction(at)).map_err(failed)?.steps;
-            likelihood.budgets.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
+            likelihood.step_limits.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
             let shape = (record.time_s.len(), system.outputs.len());
             let mut raw: Vec<_> = free.iter().map(|&j| DMatrix::from_column_slice(shape.0, shape.1, all.column(j).as_slice())).collect();
             if let Some(predicted) = likelihood.predict(at, NO_EFFECT) {
-                raw.extend(feedback::regressors(record, &likelihood.residual(at, &predicted)));
+                raw.extend(feedback::regressors(record, &likelihood.residual(at, &predicted), &likelihood.criteria));
             }
             likelihood.nuisances.push(Nuisances::new(raw, free.len(), record, &likelihood.noise[at], &likelihood.prior));
         }
@@ -116,10 +129,15 @@ impl<'a> Likelihood<'a> {
         self.system.is_black_box() && matches!(applied.effect.site(), Site::Input | Site::Dynamics)
     }
 
+    /// What trying the effect may cost.
+    pub(in crate::diagnose) fn allowance(&self, applied: &Applied) -> &'static Allowance {
+        if self.calls(applied) { &self.budget.called } else { &self.budget.plain }
+    }
+
     /// First guesses of an effect's parameters, fewer where each is a call.
     pub(in crate::diagnose) fn first_guesses(&self, applied: &Applied, scales: &Scales) -> Vec<Vec<f64>> {
         let all = applied.starts(self.system, scales);
-        let every = if self.calls(applied) { all.len().div_ceil(CALLED_STARTS).max(1) } else { 1 };
+        let every = all.len().div_ceil(self.allowance(applied).first_guesses).max(1);
         all.into_iter().step_by(every).collect()
     }
 
@@ -166,7 +184,7 @@ impl<'a> Likelihood<'a> {
         let ActiveEffects { effects, lost } = active;
         let known = lost.and_then(|l| l.get(record));
         let mut plan = self.plan(effects, known.map_or(Chance::Mean, |sequences| Chance::Known(sequences)))?;
-        plan.tolerance = Tolerance { budget: self.budgets.get(record).copied().unwrap_or(usize::MAX), ..TOLERANCE };
+        plan.tolerance = Tolerance { budget: self.step_limits.get(record).copied().unwrap_or(usize::MAX), ..TOLERANCE };
         plan.wanted = Wanted { samples, states: false };
         let commands = Commands { time_s: &self.records[record].time_s, inputs };
         let run = self.system.simulate(&plan, commands, &self.system.initial, self.correction(record)).ok()?;
@@ -200,8 +218,7 @@ impl<'a> Likelihood<'a> {
             let rows = e.len();
             e.iter().all(|v| v.is_finite()).then(|| e.reshape_generic(Dyn(rows), Const::<1>))
         };
-        // The calls of a black box come in their order.
-        if self.system.is_black_box() {
+        if self.budget.one_by_one {
             return (0..self.records.len()).map(one).collect();
         }
         (0..self.records.len()).into_par_iter().map(one).collect()

@@ -4,24 +4,18 @@ use rayon::prelude::*;
 
 use super::screen::screen;
 use super::several::pairs;
-use super::singles::{CALLED_LEADERS, fit_first, frugal};
-use super::steps::STEPS;
+use super::singles::{fit_first, frugal};
 use crate::diagnose::baseline::noise::Noise;
 use crate::diagnose::format::progress::Stage;
 use crate::diagnose::hypothesis::dropouts::decoded;
 use crate::diagnose::hypothesis::hypothesis::Hypothesis;
-use crate::diagnose::hypothesis::penalised_gain::{SELECTION_PENALTY, penalised_gain};
+use crate::diagnose::hypothesis::penalised_gain::Penalties;
+use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::effect::{Applied, Role, Scales};
 
-/// Hypotheses of each size that are fitted again once the noise is known.
-const LEADERS: usize = 8;
-/// How often the noise model is renewed from the leading hypothesis.
-const ROUNDS: usize = 2;
-/// The part of the best gain from which lost commands are looked for again under another noise.
-const AGAIN: f64 = 0.8;
 /// What a search found, best first.
 pub(in crate::diagnose) struct SearchResult {
     /// Single effects: those fitted, then the rest of the catalogue as screened.
@@ -43,6 +37,7 @@ pub(in crate::diagnose) fn search<'a>(
     smallest: &[f64],
     progress: &dyn Fn(Stage),
 ) -> Option<Searched<'a>> {
+    let budget = likelihood.budget;
     let nominal = likelihood.whitened(NO_EFFECT)?;
     progress(Stage::Screening(catalogue.len()));
     let pool = screen(&likelihood, catalogue, scales, &nominal);
@@ -54,15 +49,13 @@ pub(in crate::diagnose) fn search<'a>(
     for hypotheses in [&mut found.singles, &mut found.pairs] {
         give_up_what_breaks(&likelihood, hypotheses, usize::MAX);
     }
-    for round in 0..ROUNDS {
+    for round in 0..budget.rounds {
         progress(Stage::Refitting(round));
-        let weight = likelihood.weight();
-        let leading = |all: &[Hypothesis]| {
-            all.iter().filter(|e| e.fitted).max_by(|a, b| penalised_gain(a, weight).total_cmp(&penalised_gain(b, weight))).cloned()
-        };
+        let penalties = Penalties::of(&likelihood);
+        let leading =
+            |all: &[Hypothesis]| all.iter().filter(|e| e.fitted).max_by(|a, b| penalties.gain(a).total_cmp(&penalties.gain(b))).cloned();
         let single = leading(&found.singles);
-        let pair =
-            leading(&found.pairs).filter(|pair| single.as_ref().is_none_or(|s| penalised_gain(pair, weight) > penalised_gain(s, weight)));
+        let pair = leading(&found.pairs).filter(|pair| single.as_ref().is_none_or(|s| penalties.gain(pair) > penalties.gain(s)));
         let largest = pair.or(single);
         let Some(noise) = noise_of(&likelihood, largest.as_ref().map_or(NO_EFFECT, ActiveEffects::from), smallest) else { break };
         likelihood = likelihood.with_noise(noise);
@@ -71,12 +64,12 @@ pub(in crate::diagnose) fn search<'a>(
         for hypotheses in [&mut found.singles, &mut found.pairs] {
             hypotheses.par_iter_mut().for_each(|e| e.rescore(&likelihood, cost));
             hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-            let steps = if round + 1 < ROUNDS { STEPS } else { STEPS / 2 };
+            let steps = if round + 1 < budget.rounds { budget.steps } else { budget.steps / 2 };
             let best = hypotheses.first().map_or(0.0, |e| e.gain);
-            let leaders = frugal(&likelihood, hypotheses.iter().take(LEADERS).map(|e| e.effects.as_slice()), CALLED_LEADERS);
+            let leaders = frugal(&likelihood, hypotheses.iter().take(budget.plain.leaders).map(|e| e.effects.as_slice()));
             hypotheses.par_iter_mut().zip(leaders).filter(|(e, leads)| *leads && e.gain.is_finite()).for_each(|(e, _)| {
                 // A sequence that explains much less than the best hypothesis is not worth another search.
-                let again = e.lost.is_none() || e.gain > AGAIN * best;
+                let again = e.lost.is_none() || e.gain > budget.again * best;
                 let sequences = if again { decoded(&likelihood, e.clone(), scales, cost, steps) } else { Some(e.clone()) };
                 if let Some(better) = sequences.and_then(|e| Hypothesis::refit(&likelihood, e, scales, cost, steps)) {
                     *e = better.with_missing_limits(&likelihood, scales, cost, steps);
@@ -85,7 +78,7 @@ pub(in crate::diagnose) fn search<'a>(
                     }
                 }
             });
-            give_up_what_breaks(&likelihood, hypotheses, LEADERS);
+            give_up_what_breaks(&likelihood, hypotheses, budget.plain.leaders);
             hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         }
     }
@@ -94,7 +87,7 @@ pub(in crate::diagnose) fn search<'a>(
 
 /// Fits see the training spans only: what the rest of a log breaks is no hypothesis. Of the first so many.
 fn give_up_what_breaks(likelihood: &Likelihood<'_>, hypotheses: &mut [Hypothesis], first: usize) {
-    let known = likelihood.system.is_black_box();
+    let known = likelihood.budget.one_by_one;
     hypotheses.par_iter_mut().take(first).filter(|e| e.fitted && !known).for_each(|e| {
         if !likelihood.holds_throughout(&*e) {
             (e.fitted, e.gain) = (false, f64::NEG_INFINITY);
@@ -104,7 +97,7 @@ fn give_up_what_breaks(likelihood: &Likelihood<'_>, hypotheses: &mut [Hypothesis
 
 impl SearchResult {
     /// A delay that explains a good part of the gap stands at the longest that was looked for.
-    pub(in crate::diagnose) fn wants_longer_delays(&self, scales: &Scales) -> bool {
+    pub(in crate::diagnose) fn wants_longer_delays(&self, scales: &Scales, criteria: &Criteria) -> bool {
         let best = self.singles.iter().filter(|e| e.fitted).map(|e| e.gain).fold(0.0, f64::max);
         let at_edge = |e: &Hypothesis| {
             e.free.iter().any(|&(at, i)| {
@@ -112,7 +105,7 @@ impl SearchResult {
                 matches!(p.role, Role::Delay | Role::Clock) && e.effects[at].values[i] > p.nominal && e.at_bound((at, i), scales)
             })
         };
-        self.singles.iter().any(|e| e.fitted && e.gain > SELECTION_PENALTY.max(0.25 * best) && at_edge(e))
+        self.singles.iter().any(|e| e.fitted && e.gain > criteria.selection_penalty.max(criteria.much * best) && at_edge(e))
     }
 }
 
@@ -137,9 +130,10 @@ fn noise_of(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, smallest: &[
 /// Members of the best pair of a black box as hypotheses of their own, from where they stand in it: one that few calls were spent on may lead alone.
 fn members_alone(likelihood: &Likelihood<'_>, found: &mut SearchResult, scales: &Scales, nominal: &Whitened) {
     let cost = likelihood.inner(nominal, nominal);
-    let Some(pair) = found.pairs.first().filter(|_| likelihood.system.is_black_box()) else { return };
+    let Some(pair) = found.pairs.first().filter(|_| likelihood.budget.one_by_one) else { return };
     let members: Vec<Hypothesis> = (0..pair.effects.len()).map(|place| pair.only(place)).filter(|e| !e.loses_commands()).collect();
-    let better: Vec<Hypothesis> = members.into_par_iter().filter_map(|e| Hypothesis::refit(likelihood, e, scales, cost, STEPS)).collect();
+    let better: Vec<Hypothesis> =
+        members.into_par_iter().filter_map(|e| Hypothesis::refit(likelihood, e, scales, cost, likelihood.budget.steps)).collect();
     for alone in better {
         if let Some(single) = found.singles.iter_mut().find(|s| s.key() == alone.key()).filter(|s| !s.fitted || s.gain < alone.gain) {
             *single = alone;

@@ -5,4 +5,3 @@ pub(in crate::diagnose) mod catalogue_search;
 pub(in crate::diagnose) mod screen;
 pub(in crate::diagnose) mod several;
 pub(in crate::diagnose) mod singles;
-pub(in crate::diagnose) mod steps;

@@ -3,36 +3,19 @@
 use rayon::prelude::*;
 
 use super::screen::Screened;
-use super::steps::{STEPS, TRIAL};
 use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
 use crate::diagnose::hypothesis::dropouts::decoded;
 use crate::diagnose::hypothesis::hypothesis::Hypothesis;
-use crate::diagnose::hypothesis::penalised_gain::{SELECTION_PENALTY, penalised_gain};
+use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
 use crate::effect::{Applied, Scales, row};
 
-/// First effects of pairs: so many of the best, and so many more that have one parameter; leading singles are often flexible impostors.
-const FIRSTS: (usize, usize) = (2, 4);
-/// Second effects that are fitted with each first one.
-const SECONDS: usize = 6;
-/// The same where each is calls of a black box; pairs that are then fitted to the end.
-const CALLED_SECONDS: usize = 3;
-const CALLED_LEFT: usize = 4;
-/// Starts of a candidate that are looked at before any pair is fitted.
-const GLANCES: usize = 3;
-/// Pairs whose members are tried as first effects in their turn.
-const SWAPPED: usize = 3;
-/// First effects beside which lost commands are looked for.
-const LOSING: usize = 3;
-/// The part of a first effect's cost that a second one must promise to take away: less is a model that is a little off.
-const PROMISING: f64 = 0.05;
-
 /// The first effects that pairs are built on: the best, and the best of one parameter, each kind of effect once.
-fn firsts(singles: &[Hypothesis], weight: f64) -> Vec<&Hypothesis> {
+fn firsts<'h>(singles: &'h [Hypothesis], penalties: &Penalties, [any, plain]: [usize; 2]) -> Vec<&'h Hypothesis> {
     let mut order: Vec<&Hypothesis> = singles.iter().filter(|e| e.fitted).collect();
-    order.sort_by(|a, b| penalised_gain(b, weight).total_cmp(&penalised_gain(a, weight)));
+    order.sort_by(|a, b| penalties.gain(b).total_cmp(&penalties.gain(a)));
     let mut chosen: Vec<&Hypothesis> = Vec::new();
-    for (count, plain) in [(FIRSTS.0, false), (FIRSTS.1, true)] {
+    for (count, plain) in [(any, false), (plain, true)] {
         let full = chosen.len() + count;
         for single in &order {
             let known = chosen.iter().any(|c| c.effects[0].effect.name() == single.effects[0].effect.name());
@@ -93,8 +76,8 @@ pub(in crate::diagnose) fn pairs(
     scales: &Scales,
     nominal: &Whitened,
 ) -> Vec<Hypothesis> {
-    let weight = likelihood.weight();
-    let firsts: Vec<Hypothesis> = firsts(singles, weight).into_iter().cloned().collect();
+    let penalties = Penalties::of(likelihood);
+    let firsts: Vec<Hypothesis> = firsts(singles, &penalties, likelihood.budget.firsts).into_iter().cloned().collect();
     // A hidden sequence takes a little of everything: what is left beside it does not speak for the others.
     let plain = firsts.iter().find(|first| !first.loses_commands());
     let mut asked = firsts.first().filter(|best| best.loses_commands()).into_iter().chain(plain);
@@ -104,7 +87,9 @@ pub(in crate::diagnose) fn pairs(
     let mut pairs = with_seconds(likelihood, &firsts, pool, scales, nominal, &[]);
     // Forward and backward: what only a second effect made visible takes the first place.
     let mut kept: Vec<Hypothesis> = Vec::new();
-    for (pair, place) in pairs.iter().take(SWAPPED).flat_map(|pair| (0..pair.effects.len()).map(move |place| (pair, place))) {
+    for (pair, place) in
+        pairs.iter().take(likelihood.budget.swapped).flat_map(|pair| (0..pair.effects.len()).map(move |place| (pair, place)))
+    {
         let single = pair.only(place);
         if !single.loses_commands() && firsts.iter().chain(&kept).all(|f| f.key() != single.key()) {
             kept.push(single);
@@ -124,13 +109,14 @@ fn something_beside(likelihood: &Likelihood<'_>, single: &Hypothesis, pool: &[Sc
         let traced = screened.applied.effect.leaves_residual() && !screened.starts.is_empty();
         let own = beside.first.effects.iter().any(|e| e.key() == screened.applied.key());
         let starts = likelihood.first_guesses(&screened.applied, scales);
-        let every = starts.len().div_ceil(GLANCES).max(1);
+        let every = starts.len().div_ceil(likelihood.budget.glances).max(1);
         let glance = |start: Vec<f64>| {
             // The start itself is known already where anything else is a call.
             let share = if has_limit(&screened.applied) || likelihood.calls(&screened.applied) { 1.0 } else { 0.5 };
             let there = likelihood.whitened(&[with(&screened.applied, &between(&screened.applied, &start, share))]);
             there.is_some_and(|there| {
-                beside.promise(likelihood, &difference(nominal, &there, 1.0)) > SELECTION_PENALTY.max(PROMISING * beside.cost)
+                beside.promise(likelihood, &difference(nominal, &there, 1.0))
+                    > likelihood.criteria.selection_penalty.max(likelihood.criteria.promising * beside.cost)
             })
         };
         !own && (traced || starts.into_iter().step_by(every).any(glance))
@@ -180,8 +166,11 @@ fn with_seconds(
         (pool.iter()).filter(|s| s.applied.effect.leaves_residual() && !s.starts.is_empty()).map(|s| s.applied.key()).collect();
     let mut wanted: Vec<Vec<Applied>> = Vec::new();
     for (at, beside) in beside.iter().enumerate() {
-        let mut seconds: Vec<&(f64, Applied)> =
-            promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > SELECTION_PENALTY.max(PROMISING * beside.cost)).collect();
+        let mut seconds: Vec<&(f64, Applied)> = promises
+            .iter()
+            .map(|p| &p[at])
+            .filter(|(gain, _)| *gain > likelihood.criteria.selection_penalty.max(likelihood.criteria.promising * beside.cost))
+            .collect();
         seconds.sort_by(|a, b| b.0.total_cmp(&a.0));
         let (losing, seconds): (Vec<_>, Vec<_>) = seconds
             .into_iter()
@@ -189,13 +178,14 @@ fn with_seconds(
             .partition(|(_, s)| s.effect.loses_commands());
         // A lattice in the raw values is there whatever it promises.
         let traced = promises.iter().map(|p| &p[at]).filter(|(_, s)| s.effect.leaves_residual() && traces.contains(&s.key()));
-        let special = losing.into_iter().chain(traced).take(if at < LOSING { SECONDS } else { 0 });
+        let special =
+            losing.into_iter().chain(traced).take(if at < likelihood.budget.losing { likelihood.budget.plain.seconds } else { 0 });
         // Each kind has places of its own: what costs calls starts from coarser guesses, and promises less than it keeps.
         let (mut called, mut others) = (0, 0);
         let seconds = seconds.into_iter().filter(|(_, second)| {
-            let (count, most) = if likelihood.calls(second) { (&mut called, CALLED_SECONDS) } else { (&mut others, SECONDS) };
+            let count = if likelihood.calls(second) { &mut called } else { &mut others };
             *count += 1;
-            *count <= most
+            *count <= likelihood.allowance(second).seconds
         });
         for (_, second) in seconds.chain(special) {
             let mut pair: Vec<Applied> = beside.first.effects.iter().chain([second]).cloned().collect();
@@ -209,16 +199,17 @@ fn with_seconds(
             }
         }
     }
-    let ((trial, left), cost) = (TRIAL, likelihood.inner(nominal, nominal));
+    let (budget, cost) = (likelihood.budget, likelihood.inner(nominal, nominal));
     // Lost commands are told from a lag by their sequence only.
     let losing: Vec<Vec<Applied>> = wanted.iter().filter(|pair| pair.iter().any(|a| a.effect.loses_commands())).cloned().collect();
     wanted.retain(|pair| pair.iter().all(|a| !a.effect.loses_commands()));
-    let mut pairs: Vec<Hypothesis> = wanted.par_iter().filter_map(|pair| Hypothesis::fit(likelihood, pair, scales, cost, trial)).collect();
+    let mut pairs: Vec<Hypothesis> =
+        wanted.par_iter().filter_map(|pair| Hypothesis::fit(likelihood, pair, scales, cost, budget.trial_steps)).collect();
     pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let (mut called, mut others) = (0, 0);
     pairs.retain(|pair| {
         let calls = pair.effects.iter().any(|a| likelihood.calls(a));
-        let (count, most) = if calls { (&mut called, CALLED_LEFT) } else { (&mut others, left) };
+        let (count, most) = if calls { (&mut called, budget.called.pairs) } else { (&mut others, budget.plain.pairs) };
         *count += 1;
         *count <= most
     });
@@ -227,12 +218,12 @@ fn with_seconds(
             .par_iter()
             .filter_map(|pair| {
                 let begin = Hypothesis { effects: pair.clone(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
-                decoded(likelihood, begin, scales, cost, STEPS)
+                decoded(likelihood, begin, scales, cost, budget.steps)
             })
             .collect::<Vec<_>>(),
     );
     pairs.par_iter_mut().for_each(|pair| {
-        if let Some(better) = Hypothesis::fit(likelihood, &pair.effects, scales, cost, STEPS) {
+        if let Some(better) = Hypothesis::fit(likelihood, &pair.effects, scales, cost, budget.steps) {
             *pair = better;
         }
     });

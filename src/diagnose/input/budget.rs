@@ -1,0 +1,115 @@
+//! What a search may cost: all counts and limits, once for a model file and once for a simulator that can only be called.
+//!
+//! None of them says what counts as an effect; too small a budget misses one, and a larger one takes longer.
+
+use crate::simulate::System;
+
+/// What one kind of candidate may cost. Of a simulator that can only be called, effects at outputs and clocks are applied to a run that is known; those on
+/// its inputs and parameters need calls.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::diagnose) struct Allowance {
+    /// First guesses of one effect; the others are thinned evenly.
+    pub(in crate::diagnose) first_guesses: usize,
+    /// Candidates that are fitted after the screen, of inputs and of parameters each where they need calls.
+    pub(in crate::diagnose) fitted: usize,
+    /// What a candidate must gain at its start to be fitted, as a part of what the search costs.
+    pub(in crate::diagnose) fitted_from: f64,
+    /// Hypotheses of each size that are fitted on, and again once the noise is known.
+    pub(in crate::diagnose) leaders: usize,
+    /// Second effects that are fitted with each first one.
+    pub(in crate::diagnose) seconds: usize,
+    /// Pairs that are left after the first few steps.
+    pub(in crate::diagnose) pairs: usize,
+}
+
+/// All counts and limits of a search.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::diagnose) struct Budget {
+    /// What needs no call of its own; everything, of a model file.
+    pub(in crate::diagnose) plain: Allowance,
+    /// What needs calls.
+    pub(in crate::diagnose) called: Allowance,
+    /// Runs come one after the other: calls in their order.
+    pub(in crate::diagnose) one_by_one: bool,
+    /// Starts of one candidate that are fitted.
+    pub(in crate::diagnose) starts: usize,
+    /// Single effects whose fit goes on after the first few steps.
+    pub(in crate::diagnose) on: usize,
+    /// Steps of a full fit, and of a fit that starts where another ended.
+    pub(in crate::diagnose) steps: usize,
+    /// Steps after which all but the best are given up.
+    pub(in crate::diagnose) trial_steps: usize,
+    /// Steps to either side that are tried for one parameter beside a fit.
+    pub(in crate::diagnose) polishes: usize,
+    /// How often the noise model is renewed from the leading hypothesis.
+    pub(in crate::diagnose) rounds: usize,
+    /// First effects of pairs: so many of the best, and so many more that have one parameter; leading singles are often flexible impostors.
+    pub(in crate::diagnose) firsts: [usize; 2],
+    /// Starts of a candidate that are looked at before any pair is fitted.
+    pub(in crate::diagnose) glances: usize,
+    /// Pairs whose members are tried as first effects in their turn.
+    pub(in crate::diagnose) swapped: usize,
+    /// First effects beside which lost commands are looked for.
+    pub(in crate::diagnose) losing: usize,
+    /// The part of the best gain from which lost commands are looked for again under another noise.
+    pub(in crate::diagnose) again: f64,
+    /// Sequences of lost commands that are kept at a time.
+    pub(in crate::diagnose) sequences: usize,
+    /// Searches for lost commands, each with the last one's probability and parameters.
+    pub(in crate::diagnose) passes: usize,
+    /// Samples after which the response to one command counts as over, at most.
+    pub(in crate::diagnose) response: usize,
+    /// Leading hypotheses of each size that are compared again under other priors.
+    pub(in crate::diagnose) rivals: usize,
+    /// A push on a start for its response, as a part of its prior's standard deviation: what rounding adds is then a small part of what the prior lets it do.
+    pub(in crate::diagnose) start_push: f64,
+    /// The same in an experiment that is simulated ahead, relative to the state's motion.
+    pub(in crate::diagnose) ahead_push: f64,
+    /// A relative change of a parameter for a derivative that is taken once.
+    pub(in crate::diagnose) relative_step: f64,
+}
+
+/// Of a model file.
+pub(in crate::diagnose) const MODEL_FILE: Budget = {
+    let plain = Allowance { first_guesses: usize::MAX, fitted: 25, fitted_from: f64::NEG_INFINITY, leaders: 8, seconds: 6, pairs: 8 };
+    Budget {
+        plain,
+        called: plain,
+        one_by_one: false,
+        starts: 2,
+        on: 10,
+        steps: 15,
+        trial_steps: 3,
+        polishes: 6,
+        rounds: 2,
+        firsts: [2, 4],
+        glances: 3,
+        swapped: 3,
+        losing: 3,
+        again: 0.8,
+        sequences: 32,
+        passes: 2,
+        response: 400,
+        rivals: 6,
+        start_push: 1e-3,
+        ahead_push: 1e-3,
+        relative_step: 1e-4,
+    }
+};
+
+/// Of a simulator that can only be called, may be rough and takes its time.
+pub(in crate::diagnose) const BLACK_BOX: Budget = Budget {
+    called: Allowance { first_guesses: 10, fitted: 10, fitted_from: 0.2, leaders: 4, seconds: 3, pairs: 4 },
+    one_by_one: true,
+    start_push: 0.2,
+    ahead_push: 1e-2,
+    relative_step: 1e-2,
+    ..MODEL_FILE
+};
+
+impl Budget {
+    /// Of a system.
+    pub(in crate::diagnose) fn of(system: &System) -> &'static Self {
+        if system.is_black_box() { &BLACK_BOX } else { &MODEL_FILE }
+    }
+}
