@@ -4,6 +4,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
+use crate::signal::stats::quantile;
+
 /// The 97.5 % quantile of the normal distribution.
 const Z: f64 = 1.959_963_984_540_054;
 /// Resamples of a bootstrap.
@@ -28,24 +30,6 @@ pub fn wilson(hits: usize, of: usize) -> Option<[f64; 2]> {
     let low = if hits == 0 { 0.0 } else { (centre - half) / scale };
     let high = if hits == of { 1.0 } else { (centre + half) / scale };
     Some([low, high])
-}
-
-/// The quantile at `q` between 0 and 1, linear between order statistics (type 7); none of nothing.
-#[must_use]
-pub fn quantile(values: &[f64], q: f64) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let last = sorted.len().checked_sub(1)?;
-    let at = q.clamp(0.0, 1.0) * last as f64;
-    let below = at.floor() as usize;
-    let above = (below + 1).min(last);
-    Some(sorted[below] + (at - at.floor()) * (sorted[above] - sorted[below]))
-}
-
-/// The median; none of nothing.
-#[must_use]
-pub fn median(values: &[f64]) -> Option<f64> {
-    quantile(values, 0.5)
 }
 
 /// The bootstrap's 95 % percentile interval of a statistic over cases, each with its values; none of fewer than two cases.
@@ -75,6 +59,10 @@ pub fn bootstrap(cases: &[Vec<f64>], statistic: impl Fn(&[f64]) -> Option<f64>) 
 mod tests {
     use super::*;
 
+    fn median(values: &[f64]) -> Option<f64> {
+        quantile(values, 0.5)
+    }
+
     #[test]
     fn wilson_agrees_with_hand_computation() {
         // 8 of 10: p = 0.8, z² = 3.841459; (0.992073 ± 0.313617)/1.3841459 by hand.
@@ -83,14 +71,6 @@ mod tests {
         assert_eq!(wilson(0, 4).unwrap()[0], 0.0);
         assert_eq!(wilson(4, 4).unwrap()[1], 1.0);
         assert_eq!(wilson(0, 0), None);
-    }
-
-    #[test]
-    fn quantiles_interpolate_between_order_statistics() {
-        assert_eq!(median(&[3.0, 1.0, 2.0]), Some(2.0));
-        assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), Some(2.5));
-        assert_eq!(quantile(&[0.0, 10.0], 0.9), Some(9.0));
-        assert_eq!(median(&[]), None);
     }
 
     #[test]

@@ -16,7 +16,7 @@ mod run_time;
 mod score;
 mod scores;
 
-pub use bounds::{bootstrap, median, quantile, wilson};
+pub use bounds::{bootstrap, wilson};
 pub use cases::{COMMITMENT, CaseFiles, find};
 pub use commitment::{check, commitments};
 pub use error::BlindError;

@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::bounds::{bootstrap, quantile, wilson};
+use super::bounds::{bootstrap, wilson};
 use super::load::Scored;
 use super::scores::{Definition, Measure, SCORES};
 use super::{Group, Judged, judge};
+use crate::signal::stats::{mean, quantile};
 
 /// What a case is sorted by.
 type Key = fn(&Judged) -> Option<String>;
@@ -158,10 +159,6 @@ fn measure_all(cases: &[&Judged]) -> Vec<Score> {
     SCORES.iter().map(|d| measure(d, cases)).collect()
 }
 
-fn mean(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-}
-
 fn measure(definition: &Definition, cases: &[&Judged]) -> Score {
     let share = |flags: Vec<bool>| {
         let hits = flags.iter().filter(|f| **f).count();
@@ -182,7 +179,7 @@ fn measure(definition: &Definition, cases: &[&Judged]) -> Score {
         Measure::Share(of) => share(cases.iter().filter_map(|c| of(c)).collect()),
         Measure::Shares(of) => share(cases.iter().flat_map(|c| of(c)).copied().collect()),
         Measure::Quantile(q, of) => statistic(of, &|v| quantile(v, q)),
-        Measure::Mean(of) => statistic(of, &mean),
+        Measure::Mean(of) => statistic(of, &|v| mean(v.iter().copied())),
         Measure::Max(of) => {
             let all = numbers(of).concat();
             (all.iter().copied().reduce(f64::max), None, all.len())
@@ -213,7 +210,7 @@ fn reliability(answers: &[Judged]) -> Vec<Reliability> {
                 from,
                 to,
                 cases: inside.len(),
-                probability: mean(&inside.iter().map(|(p, _)| *p).collect::<Vec<_>>()),
+                probability: mean(inside.iter().map(|(p, _)| *p)),
                 exact: (!inside.is_empty()).then(|| hits as f64 / inside.len() as f64),
                 ci95: wilson(hits, inside.len()),
             }

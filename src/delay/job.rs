@@ -20,6 +20,7 @@ use crate::log::{EventTimes, Log};
 use crate::model::c2d::{Conversion, ZeroOrderHold};
 use crate::model::{ModelFile, Operating, Sampled, StateSpace};
 use crate::registry::RegistryError;
+use crate::signal::stats;
 use crate::stop::Stop;
 use crate::time::SampleTime;
 
@@ -467,11 +468,10 @@ impl EventsJob {
             return Err(DelayError::Count { what: "events", needed: 2, got: none.times.len() }.into());
         }
         let (counts, units) = ([first.times.len(), second.times.len()], [first.unit, second.unit]);
-        let mut intervals: Vec<f64> = first.times.windows(2).map(|w| w[1] - w[0]).collect();
+        let intervals: Vec<f64> = first.times.windows(2).map(|w| w[1] - w[0]).collect();
         let events = vec![Events { first: first.times, second: second.times, units }];
         let experiment = Experiment::of_events(SampleTime::new(1.0)?, [&a, &b], events)?;
-        intervals.sort_by(f64::total_cmp);
-        let Some(&interval_s) = intervals.get(intervals.len() / 2) else {
+        let Some(interval_s) = stats::upper_median(intervals) else {
             return Err(DelayError::OneEvent { log: name, channel: a }.into());
         };
         let step = SampleTime::new(interval_s / f64::from(PARTS)).map_err(|error| DelayError::Intervals {

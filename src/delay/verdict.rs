@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::conditions::Finding;
 use super::posterior::RESOLUTION;
 use super::{Class, Condition, DelayEstimate, Method, Outcome};
+use crate::signal::stats::NORMAL_95;
 use crate::time::SampleTime;
 
 /// A method, what it answered, and the standard deviation that was to be expected of it, s.
@@ -192,7 +193,7 @@ impl<'a> Found<'a> {
             delay_s,
             std_s: estimate.std_s.unwrap_or(f64::INFINITY).max(predicted_s.unwrap_or(0.0)).max(sample_time.seconds()),
             interval_s,
-            open_s: [interval_s[0].min(delay_s - 1.96 * resolution_s), interval_s[1].max(delay_s + 1.96 * resolution_s)],
+            open_s: [interval_s[0].min(delay_s - NORMAL_95 * resolution_s), interval_s[1].max(delay_s + NORMAL_95 * resolution_s)],
             distrust: distrust(method, findings),
             contradicted: estimate.contradicted,
         })

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::escape::escape;
 use crate::diagnose::Trace;
+use crate::signal::stats;
 
 /// Size of the drawing in its own units; the page scales it.
 const WIDTH: f64 = 760.0;
@@ -253,9 +254,8 @@ pub(super) fn ticks(lowest: f64, highest: f64, about: f64) -> Vec<(f64, String)>
 /// A curve as the `d` of a path: of many samples in one of `columns` only the least and the greatest; interrupted where samples are missing.
 fn path(samples: &[Sample], lane: Lane, panel: Panel, columns: usize) -> String {
     let samples: Vec<Sample> = samples.iter().copied().filter(|s| s.1.is_finite()).collect();
-    let mut distances: Vec<f64> = samples.windows(2).map(|w| w[1].0 - w[0].0).collect();
-    distances.sort_by(f64::total_cmp);
-    let longest = GAP * distances.get(distances.len() / 2).copied().unwrap_or(f64::INFINITY);
+    let distances: Vec<f64> = samples.windows(2).map(|w| w[1].0 - w[0].0).collect();
+    let longest = GAP * stats::upper_median(distances).unwrap_or(f64::INFINITY);
     let mut out = String::new();
     let mut pen = |lift: bool, (time, value): Sample| {
         let (x, y) = (lane.x(time), panel.y(value));

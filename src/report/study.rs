@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::Table;
+use crate::signal::stats;
 use crate::study::{Cell, Delay, Grid, Layout, Measure, Plan, Score, Shown, Standing, Statistic, Study, Which};
 use crate::text::markdown;
 
@@ -152,15 +153,12 @@ fn place<T: PartialEq>(list: &mut Vec<T>, value: T) -> usize {
 }
 
 fn mean(cells: &[&Cell], value: impl Fn(&Cell) -> Option<f64>) -> Option<f64> {
-    let some: Vec<f64> = cells.iter().filter_map(|c| value(c)).collect();
-    (!some.is_empty()).then(|| some.iter().sum::<f64>() / some.len() as f64)
+    stats::mean(cells.iter().filter_map(|c| value(c)))
 }
 
 /// Where the data hardly tell the delay a bound is hundreds of samples: one such cell would be all of a mean.
 fn median(cells: &[&Cell], value: impl Fn(&Cell) -> Option<f64>) -> Option<f64> {
-    let mut some: Vec<f64> = cells.iter().filter_map(|c| value(c)).collect();
-    some.sort_by(f64::total_cmp);
-    some.get(some.len() / 2).copied()
+    stats::upper_median(cells.iter().filter_map(|c| value(c)).collect())
 }
 
 /// One number of a [`Layout`].
@@ -386,11 +384,7 @@ pub fn growth(study: &Study) -> Option<Table> {
             }
             let points: Vec<[f64; 2]> =
                 group.iter().filter_map(|c| Some([(of(c) as f64).ln(), c.time_per_estimate_s.filter(|t| *t > 0.0)?.ln()])).collect();
-            let times = |which: usize| {
-                let there: Vec<f64> = group.iter().filter(|c| of(c) == which).filter_map(|c| c.time_per_estimate_s).collect();
-                let count = there.len() as f64;
-                time((!there.is_empty()).then(|| there.iter().sum::<f64>() / count))
-            };
+            let times = |which: usize| time(stats::mean(group.iter().filter(|c| of(c) == which).filter_map(|c| c.time_per_estimate_s)));
             any = true;
             table.row(vec![
                 first.grid.clone(),

@@ -8,6 +8,7 @@ mod fractional_delay;
 mod noise;
 mod polynomial;
 mod spectra;
+pub mod stats;
 
 pub use correlation::{Correlator, correlation};
 pub use excitation::{EXCITATIONS, Excitation};

@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::{Allowed, MOST_SAMPLES, SignalError};
+use super::{Allowed, MOST_SAMPLES, SignalError, stats};
 
 /// The noise's spectrum. Coefficients begin at lag 1; the leading 1 is not written.
 ///
@@ -142,11 +142,9 @@ pub fn unit_noise(samples: usize, colour: &NoiseColour, rng: &mut ChaCha8Rng) ->
     Ok(filter.generate(samples, rng).into_iter().map(|v| gain * v).collect())
 }
 
-/// The mean square about the mean.
+/// Of no samples there is none.
 fn variance(x: &[f64]) -> f64 {
-    let n = x.len() as f64;
-    let mean = x.iter().sum::<f64>() / n;
-    x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n
+    stats::variance(x).unwrap_or(f64::NAN)
 }
 
 /// x⁺ = F·x + G·e, v = x₁ + e, with innovations of variance 1: F the companion matrix of A, G = c − a.

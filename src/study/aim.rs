@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::published::Which;
 use super::results::{Cell, Study};
+use crate::signal::stats;
 
 /// A number to be reached.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -82,9 +83,7 @@ impl Aim {
                 .max_by(|a, b| self.excess(a.1).total_cmp(&self.excess(b.1)))?;
             (Some(cell), value)
         } else {
-            let some: Vec<f64> = cells.into_iter().filter_map(|(_, v)| v).collect();
-            let count = some.len() as f64;
-            (None, (!some.is_empty()).then(|| some.iter().sum::<f64>() / count)?)
+            (None, stats::mean(cells.into_iter().filter_map(|(_, v)| v))?)
         };
         Some(Reached { method, value, cell, met: self.excess(value) <= 0.0 })
     }

@@ -16,6 +16,7 @@ use crate::delay::{
 use crate::model::uav::Dynamics;
 use crate::model::{Continuous, StateSpace};
 use crate::signal::excitation::Rbs;
+use crate::signal::stats;
 use crate::signal::{Excitation, Noise, NoiseColour, NoiseScaling};
 use crate::simulate::{Options, lsim};
 use crate::time::SampleTime;
@@ -315,7 +316,7 @@ fn answer(method: &Method, estimator: &dyn DelayEstimator, (experiment, delay, m
 fn score(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> Score {
     let answers: Vec<(f64, bool)> =
         records.par_iter().map(|r| answer(method, estimator, r)).collect::<Vec<_>>().into_iter().flatten().collect();
-    let mean = |g: &dyn Fn(&(f64, bool)) -> f64| (!answers.is_empty()).then(|| answers.iter().map(g).sum::<f64>() / f(answers.len()));
+    let mean = |g: &dyn Fn(&(f64, bool)) -> f64| stats::mean(answers.iter().map(g));
     Score {
         trials: records.len(),
         found: answers.len(),
@@ -327,7 +328,7 @@ fn score(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> 
 
 /// Median of as many runs as the first records allow, one at a time.
 fn time(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> f64 {
-    let mut times: Vec<f64> = records
+    let times: Vec<f64> = records
         .iter()
         .take(TIMED)
         .map(|(experiment, _, _)| {
@@ -337,8 +338,7 @@ fn time(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> f
             clock.elapsed().as_secs_f64()
         })
         .collect();
-    times.sort_by(f64::total_cmp);
-    times.get(times.len() / 2).copied().unwrap_or(0.0)
+    stats::upper_median(times).unwrap_or(0.0)
 }
 
 /// Records that are timed.

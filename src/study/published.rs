@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::plan::{Loop, Place};
 use super::results::{Cell, Study};
+use crate::signal::stats;
 
 /// A published number and the cells that it is of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -157,11 +158,7 @@ impl Published {
         if cells.is_empty() {
             return None;
         }
-        let mean = |of: &dyn Fn(&Cell) -> Option<f64>| {
-            let values: Vec<f64> = cells.iter().filter_map(|c| of(c)).collect();
-            let count = values.len() as f64;
-            (!values.is_empty()).then(|| values.iter().sum::<f64>() / count)
-        };
+        let mean = |of: &dyn Fn(&Cell) -> Option<f64>| stats::mean(cells.iter().filter_map(|c| of(c)));
         let ours = match self.statistic {
             Statistic::RmsSamples => mean(&|c| c.kept.iter().find(|k| k.percent == self.kept_percent)?.rms_samples),
             Statistic::MeanRawS => mean(&|c| c.mean_raw_s),

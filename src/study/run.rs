@@ -20,6 +20,7 @@ use super::plan::{Delay, Plan};
 use super::results::{Cell, FORMAT, Kept, Score, Study};
 use super::tally::{Tally, kept};
 use crate::file::{Lock, sweep, write_atomic};
+use crate::signal::stats;
 use crate::stop::Stop;
 
 /// The folder of finished blocks.
@@ -248,10 +249,10 @@ impl Runner {
                 let Some(&first) = members.first() else { continue };
                 let some: Vec<f64> = rms.iter().flatten().copied().collect();
                 let count = some.len() as f64;
-                let mean = (!some.is_empty()).then(|| some.iter().sum::<f64>() / count);
+                let mean = stats::mean(some.iter().copied());
                 // Cells are independent of each other.
                 let variance: Option<f64> = of.iter().map(|t| t.rms_std().map(|[_, s]| s * s)).sum();
-                let half = variance.map(|v| 1.96 * v.sqrt() / count);
+                let half = variance.map(|v| stats::NORMAL_95 * v.sqrt() / count);
                 scores.push(Score {
                     grid: cells[first].grid.clone(),
                     place: cells[first].place,

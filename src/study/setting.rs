@@ -17,6 +17,7 @@ use crate::file::read_text;
 use crate::model::c2d::{CONVERSIONS, Conversion, Tustin};
 use crate::model::{ModelFile, Sampled, StateSpace, dlqr};
 use crate::registry::{self, Entry};
+use crate::signal::stats;
 use crate::signal::{EXCITATIONS, Excitation, Noise, NoiseColour, NoiseScaling, unit_noise};
 use crate::simulate::{Options, Prehistory, lsim_sampled};
 use crate::time::SampleTime;
@@ -411,9 +412,7 @@ impl Setting {
 }
 
 fn spread(x: &[f64]) -> f64 {
-    let n = x.len().max(1) as f64;
-    let mean = x.iter().sum::<f64>() / n;
-    (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()
+    stats::variance(x).unwrap_or(0.0).sqrt()
 }
 
 /// 53 bits of SHA-256: a seed reads alike wherever numbers are doubles.

@@ -288,38 +288,3 @@ proptest! {
         }
     }
 }
-
-#[test]
-#[ignore = "prints run times"]
-fn run_times() {
-    for samples in [500, 5000, 1_000_000] {
-        let (u, y) = sensors(Source::White, samples, 7.25, 10.0, 3);
-        let experiment = Experiment::siso(ts(TS), u, y).unwrap();
-        for name in TWO_SENSORS.into_iter().chain(["bispectrum"]) {
-            let Some(m) = method(name) else { continue };
-            let runs = if samples > 100_000 { 1 } else { 50 };
-            let clock = std::time::Instant::now();
-            for _ in 0..runs {
-                answer(m, &experiment, &search());
-            }
-            println!("{name:20} N {samples}: {:.3} ms", clock.elapsed().as_secs_f64() * 1e3 / f64::from(runs));
-        }
-        let skewed: Vec<f64> = white(samples, 1.0, 4).iter().map(|v| v * v).collect();
-        let mut time = 0.0;
-        let first: Vec<f64> = skewed
-            .iter()
-            .map(|v| {
-                time += 0.5 + v;
-                time
-            })
-            .collect();
-        let drifting = first.iter().zip(white(samples, 0.01, 5)).map(|(t, j)| t + 3.0 + 1e-7 * t + j).collect();
-        let events = Experiment::of_events(ts(1.0), ["a", "b"], vec![Events { first, second: drifting, ..Events::default() }]).unwrap();
-        let copy = Experiment::siso(ts(TS), skewed.clone(), sum(&plants::delayed(&skewed, 7), &white(samples, 0.1, 6))).unwrap();
-        for m in deadtime::delay::METHODS.iter().filter(|m| [Class::HigherOrder, Class::Events].contains(&m.class)) {
-            let clock = std::time::Instant::now();
-            let e = answer(m, if m.class == Class::Events { &events } else { &copy }, &search());
-            println!("{:20} N {samples}: {:.3} ms, {:?} {:?}", m.entry.name, clock.elapsed().as_secs_f64() * 1e3, e.outcome, e.delay_s);
-        }
-    }
-}

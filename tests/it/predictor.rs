@@ -13,27 +13,6 @@ fn method(name: &str) -> &'static Method {
     METHODS.iter().find(|m| m.entry.name == name).unwrap()
 }
 
-#[test]
-#[ignore = "prints times"]
-fn times_of_the_methods() {
-    for (n, runs) in [(500, 5), (1_000_000, 1)] {
-        for seed in 0..runs {
-            let u = rbs(n, 1.0, 11 + seed);
-            let y = second_order(&u, 0.4, [-1.3, 0.42], 4);
-            let noise = white(n, 0.1 * std_dev(&y), 12 + seed);
-            let experiment = Experiment::siso(ts(TS), u, sum(&y, &noise)).unwrap();
-            for name in ["oestruc", "arxstruc", "armaxstruc", "met1struc", "ivstruc"] {
-                if METHODS.iter().all(|m| m.entry.name != name) {
-                    continue;
-                }
-                let clock = std::time::Instant::now();
-                let found = answer(method(name), &experiment, &Search::default());
-                println!("{n} {name}: {:.1} ms {:?} {:?}", 1e3 * clock.elapsed().as_secs_f64(), found.delay_s, found.note);
-            }
-        }
-    }
-}
-
 /// x(t+1) = A x + B u(t − d) + K e, y = C x + e in observer form, of a(q) y = b(q) u(t − d) + c(q) e; coefficients from lag 1 on.
 struct Loop {
     a: DMatrix<f64>,
@@ -223,77 +202,6 @@ fn flown(plant: &StateSpace<Sampled>, delay: usize, dither: &[f64], gusts: &[f64
         (0..n).for_each(|i| z[(i, 0)] += pushed[(i, 0)]);
     }
     (u, y)
-}
-
-/// Björklund's closed loop: plant 0 slow or 1 fast, controller and noise 0 … 2, true answer 10 samples; u and y.
-fn bjorklund(plant: usize, controller: usize, noise: usize, std: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
-    let (t1, t2): (f64, f64) = [(10.0, 1.0), (1.0, 0.1)][plant];
-    let (p1, p2) = ((-1.0 / t1).exp(), (-1.0 / t2).exp());
-    // 0.5/((T₁s + 1)(T₂s + 1)) behind a zero-order hold, by partial fractions of its step response.
-    let (r1, r2) = (0.5 * t1 / (t1 - t2), -0.5 * t2 / (t1 - t2));
-    let b = [r1 * (1.0 - p1) + r2 * (1.0 - p2), -(r1 * (1.0 - p1) * p2 + r2 * (1.0 - p2) * p1)];
-    let (gain, integral) = [(0.6, 1.0 / 50.0), (0.25, 1.0 / 5.0), (0.9, 1.0 / 12.0)][controller];
-    let colour: [&[f64]; 3] = [&[0.71, 0.7], &[1.0], &[0.92, 0.368, -1.671e-5]];
-    let colour = colour[noise];
-    let n = 2000;
-    let w = white(n, std, seed);
-    let (mut u, mut y, mut x, mut v, mut error) = (vec![0.0; n], vec![0.0; n], vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-    for t in 0..n {
-        let past = |s: &[f64], lag: usize| if t >= lag { s[t - lag] } else { 0.0 };
-        x[t] = (p1 + p2) * past(&x, 1) - p1 * p2 * past(&x, 2) + b[0] * past(&u, 10) + b[1] * past(&u, 11);
-        v[t] = colour[0] * w[t] + colour[1..].iter().zip(1..).map(|(c, lag)| c * past(&v, lag)).sum::<f64>();
-        y[t] = x[t] + v[t];
-        error[t] = if t < 1000 { 4.0 } else { 2.0 } - y[t];
-        u[t] = past(&u, 1) + gain * ((1.0 + integral) * error[t] - past(&error, 1));
-    }
-    (u, y)
-}
-
-#[test]
-#[ignore = "prints a table; half a minute"]
-fn bjorklunds_closed_loop_cells() {
-    let names = ["oestruc", "arxstruc", "armaxstruc", "met1struc"];
-    let seeds = 10;
-    for std in [0.1, 0.1_f64.sqrt()] {
-        let cells: Vec<(usize, usize, usize)> = (0..18).map(|c| (c / 9, c / 3 % 3, c % 3)).collect();
-        let runs: Vec<(usize, u64)> = (0..18).flat_map(|c| (0..seeds).map(move |s| (c, s))).collect();
-        let errors: Vec<[(f64, bool); 4]> = in_two_threads(|| {
-            runs.par_iter()
-                .map(|&(cell, seed)| {
-                    let (plant, controller, noise) = cells[cell];
-                    let (u, y) = bjorklund(plant, controller, noise, std, 100 * cell as u64 + seed);
-                    let experiment = Experiment::siso(ts(1.0), u, y).unwrap();
-                    names.map(|name| {
-                        let e = answer(method(name), &experiment, &Search { min_delay: 1, max_delay: 20, ..Search::default() });
-                        let found = e.delay_s.map_or(20.0, |d| (d + 1.0).min(20.0));
-                        (found - 10.0, e.ci95_s.is_some_and(|[from, to]| from <= 9.0 && 9.0 <= to))
-                    })
-                })
-                .collect()
-        });
-        println!("noise of standard deviation {std:.3}: RMS, samples, per cell ({} runs each)", seeds);
-        for (at, name) in names.iter().enumerate() {
-            let rms = |e: &[f64]| (e.iter().map(|v| v * v).sum::<f64>() / e.len().max(1) as f64).sqrt();
-            let mut sizes: Vec<f64> = errors.iter().map(|e| e[at].0.abs()).collect();
-            sizes.sort_by(f64::total_cmp);
-            let limit = sizes[(sizes.len() * 95).div_ceil(100) - 1];
-            let cell = |c: usize, most: f64| -> f64 {
-                rms(&runs.iter().zip(&errors).filter(|(r, e)| r.0 == c && e[at].0.abs() <= most).map(|(_, e)| e[at].0).collect::<Vec<_>>())
-            };
-            let mean = |most: f64, from: usize, to: usize| (from..to).map(|c| cell(c, most)).sum::<f64>() / (to - from) as f64;
-            let table: Vec<String> = (0..18).map(|c| format!("{:.2}", cell(c, f64::INFINITY))).collect();
-            let held = errors.iter().filter(|e| e[at].1).count();
-            println!(
-                "{name}: all {:.2}, 95 % {:.2} (slow {:.2}, fast {:.2}), {held} of {} intervals hold; {}",
-                mean(f64::INFINITY, 0, 18),
-                mean(limit, 0, 18),
-                mean(limit, 0, 9),
-                mean(limit, 9, 18),
-                runs.len(),
-                table.join(" ")
-            );
-        }
-    }
 }
 
 #[test]

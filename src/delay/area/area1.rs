@@ -9,6 +9,7 @@ use crate::delay::{
 };
 use crate::identify::Record;
 use crate::registry::entry;
+use crate::signal::stats;
 
 /// Areas of the measured step response, read as one lag.
 ///
@@ -96,8 +97,7 @@ struct Response {
 }
 
 fn mean(x: &[f64]) -> f64 {
-    let n = x.len().max(1) as f64;
-    x.iter().sum::<f64>() / n
+    stats::mean(x.iter().copied()).unwrap_or(0.0)
 }
 
 /// The steps that are held for at least `held` samples, after an input that was (at the start of a record for [`REST`] samples); `None`: there is none.

@@ -15,6 +15,7 @@ use nalgebra::DMatrix;
 
 use super::{DelayError, DelayEstimate, Experiment, Outcome, posterior};
 use crate::identify::{Fir, Record, fir_or_rank};
+use crate::signal::stats::NORMAL_95;
 
 pub(super) mod area1;
 pub(super) mod area2;
@@ -57,7 +58,7 @@ const BETWEEN: f64 = 0.2;
 fn answer(lags: Lags, [one, two]: [Reading; 2], bias: usize, max_delay: usize, experiment: &Experiment) -> DelayEstimate {
     let chosen = if lags == Lags::One { one } else { two };
     let [from, to] = if one.delay < two.delay { [one, two] } else { [two, one] };
-    let interval = [from.delay - 1.96 * from.std - BETWEEN, to.delay + 1.96 * to.std + BETWEEN];
+    let interval = [from.delay - NORMAL_95 * from.std - BETWEEN, to.delay + NORMAL_95 * to.std + BETWEEN];
     // The structure is anywhere between the two.
     let std = chosen.std.hypot((to.delay - from.delay + 2.0 * BETWEEN) / 12.0_f64.sqrt());
     let (longest, off) = (max_delay as f64, bias as f64 - 1.0);

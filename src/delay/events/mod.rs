@@ -26,6 +26,7 @@ use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use super::correlation::real;
 use super::{DelayError, DelayEstimate, Experiment, Law, Outcome, Search, posterior};
+use crate::signal::stats;
 
 /// Times of the same events at two places; either may have missed some, or seen others besides.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -132,8 +133,7 @@ impl<'a> Paired<'a> {
 }
 
 pub(in crate::delay) fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, n) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
-    if n > 0.0 { sum / n } else { 0.0 }
+    stats::mean(values).unwrap_or(0.0)
 }
 
 /// ⟨v²⟩ − ⟨v⟩², by deviations from the mean.
@@ -142,14 +142,8 @@ pub(in crate::delay) fn variance<I: Iterator<Item = f64>>(values: impl Fn() -> I
     mean(values().map(|v| (v - centre).powi(2)))
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    match n {
-        0 => 0.0,
-        _ if n % 2 == 1 => values[n / 2],
-        _ => 0.5 * (values[n / 2 - 1] + values[n / 2]),
-    }
+fn median(values: Vec<f64>) -> f64 {
+    stats::median(values).unwrap_or(0.0)
 }
 
 /// Refuses times that are no numbers or do not increase.

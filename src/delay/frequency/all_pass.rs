@@ -17,6 +17,7 @@ use std::f64::consts::PI;
 use nalgebra::{Complex, DMatrix};
 
 use crate::delay::{DelayEstimate, Experiment, Outcome};
+use crate::signal::stats::NORMAL_95;
 use crate::signal::{polynomial, roots};
 
 const ONE: Complex<f64> = Complex::new(1.0, 0.0);
@@ -123,7 +124,7 @@ impl AllPass {
         let (longest, off) = (max_delay as f64, bias as f64);
         let delay = self.raw - 0.5 * (self.hidden[0] + self.hidden[1]);
         let [least, most] = [self.hidden[0].min(self.hidden[1]), self.hidden[0].max(self.hidden[1])];
-        let interval = [self.raw - most - 1.96 * self.std, self.raw - least.min(0.0) + 1.96 * self.std + FRACTION];
+        let interval = [self.raw - most - NORMAL_95 * self.std, self.raw - least.min(0.0) + NORMAL_95 * self.std + FRACTION];
         // What is hidden is anywhere between its ends.
         let std = self.std.hypot((most - least).hypot(FRACTION) / 12.0_f64.sqrt());
         let narrower = std <= longest.max(1.0) / 12.0_f64.sqrt();

@@ -11,6 +11,7 @@ use crate::delay::{
 };
 use crate::identify::{Laguerre, Record, laguerre};
 use crate::registry::entry;
+use crate::signal::stats;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
 ///
@@ -129,10 +130,9 @@ impl Lagudap {
         let Some(found) = read(best) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "the series has no zeros that can be told apart"));
         };
-        let mut apart: Vec<f64> =
+        let apart: Vec<f64> =
             fits[1..].iter().take_while(|f| f.loss <= ALIKE * best.loss).filter_map(read).map(|r| (r.raw - found.raw).abs()).collect();
-        apart.sort_by(f64::total_cmp);
-        let spread = apart.get(apart.len() / 2).copied().unwrap_or(0.0);
+        let spread = stats::upper_median(apart).unwrap_or(0.0);
         let found = found.scaled(1.0, 0.0, spread);
         let note = (experiment.longest() > self.max_samples).then(|| format!("used the first {} samples", self.max_samples));
         Ok(found.answer(bias, max_delay, experiment).noting(note))

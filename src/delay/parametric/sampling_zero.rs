@@ -11,6 +11,7 @@ use crate::delay::{
 };
 use crate::identify::{Initial, OeFit, OutputError};
 use crate::registry::entry;
+use crate::signal::stats::NORMAL_95;
 
 /// Inputs: u, y on one even grid, u held between samples. Output: seconds, positive = y lags u, a fraction of a sample included.
 ///
@@ -189,9 +190,9 @@ fn read(orders: &OutputError, profile: &Profile) -> Option<Answer> {
         let total: f64 = candidates.iter().map(|c| c.weight).sum();
         let raw = chosen.delay();
         let spread: f64 = candidates.iter().map(|c| c.weight / total * (c.delay() - raw).powi(2)).sum();
-        let ends = [as_f64(chosen.nk) + l - 1.96 * std, as_f64(chosen.nk) + l + 1.96 * std];
+        let ends = [as_f64(chosen.nk) + l - NORMAL_95 * std, as_f64(chosen.nk) + l + NORMAL_95 * std];
         let interval = [ends[0].max(from).min(raw), ends[1].min(to + 1.0).max(raw)];
-        let note = (outside > 1.96 * std + 0.01).then(|| {
+        let note = (outside > NORMAL_95 * std + 0.01).then(|| {
             format!("the zero asks for {l:.2} of a sample: not one lag and a dead time, but more lags, or an input that is not held")
         });
         // The posterior's own grid is resolved by the fraction; what is left of the standard deviation must not vanish on exact data.

@@ -19,6 +19,7 @@ use super::{
 };
 use crate::identify::{Initial, Record};
 use crate::registry::entry;
+use crate::signal::stats::NORMAL_95;
 use crate::stop::Stop;
 
 /// Which poles a process model may have.
@@ -385,7 +386,7 @@ impl Knowledge {
         let independent = if problem.whole() { counting } else { under(&alone) };
         let freedom = (independent - problem.parameters() as f64).max(1.0);
         let energy: f64 = alone.iter().map(|v| v * v).sum();
-        let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
+        let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(NORMAL_95, |t| t.inverse_cdf(0.975));
         let std = (best.cost.max(floor) / freedom / energy.max(f64::MIN_POSITIVE)).sqrt();
         Some(Self { counting, independent: freedom, std, quantile, floor, cost: best.cost, residual: signals.residual })
     }

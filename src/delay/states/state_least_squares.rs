@@ -14,6 +14,7 @@ use crate::identify::lag_matrix;
 use crate::model::c2d::{Hold, transition};
 use crate::model::exp;
 use crate::registry::entry;
+use crate::signal::stats::interval95;
 
 /// How the delay is read from the coefficients γ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -339,7 +340,7 @@ impl StateLeastSquares {
                     outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
                     delay_s: Some(ts.to_seconds(delay)),
                     std_s: finite.then(|| ts.to_seconds(std)),
-                    ci95_s: finite.then(|| [delay - 1.96 * std, delay + 1.96 * std].map(|d| ts.to_seconds(d.max(0.0)))),
+                    ci95_s: finite.then(|| interval95(delay, std).map(|d| ts.to_seconds(d.max(0.0)))),
                     raw_delay_s: Some(ts.to_seconds(raw)),
                     degree_bias_samples: 0.0,
                     contradicted: false,
