@@ -4,6 +4,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use crate::text::shown;
+
 /// One line of a registry: a named implementor of `T`, built from its options.
 pub struct Entry<T: ?Sized + 'static> {
     /// The name that the command line uses.
@@ -21,7 +23,7 @@ pub struct Entry<T: ?Sized + 'static> {
 #[non_exhaustive]
 pub enum RegistryError {
     /// No entry has this name.
-    #[error("there is no {kind} `{name}`; there are: {known}", known = known.join(", "))]
+    #[error("there is no {kind} `{name}`; there are: {known}", name = shown(name), known = known.join(", "))]
     Unknown {
         /// What was looked for: method, excitation, conversion.
         kind: &'static str,
@@ -49,7 +51,7 @@ pub enum RegistryError {
         source: Box<RegistryError>,
     },
     /// An option is written `key=value`.
-    #[error("option `{text}`: write it as KEY=VALUE")]
+    #[error("option `{text}`: write it as KEY=VALUE", text = shown(text))]
     Syntax {
         /// The text given.
         text: String,

@@ -2,12 +2,14 @@
 
 use std::path::PathBuf;
 
+use crate::text::shown;
+
 /// A plan, a folder of results or a file of results that cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StudyError {
     /// Neither a shipped plan nor a file.
-    #[error("plan `{name}`: no such file, and no shipped plan of that name; there are: {known}", known = known.join(", "))]
+    #[error("plan `{name}`: no such file, and no shipped plan of that name; there are: {known}", name = shown(name), known = known.join(", "))]
     UnknownPlan {
         /// What was asked for.
         name: String,
@@ -15,7 +17,7 @@ pub enum StudyError {
         known: Vec<&'static str>,
     },
     /// The file is no `deadtime/plan@1`, or says what cannot be.
-    #[error("plan {plan}: {detail}")]
+    #[error("plan {plan}: {detail}", plan = shown(plan))]
     Plan {
         /// The plan's name or file.
         plan: String,
@@ -42,7 +44,7 @@ pub enum StudyError {
     #[error(
         "plan {plan}: {settings} settings, {cells} cells and {estimates} estimates need about {needed_gb:.1} GB of {what}, at most {limit_gb} GB are allowed; \
          ask for less, or lift the limit by {option} {lifted}",
-        lifted = (1.1 * needed_gb).ceil()
+        plan = shown(plan), lifted = (1.1 * needed_gb).ceil()
     )]
     Budget {
         /// The plan's name.

@@ -20,7 +20,7 @@ plant = ["slow2"]
 excitation = ["rbs"]
 snr = [100]
 delay_s = [4]
-method = ["crosscorr", "step"]
+method = ["crosscorr", "cusum"]
 "#;
 
 fn plan() -> Plan {

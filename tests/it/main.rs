@@ -22,6 +22,7 @@ mod blind;
 mod blind_program;
 mod blind_run;
 mod bounds;
+mod budgets;
 #[cfg(feature = "cli")]
 mod checks;
 #[cfg(feature = "cli")]
@@ -29,6 +30,7 @@ mod cli;
 mod conditions;
 mod contract;
 mod correlation;
+mod degenerate;
 mod diagnosis;
 mod differential;
 mod durable;
@@ -38,6 +40,7 @@ mod effects;
 mod equations;
 #[cfg(feature = "cli")]
 mod events;
+mod fuzz;
 #[cfg(feature = "cli")]
 mod gap;
 mod gap_coarse;
