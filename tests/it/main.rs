@@ -48,6 +48,8 @@ mod higher_order;
 #[cfg(feature = "cli")]
 mod isolability;
 #[cfg(feature = "cli")]
+mod log_files;
+#[cfg(feature = "cli")]
 mod machines;
 mod model_laws;
 mod options;
