@@ -219,11 +219,16 @@ pub(super) fn band_limited(stamps: &[f64], samples: Output<'_>, at_s: &[f64], st
             run = (first, last);
         }
         let (first, last) = (run.0 as i64, run.1 as i64);
-        let at = |k: i64| samples.values.get(k.clamp(first, last) as usize).copied().unwrap_or(0.0);
-        let reflected = |k: i64| match k {
-            k if k < first => 2.0 * at(first) - at(2 * first - k),
-            k if k > last => 2.0 * at(last) - at(2 * last - k),
-            k => at(k),
+        let at = |k: i64| samples.values.get(k as usize).copied().unwrap_or(0.0);
+        // Odd about both ends, again and again where the stretch is short.
+        let reflected = |mut k: i64| {
+            let (mut sum, mut sign) = (0.0, 1.0);
+            while (k < first || k > last) && first < last {
+                let end = if k < first { first } else { last };
+                sum += sign * 2.0 * at(end);
+                (sign, k) = (-sign, 2 * end - k);
+            }
+            sum + sign * at(k.clamp(first, last))
         };
         let place = i as f64 + fraction;
         let (mut sum, mut weights) = (0.0, 0.0);

@@ -53,6 +53,8 @@ mod house;
 #[cfg(feature = "cli")]
 mod isolability;
 #[cfg(feature = "cli")]
+mod log_files;
+#[cfg(feature = "cli")]
 mod machines;
 mod model_laws;
 mod options;

@@ -257,6 +257,7 @@ fn guess(header: &[u8], below: Option<&[u8]>) -> Separator {
     let words = |row: &[u8]| row.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).map(<[u8]>::to_vec).collect::<Vec<_>>();
     let named = words(header).iter().filter(|word| !word.starts_with(b"[")).count();
     match below.map(words) {
+        _ if words(header).len() > 1 && words(header).iter().all(|word| is_number(word)) => Separator::Blanks,
         Some(row) if row.len() > 1 && row.len() == named && row.iter().any(|word| is_number(word)) => Separator::Blanks,
         _ => Separator::Byte(b','),
     }

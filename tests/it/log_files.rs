@@ -1,0 +1,229 @@
+//! Log files of other programs, made by their own writers, against what their own Python readers say is in them (golden/log_files).
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use deadtime::log::{LogError, ReadOptions, Recording, open};
+use serde::Deserialize;
+
+use crate::support::program::{Folder, deadtime, text};
+
+/// Nanoseconds as seconds.
+const TIME_TOLERANCE_S: f64 = 1e-9;
+
+#[derive(Deserialize)]
+struct Expected {
+    time: Vec<f64>,
+    channels: BTreeMap<String, Vec<Option<f64>>>,
+}
+
+fn golden(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/log_files").join(name)
+}
+
+fn expected() -> BTreeMap<String, BTreeMap<String, Expected>> {
+    serde_json::from_slice(&std::fs::read(golden("expected.json")).unwrap()).unwrap()
+}
+
+fn read(path: &Path) -> Recording {
+    open(path, &ReadOptions::default()).unwrap()
+}
+
+/// Value for value; channels that hold nothing are left out on our side.
+fn compare(file: &str, topics: &BTreeMap<String, Expected>) {
+    let recording = read(&golden(file));
+    let names: Vec<&str> = recording.topics.iter().map(|t| t.name.as_str()).collect();
+    assert_eq!(names.len(), topics.len(), "{file}: {names:?}");
+    for (name, expected) in topics {
+        let log = &recording.topics.iter().find(|t| t.name == *name).unwrap_or_else(|| panic!("{file}: no {name} in {names:?}")).log;
+        assert_eq!(log.len(), expected.time.len(), "{file} {name}");
+        for (a, b) in log.time_s().iter().zip(&expected.time) {
+            assert!((a - b).abs() <= TIME_TOLERANCE_S, "{file} {name}: {a} and {b}");
+        }
+        let ours: Vec<&str> = log.names().collect();
+        assert_eq!(ours.len(), expected.channels.len(), "{file} {name}: {ours:?}");
+        for (channel, values) in &expected.channels {
+            let samples = log.channel(channel).unwrap_or_else(|e| panic!("{e}")).samples();
+            let found: Vec<Option<f64>> = (0..log.len()).map(|k| samples.get(k)).collect();
+            assert_eq!(&found, values, "{file} {name}.{channel}");
+        }
+    }
+}
+
+/// The files that this build reads.
+fn readable(file: &str) -> bool {
+    !matches!(open(&golden(file), &ReadOptions::default()), Err(deadtime::Error::Log(LogError::Feature { .. })))
+}
+
+#[test]
+fn every_file_holds_what_its_own_reader_says() {
+    let expected = expected();
+    assert!(expected.len() >= 14);
+    for (file, topics) in expected.iter().filter(|(file, _)| readable(file)) {
+        compare(file, topics);
+    }
+}
+
+#[test]
+fn a_format_that_this_build_lacks_names_the_feature() {
+    let folder = Folder::new();
+    for (name, head) in [("a.parquet", b"PAR1....".as_slice()), ("a.arrow", b"ARROW1\0\0"), ("a.mat", &[])] {
+        let mut bytes = head.to_vec();
+        if bytes.is_empty() {
+            bytes = vec![b' '; 512];
+            bytes.extend(b"\x89HDF\r\n\x1a\n");
+        }
+        let path = folder.write_bytes(name, &bytes);
+        let error = open(&path, &ReadOptions::default()).unwrap_err();
+        assert!(matches!(&error, deadtime::Error::Log(LogError::Feature { .. } | LogError::Format { .. })), "{name}: {error:?}");
+        if let deadtime::Error::Log(LogError::Feature { feature, .. }) = &error {
+            assert!(error.to_string().contains(feature), "{error}");
+        }
+    }
+}
+
+#[test]
+fn a_file_cut_off_anywhere_is_read_up_to_there_or_refused() {
+    let folder = Folder::new();
+    for file in expected().keys().filter(|file| readable(file)) {
+        let whole = std::fs::read(golden(file)).unwrap();
+        let full: usize = read(&golden(file)).topics.iter().map(|t| t.log.len()).sum();
+        // Every byte of small files, every so many of larger ones.
+        let step = whole.len() / 400 + 1;
+        let mut before = 0;
+        for length in (0..whole.len()).step_by(step) {
+            let path = folder.write_bytes(file, &whole[..length]);
+            match open(&path, &ReadOptions::default()) {
+                Ok(recording) => {
+                    let rows: usize = recording.topics.iter().map(|t| t.log.len()).sum();
+                    assert!(rows <= full, "{file} at {length}");
+                    if file.ends_with(".ulg") || file.ends_with(".mcap") {
+                        assert!(rows >= before, "{file} at {length}: fewer rows of more bytes");
+                        assert!(
+                            rows == full || recording.notes.iter().any(|n| n.contains("cut off")),
+                            "{file} at {length}: {:?}",
+                            recording.notes
+                        );
+                        before = rows;
+                    }
+                }
+                Err(error) => assert!(error.to_string().contains(file.as_str()), "{error}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn a_damaged_file_never_panics() {
+    let folder = Folder::new();
+    for file in expected().keys().filter(|file| readable(file)) {
+        let whole = std::fs::read(golden(file)).unwrap();
+        let mut state = 1_u64;
+        for _ in 0..150 {
+            let mut bytes = whole.clone();
+            for _ in 0..3 {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                let at = (state >> 33) as usize % bytes.len();
+                bytes[at] = (state >> 13) as u8;
+            }
+            let path = folder.write_bytes(file, &bytes);
+            let _ = open(&path, &ReadOptions::default()).map(|recording| recording.listing());
+        }
+    }
+}
+
+#[test]
+fn what_a_recorder_lost_is_said() {
+    let notes = read(&golden("flight.ulg")).notes.join("\n");
+    assert!(notes.contains("1 dropouts, 0.120 s together"), "{notes}");
+    // The rest is found again behind bytes that mean nothing.
+    let folder = Folder::new();
+    let mut bytes = std::fs::read(golden("flight.ulg")).unwrap();
+    let sync = bytes.windows(3).position(|w| w == [8, 0, b'S']).unwrap();
+    for byte in &mut bytes[sync - 60..sync] {
+        *byte = 0xee;
+    }
+    let recording = read(&folder.write_bytes("damaged.ulg", &bytes));
+    let rates = &recording.topics.iter().find(|t| t.name == "vehicle_rates[0]").unwrap().log;
+    assert!(rates.len() < 20 && rates.len() > 16 && rates.time_s().last().unwrap() > &1.07, "{}", rates.len());
+    assert!(recording.notes.iter().any(|n| n.contains("damaged from byte")), "{:?}", recording.notes);
+}
+
+#[test]
+fn log_lists_topics_and_channels() {
+    let out = deadtime(&["log", text(&golden("ros2_zstd.mcap"))]).done();
+    for part in
+        ["mcap, 2 topics", "/cmd_vel: 12 samples", "50 Hz", "angular.z", "position[2]", "recorded 0.004000 s after header.stamp", "█"]
+    {
+        assert!(out.contains(part), "`{part}` is not in {out}");
+    }
+    let folder = Folder::new();
+    let json = folder.path("log.json");
+    deadtime(&["log", text(&golden("flight.ulg")), "--topic", "track", "--json", text(&json)]).done();
+    let listing: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
+    assert_eq!(listing["format"], "deadtime/log@1");
+    assert_eq!((listing["topics"].as_array().unwrap().len(), &listing["topics"][0]["samples"]), (1, &serde_json::json!(10)));
+    assert_eq!(listing["topics"][0]["channels"][0]["short"], "points[0].x");
+}
+
+#[test]
+fn header_stamps_are_used_when_asked_for() {
+    let options = ReadOptions { stamps: deadtime::log::Stamps::Header, ..ReadOptions::default() };
+    let recording = open(&golden("ros2_lz4.mcap"), &options).unwrap();
+    let state = &recording.topics.iter().find(|t| t.name == "/state").unwrap().log;
+    assert!((state.time_s()[0] + 0.003).abs() < TIME_TOLERANCE_S, "{:?}", state.time_s());
+}
+
+/// A flight whose rate answers the command 0.06 s late, in two topics of different rates.
+fn two_rates(folder: &Folder) -> PathBuf {
+    let message = |kind: u8, payload: &[u8]| [&(payload.len() as u16).to_le_bytes(), [kind].as_slice(), payload].concat();
+    let mut bytes = b"ULog\x01\x12\x35\x01".to_vec();
+    bytes.extend(0_u64.to_le_bytes());
+    for format in ["command:uint64_t timestamp;float roll;", "gyro:uint64_t timestamp;double roll_rate;"] {
+        bytes.extend(message(b'F', format.as_bytes()));
+    }
+    bytes.extend(message(b'A', b"\x00\x01\x00command"));
+    bytes.extend(message(b'A', b"\x00\x02\x00gyro"));
+    let (mut state, mut command, mut rate, mut past) = (1_u64, 1.0_f32, 0.0_f64, std::collections::VecDeque::from(vec![1.0_f64; 31]));
+    // Milliseconds: the command every 10, the gyroscope every 2 and half a millisecond late.
+    for ms in 0..12_000_u64 {
+        if ms % 10 == 0 {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            command = if state >> 62 == 0 { -command } else { command };
+            let data = [[1, 0].as_slice(), &(ms * 1000).to_le_bytes(), &command.to_le_bytes()].concat();
+            bytes.extend(message(b'D', &data));
+        }
+        if ms % 2 == 0 {
+            past.push_back(f64::from(command));
+            let late = past.pop_front().unwrap();
+            rate += (late - rate) * 0.002 / 0.05;
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let noise = ((state >> 20) % 1000) as f64 / 1e5;
+            let data = [[2, 0].as_slice(), &(ms * 1000 + 500).to_le_bytes(), &(rate + noise).to_le_bytes()].concat();
+            bytes.extend(message(b'D', &data));
+        }
+    }
+    folder.write_bytes("two.ulg", &bytes)
+}
+
+#[test]
+fn topics_of_different_rates_are_put_together() {
+    let folder = Folder::new();
+    let log = two_rates(&folder);
+    let run = deadtime(&["estimate", text(&log), "--input", "command.roll", "--output", "roll_rate", "--method", "oestruc"]);
+    assert!(run.stderr.contains("put onto the stamps of command") && run.stderr.contains("roll_rate interpolated"), "{}", run.stderr);
+    let json = folder.path("e.json");
+    deadtime(&["estimate", text(&log), "--input", "roll", "--output", "roll_rate", "--method", "oestruc", "--json", text(&json)]).done();
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
+    let delay_s = report["pairs"][0]["estimates"][0]["delay_s"].as_f64().unwrap();
+    assert!((delay_s - 0.062).abs() < 0.012, "{report}");
+    deadtime(&["estimate", text(&log), "--input", "rol", "--output", "roll_rate"]).refused(&[
+        "two.ulg",
+        "`rol`",
+        "did you mean `roll`",
+        "`command.roll`",
+    ]);
+    let text_ = folder.write("log.csv", "time,u\n0,1\n1,1\n");
+    let run = deadtime(&["log", text(&text_)]).done();
+    assert!(run.contains("csv, 1 channels") && run.contains("2 samples"), "{run}");
+}
