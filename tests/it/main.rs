@@ -71,6 +71,7 @@ mod report_html;
 mod richness;
 mod sampled_models;
 #[cfg(feature = "cli")]
+mod structured;
 mod study;
 mod study_bjorklund;
 mod study_thesis;
