@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use super::write_json;
 use crate::delay::METHODS;
 use crate::effect;
+use crate::identify::IDENTIFIERS;
 use crate::model::ModelDocument;
 use crate::model::c2d::CONVERSIONS;
 use crate::model::uav::Dynamics;
@@ -18,7 +19,7 @@ use crate::signal::EXCITATIONS;
 use crate::simulate::System;
 use crate::study::{PLANS, PLANTS, Plan};
 
-/// List the methods, effects, excitations, conversions, dynamics, plants or plans there are, with their options and defaults
+/// List the methods, identification methods, effects, excitations, conversions, dynamics, plants or plans there are, with their options and defaults
 #[derive(Debug, clap::Args)]
 pub(super) struct List {
     /// What to list
@@ -38,6 +39,7 @@ enum What {
     Dynamics,
     Plants,
     Plans,
+    Identifiers,
 }
 
 impl List {
@@ -65,6 +67,7 @@ impl List {
                 })
                 .concat(),
             What::Plants => PLANTS.iter().map(|p| format!("{}\n    {}\n", p.name, p.summary)).collect(),
+            What::Identifiers => IDENTIFIERS.iter().map(|i| format!("{}    needs {}\n", describe(&i.entry), i.needs)).collect(),
             What::Plans => plans()?.iter().map(|p| format!("{}\n    {}\n", p.name, p.about)).collect(),
         };
         print(&text)
@@ -87,6 +90,14 @@ impl List {
                 .map(|d| json!({ "name": d.name(), "states": d.states(), "input": d.input(), "outputs": d.outputs() }))
                 .collect(),
             What::Plants => PLANTS.iter().map(|p| json!({ "name": p.name, "summary": p.summary })).collect(),
+            What::Identifiers => IDENTIFIERS
+                .iter()
+                .map(|i| {
+                    let mut data = i.entry.data();
+                    data["needs"] = json!(i.needs);
+                    data
+                })
+                .collect(),
             What::Plans => plans()?.iter().map(|p| json!({ "name": p.name, "summary": p.about })).collect(),
         })
     }

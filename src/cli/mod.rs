@@ -16,6 +16,7 @@ mod estimate;
 mod excite;
 mod gap;
 mod gate;
+mod identify;
 mod list;
 mod methods;
 mod progress;
@@ -55,6 +56,7 @@ enum Command {
     C2d(c2d::C2d),
     Excite(excite::Excite),
     Check(check::Check),
+    Identify(identify::Identify),
     Gap(gap::Gap),
     Gate(gate::Gate),
     #[command(subcommand)]
@@ -81,6 +83,7 @@ impl Cli {
             Command::C2d(c) => c.run(json),
             Command::Excite(c) => c.run(json),
             Command::Check(c) => c.run(json),
+            Command::Identify(c) => c.run(json),
             Command::Gap(c) => c.run(json),
             Command::Gate(c) => c.run(json),
             Command::Blind(c) => c.run(json),

@@ -50,8 +50,10 @@ pub enum IdentifyError {
         longest: usize,
     },
     /// Inputs of which one is a combination of the others.
-    #[error("the input `{channel}` is a combination of the other inputs ({others}) at every sample: their effects cannot be told apart; \
-             leave it out or move it on its own")]
+    #[error(
+        "the input `{channel}` is a combination of the other inputs ({others}) at every sample: their effects cannot be told apart; \
+             leave it out or move it on its own"
+    )]
     Collinear {
         /// The input.
         channel: String,

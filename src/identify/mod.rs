@@ -25,7 +25,7 @@ pub use oe::{Initial, OeFit, OutputError};
 pub use polynomial::MAX_ORDER as MAX_OE_ORDER;
 pub(crate) use regression::dot;
 pub use regression::{Record, Regression};
-pub use subspace::{Identified, Identifier, IDENTIFIERS, Innovations, Subspace};
+pub use subspace::{IDENTIFIERS, Identified, Identifier, Innovations, Subspace};
 
 pub(crate) use arx::beside;
 pub(crate) use fir::estimate as fir_or_rank;

@@ -8,6 +8,7 @@ pub mod effects;
 pub mod estimate;
 pub mod gate;
 pub mod html;
+pub mod identify;
 pub mod isolability;
 pub mod junit;
 pub mod methods;

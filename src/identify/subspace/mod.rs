@@ -61,7 +61,12 @@ pub const IDENTIFIERS: &[IdentifierLine] = &[
         needs: "rich inputs that do not depend on the outputs (no feedback)",
     },
     IdentifierLine {
-        entry: entry!("moesp", "subspace identification by orthogonal projection, past inputs and outputs as instruments", Moesp, dyn Identifier),
+        entry: entry!(
+            "moesp",
+            "subspace identification by orthogonal projection, past inputs and outputs as instruments",
+            Moesp,
+            dyn Identifier
+        ),
         needs: "rich inputs that do not depend on the outputs (no feedback)",
     },
 ];
@@ -228,8 +233,9 @@ impl Settings {
         };
         let tried = self.order.unwrap_or(0).max(self.max_order).min(most);
         let failed = |reason| IdentifyError::Numeric { method, reason };
-        let states = States::of(&predictions, &right, factor.rows, &predictor.noise, tried)
-            .ok_or_else(|| failed("the inputs and the past explain nothing of the outputs; check the channels, or record with a stronger excitation"))?;
+        let states = States::of(&predictions, &right, factor.rows, &predictor.noise, tried).ok_or_else(|| {
+            failed("the inputs and the past explain nothing of the outputs; check the channels, or record with a stronger excitation")
+        })?;
         if let Some(order) = self.order.filter(|n| *n > states.rows.nrows()) {
             return Err(IdentifyError::Order { order, past, most: states.rows.nrows() });
         }
@@ -245,7 +251,9 @@ impl Settings {
         let mut notes = Vec::new();
         if let Some((i, orders)) = poor(2 * order.order) {
             let name = &recordings.inputs[i].name;
-            notes.push(format!("{name} is told apart from its past at {orders} lags only; twice the order would be safe: use a richer excitation"));
+            notes.push(format!(
+                "{name} is told apart from its past at {orders} lags only; twice the order would be safe: use a richer excitation"
+            ));
         }
         if weight.is_some() {
             notes.push(format!("{method} is biased where the inputs depend on the outputs; under feedback use pbsidopt"));
@@ -362,7 +370,8 @@ impl Identified {
     /// # Errors
     /// [`ModelError::NoLogarithm`] where a sampled pole has no continuous counterpart, [`ModelError::Count`].
     pub fn file(&self, name: &str, delays: &[usize], continuous: bool) -> Result<ModelFile, ModelError> {
-        let channel = |named: &Named, mean: f64| Channel { name: named.name.clone(), unit: named.unit.clone(), operating: Operating::Value(mean) };
+        let channel =
+            |named: &Named, mean: f64| Channel { name: named.name.clone(), unit: named.unit.clone(), operating: Operating::Value(mean) };
         let channels = |names: &[Named], scales: &[(f64, f64)]| names.iter().zip(scales).map(|(n, s)| channel(n, s.0)).collect::<Vec<_>>();
         let (inputs, outputs) = (channels(&self.inputs, &self.scales.inputs), channels(&self.outputs, &self.scales.outputs));
         let system = self.system(delays)?;

@@ -3,9 +3,9 @@
 use faer::Mat;
 use nalgebra::DMatrix;
 
+use super::innovations::column_norms;
 use super::recordings::{Factor, Layout};
 use super::single::solve;
-use super::innovations::column_norms;
 
 /// Which directions of the past count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

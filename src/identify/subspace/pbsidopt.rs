@@ -5,7 +5,6 @@ use nalgebra::DMatrix;
 
 use super::innovations::Direct;
 use super::recordings::{Factor, Recordings, Scales, told_apart};
-use crate::identify::IdentifyError;
 
 /// The long predictor: y(t) = Σ over lags of θ z(t−lag) (+ D u(t)) + e, by least squares; scaled channels.
 #[derive(Debug, Clone)]
@@ -28,19 +27,20 @@ impl Predictor {
         let y = factor.y();
         let kept = told_apart(&factor.r, columns);
         // The factor of the columns that are kept, beside the outputs.
-        let (upper, top) = if kept.len() == columns {
-            (factor.r.view((0, 0), (columns, columns)).into_owned(), y.rows(0, columns).into_owned())
-        } else {
-            let chosen = factor.r.select_columns(&kept);
-            let both = Mat::from_fn(chosen.nrows(), kept.len() + layout.l, |i, j| {
-                if j < kept.len() { chosen[(i, j)] } else { y[(i, j - kept.len())] }
-            });
-            let qr = both.qr();
-            let r = qr.R();
-            let k = kept.len();
-            let part = |from: usize, n: usize| DMatrix::from_fn(k, n, |i, j| if i <= j + from { r[(i, j + from)] } else { 0.0 });
-            (part(0, k), part(k, layout.l))
-        };
+        let (upper, top) =
+            if kept.len() == columns {
+                (factor.r.view((0, 0), (columns, columns)).into_owned(), y.rows(0, columns).into_owned())
+            } else {
+                let chosen = factor.r.select_columns(&kept);
+                let both = Mat::from_fn(chosen.nrows(), kept.len() + layout.l, |i, j| {
+                    if j < kept.len() { chosen[(i, j)] } else { y[(i, j - kept.len())] }
+                });
+                let qr = both.qr();
+                let r = qr.R();
+                let k = kept.len();
+                let part = |from: usize, n: usize| DMatrix::from_fn(k, n, |i, j| if i <= j + from { r[(i, j + from)] } else { 0.0 });
+                (part(0, k), part(k, layout.l))
+            };
         let solved = upper.solve_upper_triangular(&top).unwrap_or_else(|| DMatrix::zeros(kept.len(), layout.l));
         let mut theta = DMatrix::zeros(columns, layout.l);
         for (row, &column) in kept.iter().enumerate() {
@@ -140,7 +140,8 @@ fn weighted(predictions: &DMatrix<f64>, noise: &DMatrix<f64>) -> Option<DMatrix<
 pub(super) fn noise_level(predictor: &Predictor, change: &DMatrix<f64>, factor: &Factor, horizon: usize) -> Option<f64> {
     let predictions = predictions(change, factor, horizon);
     let window = factor.layout.window();
-    let seen = weighted(&predictions, &predictor.noise)? * factor.r.view((0, 0), (window, window)).transpose() / (factor.rows as f64).sqrt();
+    let seen =
+        weighted(&predictions, &predictor.noise)? * factor.r.view((0, 0), (window, window)).transpose() / (factor.rows as f64).sqrt();
     let values = Mat::from_fn(seen.nrows(), seen.ncols(), |i, j| seen[(i, j)]).singular_values().ok()?;
     values.into_iter().reduce(f64::max)
 }

@@ -103,7 +103,11 @@ fn fit(measured: &[Vec<f64>], error: &[Vec<f64>]) -> Option<Fit> {
     let spread = variance(measured, mean(measured));
     let (square, own) = (variance(error, 0.0), variance(error, mean(error)));
     let nrmse = (square / spread).sqrt();
-    (spread > 0.0 && nrmse.is_finite()).then(|| Fit { fit_percent: 100.0 * (1.0 - nrmse), vaf_percent: 100.0 * (1.0 - own / spread), nrmse })
+    (spread > 0.0 && nrmse.is_finite()).then(|| Fit {
+        fit_percent: 100.0 * (1.0 - nrmse),
+        vaf_percent: 100.0 * (1.0 - own / spread),
+        nrmse,
+    })
 }
 
 /// Σ over stretches and samples of a(t)·b(t−lag).
