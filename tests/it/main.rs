@@ -45,6 +45,7 @@ mod gate;
 mod golden;
 mod golden_effects;
 mod higher_order;
+mod identify;
 #[cfg(feature = "cli")]
 mod isolability;
 #[cfg(feature = "cli")]
