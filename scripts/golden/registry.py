@@ -8,6 +8,7 @@ from . import effect_cases
 from . import regression_cases as regression
 from . import riccati_cases as riccati
 from . import simulation_cases as simulation
+from . import subspace_cases
 from . import zeros_cases as zeros
 
 CASES = {
@@ -24,5 +25,6 @@ CASES = {
     "dlqr_random": {"reference.json": riccati.dlqr_random},
     "effects": {"reference.json": effect_cases.effects},
     "regression": {"reference.json": regression.regression},
+    "subspace": {"reference.json": subspace_cases.subspace},
     "zeros": {"reference.json": zeros.zeros},
 }

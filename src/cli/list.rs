@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use super::write_json;
 use crate::delay::METHODS;
 use crate::effect;
+use crate::identify::IDENTIFIERS;
 use crate::log::READERS;
 use crate::model::ModelDocument;
 use crate::model::c2d::CONVERSIONS;
@@ -19,7 +20,8 @@ use crate::signal::EXCITATIONS;
 use crate::simulate::System;
 use crate::study::{PLANS, PLANTS, Plan};
 
-/// List the methods, effects, excitations, conversions, dynamics, plants, plans or readers of log files there are, with their options and defaults
+/// List the methods, identification methods, effects, excitations, conversions, dynamics, plants, plans or readers of log files there are, with their options and
+/// defaults
 #[derive(Debug, clap::Args)]
 pub(super) struct List {
     /// What to list
@@ -40,6 +42,7 @@ enum What {
     Plants,
     Plans,
     Readers,
+    Identifiers,
 }
 
 impl List {
@@ -67,6 +70,7 @@ impl List {
                 })
                 .concat(),
             What::Plants => PLANTS.iter().map(|p| format!("{}\n    {}\n", p.name, p.summary)).collect(),
+            What::Identifiers => IDENTIFIERS.iter().map(|i| format!("{}    needs {}\n", describe(&i.entry), i.needs)).collect(),
             What::Plans => plans()?.iter().map(|p| format!("{}\n    {}\n", p.name, p.about)).collect(),
             What::Readers => {
                 READERS.iter().map(|r| format!("{}\n    {}\n    .{}\n", r.name, r.summary, r.extensions.join(", ."))).collect()
@@ -92,6 +96,14 @@ impl List {
                 .map(|d| json!({ "name": d.name(), "states": d.states(), "input": d.input(), "outputs": d.outputs() }))
                 .collect(),
             What::Plants => PLANTS.iter().map(|p| json!({ "name": p.name, "summary": p.summary })).collect(),
+            What::Identifiers => IDENTIFIERS
+                .iter()
+                .map(|i| {
+                    let mut data = i.entry.data();
+                    data["needs"] = json!(i.needs);
+                    data
+                })
+                .collect(),
             What::Plans => plans()?.iter().map(|p| json!({ "name": p.name, "summary": p.about })).collect(),
             What::Readers => READERS.iter().map(|r| json!({ "name": r.name, "summary": r.summary, "extensions": r.extensions })).collect(),
         })

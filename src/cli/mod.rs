@@ -17,6 +17,7 @@ mod estimate;
 mod excite;
 mod gap;
 mod gate;
+mod identify;
 mod list;
 mod log;
 mod methods;
@@ -61,6 +62,7 @@ enum Command {
     C2d(c2d::C2d),
     Excite(excite::Excite),
     Check(check::Check),
+    Identify(identify::Identify),
     Gap(gap::Gap),
     Gate(gate::Gate),
     #[command(subcommand)]
@@ -94,6 +96,7 @@ impl Cli {
             Command::C2d(c) => c.run(json),
             Command::Excite(c) => c.run(json),
             Command::Check(c) => c.run(json),
+            Command::Identify(c) => c.run(json),
             Command::Gap(c) => c.run(json),
             Command::Gate(c) => c.run(json),
             Command::Blind(c) => c.run(json),

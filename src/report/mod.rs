@@ -10,6 +10,7 @@ pub mod estimate;
 mod folder;
 pub mod gate;
 pub mod html;
+pub mod identify;
 pub mod isolability;
 pub mod junit;
 pub mod log;

@@ -50,6 +50,7 @@ mod golden;
 mod golden_effects;
 mod higher_order;
 mod house;
+mod identify;
 #[cfg(feature = "cli")]
 mod isolability;
 #[cfg(feature = "cli")]

@@ -5,7 +5,6 @@ use nalgebra::DMatrix;
 
 use super::innovations::Direct;
 use super::recordings::{Factor, Recordings, Scales, told_apart};
-use crate::identify::IdentifyError;
 
 /// The long predictor: y(t) = Σ over lags of θ z(t−lag) (+ D u(t)) + e, by least squares; scaled channels.
 #[derive(Debug, Clone)]

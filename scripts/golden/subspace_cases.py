@@ -1,0 +1,129 @@
+"""Case subspace: PBSIDopt, N4SID and MOESP on a stored record, from explicit data matrices, `lstsq` and `svd`."""
+
+import numpy as np
+
+TOOL = "numpy 2.3.5"
+SAMPLES, PAST, ORDER = 500, 8, 3
+# One unstable pole; inputs in other units than outputs.
+A = np.array([[1.05, 0.2, 0.0], [0.0, 0.7, 0.3], [0.0, -0.3, 0.6]])
+B = np.array([[0.02, 0.0], [0.1, -0.05], [0.0, 0.08]])
+C = np.array([[30.0, 0.0, 5.0], [0.0, 0.2, 0.1]])
+K = np.array([[0.02, 0.3], [0.001, 0.5], [0.0, 0.2]])
+NOISE = np.diag([0.5, 0.01])
+FEEDBACK = np.array([[0.25, 0.0], [0.0, -2.0]])
+
+
+def closed_loop() -> tuple[np.ndarray, np.ndarray]:
+    """x+ = A x + B u + K e, y = C x + e, u = r - F y with random r of +-1 and +-2; rows are samples."""
+    generator = np.random.default_rng(20260211)
+    x, u, y = np.zeros(3), np.zeros((SAMPLES, 2)), np.zeros((SAMPLES, 2))
+    for t in range(SAMPLES):
+        e = NOISE @ generator.standard_normal(2)
+        y[t] = C @ x + e
+        u[t] = generator.choice([-1.0, 1.0], 2) * [1.0, 2.0] - FEEDBACK @ y[t] + [3.0, 0.0]
+        x = A @ x + B @ u[t] + K @ e
+    return np.round(u, 9), np.round(y, 9)
+
+
+def data(stored: dict | None) -> tuple[np.ndarray, np.ndarray]:
+    if stored is not None:
+        return np.array(stored["u"]), np.array(stored["y"])
+    return closed_loop()
+
+
+def past_of(z: np.ndarray, rows: np.ndarray, past: int) -> np.ndarray:
+    """[z(t-1) ... z(t-past)] of every row."""
+    return np.hstack([z[rows - lag] for lag in range(1, past + 1)])
+
+
+def realise(u, y, z, states_map) -> dict:
+    """A, B, C, K from the states x(t) = map [z(t-1); ...; z(t-PAST)], by two regressions; D = 0."""
+    rows = np.arange(PAST, len(y))
+    x, x_next = past_of(z, rows, PAST) @ states_map.T, past_of(z, rows + 1, PAST) @ states_map.T
+    c = np.linalg.lstsq(x, y[rows], rcond=None)[0].T
+    e = y[rows] - x @ c.T
+    abk = np.linalg.lstsq(np.hstack([x, u[rows], e]), x_next, rcond=None)[0].T
+    n, m = len(states_map), u.shape[1]
+    return {"A": abk[:, :n], "B": abk[:, n : n + m], "C": c, "K": abk[:, n + m :]}
+
+
+def invariants(model: dict, singular: np.ndarray) -> dict:
+    """What does not depend on the choice of states: eigenvalues, C A^j B and C A^j K, j = 0 .. 5."""
+    powers = [np.linalg.matrix_power(model["A"], j) for j in range(6)]
+    return {
+        "singular": singular[:6],
+        "poles": np.sort_complex(np.linalg.eigvals(model["A"])),
+        "markov": np.hstack([model["C"] @ p @ model["B"] for p in powers]),
+        "noise_markov": np.hstack([model["C"] @ p @ model["K"] for p in powers]),
+    }
+
+
+def long_predictor(z, y):
+    """Coefficients on the past, channels by rows of past, and the innovations' covariance."""
+    rows = np.arange(PAST, len(y))
+    regressors = past_of(z, rows, PAST)
+    theta = np.linalg.lstsq(regressors, y[rows], rcond=None)[0]
+    rest = y[rows] - regressors @ theta
+    return theta, rest.T @ rest / (len(rows) - regressors.shape[1])
+
+
+def weight(covariance: np.ndarray) -> np.ndarray:
+    """The symmetric inverse square root for every block row."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.kron(np.eye(PAST), vectors @ np.diag(values**-0.5) @ vectors.T)
+
+
+def states(w, predictions, right):
+    """S^(-1/2) U' W P, and the singular values of W P right."""
+    u, s, _ = np.linalg.svd(w @ predictions @ right, full_matrices=False)
+    return np.diag(s[:ORDER] ** -0.5) @ u[:, :ORDER].T @ w @ predictions, s
+
+
+def pbsidopt(u, y, z) -> dict:
+    theta, covariance = long_predictor(z, y)
+    width, l = z.shape[1], y.shape[1]
+    predictions = np.zeros((PAST * l, PAST * width))
+    for ahead in range(PAST):
+        predictions[ahead * l : (ahead + 1) * l, : (PAST - ahead) * width] = theta[ahead * width :].T
+    rows = np.arange(PAST, len(y))
+    mapping, singular = states(weight(covariance), predictions, past_of(z, rows, PAST).T / np.sqrt(len(rows)))
+    return invariants(realise(u, y, z, mapping), singular)
+
+
+def projection(u, y, z, beside_inputs: bool) -> dict:
+    """Oblique projection of future outputs along future inputs on the past; MOESP takes the past beside the future inputs."""
+    _, covariance = long_predictor(z, y)
+    instants = np.arange(PAST, len(y) - PAST + 1)
+    instants = instants[instants + PAST < len(y)]  # rows that the triangular factor of twice the past has
+    before = past_of(z, instants, PAST)
+    future = lambda series: np.hstack([series[instants + i] for i in range(PAST)])
+    uf, yf = future(u), future(y)
+    along = np.linalg.lstsq(np.hstack([before, uf]), yf, rcond=None)[0]
+    predictions = along[: before.shape[1]].T
+    seen = before - uf @ np.linalg.lstsq(uf, before, rcond=None)[0] if beside_inputs else before
+    rows = len(y) - PAST
+    mapping, singular = states(weight(covariance), predictions, seen.T / np.sqrt(rows))
+    return invariants(realise(u, y, z, mapping), singular)
+
+
+def subspace(stored: dict | None) -> dict:
+    u, y = data(stored)
+    centred = (u - u.mean(axis=0), y - y.mean(axis=0))
+    z = np.hstack(centred)
+    cases = {
+        "pbsidopt": pbsidopt(*centred, z),
+        "n4sid": projection(*centred, z, beside_inputs=False),
+        "moesp": projection(*centred, z, beside_inputs=True),
+    }
+    truth = np.sort_complex(np.linalg.eigvals(A))
+    assert np.max(np.abs(cases["pbsidopt"]["poles"] - truth)) < 0.2, cases["pbsidopt"]["poles"]
+    return {
+        "tool": TOOL,
+        "tolerance": {"default": 1e-8},
+        "past": PAST,
+        "order": ORDER,
+        "true_poles": truth,
+        "u": u,
+        "y": y,
+        "cases": [{"id": name, **case} for name, case in cases.items()],
+    }

@@ -1,0 +1,135 @@
+//! A model from a log, as text and as data: `deadtime/identify@1`.
+
+use serde_json::{Value, json};
+
+use super::Table;
+use crate::identify::subspace::{Fit, Identified, OutputCheck, Response, Root, Test};
+
+/// Frequencies of every response.
+const FREQUENCIES: usize = 40;
+
+/// What was identified, from which logs, and how it does on data that it has not seen.
+pub struct Report<'a> {
+    /// The logs.
+    pub logs: Vec<String>,
+    /// The model.
+    pub model: &'a Identified,
+    /// Delay of each input, samples.
+    pub delays: &'a [usize],
+    /// Where the delays come from, a sentence each.
+    pub delay_notes: Vec<String>,
+    /// What the checks were made on.
+    pub held_out: String,
+    /// Samples that the checks were made on.
+    pub held_out_samples: usize,
+    /// Every output on data that the model has not seen.
+    pub checks: Vec<OutputCheck>,
+}
+
+impl Report<'_> {
+    /// `deadtime/identify@1`.
+    ///
+    /// # Errors
+    /// [`crate::model::ModelError`] where the responses cannot be had.
+    pub fn data(&self) -> Result<Value, crate::model::ModelError> {
+        let m = self.model;
+        let responses: Vec<Response> = m.responses(self.delays, FREQUENCIES)?;
+        let rows = |m: &nalgebra::DMatrix<f64>| m.row_iter().map(|r| r.iter().copied().collect::<Vec<_>>()).collect::<Vec<_>>();
+        Ok(json!({
+            "format": "deadtime/identify@1", "logs": self.logs, "method": m.method, "sample_time_s": m.sample_time.seconds(),
+            "inputs": m.inputs, "outputs": m.outputs, "past": m.past, "rows": m.rows, "order": m.order,
+            "input_delay_s": self.delays.iter().map(|d| m.sample_time.to_seconds(*d as f64)).collect::<Vec<_>>(), "delay_notes": self.delay_notes,
+            "model": { "A": rows(&m.model.a), "B": rows(&m.model.b), "C": rows(&m.model.c), "D": rows(&m.model.d), "K": rows(&m.model.k),
+                       "innovations_covariance": rows(&m.innovations),
+                       "operating": { "inputs": m.scales.inputs.iter().map(|s| s.0).collect::<Vec<_>>(), "outputs": m.scales.outputs.iter().map(|s| s.0).collect::<Vec<_>>() } },
+            "poles": m.poles(), "zeros": m.zeros(), "frequency_responses": responses,
+            "held_out": { "data": self.held_out, "samples": self.held_out_samples, "outputs": self.checks }, "notes": m.notes,
+        }))
+    }
+
+    /// For a terminal.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let m = self.model;
+        let order = &m.order;
+        let mut text = format!(
+            "{}: order {} ({}), past window {} samples, {} rows, sample time {}\n",
+            m.method,
+            order.order,
+            order.sure,
+            m.past,
+            m.rows,
+            seconds(m.sample_time.seconds())
+        );
+        for (input, delay) in m.inputs.iter().zip(self.delays) {
+            text += &format!("  {}: dead time {} taken out first\n", input.name, seconds(m.sample_time.to_seconds(*delay as f64)));
+        }
+        for note in self.delay_notes.iter().chain(&m.notes) {
+            text += &format!("  note: {note}\n");
+        }
+        text += &format!(
+            "\norders: {} by Schwarz's criterion, {} by the largest gap, {} singular values above noise ({:.3})\n",
+            order.by_schwarz, order.by_gap, order.by_noise, order.noise_level
+        );
+        let mut table = Table::new(&["order", "singular value", "Schwarz", "weight"], &[]);
+        for c in &order.candidates {
+            let schwarz = c.schwarz.map_or_else(|| "no stable predictor".to_owned(), |s| format!("{s:.2}"));
+            table.row(vec![c.order.to_string(), format!("{:.4}", c.singular_value), schwarz, format!("{:.3}", c.weight)]);
+        }
+        text += &format!("{table}\n");
+        text += &format!("poles (z plane, standard deviations in brackets)\n{}\n", poles(&m.poles()));
+        text += &format!("on held-out data ({}, {} samples)\n{}", self.held_out, self.held_out_samples, self.fits());
+        text
+    }
+
+    fn fits(&self) -> String {
+        let mut table =
+            Table::new(&["output", "one-step fit %", "simulation fit %", "VAF %", "nrmse", "white, p", "inputs, least p"], &[0]);
+        let percent = |f: Option<Fit>| f.map_or_else(|| "-".to_owned(), |f| format!("{:.1}", f.fit_percent));
+        let p = |t: Option<Test>| t.map_or_else(|| "-".to_owned(), |t| format!("{:.3}", t.p));
+        for c in &self.checks {
+            let whole = c.simulation.or(c.one_step);
+            let worst = c.inputs.iter().map(|i| i.test).min_by(|a, b| a.p.total_cmp(&b.p));
+            table.row(vec![
+                c.output.clone(),
+                percent(c.one_step),
+                percent(c.simulation),
+                whole.map_or_else(|| "-".to_owned(), |f| format!("{:.1}", f.vaf_percent)),
+                whole.map_or_else(|| "-".to_owned(), |f| format!("{:.4}", f.nrmse)),
+                p(c.white),
+                p(worst),
+            ]);
+        }
+        let unstable = self.checks.iter().all(|c| c.simulation.is_none());
+        let note = if unstable { "VAF and nrmse are those of one-step predictions: there is no free run to compare.\n" } else { "" };
+        format!("{table}{note}A p below 0.01 says that the one-step errors still contain something that a larger model could explain.\n")
+    }
+}
+
+fn poles(roots: &[Root]) -> String {
+    let mut table = Table::new(&["pole", "size", "time constant", "frequency", "damping"], &[0]);
+    let deviation = |s: Option<f64>| s.map_or_else(String::new, |s| format!(" ({s:.2e})"));
+    for r in roots.iter().filter(|r| r.im >= 0.0) {
+        let imaginary = if r.im == 0.0 { String::new() } else { format!(" ± {:.5}{} i", r.im, deviation(r.std_im)) };
+        table.row(vec![
+            format!("{:.5}{}{imaginary}", r.re, deviation(r.std_re)),
+            format!("{:.5}", r.re.hypot(r.im)),
+            r.time_constant_s.map_or_else(|| "-".to_owned(), |t| format!("{}{}", signed(t), deviation(r.time_constant_std_s))),
+            r.frequency_hz.map_or_else(|| "-".to_owned(), |f| format!("{f:.4} Hz")),
+            r.damping.map_or_else(|| "-".to_owned(), |d| format!("{d:.3}")),
+        ]);
+    }
+    table.to_string()
+}
+
+/// Five digits.
+fn seconds(value_s: f64) -> String {
+    let digits = 4 - value_s.abs().max(1e-9).log10().floor() as i32;
+    let decimals = usize::try_from(digits.clamp(0, 9)).unwrap_or(0);
+    format!("{value_s:.decimals$} s")
+}
+
+/// Seconds; of a growing pole the time in which it grows e-fold.
+fn signed(time_constant_s: f64) -> String {
+    if time_constant_s < 0.0 { format!("grows in {}", seconds(-time_constant_s)) } else { seconds(time_constant_s) }
+}
