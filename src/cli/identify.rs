@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
-use super::source::Reading;
+use super::source::{Needed, Reading};
 use super::write_json;
 use crate::delay::{Detrend, Feedback, Job, Scope, chosen};
 use crate::identify::subspace::{Direct, Identified, Recordings, identifier};
@@ -104,7 +104,8 @@ impl Identify {
     }
 
     fn read(&self, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
-        let records = paths.iter().map(|path| self.reading.read(path, &self.input)).collect::<anyhow::Result<Vec<_>>>()?;
+        let needed = Needed { inputs: &self.input, outputs: &self.output, required: true };
+        let records = paths.iter().map(|path| self.reading.read(path, &needed)).collect::<anyhow::Result<Vec<_>>>()?;
         Ok(records.into_iter().flatten().collect())
     }
 

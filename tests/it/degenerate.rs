@@ -1,6 +1,6 @@
 //! Estimators on records that are legal and leave nothing to estimate: an answer without NaN, or a refusal; never a panic.
 
-use deadtime::delay::{Experiment, METHODS, PairEstimate, Scope, Search, Series};
+use deadtime::delay::{Events, Experiment, METHODS, Recording, Scope, Search, Series};
 use deadtime::time::SampleTime;
 use rayon::prelude::*;
 use serde_json::json;
@@ -47,17 +47,21 @@ fn no_answer_on_a_degenerate_record_holds_nan() {
             return;
         }
         let ts = SampleTime::new(0.02).unwrap();
-        let mut experiment = match method.scope {
-            Scope::Events => Experiment::of_events(ts, u.clone(), y.clone()),
-            _ => Experiment::siso(ts, u.clone(), y.clone()),
+        // A record that is refused when it is built asks no method for an answer.
+        let built = match method.scope {
+            Scope::Events => {
+                Experiment::of_events(ts, ["u", "y"], vec![Events { first: u.clone(), second: y.clone(), ..Events::default() }])
+            }
+            _ => {
+                let output = Series { values: y.into(), present: present.as_deref().map(Into::into) };
+                let recording = Recording { inputs: vec![u.into()], outputs: vec![output], states: Vec::new() };
+                Experiment::new(ts, vec!["u".into()], vec!["y".into()], vec![recording])
+            }
         };
-        if let (Some(present), Some(recording)) = (present, experiment.recordings.first_mut()) {
-            recording.outputs[0] = Series { values: y.clone(), present: Some(present.clone()) };
-        }
+        let Ok(experiment) = built else { return };
         let search = Search { max_delay: 10, ..Search::default() };
-        let answers: Vec<PairEstimate> = method.entry.with(json!({})).unwrap().estimate(&experiment, &search).unwrap_or_default();
-        for answer in answers {
-            let e = &answer.estimate;
+        let answers = method.entry.with(json!({})).unwrap().estimate_inputs(&experiment, &search).unwrap_or_default();
+        for e in answers {
             let numbers = [e.delay_s, e.std_s, e.raw_delay_s, e.ci95_s.map(|i| i[0]), e.ci95_s.map(|i| i[1]), Some(e.degree_bias_samples)];
             assert!(!numbers.iter().flatten().any(|v| v.is_nan()), "{} on {what}: {e:?}", method.entry.name);
             assert!(e.delay_s.is_none_or(f64::is_finite), "{} on {what}: {e:?}", method.entry.name);

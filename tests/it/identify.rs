@@ -74,7 +74,7 @@ fn the_methods_agree_with_explicit_matrices_in_numpy() {
 /// The thesis' lateral dynamics, unstable, held by u = r − K x; noise on states and outputs; `delay` samples of dead time at the input.
 fn flight(samples: usize, seed: u64, delay: usize) -> (Recordings, DMatrix<f64>) {
     let ts = SampleTime::new(0.02).unwrap();
-    let plant = ZeroOrderHold.c2d(&Dynamics::Lateral.model(), ts).unwrap();
+    let plant = ZeroOrderHold {}.c2d(&Dynamics::Lateral.model(), ts).unwrap();
     let gain = DMatrix::from_row_slice(1, 3, &[0.00566, 0.01504, 0.05516]);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
@@ -126,7 +126,7 @@ fn the_unstable_vehicle_in_its_loop_has_its_order_and_its_poles_within_their_int
 fn drawn_bands_agree_with_the_delta_method_and_hold_the_true_response() {
     let (data, _) = flight(4000, 77, 0);
     let found = identified(&data, Settings { order: Some(3), past: Some(20), direct: Direct::Free, ..Settings::default() });
-    let truth = ZeroOrderHold.c2d(&Dynamics::Lateral.model(), data.sample_time).unwrap();
+    let truth = ZeroOrderHold {}.c2d(&Dynamics::Lateral.model(), data.sample_time).unwrap();
     let (mut inside, mut all) = (0, 0);
     for (i, response) in found.responses(&[0], 30).unwrap().iter().enumerate() {
         for band in response.bands.iter().filter(|b| b.omega_rad_s > 2.0 && b.omega_rad_s < 100.0) {
