@@ -1,6 +1,6 @@
 //! The gap between a simulator and a log: its size, its place, its cause, and how far it shrinks.
 //!
-//! The folders are the stages of a diagnosis, in this order, and [`pipeline`] walks through them. A file imports from its own folder and from the folders
+//! The folders are the stages of a diagnosis, in this order, and `pipeline.rs` walks through them. A file imports from its own folder and from the folders
 //! before it, never from a `mod.rs`.
 
 mod format;

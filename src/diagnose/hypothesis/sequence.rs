@@ -90,3 +90,78 @@ pub(in crate::diagnose) fn search(
     }
     path
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::RngExt;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
+
+    const SAMPLES: usize = 12;
+
+    /// What a pattern of losses costs, every sample of the deviation summed from its definition; and the commands that are lost in it.
+    fn cost(pattern: u32, u: &[f64], e: &DMatrix<f64>, g: &DMatrix<f64>, probability: f64) -> (f64, Vec<bool>) {
+        let (mut held, mut cost, mut lost) = (u[0], 0.0, vec![false; SAMPLES]);
+        let mut deviation = DMatrix::zeros(SAMPLES, e.ncols());
+        for k in 0..SAMPLES {
+            if u[k] == held {
+                continue;
+            }
+            lost[k] = pattern >> k & 1 == 1;
+            cost -= 2.0 * if lost[k] { probability.ln() } else { (1.0 - probability).ln() };
+            if lost[k] {
+                for n in k..SAMPLES.min(k + g.nrows()) {
+                    let mut row = deviation.row_mut(n);
+                    row += g.row(n - k) * (held - u[k]);
+                }
+            } else {
+                held = u[k];
+            }
+        }
+        (cost + (e - deviation).norm_squared(), lost)
+    }
+
+    /// All 4096 patterns are tried; the search that keeps 32 finds the best of them, on every draw.
+    #[test]
+    fn the_search_finds_what_trying_every_sequence_finds() {
+        let mut rng = ChaCha8Rng::seed_from_u64(12);
+        let mut some_lost = 0;
+        for _ in 0..20 {
+            let u: Vec<f64> = (0..SAMPLES).map(|_| rng.random_range(-1.0..1.0)).collect();
+            let g = DMatrix::from_fn(5, 2, |n, i| 6.0 * (-0.5 * n as f64).exp() * if i == 0 { 1.0 } else { 0.4 });
+            let pattern: u32 = (0..SAMPLES).map(|k| u32::from(rng.random::<f64>() < 0.3) << k).sum();
+            let noise = DMatrix::from_fn(SAMPLES, 2, |_, _| rng.random_range(-1.0..1.0));
+            // The residual of a true pattern is its deviation; what is left of the cost is that pattern's.
+            let (none, silent) = (DMatrix::zeros(SAMPLES, 2), |p: u32, e: &DMatrix<f64>| cost(p, &u, e, &g, 0.3));
+            let mut deviation = none.clone();
+            for k in 0..SAMPLES {
+                for i in 0..2 {
+                    let mut unit = none.clone();
+                    unit[(k, i)] = 1.0;
+                    // |e − d|² at e = 0 and at a unit vector: 1 − 2d + d² − d².
+                    deviation[(k, i)] = 0.5 * (1.0 + silent(pattern, &none).0 - silent(pattern, &unit).0);
+                }
+            }
+            let e = deviation + noise;
+            let best = (0..1_u32 << SAMPLES).map(|p| silent(p, &e)).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+            let found = search(&u, &|v| v, &e, &g, 0.3, 32);
+            assert_eq!(found.lost, best.1);
+            some_lost += usize::from(best.1.contains(&true));
+        }
+        assert!(some_lost > 10, "only {some_lost} draws lose anything");
+    }
+
+    /// With one sequence kept the search is greedy, and some draw shows it: the test above can fail.
+    #[test]
+    fn a_greedy_search_misses_the_best_sequence() {
+        let u = [0.0, 1.0, 0.5, 0.0, 1.0, 0.5, 0.0, 1.0, 0.5, 0.0, 1.0, 0.5];
+        // The first sample of the response says nothing, the later ones decide.
+        let g = DMatrix::from_row_slice(3, 1, &[1e-3, 5.0, 5.0]);
+        let e = DMatrix::from_fn(SAMPLES, 1, |k, _| if k == 2 || k == 3 { -5.0 } else { 1e-12 });
+        let best = (0..1_u32 << SAMPLES).map(|p| cost(p, &u, &e, &g, 0.3)).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+        assert!(best.1[1]);
+        assert_eq!(search(&u, &|v| v, &e, &g, 0.3, 32).lost, best.1);
+        assert_ne!(search(&u, &|v| v, &e, &g, 0.3, 1).lost, best.1);
+    }
+}

@@ -6,4 +6,5 @@ pub(in crate::diagnose) mod intervals;
 pub(in crate::diagnose) mod level;
 pub(in crate::diagnose) mod perturbations;
 pub(in crate::diagnose) mod prior_sensitivity;
+pub(in crate::diagnose) mod rule;
 pub(in crate::diagnose) mod verdict;

@@ -4,11 +4,12 @@ use super::explainable;
 use super::floor::{self, Floor};
 use super::intervals;
 use super::level::Level;
+use super::rule::{GapVerdict, Levels, Ruling, Sizes, rule};
 use crate::diagnose::hypothesis::hypothesis::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
-use crate::diagnose::likelihood::errors::{Errors, overall};
+use crate::diagnose::likelihood::errors::Errors;
 use crate::diagnose::likelihood::likelihood::Likelihood;
 use crate::diagnose::search::catalogue_search::SearchResult;
 use crate::effect::{Applied, Scales};
@@ -27,13 +28,6 @@ pub(in crate::diagnose) struct Judged {
     /// Twice the log-likelihood that a further effect would gain which does not matter: so far off is the simulator beside what was found.
     pub(in crate::diagnose) inexact: f64,
     pub(in crate::diagnose) floor: Floor,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::diagnose) enum GapVerdict {
-    None,
-    Unknown,
-    Effects,
 }
 
 /// `after` lowers the whitened error by more than a factor, on data that it was not fitted to as well: what noise with a long memory hides from the rms.
@@ -98,48 +92,17 @@ pub(in crate::diagnose) fn judge(
     let active = best.hypothesis.as_ref().map_or(NO_EFFECT, ActiveEffects::from);
     let explainable = explainable::shares(likelihood, active, &best.residuals, catalogue, scales);
     let floor = floor::estimate(likelihood, &best.residuals, &reached, &explainable);
-    let (all, left) = (nothing.train.nrmse(), best.train.nrmse());
-    let noise = best.train.relative(&floor.floor);
-    let size = best.size();
-    let chance = best.is_chance() && size > 0;
-    // Judged on the output that gains most; where nothing gains, on the one that is furthest above its floor.
-    let gained = |i: usize| Some(all[i]?.powi(2) - left[i]?.powi(2));
-    let ratio = |i: usize| Some(left[i]? / noise[i]?.max(1e-9));
-    let by = |key: &dyn Fn(usize) -> Option<f64>| (0..all.len()).max_by(|&a, &b| key(a).unwrap_or(0.0).total_cmp(&key(b).unwrap_or(0.0)));
-    let decisive = if size > 0 { by(&gained) } else { by(&ratio) };
-    let mut unknown: f64 = 0.0;
-    let mut left_over = None;
-    if let Some(i) = decisive
-        && let (Some(all), Some(left), Some(noise)) = (all[i], left[i], noise[i])
-    {
-        let above = left / noise.max(1e-9);
-        let share = if all > noise { (all * all - left * left) / (all * all - noise * noise) } else { 1.0 };
-        let limit = if size > 0 || beaten { criteria.above_floor } else { criteria.above_floor_alone };
-        left_over = Some((i, above)).filter(|(_, above)| *above > limit && !chance);
-        if above > limit && share < [criteria.one_explains, criteria.two_explain][size.clamp(1, 2) - 1] && !chance {
-            unknown = 1.0 - 0.5 * (limit - above).exp();
-        }
-    }
-    // What does not hold on data that it was not fitted to is no hypothesis. A single effect answers for that output, a pair for all of them; what matters
-    // only beside noise of its colour is asked by that measure.
-    let held = |each: Vec<Option<f64>>| if size == 1 { decisive.and_then(|i| each[i]) } else { overall(&each) }.unwrap_or(0.0);
-    let (before, after, noise) = if hidden {
-        (nothing.white[1].sqrt(), best.white[1].sqrt(), best.white[0].sqrt())
-    } else {
-        (held(nothing.held.nrmse()), held(best.held.nrmse()), held(nothing.held.relative(&floor.floor)))
+    let sizes =
+        |before: &Errors, after: &Errors| Sizes { before: before.nrmse(), after: after.nrmse(), floor: before.relative(&floor.floor) };
+    let levels = Levels {
+        train: sizes(&nothing.train, &best.train),
+        held: sizes(&nothing.held, &best.held),
+        whitened: hidden.then(|| [nothing.white[1].sqrt(), best.white[1].sqrt(), best.white[0].sqrt()]),
+        effects: best.size(),
+        chance: best.is_chance(),
+        beaten,
     };
-    let taken = before * before - after * after;
-    if size > 0
-        && !chance
-        && taken < [criteria.one_generalises, criteria.two_generalise][size.min(2) - 1] * (before * before - noise * noise).max(0.0)
-    {
-        unknown = f64::max(unknown, 0.9);
-    }
-    let verdict = match (unknown > 0.5, size) {
-        (true, _) => GapVerdict::Unknown,
-        (false, 0) => GapVerdict::None,
-        (false, _) => GapVerdict::Effects,
-    };
+    let Ruling { verdict, unknown, left_over } = rule(&levels, &criteria);
     // What one of several explains alone orders them.
     let alone = |a: &Applied| found.singles.iter().find(|s| s.effects.iter().all(|e| e.key() == a.key())).map_or(0.0, |s| s.gain);
     let best = best.hypothesis.map(|e| e.ordered(alone));

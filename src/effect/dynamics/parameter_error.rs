@@ -64,9 +64,11 @@ impl Effect for ParameterError {
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
         let (place, ..) = self.place(system, channel)?;
         match (&mut plan.dynamics, place) {
-            (Dynamics::Equations(_, parameters) | Dynamics::BlackBox(_, parameters), Place::Parameter(i)) => parameters[i] = values[0],
-            (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Place::A(i, j)) => matrices.a[(i, j)] = values[0],
-            (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Place::B(i, j)) => matrices.b[(i, j)] = values[0],
+            (Dynamics::Equations(_, parameters) | Dynamics::BlackBox(_, parameters), ModelNumber::Parameter(i)) => {
+                parameters[i] = values[0]
+            }
+            (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), ModelNumber::A(i, j)) => matrices.a[(i, j)] = values[0],
+            (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), ModelNumber::B(i, j)) => matrices.b[(i, j)] = values[0],
             _ => {}
         }
         Ok(())
@@ -74,7 +76,7 @@ impl Effect for ParameterError {
 }
 
 /// Where the number stands.
-enum Place {
+enum ModelNumber {
     Parameter(usize),
     A(usize, usize),
     B(usize, usize),
@@ -82,13 +84,13 @@ enum Place {
 
 impl ParameterError {
     /// The place that a channel names, its unit and what stands there.
-    fn place(&self, system: &System, channel: &str) -> Result<(Place, String, f64), EffectError> {
+    fn place(&self, system: &System, channel: &str) -> Result<(ModelNumber, String, f64), EffectError> {
         let unknown = || EffectError::Channel { effect: self.name(), channel: channel.to_owned(), known: self.channels(system) };
         let at = |ports: &[Port], name: &str| ports.iter().position(|p| p.name == name).ok_or_else(unknown);
         match &system.dynamics {
             Dynamics::Equations(_, parameters) | Dynamics::BlackBox(_, parameters) => {
                 let i = at(&system.parameters, channel)?;
-                Ok((Place::Parameter(i), channel::unit(&system.parameters[i]), parameters[i]))
+                Ok((ModelNumber::Parameter(i), channel::unit(&system.parameters[i]), parameters[i]))
             }
             Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
                 let inside = |letter: &str| channel.strip_prefix(letter)?.strip_prefix('[')?.strip_suffix(']')?.split_once(',');
@@ -102,11 +104,11 @@ impl ParameterError {
                 };
                 if let Some((row, column)) = inside("A") {
                     let (i, j) = (at(&system.states, row)?, at(&system.states, column)?);
-                    return Ok((Place::A(i, j), derivative(i, &system.states[j]), matrices.a[(i, j)]));
+                    return Ok((ModelNumber::A(i, j), derivative(i, &system.states[j]), matrices.a[(i, j)]));
                 }
                 let (row, column) = inside("B").ok_or_else(unknown)?;
                 let (i, j) = (at(&system.states, row)?, at(&system.inputs, column)?);
-                Ok((Place::B(i, j), derivative(i, &system.inputs[j]), matrices.b[(i, j)]))
+                Ok((ModelNumber::B(i, j), derivative(i, &system.inputs[j]), matrices.b[(i, j)]))
             }
         }
     }
