@@ -1,5 +1,7 @@
 //! How large a study may be, estimated before anything of it is made.
 
+use std::cmp::Ordering;
+
 use super::StudyError;
 use super::plan::{Grid, Loop, Plan, spelt};
 
@@ -100,11 +102,12 @@ impl Budget {
             limit_gb,
             option,
         };
-        // Written so that what is no number is refused too.
-        if !(memory_gb <= self.memory_gb) {
+        // A limit that is no number allows nothing.
+        let within = |needed_gb: f64, limit_gb: f64| matches!(needed_gb.partial_cmp(&limit_gb), Some(Ordering::Less | Ordering::Equal));
+        if !within(memory_gb, self.memory_gb) {
             return Err(refused("memory", memory_gb, self.memory_gb, "--max-memory-gb"));
         }
-        if !(disk_gb <= self.disk_gb) {
+        if !within(disk_gb, self.disk_gb) {
             return Err(refused("room on the disk", disk_gb, self.disk_gb, "--max-disk-gb"));
         }
         Ok(())
