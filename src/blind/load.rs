@@ -1,6 +1,6 @@
 //! Verdicts and labels side by side, every label checked against its commitment before anything is scored.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::cases::{COMMITMENT, folders};
 use super::run_time::RunTime;
@@ -108,7 +108,7 @@ fn check_commitments(labels: &[(Label, Vec<u8>)], verdicts: &Path, cases: Option
 }
 
 /// The first word of a commitment file, in small letters; none where there is no file.
-fn committed(path: &PathBuf, id: &str) -> Result<Option<String>> {
+fn committed(path: &Path, id: &str) -> Result<Option<String>> {
     let text = match read_bytes(path) {
         Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
         Err(Error::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => return Ok(None),

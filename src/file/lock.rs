@@ -29,9 +29,7 @@ impl Lock {
             let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(wrong)?;
             match file.try_lock() {
                 Err(TryLockError::WouldBlock) => {
-                    let mut text = String::new();
-                    let _ = file.take(20).read_to_string(&mut text);
-                    return Err(Error::Busy { folder: folder.to_owned(), process: text.trim().parse().ok() });
+                    return Err(Error::Busy { folder: folder.to_owned(), process: holder(&mut file) });
                 }
                 Err(TryLockError::Error(e)) if e.kind() != std::io::ErrorKind::Unsupported => return Err(wrong(e)),
                 _ => {}
@@ -44,6 +42,29 @@ impl Lock {
             return Ok(Self { path, _file: file });
         }
     }
+}
+
+/// The process that holds the lock. It has locked the file before it writes its number there: until then the file is empty, or holds a dead run's.
+fn holder(file: &mut File) -> Option<u32> {
+    const TRIES: u32 = 50;
+    for _ in 0..TRIES {
+        let mut text = String::new();
+        if file.rewind().is_ok()
+            && file.take(20).read_to_string(&mut text).is_ok()
+            && let Ok(process) = text.trim().parse()
+            && lives(process)
+        {
+            return Some(process);
+        }
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    None
+}
+
+/// Whether a process runs, as far as this can be told: elsewhere than on Linux every number is believed. On a shared file system it may run on another machine: then no number is told.
+fn lives(process: u32) -> bool {
+    let all = Path::new("/proc/self");
+    !all.exists() || Path::new("/proc").join(process.to_string()).exists()
 }
 
 impl Drop for Lock {

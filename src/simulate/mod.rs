@@ -128,7 +128,7 @@ pub enum SimulateError {
     },
     /// The same, with the state to blame.
     #[error(
-        "the state `{state}` is too fast to simulate at t = {time_s} s: its time constant there is about {time_constant_s:e} s ({steps} steps so far); \
+        "the state `{state}` is too fast to simulate at t = {time_s} s: its time constant there is about {time_constant_s:.1e} s ({steps} steps so far); \
          replace it by its steady state, or correct the units of its parameters"
     )]
     TooFast {

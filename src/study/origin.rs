@@ -63,16 +63,17 @@ fn line_of(text: &str, detail: &str) -> usize {
         let header = line.strip_prefix('[').is_some_and(|h| h.trim_matches(['[', ']']).rsplit('.').next() == Some(word));
         header || line.trim_start_matches('"').strip_prefix(word).is_some_and(|rest| rest.trim_start_matches(['"', ' ']).starts_with('='))
     };
-    let find = |range: std::ops::Range<usize>, fits: &dyn Fn(&str, &str) -> bool| {
-        words.iter().find_map(|word| range.clone().find(|at| lines.get(*at).is_some_and(|line| fits(line, word))))
+    // The first word counts most; the grid's own lines come before those that all grids share.
+    let find = |fits: &dyn Fn(&str, &str) -> bool| {
+        let at = |range: std::ops::Range<usize>, word: &str| range.clone().find(|at| lines.get(*at).is_some_and(|line| fits(line, word)));
+        words.iter().find_map(|word| at(own.clone(), word).or_else(|| at(0..lines.len(), word)))
     };
-    let contains = |line: &str, word: &str| !line.starts_with('#') && line.contains(word);
-    find(own.clone(), &is_key)
-        .or_else(|| find(0..lines.len(), &is_key))
-        .or_else(|| find(own, &contains))
-        .or_else(|| find(0..lines.len(), &contains))
-        .unwrap_or(from)
-        + 1
+    let plain = |c: char| c.is_alphanumeric() || c == '_';
+    let holds = |line: &str, word: &str| {
+        let whole = if word.chars().all(plain) { line.split(|c| !plain(c)).any(|w| w == word) } else { line.contains(word) };
+        whole && !line.starts_with('#')
+    };
+    find(&is_key).or_else(|| find(&holds)).unwrap_or(from) + 1
 }
 
 #[cfg(test)]

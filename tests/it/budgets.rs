@@ -106,5 +106,5 @@ fn models_that_are_too_large_or_too_fast_say_so() {
     plan.tolerance.budget = 3000;
     let commands = Commands { time_s: &time_s, inputs: &u };
     let said = system.simulate(&plan, commands, &system.initial, None).unwrap_err().to_string();
-    assert!(said.contains("`fast`") && said.contains("1e-7"), "{said}");
+    assert!(said.contains("`fast`") && said.contains("1.0e-7"), "{said}");
 }

@@ -40,6 +40,8 @@ mod effects;
 mod equations;
 #[cfg(feature = "cli")]
 mod events;
+#[cfg(all(feature = "cli", unix))]
+mod faults;
 mod fuzz;
 #[cfg(feature = "cli")]
 mod gap;
