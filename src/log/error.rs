@@ -79,16 +79,6 @@ pub enum LogError {
         /// The topics.
         topics: Vec<String>,
     },
-    /// A format that this build of the program cannot read.
-    #[error("{file}: this is {format}, which this build cannot read; build it with `--features {feature}`")]
-    Feature {
-        /// The log.
-        file: String,
-        /// What the file is.
-        format: &'static str,
-        /// The cargo feature.
-        feature: &'static str,
-    },
     /// A file of a known format that does not begin as the format says, or asks for what is not supported.
     #[error("{file}: {format}: {what}")]
     Format {

@@ -3,15 +3,20 @@
 //! NaN and infinities never leave this module: a missing sample is a mark beside the value, and only outputs may have one.
 
 mod align;
+mod arrays;
 mod bag;
 pub mod csv;
 mod error;
 mod grid;
 mod listing;
+mod mat;
 mod mcap;
 mod reader;
 mod recording;
 mod ros;
+mod ros_types;
+mod rosbag2;
+mod sqlite;
 #[cfg(test)]
 mod tests;
 mod ulog;

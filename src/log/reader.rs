@@ -4,11 +4,11 @@ use std::io::Read;
 use std::path::Path;
 
 use super::recording::{ReadOptions, Recording};
-use super::{Log, csv, mcap, ulog};
+use super::{Log, LogError, csv, mat, mcap, rosbag2, ulog};
 use crate::error::Error;
 
 /// As many bytes as any format is recognised by.
-const HEAD: usize = 16;
+const HEAD: usize = 520;
 
 /// One format of log files.
 pub struct Reader {
@@ -22,6 +22,13 @@ pub struct Reader {
     pub sniff: fn(&[u8]) -> bool,
     /// Reads a file.
     pub open: fn(&Path, &ReadOptions) -> Result<Recording, Error>,
+}
+
+/// What the Python package takes as it is.
+const IN_PYTHON: &str = "the Python package takes the table as pandas, polars or pyarrow read it; or write it as CSV";
+
+fn unread(path: &Path, format: &'static str, remedy: &str) -> Error {
+    LogError::Format { file: path.display().to_string(), format, what: format!("this format is recognised but not read: {remedy}") }.into()
 }
 
 /// Every format there is; the last one takes what no other knows.
@@ -39,6 +46,47 @@ pub const READERS: &[Reader] = &[
         extensions: &["mcap"],
         sniff: |head| head.starts_with(mcap::MAGIC),
         open: mcap::open,
+    },
+    Reader {
+        name: "rosbag2",
+        summary: "bags of ROS 2 in SQLite; messages by the definitions in the bag, or by their names",
+        extensions: &["db3"],
+        sniff: |head| head.starts_with(rosbag2::MAGIC),
+        open: rosbag2::open,
+    },
+    Reader {
+        name: "mat",
+        summary: "MAT 5 to 7 of MATLAB and Simulink: vectors beside a vector of time, structs of arrays, structures with time",
+        extensions: &["mat"],
+        sniff: mat::is_mat5,
+        open: mat::open,
+    },
+    Reader {
+        name: "mat73",
+        summary: "MAT 7.3, which is HDF5: recognised, not read",
+        extensions: &["h5", "hdf5"],
+        sniff: |head| [0, 512].iter().any(|at| head.get(*at..).is_some_and(|rest| rest.starts_with(b"\x89HDF\r\n\x1a\n"))),
+        open: |path, _| {
+            Err(unread(
+                path,
+                "HDF5 (MAT 7.3)",
+                "save it in MATLAB with `save -v7`, or read it in Python and hand the arrays to `deadtime.Log`",
+            ))
+        },
+    },
+    Reader {
+        name: "parquet",
+        summary: "Parquet: recognised, not read",
+        extensions: &["parquet", "pq"],
+        sniff: |head| head.starts_with(b"PAR1"),
+        open: |path, _| Err(unread(path, "Parquet", IN_PYTHON)),
+    },
+    Reader {
+        name: "arrow",
+        summary: "Arrow IPC and Feather: recognised, not read",
+        extensions: &["arrow", "feather", "ipc"],
+        sniff: |head| head.starts_with(b"ARROW1"),
+        open: |path, _| Err(unread(path, "Arrow IPC", IN_PYTHON)),
     },
     Reader {
         name: "csv",

@@ -5,6 +5,7 @@
 use std::collections::HashMap;
 
 use super::recording::Table;
+use super::ros_types::definition;
 
 /// Sequences and arrays longer than this are pictures, point clouds and scans, not channels.
 pub(super) const MOST_ELEMENTS: usize = 64;
@@ -126,13 +127,11 @@ impl Definitions {
         if let Some(at) = known.get(name) {
             return Ok(*at);
         }
-        let builtin = || match name {
-            "builtin_interfaces/Time" => Some("int32 sec\nuint32 nanosec"),
-            "builtin_interfaces/Duration" => Some("int32 sec\nuint32 nanosec"),
-            _ => None,
-        };
+        // A bag without definitions has an empty one.
         let text =
-            texts.get(name).copied().or_else(builtin).filter(|_| depth < DEEPEST).ok_or_else(|| format!("no definition of {name}"))?;
+            texts.get(name).copied().filter(|text| !text.trim().is_empty()).or_else(|| definition(name)).or(texts.get(name).copied());
+        let text =
+            text.filter(|text| depth < DEEPEST && (depth > 0 || !text.is_empty())).ok_or_else(|| format!("no definition of {name}"))?;
         let place = self.messages.len();
         self.messages.push(Vec::new());
         known.insert(name.to_owned(), place);

@@ -9,7 +9,7 @@ use pyo3::types::PyDict;
 
 use super::convert::{Numbers, array1, vector};
 use super::error::OrRaise;
-use crate::log::{Channel, Log as Inner, name_and_unit, read, read_records};
+use crate::log::{Channel, Log as Inner, ReadOptions, csv, name_and_unit, open};
 use crate::time::SampleTime;
 
 /// A measured log: time stamps and named channels of as many samples.
@@ -67,11 +67,21 @@ impl Log {
     #[staticmethod]
     #[pyo3(signature = (path, records = None))]
     fn _read(py: Python<'_>, path: PathBuf, records: Option<String>) -> PyResult<Vec<Self>> {
-        let logs = py.detach(|| match records {
-            Some(column) => read_records(&path, &column),
-            None => read(&path).map(|log| vec![log]),
-        });
-        Ok(logs.or_raise(py)?.into_iter().map(Self).collect())
+        let options = ReadOptions::default();
+        let read = || match records {
+            Some(column) => csv::records(&path, &column, &options),
+            None => {
+                let mut recording = open(&path, &options)?;
+                let notes = std::mem::take(&mut recording.notes);
+                Ok((vec![recording.into_log()?], notes))
+            }
+        };
+        let (logs, notes) = py.detach(read).or_raise(py)?;
+        // What was guessed is said.
+        for note in notes {
+            py.import("warnings")?.call_method1("warn", (format!("{}: {note}", path.display()),))?;
+        }
+        Ok(logs.into_iter().map(Self).collect())
     }
 
     /// Writes the log to `path` as CSV (.csv, or .csv.gz), under a temporary name until it is whole.

@@ -52,6 +52,11 @@ pub(super) fn named(name: &str, first: bool) -> Option<Option<TimeUnit>> {
     known(base.trim_end_matches(['_', ' '])).then(|| unit(suffix)).flatten().map(Some)
 }
 
+/// As [`named`], of arrays, which have no order.
+pub(in crate::log) fn named_time(name: &str) -> Option<Option<TimeUnit>> {
+    named(name, false)
+}
+
 /// How the unit of the time came about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Why {

@@ -10,8 +10,8 @@ use std::fmt::Write as _;
 use std::io::{Read, Write};
 use std::path::Path;
 
-pub(super) use self::clock::median_step;
 use self::clock::{Stamps, Why};
+pub(super) use self::clock::{median_step, named_time};
 use self::lines::{Lines, Separator};
 use super::recording::{ReadOptions, Recording, TimeUnit};
 use super::{Channel, Log, LogError, Origin, Place, Rows, Unusable, time_follows};

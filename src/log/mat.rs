@@ -1,0 +1,227 @@
+//! MAT files of version 5 (and 6, 7): arrays, structs of arrays, Simulink's "structure with time".
+//!
+//! Source: MathWorks, "MAT-File Format", level 5. Objects (timeseries, tables, `Simulink.SimulationData.Dataset`) stand in an undocumented part of the file: they are named.
+
+use std::io::Read;
+use std::path::Path;
+
+use flate2::read::ZlibDecoder;
+
+use super::LogError;
+use super::arrays::{Array, assemble};
+use super::recording::{ReadOptions, Recording};
+use crate::error::Error;
+
+const NAME: &str = "MAT 5";
+const HEADER: usize = 128;
+/// Structs within structs deeper than this are refused.
+const DEEPEST: usize = 16;
+/// A compressed variable may unpack to at most this many bytes.
+const LARGEST: u64 = 1 << 34;
+
+const INT8: u32 = 1;
+const UTF8: u32 = 16;
+const MATRIX: u32 = 14;
+const COMPRESSED: u32 = 15;
+
+/// Whether a file begins like one of version 5; version 7.3 has the same text and another version number.
+pub(super) fn is_mat5(head: &[u8]) -> bool {
+    matches!(head.get(124..128), Some([0, 1, b'I', b'M'] | [1, 0, b'M', b'I']))
+}
+
+/// Reads a file.
+pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    read(&path.display().to_string(), &bytes, options)
+}
+
+/// Reads the bytes of a file.
+pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<Recording, Error> {
+    let refused = |what: &str| LogError::Format { file: source.into(), format: NAME, what: what.into() };
+    let big = match bytes.get(124..128) {
+        Some([0, 1, b'I', b'M']) => false,
+        Some([1, 0, b'M', b'I']) => true,
+        _ => return Err(refused("the header is not one of version 5 to 7.3; save it with `save -v7` or `-v7.3`").into()),
+    };
+    let mut file = Elements { bytes: bytes.get(HEADER..).unwrap_or_default(), big };
+    let (mut variables, mut notes) = (Vec::new(), Vec::new());
+    while !file.bytes.is_empty() {
+        let at = bytes.len() - file.bytes.len();
+        let Some((kind, data, whole)) = file.next() else {
+            notes.push(format!("cut off at byte {at}: the last variable is not whole"));
+            break;
+        };
+        let found = match kind {
+            COMPRESSED => unpacked(data, big, &mut notes, at),
+            MATRIX => matrix(data, big, 0, &mut notes),
+            _ => None,
+        };
+        match found {
+            Some((name, array)) => variables.push((name, array)),
+            None if matches!(kind, COMPRESSED | MATRIX) && whole => {
+                notes.push(format!("the variable at byte {at} cannot be read; left out"))
+            }
+            None => {}
+        }
+        if !whole {
+            notes.push(format!("cut off at byte {}: the variable that begins at byte {at} is not whole", bytes.len()));
+            break;
+        }
+    }
+    assemble(source, "mat", NAME, variables, notes, options)
+}
+
+/// A variable out of a compressed element, as far as it unpacks.
+fn unpacked(data: &[u8], big: bool, notes: &mut Vec<String>, at: usize) -> Option<(String, Array)> {
+    let mut plain = Vec::new();
+    if let Err(error) = ZlibDecoder::new(data).take(LARGEST).read_to_end(&mut plain) {
+        notes.push(format!("the variable at byte {at} does not unpack ({error})"));
+    }
+    let (kind, content, whole) = Elements { bytes: &plain, big }.next()?;
+    if kind != MATRIX || !whole {
+        return None;
+    }
+    matrix(content, big, 0, notes)
+}
+
+/// The elements of a part of a file.
+struct Elements<'a> {
+    bytes: &'a [u8],
+    big: bool,
+}
+
+impl<'a> Elements<'a> {
+    fn u32(&self, at: usize) -> Option<u32> {
+        let bytes = self.bytes.get(at..at + 4)?.try_into().ok()?;
+        Some(if self.big { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
+    }
+
+    /// Type and content of the next element, and whether it is whole.
+    fn next(&mut self) -> Option<(u32, &'a [u8], bool)> {
+        let word = self.u32(0)?;
+        // Up to four bytes stand in the tag itself.
+        if word >> 16 != 0 {
+            let content = self.bytes.get(4..8)?.get(..(word >> 16) as usize)?;
+            self.bytes = self.bytes.get(8..)?;
+            return Some((word & 0xffff, content, true));
+        }
+        let length = self.u32(4)? as usize;
+        let rest = self.bytes.get(8..)?;
+        let content = rest.get(..length).unwrap_or(rest);
+        // Compressed elements are not padded.
+        let padded = if word == COMPRESSED { length } else { length.checked_next_multiple_of(8)? };
+        self.bytes = rest.get(padded..).unwrap_or_default();
+        Some((word, content, content.len() == length))
+    }
+
+    fn numbers(&mut self) -> Option<Vec<f64>> {
+        let (kind, content, whole) = self.next()?;
+        if !whole {
+            return None;
+        }
+        numbers(kind, content, self.big)
+    }
+}
+
+fn numbers(kind: u32, content: &[u8], big: bool) -> Option<Vec<f64>> {
+    fn all<const N: usize>(content: &[u8], big: bool, value: fn([u8; N]) -> f64) -> Vec<f64> {
+        let (whole, _) = content.as_chunks::<N>();
+        whole
+            .iter()
+            .map(|bytes| {
+                let mut bytes = *bytes;
+                if big {
+                    bytes.reverse();
+                }
+                value(bytes)
+            })
+            .collect()
+    }
+    Some(match kind {
+        INT8 => all(content, big, |b| f64::from(i8::from_le_bytes(b))),
+        2 | UTF8 => all(content, big, |b| f64::from(u8::from_le_bytes(b))),
+        3 => all(content, big, |b| f64::from(i16::from_le_bytes(b))),
+        4 => all(content, big, |b| f64::from(u16::from_le_bytes(b))),
+        5 => all(content, big, |b| f64::from(i32::from_le_bytes(b))),
+        6 => all(content, big, |b| f64::from(u32::from_le_bytes(b))),
+        7 => all(content, big, |b| f64::from(f32::from_le_bytes(b))),
+        9 => all(content, big, f64::from_le_bytes),
+        12 => all(content, big, |b| i64::from_le_bytes(b) as f64),
+        13 => all(content, big, |b| u64::from_le_bytes(b) as f64),
+        _ => return None,
+    })
+}
+
+/// A variable: its name and what it holds.
+fn matrix(content: &[u8], big: bool, depth: usize, notes: &mut Vec<String>) -> Option<(String, Array)> {
+    let mut parts = Elements { bytes: content, big };
+    if content.is_empty() || depth > DEEPEST {
+        return Some((String::new(), Array::Other));
+    }
+    let (_, flags, _) = parts.next()?;
+    let class = Elements { bytes: flags, big }.u32(0)? & 0xff;
+    if class == 17 {
+        let (_, name, _) = parts.next()?;
+        let name = String::from_utf8_lossy(name).into_owned();
+        if !name.is_empty() {
+            notes.push(format!(
+                "{name}: an object (timeseries, table, Dataset), which only MATLAB understands; save it as a struct: s.time = ts.Time; s.{name} = ts.Data"
+            ));
+        }
+        return Some((name, Array::Other));
+    }
+    let shape: Vec<usize> = parts.numbers()?.into_iter().map(|n| n.max(0.0) as usize).collect();
+    let (_, name, _) = parts.next()?;
+    let name = String::from_utf8_lossy(name).into_owned();
+    let count = shape.iter().try_fold(1_usize, |product, n| product.checked_mul(*n))?;
+    let array = match class {
+        // Cells, structs.
+        1 => {
+            let mut cells = Vec::new();
+            while cells.len() < count && !parts.bytes.is_empty() {
+                let (_, cell, _) = parts.next()?;
+                cells.push(matrix(cell, big, depth + 1, notes)?.1);
+            }
+            Array::List(cells)
+        }
+        2 => {
+            let length = parts.numbers()?.first().copied()? as usize;
+            let (_, names, _) = parts.next()?;
+            if length == 0 {
+                return Some((name, Array::Other));
+            }
+            let name_of = |bytes: &[u8]| String::from_utf8_lossy(bytes.split(|b| *b == 0).next().unwrap_or_default()).into_owned();
+            let fields: Vec<String> = names.chunks(length).map(name_of).collect();
+            let mut elements = Vec::new();
+            while elements.len() < count && !parts.bytes.is_empty() && !fields.is_empty() {
+                let mut element = Vec::with_capacity(fields.len());
+                for field in &fields {
+                    let (_, value, _) = parts.next()?;
+                    element.push((field.clone(), matrix(value, big, depth + 1, notes)?.1));
+                }
+                elements.push(Array::Struct(element));
+            }
+            match elements.len() {
+                1 => elements.pop()?,
+                _ => Array::List(elements),
+            }
+        }
+        4 => {
+            let (kind, letters, _) = parts.next()?;
+            let text = match kind {
+                4 | 17 => String::from_utf16_lossy(&numbers(4, letters, big)?.into_iter().map(|x| x as u16).collect::<Vec<_>>()),
+                _ => String::from_utf8_lossy(letters).into_owned(),
+            };
+            Array::Text(text)
+        }
+        6..=15 => {
+            let values = parts.numbers()?;
+            if values.len() != count {
+                return None;
+            }
+            Array::Numbers { shape, values }
+        }
+        _ => Array::Other,
+    };
+    Some((name, array))
+}
