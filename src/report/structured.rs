@@ -68,6 +68,7 @@ pub fn text(found: &StructuredFit) -> String {
         let standing = match p.standing {
             Standing::Physical => "physical",
             Standing::Surrogate => "surrogate",
+            Standing::Unchecked => "unchecked",
             Standing::Open => "open",
         };
         table.row(vec![

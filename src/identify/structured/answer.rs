@@ -28,6 +28,8 @@ pub enum Standing {
     Physical,
     /// It predicts well but is not the physics: the two differ, or the nominal value moved tenfold.
     Surrogate,
+    /// Nothing was found against it, but windows of one step were not fitted, so nothing was asked either.
+    Unchecked,
     /// Another parameter can trade with it, or its interval holds anything from nothing to twice its value.
     Open,
 }
@@ -104,7 +106,7 @@ pub struct StructuredFit {
 
 /// Sandwich covariance over clusters, with what the shrinkage leaves open, and the information deflated by how much errors repeat each other.
 ///
-/// V = A⁻¹ (M + κΛ) A⁻¹, A = N + Λ; N the information, Λ the shrinkage, M = C/(C−1) Σ sₖsₖᵀ the clusters' scores, κ = tr(A⁻¹M)/tr(A⁻¹N) at least 1 … so that
+/// V = A⁻¹ (M + κΛ) A⁻¹, A = N + Λ; N the information, Λ the shrinkage, M = C/(C−1) Σ sₖsₖᵀ the clusters' scores, κ = tr(A⁻¹M)/tr(A⁻¹N), so that
 /// a parameter that only the shrinkage holds gets the shrinkage's own spread, never a tight interval.
 pub(super) fn covariance(problem: &Problem<'_>, clusters: &[Normal], z: &[f64], prior: &[f64]) -> (DMatrix<f64>, DMatrix<f64>) {
     let size = z.len();
@@ -207,7 +209,11 @@ fn standing(nominal: f64, [value, std]: [f64; 2], one_step: Option<[f64; 2]>, lo
         let unlike = !(1.0 / APART..=APART).contains(&ratio);
         unlike && (once - value).abs() > INTERVAL * std.hypot(spread)
     });
-    if moved || apart { Standing::Surrogate } else { Standing::Physical }
+    match one_step {
+        _ if moved || apart => Standing::Surrogate,
+        Some(_) => Standing::Physical,
+        None => Standing::Unchecked,
+    }
 }
 
 /// Directions whose standard deviation is the parameters' own size or more: the null space of the information, as far as the data are concerned.

@@ -95,6 +95,7 @@ impl Default for Structured {
 struct Prepared<'a> {
     file: &'a EquationsFile,
     equations: Equations,
+    starts: Option<(Equations, Vec<usize>)>,
     groups: Vec<Group>,
     logged: Vec<bool>,
     step_s: f64,
@@ -119,8 +120,14 @@ impl<'a> Prepared<'a> {
             return Err(unsupported("an input delay that is no whole number of samples", "round it, or resample the logs").into());
         }
         // A state starts from the log where every log has it.
-        let logged = file.states.iter().map(|(name, _)| logs.iter().all(|log| log.output(name).is_ok())).collect();
-        Ok(Self { file, equations: file.equations()?, groups: Group::all(file), logged, step_s })
+        let logged = file
+            .states
+            .iter()
+            .map(|(name, _)| !file.starts.iter().any(|(s, _)| s == name) && logs.iter().all(|log| log.output(name).is_ok()))
+            .collect();
+        let at = |(name, _): &(String, String)| file.states.iter().position(|(state, _)| state == name);
+        let starts = file.start_equations()?.map(|equations| (equations, file.starts.iter().filter_map(at).collect()));
+        Ok(Self { file, equations: file.equations()?, starts, groups: Group::all(file), logged, step_s })
     }
 
     fn records(&self, logs: &[Log], layout: Layout) -> Result<Vec<Record>> {
@@ -129,12 +136,14 @@ impl<'a> Prepared<'a> {
 
     fn problem<'b>(&'b self, records: &'b [Record], horizon: usize, free: Vec<(usize, f64)>, own: Vec<(usize, f64)>) -> Problem<'b> {
         let states = self.equations.state_variables();
-        let unknown = |i: &usize| !self.logged[*i] && states[*i].initial_std != Some(0.0);
+        let said = |i: &usize| self.starts.as_ref().is_some_and(|(_, list)| list.contains(i));
+        let unknown = |i: &usize| !self.logged[*i] && !said(i) && states[*i].initial_std != Some(0.0);
         let starts: Vec<usize> = (0..states.len()).filter(unknown).collect();
         let std = starts.iter().map(|&i| states[i].initial_std.unwrap_or(f64::INFINITY)).collect();
         Problem {
             simulator: Simulator {
                 equations: &self.equations,
+                starts: self.starts.as_ref(),
                 groups: &self.groups,
                 logged: &self.logged,
                 step_s: self.step_s,

@@ -8,6 +8,8 @@ use crate::model::{Directions, Equations, Workspace};
 #[derive(Debug)]
 pub(super) struct Simulator<'a> {
     pub(super) equations: &'a Equations,
+    /// Starts that are expressions, and whose they are.
+    pub(super) starts: Option<&'a (Equations, Vec<usize>)>,
     pub(super) groups: &'a [Group],
     /// Which states start from the log.
     pub(super) logged: &'a [bool],
@@ -81,6 +83,16 @@ impl Simulator<'_> {
         for (j, (&i, shift)) in at.starts.iter().zip(at.shift).enumerate() {
             b.x[0][i] += shift;
             b.s[0][i * count + at.columns.len() + j] = 1.0;
+        }
+        if let Some((equations, states)) = self.starts {
+            let (mut values, mut slopes) = (vec![0.0; states.len()], vec![0.0; states.len() * count]);
+            let directions = Directions { count, states: &b.s[0], parameters: &b.seeds };
+            let (t, u) = (start as f64 * self.step_s, &record.u[start * m..(start + 1) * m]);
+            equations.outputs_along(t, &b.x[0], u, at.p, directions, &mut b.workspace, &mut values, &mut slopes);
+            for (k, &i) in states.iter().enumerate() {
+                b.x[0][i] = values[k];
+                b.s[0][i * count..(i + 1) * count].copy_from_slice(&slopes[k * count..(k + 1) * count]);
+            }
         }
         let h = self.step_s / self.substeps as f64;
         for step in 1..=self.horizon {

@@ -85,6 +85,9 @@ pub struct EquationsFile {
     /// Named expressions that equations, and definitions after them, can use.
     #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
     pub definitions: Vec<(String, String)>,
+    /// Where states start in a window of a log, in what is known at its first row; others start from their column, else from `initial`.
+    #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
+    pub starts: Vec<(String, String)>,
     /// dx/dt of each state.
     #[serde(with = "table")]
     pub derivatives: Vec<(String, String)>,
@@ -151,6 +154,7 @@ impl EquationsFile {
                 .map(|p| (p.name.clone(), ParameterEntry { unit: p.unit.clone(), value: p.value }))
                 .collect(),
             definitions: model.definitions().iter().map(|d| (d.name.clone(), d.expression.clone())).collect(),
+            starts: Vec::new(),
             derivatives: states.iter().map(|s| (s.name.clone(), s.derivative.clone())).collect(),
             output_equations: outputs.iter().map(|o| (o.name.clone(), o.equation.clone())).collect(),
             groups: Vec::new(),
@@ -192,6 +196,7 @@ impl EquationsFile {
             Some(Operating::Mean(_)) => return number("operating", f64::NAN, rule),
             None => {}
         }
+        self.compile_starts(path)?;
         self.compile(path).map(drop)
     }
 
@@ -232,6 +237,29 @@ impl EquationsFile {
     /// [`ModelError::Equations`], which points into the expression; [`ModelError::Unmatched`] for a state without a derivative and its like.
     pub fn equations(&self) -> std::result::Result<Equations, ModelError> {
         self.compile(Path::new(&self.name))
+    }
+
+    /// The states' starts as the outputs of a model with the same names, an output named after its state; `None` where the file has none.
+    ///
+    /// # Errors
+    /// As [`Self::equations`].
+    pub fn start_equations(&self) -> std::result::Result<Option<Equations>, ModelError> {
+        self.compile_starts(Path::new(&self.name))
+    }
+
+    fn compile_starts(&self, path: &Path) -> std::result::Result<Option<Equations>, ModelError> {
+        if self.starts.is_empty() {
+            return Ok(None);
+        }
+        if let Some((name, _)) = self.starts.iter().find(|(name, _)| entry(&self.states, name).is_none()) {
+            let lacks = "belongs to no state; add it to [states] or correct its name";
+            return Err(ModelError::Unmatched { path: path.to_owned(), what: "the start", name: name.clone(), lacks });
+        }
+        let output = |name: &String| Channel { name: name.clone(), unit: None, operating: Operating::default(), derivative_of: None };
+        let outputs = self.starts.iter().map(|(name, _)| output(name)).collect();
+        Self { outputs, output_equations: self.starts.clone(), starts: Vec::new(), groups: Vec::new(), ..self.clone() }
+            .compile(path)
+            .map(Some)
     }
 
     fn compile(&self, path: &Path) -> std::result::Result<Equations, ModelError> {
