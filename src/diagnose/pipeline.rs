@@ -34,7 +34,7 @@ use crate::diagnose::judge::rule::GapVerdict;
 use crate::diagnose::judge::verdict::{Judged, judge};
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::errors::{Errors, overall};
-use crate::diagnose::likelihood::likelihood::{Likelihood, Terms};
+use crate::diagnose::likelihood::gaussian::{Likelihood, Terms};
 use crate::diagnose::likelihood::residuals::{residuals, trained};
 use crate::diagnose::search::catalogue::{Catalogue, catalogue};
 use crate::diagnose::search::catalogue_search::{SearchResult, Searched, search};

@@ -1,9 +1,9 @@
 //! What the data cannot tell from what was found.
 
 use crate::diagnose::hypothesis::direction::difference;
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::search::catalogue_search::SearchResult;
 use crate::effect::Applied;
 

@@ -7,20 +7,20 @@ use super::experiment::{self, experiment};
 use super::found_effects::found_effects;
 use super::probabilities::Probabilities;
 use crate::diagnose::format::diagnosis::{Cause, RankedPair, RankedSingle, RankingRow};
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::judge::intervals::Estimate;
 use crate::diagnose::judge::prior_sensitivity::PriorSensitivity;
 use crate::diagnose::judge::rule::GapVerdict;
 use crate::diagnose::judge::verdict::Judged;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::search::catalogue_search::SearchResult;
 use crate::effect::{Applied, Scales};
 
 /// How many pairs the ranking lists.
 const PAIRS: usize = 5;
 
-/// The section `cause`; `after` gives an hypothesis's training nrmse, `estimate` belongs to what was found.
+/// The section `cause`; `after` gives a hypothesis's training nrmse, `estimate` belongs to what was found.
 pub(in crate::diagnose) fn cause(
     likelihood: &Likelihood<'_>,
     judged: &Judged,

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::diagnose::format::diagnosis::Mode;
 use crate::diagnose::judge::prior_sensitivity::PriorSensitivity;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Chance, Scales, Site, Telling};
 use crate::simulate::Commands;
 

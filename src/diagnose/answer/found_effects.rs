@@ -1,9 +1,9 @@
 //! Effects with their parameters and intervals, as they stand in a diagnosis.
 
 use crate::diagnose::format::diagnosis::{FoundEffect, FoundParameter};
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::judge::intervals::Estimate;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 
 /// Relative standard deviation of a lattice's step: the rounding of numbers in a log.
 const LATTICE: f64 = 1e-6;

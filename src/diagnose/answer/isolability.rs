@@ -12,7 +12,7 @@ use super::experiment;
 use crate::diagnose::format::diagnosis::Prediction;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
-use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
+use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::{Applied, Role, Scales};
 
 /// Cosines from which on two effects count as alike.

@@ -13,7 +13,7 @@ use crate::diagnose::judge::rule::GapVerdict;
 use crate::diagnose::judge::verdict::Judged;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::errors::{Errors, explained, overall};
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::diagnose::search::catalogue_search::SearchResult;
 use crate::effect::Scales;

@@ -1,6 +1,6 @@
 //! Probabilities of all hypotheses, as the verdict sees them.
 
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::judge::verdict::Judged;
 use crate::diagnose::search::catalogue_search::SearchResult;

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use crate::diagnose::input::record::Span;
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 
 /// One output of one log.
 #[derive(Debug, Clone, PartialEq)]

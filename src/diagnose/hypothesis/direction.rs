@@ -1,6 +1,6 @@
 //! An effect moved a part of the way to other values, and what that changes.
 
-use crate::diagnose::likelihood::likelihood::Whitened;
+use crate::diagnose::likelihood::gaussian::Whitened;
 use crate::effect::{Applied, Parameter};
 
 /// Where a signature is taken, as a share of the way from nominal to a start.

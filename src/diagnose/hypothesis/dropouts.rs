@@ -10,11 +10,11 @@
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use super::hypothesis::{Dropouts, Hypothesis};
+use super::effects::{Dropouts, Hypothesis};
 use super::sequence::{Path, search};
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Chance, Scales};
 use crate::simulate::plan::InputPath;
 use crate::simulate::{Commands, Piecewise};

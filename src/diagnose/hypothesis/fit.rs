@@ -2,10 +2,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::hypothesis::Hypothesis;
+use super::effects::Hypothesis;
 use super::slopes::{Slopes, slopes};
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
-use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
+use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::{Applied, Scales};
 use crate::fit::{LevenbergMarquardt, Normal};
 
@@ -127,7 +127,7 @@ fn own_unit(value: f64) -> f64 {
     if value != 0.0 && value.abs() < 1e-6 { value.abs().log2().round().exp2() } else { 1.0 }
 }
 
-/// The same likelihood with parameters counted in other units.
+/// The same equations with parameters counted in other units.
 fn in_own_units(mut normal: Normal, unit: &[f64]) -> Normal {
     for (i, u) in unit.iter().enumerate() {
         normal.gradient[i] *= u;

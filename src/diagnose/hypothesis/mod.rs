@@ -2,8 +2,8 @@
 
 pub(in crate::diagnose) mod direction;
 pub(in crate::diagnose) mod dropouts;
+pub(in crate::diagnose) mod effects;
 pub(in crate::diagnose) mod fit;
-pub(in crate::diagnose) mod hypothesis;
 pub(in crate::diagnose) mod penalised_gain;
 pub(in crate::diagnose) mod refine;
 pub(in crate::diagnose) mod sequence;

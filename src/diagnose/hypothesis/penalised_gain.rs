@@ -1,8 +1,8 @@
 //! How much better than no effect a hypothesis is, its parameters and the search over the whole catalogue paid for; and which of several leads.
 
-use super::hypothesis::Hypothesis;
+use super::effects::Hypothesis;
 use crate::diagnose::input::criteria::Criteria;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::row;
 
 /// What hypotheses pay.

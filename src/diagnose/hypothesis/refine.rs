@@ -1,9 +1,9 @@
 //! What a fit alone does not find: minima beyond a kink, limits that were left out.
 
-use super::hypothesis::Hypothesis;
+use super::effects::Hypothesis;
 use super::penalised_gain::Penalties;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Scales};
 
 impl Hypothesis {

@@ -3,9 +3,9 @@
 use rayon::prelude::*;
 
 use super::direction::difference;
-use super::hypothesis::Hypothesis;
+use super::effects::Hypothesis;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
-use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
+use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::Scales;
 
 /// Whitened residuals and their derivatives by the free parameters, at one set of parameters.

@@ -1,7 +1,7 @@
 //! What of a residual hangs together with the commands: the share that all effects of the catalogue together explain, tried on data they were not fitted to.
 //!
 //! Every effect's signature beside the best hypothesis is a regressor: it went through the simulator's own dynamics. A ridge regression on all of them
-//! (Hoerl and Kennard 1970, doi:10.1080/00401706.1970.10488634) is no hypothesis, but what it predicts of a block of time that was left out (Stone 1974,
+//! (Hoerl and Kennard 1970, doi:10.1080/00401706.1970.10488634) is no explanation, but what it predicts of a block of time that was left out (Stone 1974,
 //! doi:10.1111/j.2517-6161.1974.tb00994.x) is no noise either.
 //!
 //! A simulator that can only be called lacks the signatures of friction and all else that acts on equations; pushes on its inputs stand in for them, and what
@@ -16,7 +16,7 @@ use super::perturbations::{Commanded, perturbations};
 use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Scales};
 
 /// Signatures of one effect.

@@ -15,7 +15,7 @@ use crate::diagnose::baseline::noise::{Noise, autoregression_of, memory_of};
 use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::errors::Errors;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 
 /// Windows per record in which calm is looked for: what comes and goes may do so slowly or fast.
 const WINDOWS: [usize; 3] = [20, 60, 180];

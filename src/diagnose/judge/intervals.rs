@@ -9,9 +9,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::hypothesis::direction::difference;
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
-use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
+use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::{Applied, EFFECTS, Scales};
 
 /// Prior sizes of the nominal parameters' relative errors that are tried.
@@ -21,7 +21,7 @@ const BLOCKS: usize = 12;
 /// How often an interval is doubled.
 const DOUBLINGS: usize = 20;
 
-/// Standard deviations of an hypothesis's free parameters.
+/// Standard deviations of a hypothesis's free parameters.
 pub(in crate::diagnose) struct Estimate {
     /// In the order of the hypothesis's `free`; `None` at a bound, or where the data hold no information.
     pub(in crate::diagnose) std: Vec<Option<f64>>,

@@ -2,12 +2,12 @@
 
 use nalgebra::DMatrix;
 
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::input::record::{LogRecord, Span};
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::errors::Errors;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::effect::Applied;
 

@@ -6,7 +6,7 @@
 //! How it can be wrong: what acts where no input reaches, or depends on what no output shows, is not among them.
 
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Site};
 
 /// The commands of every record, by input.

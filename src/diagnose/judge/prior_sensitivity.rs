@@ -8,10 +8,10 @@
 use rayon::prelude::*;
 
 use crate::diagnose::hypothesis::direction::{NEAR, between, difference, with};
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
-use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
+use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::diagnose::search::catalogue_search::SearchResult;
 use crate::effect::{Applied, Scales};
 

@@ -5,12 +5,12 @@ use super::floor::{self, Floor};
 use super::intervals;
 use super::level::Level;
 use super::rule::{GapVerdict, Levels, Ruling, Sizes, rule};
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::errors::Errors;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::search::catalogue_search::SearchResult;
 use crate::effect::{Applied, Scales};
 
@@ -46,7 +46,7 @@ fn matters(before: &Errors, after: &Errors, held: Option<[&Errors; 2]>, factor: 
     falls(before, after).into_iter().enumerate().filter_map(|(i, fall)| Some((i, fall?))).map(together).any(|fall| fall > factor)
 }
 
-/// The factor by which an hypothesis must lower the error of the one before it.
+/// The factor by which a hypothesis must lower the error of the one before it.
 fn needed(before: &Level, after: &Level, criteria: &Criteria) -> f64 {
     let parameters = |level: &Level| level.hypothesis.as_ref().map_or(0, |e| e.free.len());
     let steps: f64 = [criteria.first_matters, criteria.second_matters][before.size().min(1)..after.size().min(2)].iter().product();

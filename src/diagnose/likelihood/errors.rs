@@ -56,7 +56,7 @@ pub(in crate::diagnose) fn overall(outputs: &[Option<f64>]) -> Option<f64> {
     (count > 0.0).then(|| (known.iter().map(|v| v * v).sum::<f64>() / count).sqrt())
 }
 
-/// The share of the explainable that an hypothesis takes away, of errors before and after it; `None` where there is nothing to explain.
+/// The share of the explainable that a hypothesis takes away, of errors before and after it; `None` where there is nothing to explain.
 pub(in crate::diagnose) fn explained(before: f64, after: f64, floor: f64) -> Option<f64> {
     (before > floor).then(|| (before * before - after * after) / (before * before - floor * floor))
 }

@@ -2,6 +2,6 @@
 
 pub(in crate::diagnose) mod active_effects;
 pub(in crate::diagnose) mod errors;
-pub(in crate::diagnose) mod likelihood;
+pub(in crate::diagnose) mod gaussian;
 mod nuisances;
 pub(in crate::diagnose) mod residuals;

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::active_effects::ActiveEffects;
-use super::likelihood::Likelihood;
+use super::gaussian::Likelihood;
 
 /// Residuals from the posterior start of each record, by the same rule for every hypothesis: of a held-out log its own samples, else the training span.
 pub(in crate::diagnose) fn residuals<'e>(likelihood: &Likelihood<'_>, active: impl Into<ActiveEffects<'e>>) -> Option<Vec<DMatrix<f64>>> {

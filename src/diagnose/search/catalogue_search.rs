@@ -8,11 +8,11 @@ use super::singles::{fit_first, frugal};
 use crate::diagnose::baseline::noise::Noise;
 use crate::diagnose::format::progress::Stage;
 use crate::diagnose::hypothesis::dropouts::decoded;
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
-use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
+use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::effect::{Applied, Role, Scales};
 
@@ -85,7 +85,7 @@ pub(in crate::diagnose) fn search<'a>(
     Some(Searched { likelihood, found })
 }
 
-/// Fits see the training spans only: what the rest of a log breaks is no hypothesis. Of the first so many.
+/// Fits see the training spans only: what breaks in the rest of a log explains nothing. Of the first so many.
 fn give_up_what_breaks(likelihood: &Likelihood<'_>, hypotheses: &mut [Hypothesis], first: usize) {
     let known = likelihood.budget.one_by_one;
     hypotheses.par_iter_mut().take(first).filter(|e| e.fitted && !known).for_each(|e| {

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
-use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
+use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::{Applied, Parameter, Scales};
 
 /// How often the way along a signature is halved before it is given up.

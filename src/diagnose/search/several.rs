@@ -5,9 +5,9 @@ use rayon::prelude::*;
 use super::screen::Screened;
 use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
 use crate::diagnose::hypothesis::dropouts::decoded;
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
-use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
+use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::{Applied, Scales, row};
 
 /// The first effects that pairs are built on: the best, and the best of one parameter, each kind of effect once.

@@ -5,8 +5,8 @@ use rayon::prelude::*;
 use super::screen::Screened;
 use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::hypothesis::dropouts::decoded;
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
-use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
+use crate::diagnose::hypothesis::effects::Hypothesis;
+use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::{Applied, Scales, Site};
 
 /// Which of a list of hypotheses are worth their price: all that cost no call, and so many of the others as the budget holds.
