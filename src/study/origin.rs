@@ -56,7 +56,8 @@ fn line_of(text: &str, detail: &str) -> usize {
     let own = from..headers.iter().copied().find(|at| *at > from).filter(|_| grid.is_some()).unwrap_or(lines.len());
     let quoted = detail.split('`').skip(1).step_by(2);
     // `noises.NAME: …` and `scoring.kept_percent: …` begin with the key.
-    let begins = detail.split(':').map(str::trim).filter(|w| !w.is_empty() && !w.contains(' '));
+    let after_grid = grid.and_then(|_| detail.split_once(':')).map_or(detail, |(_, rest)| rest);
+    let begins = after_grid.split(':').map(str::trim).take_while(|w| !w.is_empty() && !w.contains(' '));
     let last = |w: &str| w.rsplit('.').next().unwrap_or(w).to_owned();
     let words: Vec<String> = begins.chain(quoted).map(|w| last(w.trim())).filter(|w| !w.is_empty()).collect();
     let is_key = |line: &str, word: &str| {
