@@ -28,7 +28,8 @@ LogLike: TypeAlias = (
 
 
 def read(path: str | os.PathLike[str]) -> Log:
-    """The log in the CSV file at `path` (.csv or .csv.gz): a header row, `time` in seconds first, then channels as `name` or `name [unit]`.
+    """The log in the file at `path`: text with a header row, a column `time` in seconds and channels as `name` or `name [unit]`, or another format with one topic
+    (docs/logs.md). What was guessed, such as the unit of time, is a warning.
 
     A part of it is `log.window(start, stop)`, an even grid `log.resample(sample_time)`, other names `log.rename({"new": "old"})`.
 

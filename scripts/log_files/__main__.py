@@ -1,5 +1,7 @@
 """Small genuine log files, made by the formats' own writers, and what the formats' own Python readers say is in them.
 
+(in scripts/, with the python that `scripts/venv logs` prints)
+
     python -m log_files          writes golden/log_files
     python -m log_files --check  reads the committed files again and compares with the committed expected.json
 
@@ -52,7 +54,7 @@ def main() -> None:
     tools = "\n".join(f"- {tool} {version(tool)}" for tool in TOOLS)
     (FOLDER / "SOURCE.md").write_text(
         "# Log files of other programs\n\n"
-        "Made by `python -m log_files` in scripts/: each file by its format's own writer, `expected.json` by its format's own Python reader.\n"
+        "Made by `python -m log_files` in scripts/ (with the python of `scripts/venv logs`): each file by its format's own writer, `expected.json` by its format's own Python reader.\n"
         "The ULog file is put together by the specification (there is no writer in Python); pyulog is the witness.\n\n"
         f"Tools:\n{tools}\n\nTolerance: none, the values must be equal to the bit; time stamps to 1e-9 s (nanoseconds as f64 seconds).\n"
     )

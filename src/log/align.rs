@@ -1,5 +1,7 @@
 //! Channels of a recording by name, and channels of several topics on one grid.
 
+use std::collections::HashMap;
+
 use super::listing::GAP_STEPS;
 use super::{Channel, Log, LogError, Output, Recording, Topic, error};
 use crate::time::SampleTime;
@@ -32,13 +34,15 @@ impl Recording {
         self.topics.iter().flat_map(|topic| topic.log.names().map(|channel| full(&topic.name, channel)))
     }
 
-    /// The shortest end of a channel's full name that no other channel has.
-    pub(super) fn shortest_name(&self, topic: &str, channel: &str) -> String {
-        let name = full(topic, channel);
-        let starts = name.char_indices().filter(|(_, c)| matches!(c, '.' | '/')).map(|(at, _)| at + 1);
-        let mut ends: Vec<&str> = starts.filter_map(|at| name.get(at..)).filter(|end| !end.is_empty()).collect();
-        ends.reverse();
-        ends.into_iter().find(|end| self.called(end).len() == 1).map_or_else(|| name.clone(), ToOwned::to_owned)
+    /// How many channels end in a name, for every end there is.
+    pub(super) fn ends(&self) -> HashMap<String, usize> {
+        let mut count = HashMap::new();
+        for name in self.names() {
+            for end in ends(&plain(&name)) {
+                *count.entry(end.to_owned()).or_insert(0) += 1;
+            }
+        }
+        count
     }
 
     fn called(&self, wanted: &str) -> Vec<(&Topic, &Channel)> {
@@ -161,6 +165,19 @@ impl Recording {
 
 fn full(topic: &str, channel: &str) -> String {
     if topic.is_empty() { channel.to_owned() } else { format!("{topic}.{channel}") }
+}
+
+/// The shortest end of a channel's full name that no other channel has.
+pub(super) fn shortest_name(topic: &str, channel: &str, count: &HashMap<String, usize>) -> String {
+    let name = full(topic, channel);
+    let unique = ends(&plain(&name)).into_iter().rev().find(|end| count.get(*end) == Some(&1)).map(ToOwned::to_owned);
+    unique.unwrap_or(name)
+}
+
+/// A plain name and what stands behind each of its dots.
+fn ends(name: &str) -> Vec<&str> {
+    let behind = name.char_indices().filter(|(_, c)| *c == '.').filter_map(|(at, _)| name.get(at + 1..));
+    std::iter::once(name).chain(behind).filter(|end| !end.is_empty()).collect()
 }
 
 /// `/cmd_vel/linear/x`, `cmd_vel.linear.x` and `/cmd_vel.linear.x` are one.

@@ -1,6 +1,10 @@
 //! What a recording holds, in numbers: rates, gaps, ranges and the course of every channel.
 
+use std::collections::HashMap;
+
 use serde::Serialize;
+
+use super::align::shortest_name;
 
 use super::{Channel, Log, Recording, Topic};
 
@@ -87,50 +91,51 @@ impl Recording {
     /// What the file holds.
     #[must_use]
     pub fn listing(&self) -> Listing {
-        let topics = self.topics.iter().map(|topic| self.topic_listing(topic)).collect();
+        let ends = self.ends();
+        let topics = self.topics.iter().map(|topic| topic_listing(topic, &ends)).collect();
         Listing { format: "deadtime/log@1", file: self.source.clone(), reader: self.format, notes: self.notes.clone(), topics }
     }
+}
 
-    fn topic_listing(&self, topic: &Topic) -> TopicListing {
-        let log = &topic.log;
-        let time_s = log.time_s();
-        let steps = || time_s.windows(2).map(|pair| pair[1] - pair[0]);
-        let step_s = (log.len() > 1).then(|| log.median_step_s());
-        let longest_s = step_s.map_or(f64::INFINITY, |step| GAP_STEPS * step);
-        let usual: Vec<f64> = steps().filter(|step| *step <= longest_s).collect();
-        let mean = usual.iter().sum::<f64>() / usual.len().max(1) as f64;
-        let variance = usual.iter().map(|step| (step - mean).powi(2)).sum::<f64>() / usual.len().max(1) as f64;
-        let gaps = || time_s.windows(2).filter(|pair| pair[1] - pair[0] > longest_s);
-        TopicListing {
-            name: topic.name.clone(),
-            samples: log.len(),
-            from_s: time_s.first().copied().unwrap_or(0.0),
-            to_s: time_s.last().copied().unwrap_or(0.0),
-            step_s,
-            jitter_s: step_s.map(|_| variance.sqrt()),
-            even: log.even_grid().is_ok(),
-            gap_count: gaps().count(),
-            gaps: gaps().take(LISTED_GAPS).map(|pair| GapListing { from_s: pair[0], to_s: pair[1] }).collect(),
-            not_numbers: log.unusable.iter().map(|column| column.name.clone()).collect(),
-            channels: log.channels().map(|channel| self.channel_listing(topic, channel)).collect(),
-        }
+fn topic_listing(topic: &Topic, ends: &HashMap<String, usize>) -> TopicListing {
+    let log = &topic.log;
+    let time_s = log.time_s();
+    let steps = || time_s.windows(2).map(|pair| pair[1] - pair[0]);
+    let step_s = (log.len() > 1).then(|| log.median_step_s());
+    let longest_s = step_s.map_or(f64::INFINITY, |step| GAP_STEPS * step);
+    let usual: Vec<f64> = steps().filter(|step| *step <= longest_s).collect();
+    let mean = usual.iter().sum::<f64>() / usual.len().max(1) as f64;
+    let variance = usual.iter().map(|step| (step - mean).powi(2)).sum::<f64>() / usual.len().max(1) as f64;
+    let gaps = || time_s.windows(2).filter(|pair| pair[1] - pair[0] > longest_s);
+    TopicListing {
+        name: topic.name.clone(),
+        samples: log.len(),
+        from_s: time_s.first().copied().unwrap_or(0.0),
+        to_s: time_s.last().copied().unwrap_or(0.0),
+        step_s,
+        jitter_s: step_s.map(|_| variance.sqrt()),
+        even: log.even_grid().is_ok(),
+        gap_count: gaps().count(),
+        gaps: gaps().take(LISTED_GAPS).map(|pair| GapListing { from_s: pair[0], to_s: pair[1] }).collect(),
+        not_numbers: log.unusable.iter().map(|column| column.name.clone()).collect(),
+        channels: log.channels().map(|channel| channel_listing(topic, channel, ends)).collect(),
     }
+}
 
-    fn channel_listing(&self, topic: &Topic, channel: &Channel) -> ChannelListing {
-        let samples = channel.samples();
-        let there = || (0..topic.log.len()).filter_map(|k| samples.get(k));
-        let count = samples.present_count();
-        ChannelListing {
-            name: channel.name().to_owned(),
-            short: self.shortest_name(&topic.name, channel.name()),
-            unit: channel.unit().map(ToOwned::to_owned),
-            min: there().reduce(f64::min),
-            max: there().reduce(f64::max),
-            // A running mean cannot overflow.
-            mean: (count > 0).then(|| there().enumerate().fold(0.0, |mean, (k, x)| mean + (x - mean) / (k + 1) as f64)),
-            missing: topic.log.len() - count,
-            course: course(&topic.log, channel),
-        }
+fn channel_listing(topic: &Topic, channel: &Channel, ends: &HashMap<String, usize>) -> ChannelListing {
+    let samples = channel.samples();
+    let there = || (0..topic.log.len()).filter_map(|k| samples.get(k));
+    let count = samples.present_count();
+    ChannelListing {
+        name: channel.name().to_owned(),
+        short: shortest_name(&topic.name, channel.name(), ends),
+        unit: channel.unit().map(ToOwned::to_owned),
+        min: there().reduce(f64::min),
+        max: there().reduce(f64::max),
+        // A running mean cannot overflow.
+        mean: (count > 0).then(|| there().enumerate().fold(0.0, |mean, (k, x)| mean + (x - mean) / (k + 1) as f64)),
+        missing: topic.log.len() - count,
+        course: course(&topic.log, channel),
     }
 }
 

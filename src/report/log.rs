@@ -77,5 +77,11 @@ fn course(channel: &ChannelListing) -> String {
 fn number(x: f64) -> String {
     let rounded: f64 = format!("{x:.5e}").parse().unwrap_or(x);
     let size = rounded.abs();
-    if size == 0.0 || (1e-4..1e10).contains(&size) { format!("{rounded}") } else { format!("{rounded:e}") }
+    if size == 0.0 {
+        "0".to_owned()
+    } else if (1e-4..1e10).contains(&size) {
+        format!("{rounded}")
+    } else {
+        format!("{rounded:e}")
+    }
 }

@@ -127,7 +127,7 @@ impl Stamps {
         match step {
             s if s >= 1e6 => (TimeUnit::Ns, Why::Size),
             s if s >= 1e3 && !quarters => (TimeUnit::Us, Why::Size),
-            s if s >= 2.0 && s < 1e3 && !plain => (TimeUnit::Ms, Why::Size),
+            s if (2.0..1e3).contains(&s) && !plain => (TimeUnit::Ms, Why::Size),
             _ => (TimeUnit::S, Why::Rule),
         }
     }
