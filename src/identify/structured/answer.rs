@@ -202,7 +202,7 @@ fn standing(nominal: f64, [value, std]: [f64; 2], one_step: Option<[f64; 2]>, lo
     }
     let moved = nominal != 0.0 && {
         let ratio = value / nominal;
-        ratio < 1.0 / MOVED || ratio > MOVED
+        !(1.0 / MOVED..=MOVED).contains(&ratio)
     };
     let apart = one_step.is_some_and(|[once, spread]| {
         let ratio = once / value;
