@@ -5,7 +5,7 @@ use std::path::Path;
 use deadtime::identify::structured::{Standing, Structured, StructuredFit, score};
 use deadtime::log::{Channel, Log};
 use deadtime::model::{EquationsFile, ModelDocument};
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 const PENDULUM: &str = r#"
