@@ -202,7 +202,7 @@ fn standing(nominal: f64, [value, std]: [f64; 2], one_step: Option<[f64; 2]>, lo
     }
     let moved = nominal != 0.0 && {
         let ratio = value / nominal;
-        ratio < 1.0 / MOVED || ratio > MOVED
+        !(1.0 / MOVED..=MOVED).contains(&ratio)
     };
     let apart = one_step.is_some_and(|[once, spread]| {
         let ratio = once / value;
@@ -233,22 +233,24 @@ fn unseen(problem: &Problem<'_>, fitted: &Fitted) -> Vec<Unseen> {
         let direction = eigen.eigenvectors.column(k);
         let largest = direction.iter().map(|v| v.abs()).fold(0.0, f64::max);
         let parts: Vec<(usize, f64)> = (0..shared).map(|j| (j, direction[j] / largest)).filter(|(_, v)| v.abs() >= PART).collect();
-        let words = words(problem, &parts);
+        let words = words(problem, fitted, &parts);
         found.push(Unseen { parts: parts.iter().map(|&(j, v)| (symbols[problem.free[j].0].name.clone(), v)).collect(), std, words });
     }
     found
 }
 
-fn words(problem: &Problem<'_>, parts: &[(usize, f64)]) -> String {
+fn words(problem: &Problem<'_>, fitted: &Fitted, parts: &[(usize, f64)]) -> String {
     let name = |j: usize| problem.simulator.equations.parameters()[problem.free[j].0].name.as_str();
-    // A direction counts in sizes |θ0|; the sign of θ0 turns a change of size into one of the logarithm.
-    let sign = |j: usize| problem.nominal[problem.free[j].0].signum();
-    let relative = parts.iter().all(|&(j, _)| problem.nominal[problem.free[j].0] != 0.0);
+    // A ratio or a product stays where changes relative to the values found are alike.
+    let relative = |&(j, v): &(usize, f64)| {
+        let (i, size) = problem.free[j];
+        v * size / (problem.nominal[i] + size * fitted.z[j])
+    };
     match parts {
         [(j, _)] => format!("{} cannot be had: the logs do not show it", name(*j)),
-        [(a, v), (b, w)] if relative && (v.abs() - w.abs()).abs() < 0.1 => {
-            let same = v * sign(*a) * w * sign(*b) > 0.0;
-            format!("{} and {} only as their {}", name(*a), name(*b), if same { "ratio" } else { "product" })
+        [a, b] if (relative(a).abs() - relative(b).abs()).abs() < 0.1 * relative(a).abs().max(relative(b).abs()) => {
+            let what = if relative(a) * relative(b) > 0.0 { "ratio" } else { "product" };
+            format!("{} and {} only as their {what}", name(a.0), name(b.0))
         }
         _ => {
             let part = |&(j, v): &(usize, f64)| format!("{v:+.2} {}", name(j));

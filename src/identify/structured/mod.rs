@@ -316,6 +316,7 @@ impl Structured {
             }
             shrinkage::own_sizes(&problem, &clusters, &z, &prior, &mut own_size);
         }
+        weights.curvature = true;
         let clusters = problem.clusters(&z, &weights).ok_or_else(diverged)?;
         let (covariance, information) = answer::covariance(&problem, &clusters, &z, &prior);
         let substeps = problem.simulator.substeps;
@@ -344,7 +345,7 @@ impl Structured {
                 Balance::Group => vec![floor(whole); each.len()],
             }
         };
-        Weights { scale: lengths.iter().map(of).collect(), threshold: self.threshold }
+        Weights { scale: lengths.iter().map(of).collect(), threshold: self.threshold, curvature: false }
     }
 }
 

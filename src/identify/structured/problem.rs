@@ -16,6 +16,8 @@ pub(super) struct Weights {
     pub(super) scale: Vec<Vec<f64>>,
     /// Huber's threshold in scales.
     pub(super) threshold: f64,
+    /// The loss's own curvature in place of the weighted squares': what a covariance needs. Beyond the threshold an error's length has none.
+    pub(super) curvature: bool,
 }
 
 /// Windows of one record that lie together: the unit of resampling for the covariance.
@@ -109,7 +111,7 @@ impl Problem<'_> {
             let at = Point { p, columns, starts: states, shift: &shift };
             let finite = self.simulator.walk(record, start, at, buffers, |seen| {
                 let scale = weights.scale[seen.group][seen.horizon - 1];
-                sum.add(seen.error, seen.slopes, scale, weights.threshold);
+                sum.add(seen.error, seen.slopes, scale, weights);
             });
             if !finite {
                 return None;
@@ -179,8 +181,8 @@ impl Sum {
     }
 
     /// Huber's loss of an error's length in scales, as weighted squares (twice the loss, so that small errors count as their squares).
-    fn add(&mut self, error: &[f64], slopes: &[f64], scale: f64, threshold: f64) {
-        let n = self.size;
+    fn add(&mut self, error: &[f64], slopes: &[f64], scale: f64, weights: &Weights) {
+        let (n, threshold) = (self.size, weights.threshold);
         let length = error.iter().map(|e| e * e).sum::<f64>().sqrt() / scale;
         let mut weight = 1.0 / (scale * scale);
         if length <= threshold {
@@ -188,6 +190,15 @@ impl Sum {
         } else {
             self.cost += threshold * (2.0 * length - threshold);
             weight *= threshold / length;
+            if weights.curvature {
+                let along = |i: usize| error.iter().enumerate().map(|(k, e)| e * slopes[k * n + i]).sum::<f64>() / (length * scale);
+                let along: Vec<f64> = (0..n).map(along).collect();
+                for (i, by) in along.iter().enumerate() {
+                    for (to, of) in self.information[i * n..=i * n + i].iter_mut().zip(&along) {
+                        *to -= weight * by * of;
+                    }
+                }
+            }
         }
         for (e, row) in error.iter().zip(slopes.chunks_exact(n.max(1))) {
             for i in 0..n {
