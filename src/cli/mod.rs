@@ -19,6 +19,7 @@ mod gate;
 mod identify;
 mod list;
 mod methods;
+mod model;
 mod progress;
 mod simulate;
 mod source;
@@ -63,6 +64,8 @@ enum Command {
     Blind(blind::Blind),
     List(list::List),
     Methods(methods::Methods),
+    #[command(subcommand)]
+    Model(model::Model),
     Study(study::Study),
 }
 
@@ -89,6 +92,7 @@ impl Cli {
             Command::Blind(c) => c.run(json),
             Command::List(c) => c.run(json),
             Command::Methods(c) => c.run(json),
+            Command::Model(c) => c.run(json),
             Command::Study(c) => c.run(json),
         }
     }

@@ -47,6 +47,8 @@ mod golden_effects;
 mod higher_order;
 mod identify;
 #[cfg(feature = "cli")]
+mod identify_program;
+#[cfg(feature = "cli")]
 mod isolability;
 #[cfg(feature = "cli")]
 mod machines;
@@ -69,4 +71,5 @@ mod study;
 mod study_bjorklund;
 mod study_thesis;
 mod thresholds;
+mod transfer_files;
 mod verdicts;
