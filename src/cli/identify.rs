@@ -61,7 +61,9 @@ pub(super) struct Identify {
 /// Share of each log that the model is learnt from where nothing is named to judge it on.
 const LEARNT: f64 = 0.7;
 /// What the delays are estimated by: established, fast, and of several classes.
-const DELAY_METHODS: [&str; 3] = ["arxstruc", "oestruc", "impulse"];
+const DELAY_METHODS: [&str; 3] = ["arxstruc", "oestruc", "threshold"];
+/// A delay that misses a whole sample by less than this is that whole sample.
+const NEARLY_WHOLE: f64 = 0.1;
 /// A delay stays unless the model behind it is worse by this much in twice the log-likelihood.
 const WORSE: f64 = 6.0;
 
@@ -215,9 +217,11 @@ impl Identify {
             let of_input = report.pairs.iter().filter(|p| p.input == *input);
             let believed = of_input.filter_map(|p| {
                 let delay_s = p.verdict.delay_s?;
-                Some(p.verdict.ci95_s.map_or(delay_s, |ci| ci[0].min(delay_s)))
+                // Where the interval is wider than two samples, its lower end: too long a delay harms, too short a one costs a state.
+                let unsure = p.verdict.ci95_s.filter(|ci| ci[1] - ci[0] > 2.0 * ts.seconds());
+                Some(unsure.map_or(delay_s, |ci| ci[0].min(delay_s)))
             });
-            believed.reduce(f64::min).map(|s| (s.max(0.0) / ts.seconds() + 1e-6).floor() as usize)
+            believed.reduce(f64::min).map(|s| (s.max(0.0) / ts.seconds() + NEARLY_WHOLE).floor() as usize)
         };
         let delays = self.input.iter().map(|input| match delay(input) {
             Some(samples) => samples,

@@ -21,6 +21,7 @@ mod identify;
 mod list;
 mod log;
 mod methods;
+mod model;
 mod progress;
 mod simulate;
 mod source;
@@ -70,6 +71,8 @@ enum Command {
     List(list::List),
     Log(log::Log),
     Methods(methods::Methods),
+    #[command(subcommand)]
+    Model(model::Model),
     Study(study::Study),
     #[command(name = "identify")]
     Structured(structured::StructuredArgs),
@@ -103,6 +106,7 @@ impl Cli {
             Command::List(c) => c.run(json),
             Command::Log(c) => c.run(json),
             Command::Methods(c) => c.run(json),
+            Command::Model(c) => c.run(json),
             Command::Study(c) => c.run(json),
             Command::Structured(c) => c.run(json),
         }

@@ -68,8 +68,8 @@ impl Report<'_> {
             text += &format!("  note: {note}\n");
         }
         text += &format!(
-            "\norders: {} by Schwarz's criterion, {} by the largest gap, {} singular values above noise ({:.3})\n",
-            order.by_schwarz, order.by_gap, order.by_noise, order.noise_level
+            "\norders: {} by Schwarz's criterion, {} by Akaike's, {} by the largest gap of the singular values\n",
+            order.by_schwarz, order.by_akaike, order.by_gap
         );
         let mut table = Table::new(&["order", "singular value", "Schwarz", "weight"], &[]);
         for c in &order.candidates {
@@ -126,7 +126,7 @@ fn poles(roots: &[Root]) -> String {
 fn seconds(value_s: f64) -> String {
     let digits = 4 - value_s.abs().max(1e-9).log10().floor() as i32;
     let decimals = usize::try_from(digits.clamp(0, 9)).unwrap_or(0);
-    format!("{value_s:.decimals$} s")
+    if value_s == 0.0 { "0 s".to_owned() } else { format!("{value_s:.decimals$} s") }
 }
 
 /// Seconds; of a growing pole the time in which it grows e-fold.

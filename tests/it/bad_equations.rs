@@ -127,7 +127,7 @@ fn numbers_that_cannot_be_are_told() {
     refused("kind = \"equations\"", "kind = \"equations\"\ninput_delay_s = [0.1, 0.2]", &["input_delay_s: 2 given, 1 needed"]);
     refused("unit = \"N m\" }", "operating = 1.0 }", &["operating holds 1", "linear"]);
     refused("{ unit = \"rad/s\" }", "{ unit = \"rad/s\", start = 1.0 }", &["start"]);
-    refused("kind = \"equations\"", "kind = \"magic\"", &["kind is `magic`", "lti and equations"]);
+    refused("kind = \"equations\"", "kind = \"magic\"", &["kind is `magic`", "lti, equations, tf and zpk"]);
 }
 
 #[test]

@@ -54,6 +54,8 @@ mod higher_order;
 mod house;
 mod identify;
 #[cfg(feature = "cli")]
+mod identify_program;
+#[cfg(feature = "cli")]
 mod isolability;
 #[cfg(feature = "cli")]
 mod log_files;
@@ -79,4 +81,5 @@ mod study;
 mod study_bjorklund;
 mod study_thesis;
 mod thresholds;
+mod transfer_files;
 mod verdicts;

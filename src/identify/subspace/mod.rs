@@ -89,7 +89,8 @@ pub fn identifier(name: &str) -> Result<&'static IdentifierLine, crate::registry
 pub struct Settings {
     /// States; `None`: chosen by Schwarz's criterion among 1 to `max_order`.
     pub order: Option<usize>,
-    /// Samples of the past that predict; `None`: by Akaike's criterion of the long predictor, at most 50. It must outlast the predictor's memory.
+    /// Samples of the past that predict; `None`: half as many again as Akaike's criterion of the long predictor asks for, at most 60. It must outlast the
+    /// predictor's memory: what is cut off is a bias that no interval shows.
     pub past: Option<usize>,
     /// Most states that are tried; default 12.
     pub max_order: usize,
@@ -183,10 +184,10 @@ pub struct Identified {
 
 /// Size of the small draws, of a whole one.
 const STEP: f64 = 1e-3;
-/// Draws that tell the singular values of noise.
-const NOISE_DRAWS: usize = 20;
-/// Longest past window that is tried unasked.
-const LONGEST: usize = 50;
+/// Longest past window that is taken unasked.
+const LONGEST: usize = 60;
+/// Akaike's criterion weighs what is cut off against noise; a bias weighs more than its share of the one-step error.
+const BEYOND_AKAIKE: f64 = 1.5;
 
 impl Settings {
     fn check(&self) -> Result<(), IdentifyError> {
@@ -213,7 +214,11 @@ impl Settings {
             return Err(IdentifyError::TooFewRows { past: wanted, needed: needed(wanted), got, longest });
         }
         let least = self.order.map_or(8, |n| n.div_ceil(l) + 2);
-        let past = self.past.unwrap_or_else(|| pbsidopt::past_by_akaike(recordings, &scales, longest.min(LONGEST), least));
+        let past = self.past.unwrap_or_else(|| {
+            let searched = (longest.min(LONGEST) as f64 / BEYOND_AKAIKE) as usize;
+            let akaike = pbsidopt::past_by_akaike(recordings, &scales, searched.max(1), least);
+            ((BEYOND_AKAIKE * akaike as f64).ceil() as usize).min(longest)
+        });
         let factor = recordings.factor(past, &scales);
         let orders = factor.excitation(&recordings.inputs)?;
         let most = (past * l).min(past * (m + l));
@@ -246,8 +251,7 @@ impl Settings {
             .into_par_iter()
             .map(|order| Some(model_of(order)).filter(InnovationsModel::is_finite).and_then(|m| order::log_loss(&m, &scaled, past)))
             .collect();
-        let noise_level = self.noise_level(&predictor, &factor, past);
-        let order = order::choose(self.order, &losses, &states.singular, noise_level, factor.rows, (m, l));
+        let order = order::choose(self.order, &losses, &states.singular, factor.rows, (m, l));
         let mut notes = Vec::new();
         if let Some((i, orders)) = poor(2 * order.order) {
             let name = &recordings.inputs[i].name;
@@ -287,16 +291,6 @@ impl Settings {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         rng.set_stream(draw as u64);
         DMatrix::from_fn(predictor.parameters(), outputs, |_, _| StandardNormal.sample(&mut rng))
-    }
-
-    fn noise_level(&self, predictor: &Predictor, factor: &Factor, horizon: usize) -> f64 {
-        let level = |draw: usize| {
-            let change = predictor.change(&self.normal(draw, predictor, factor.layout.l));
-            pbsidopt::noise_level(predictor, &change, factor, horizon)
-        };
-        let mut levels: Vec<f64> = (0..NOISE_DRAWS).into_par_iter().filter_map(level).collect();
-        levels.sort_by(f64::total_cmp);
-        levels.get(levels.len().saturating_sub(2)).copied().unwrap_or(0.0)
     }
 
     fn drawn(&self, factor: &Factor, predictor: &Predictor, states: &States, order: usize, scales: &Scales) -> Draws {

@@ -57,10 +57,8 @@ pub struct OrderChoice {
     pub by_schwarz: usize,
     /// By the largest ratio of a singular value to the next.
     pub by_gap: usize,
-    /// Singular values above what the noise alone makes.
-    pub by_noise: usize,
-    /// The largest singular value that noise alone makes (95 % of draws are below).
-    pub noise_level: f64,
+    /// By Akaike's criterion of the same errors.
+    pub by_akaike: usize,
     /// The orders that were tried.
     pub candidates: Vec<Candidate>,
 }
@@ -83,25 +81,27 @@ pub(super) fn log_loss(model: &InnovationsModel, scaled: &[Stretch], skip: usize
 const FLOOR: f64 = 1e-22;
 
 /// The choice among models of order 1, 2, … with these log losses.
-pub(super) fn choose(
-    given: Option<usize>,
-    losses: &[Option<f64>],
-    singular: &[f64],
-    noise_level: f64,
-    rows: usize,
-    (m, l): (usize, usize),
-) -> OrderChoice {
+pub(super) fn choose(given: Option<usize>, losses: &[Option<f64>], singular: &[f64], rows: usize, (m, l): (usize, usize)) -> OrderChoice {
     let n = rows.max(2) as f64;
-    let criterion = |i: usize, loss: f64| n * loss + ((i + 1) * (m + 2 * l)) as f64 * n.ln();
-    let values: Vec<Option<f64>> = losses.iter().enumerate().map(|(i, loss)| loss.map(|loss| criterion(i, loss))).collect();
+    // Twice the logarithm of the likelihood, and a price of every free parameter.
+    let criterion = |price: f64| -> Vec<Option<f64>> {
+        let value = |(i, loss): (usize, &Option<f64>)| loss.map(|loss| n * loss + price * ((i + 1) * (m + 2 * l)) as f64);
+        losses.iter().enumerate().map(value).collect()
+    };
+    let least = |values: &[Option<f64>]| {
+        let found = values.iter().enumerate().filter_map(|(i, v)| v.map(|v| (i, v))).min_by(|a, b| a.1.total_cmp(&b.1));
+        found.map_or(1, |(i, _)| i + 1)
+    };
+    let values = criterion(n.ln());
     let best = values.iter().flatten().copied().fold(f64::INFINITY, f64::min);
     let weights: Vec<f64> = values.iter().map(|v| v.map_or(0.0, |v| (-(v - best) / 2.0).exp())).collect();
     let total: f64 = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-    let by_schwarz = values.iter().position(|v| *v == Some(best)).map_or(1, |i| i + 1);
-    let ratio = |i: usize| singular[i] / singular.get(i + 1).copied().unwrap_or(0.0).max(1e-12 * singular[0]);
-    let by_gap = (0..losses.len()).max_by(|a, b| ratio(*a).total_cmp(&ratio(*b))).map_or(1, |i| i + 1);
-    let by_noise = singular.iter().take(losses.len()).filter(|s| **s > noise_level).count().max(1);
-    let agree = usize::from(by_gap == by_schwarz) + usize::from(by_noise == by_schwarz);
+    let (by_schwarz, by_akaike) = (least(&values), least(&criterion(2.0)));
+    // The last singular value of all has none to be compared with.
+    let ratio = |i: usize| singular[i] / singular[i + 1].max(1e-12 * singular[0]);
+    let compared = losses.len().min(singular.len().saturating_sub(1));
+    let by_gap = (0..compared).max_by(|a, b| ratio(*a).total_cmp(&ratio(*b))).map_or(1, |i| i + 1);
+    let agree = usize::from(by_gap == by_schwarz) + usize::from(by_akaike == by_schwarz);
     let sure = match (given, agree) {
         (Some(_), _) => Sure::Given,
         (None, 2) => Sure::Clear,
@@ -120,8 +120,7 @@ pub(super) fn choose(
         sure,
         by_schwarz,
         by_gap,
-        by_noise,
-        noise_level,
+        by_akaike,
         candidates: (0..losses.len()).map(candidate).collect(),
     }
 }

@@ -136,16 +136,6 @@ fn weighted(predictions: &DMatrix<f64>, noise: &DMatrix<f64>) -> Option<DMatrix<
     Some(out)
 }
 
-/// The largest singular value that noise alone would leave in the weighted predictions: what a change of θ, as the noise makes it, adds.
-pub(super) fn noise_level(predictor: &Predictor, change: &DMatrix<f64>, factor: &Factor, horizon: usize) -> Option<f64> {
-    let predictions = predictions(change, factor, horizon);
-    let window = factor.layout.window();
-    let seen =
-        weighted(&predictions, &predictor.noise)? * factor.r.view((0, 0), (window, window)).transpose() / (factor.rows as f64).sqrt();
-    let values = Mat::from_fn(seen.nrows(), seen.ncols(), |i, j| seen[(i, j)]).singular_values().ok()?;
-    values.into_iter().reduce(f64::max)
-}
-
 /// The past window by Akaike's criterion of the long predictor, up to `longest`, and at least `least`.
 pub(super) fn past_by_akaike(recordings: &Recordings, scales: &Scales, longest: usize, least: usize) -> usize {
     let factor = recordings.factor(longest, scales);

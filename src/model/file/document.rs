@@ -13,14 +13,14 @@ use crate::model::ModelError;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum ModelDocument {
-    /// `kind = "lti"`.
+    /// `kind = "lti"`; `tf` and `zpk` are read as such.
     Lti(ModelFile),
     /// `kind = "equations"`.
     Equations(EquationsFile),
 }
 
 impl ModelDocument {
-    /// Reads and checks a model file of either kind.
+    /// Reads and checks a model file of any kind.
     ///
     /// # Errors
     /// [`crate::Error::Io`], or a [`ModelError`] that names the file and what is wrong in it.

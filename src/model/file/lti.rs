@@ -73,6 +73,9 @@ impl ModelFile {
 
     pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
         let kind = super::kind(text, syntax, path)?;
+        if kind == "tf" || kind == "zpk" {
+            return super::transfer::parse(text, syntax, path);
+        }
         if kind != "lti" {
             return Err(ModelError::NotLinear { path: path.to_owned(), kind });
         }
@@ -81,7 +84,7 @@ impl ModelFile {
         Ok(model)
     }
 
-    fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
+    pub(super) fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
         let states: Vec<&str> = self.states.iter().map(|s| s.name.as_str()).collect();
         super::check_sizes(path, [self.inputs.len(), states.len(), 0, self.outputs.len()])?;
         super::check_channels(path, &self.inputs, &self.outputs)?;
@@ -167,7 +170,7 @@ impl ModelFile {
         Ok(result)
     }
 
-    fn from_matrices(
+    pub(super) fn from_matrices(
         name: &str,
         sample_time_s: f64,
         [a, b, c, d]: [&DMatrix<f64>; 4],

@@ -1,9 +1,10 @@
-//! The model file, `deadtime/model@1`: TOML or JSON, as the extension says; linear or as equations, as its `kind` says.
+//! The model file, `deadtime/model@1`: TOML or JSON, as the extension says; linear, as equations or as transfer functions, as its `kind` says.
 
 mod document;
 mod equations;
 mod lti;
 mod table;
+mod transfer;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,7 +21,7 @@ pub use lti::{ModelFile, State};
 
 const FORMAT: &str = "deadtime/model@1";
 /// What `kind` may say.
-const KINDS: &str = "lti and equations";
+const KINDS: &str = "lti, equations, tf and zpk";
 
 /// The point at which a model was linearised: the matrices act on u − operating and give y − operating.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -128,7 +129,7 @@ struct Header {
     kind: Option<String>,
 }
 
-/// The file's kind, `lti` or `equations`; its format is that of this version.
+/// The file's kind, `lti`, `equations`, `tf` or `zpk`; its format is that of this version.
 fn kind(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<String, ModelError> {
     let Header { format, kind } = parse_text(text, syntax, path)?;
     let wrong = |key, found: Option<String>, known| {
@@ -139,7 +140,7 @@ fn kind(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<String, 
         return Err(wrong("format", format, FORMAT));
     }
     match kind {
-        Some(kind) if kind == "lti" || kind == "equations" => Ok(kind),
+        Some(kind) if ["lti", "equations", "tf", "zpk"].contains(&kind.as_str()) => Ok(kind),
         kind => Err(wrong("kind", kind, KINDS)),
     }
 }

@@ -1,0 +1,159 @@
+//! `deadtime model new`: a commented model file to fill in.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+
+use super::write_json;
+use crate::file::write_atomic;
+use crate::log::{Log, read};
+use crate::model::ModelDocument;
+
+/// Model files
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Model {
+    /// Write a commented template of a model file, with the channel names and units of a log where one is given
+    New(New),
+}
+
+/// What to write.
+#[derive(Debug, clap::Args)]
+pub(super) struct New {
+    /// Kind of model
+    #[arg(value_enum)]
+    kind: Kind,
+    /// Log whose channels the model is to have
+    #[arg(long, value_name = "LOG")]
+    log: Option<PathBuf>,
+    /// Input channel (the command); may be repeated; default u
+    #[arg(long, value_name = "U")]
+    input: Vec<String>,
+    /// Output channel (the response); may be repeated; default y
+    #[arg(long, value_name = "Y")]
+    output: Vec<String>,
+    /// The file to write (.toml)
+    #[arg(short, long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, clap::ValueEnum)]
+enum Kind {
+    /// Matrices A, B, C, D
+    Linear,
+    /// Gain, time constant and dead time of each pair
+    Process,
+    /// Differential equations with parameters
+    Equations,
+}
+
+impl Model {
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        let Self::New(new) = self;
+        let text = new.text()?;
+        // What is written must be read again.
+        ModelDocument::from_toml(&text, &new.out)
+            .context("these channel names cannot stand in such a file; rename them (--map when it is used)")?;
+        if new.out.extension().and_then(|e| e.to_str()) != Some("toml") {
+            bail!("--out {}: templates carry comments, which only TOML has; name it .toml", new.out.display());
+        }
+        write_atomic(&new.out, |out| out.write_all(text.as_bytes()))?;
+        write_json(json, &serde_json::json!({ "out": new.out, "inputs": new.names(true), "outputs": new.names(false) }))?;
+        say!("{}: fill in the numbers, then `deadtime simulate` or `deadtime gap` take it", new.out.display());
+        Ok(())
+    }
+}
+
+/// A text as TOML writes it.
+fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}
+
+impl New {
+    fn names(&self, input: bool) -> Vec<String> {
+        let (given, default) = if input { (&self.input, "u") } else { (&self.output, "y") };
+        if given.is_empty() { vec![default.to_owned()] } else { given.clone() }
+    }
+
+    fn text(&self) -> anyhow::Result<String> {
+        let log = self.log.as_deref().map(read).transpose()?;
+        if let Some(log) = &log {
+            if self.input.is_empty() || self.output.is_empty() {
+                let known: Vec<&str> = log.names().collect();
+                bail!(
+                    "{}: say which channels are inputs and outputs with --input and --output; there are: {}",
+                    log.source(),
+                    known.join(", ")
+                );
+            }
+            for name in self.input.iter().chain(&self.output) {
+                log.channel(name)?;
+            }
+        }
+        let (inputs, outputs) = (self.names(true), self.names(false));
+        let stem = self.out.file_stem().map_or_else(|| "model".to_owned(), |s| s.to_string_lossy().into_owned());
+        let kind = match self.kind {
+            Kind::Linear => "lti",
+            Kind::Process => "tf",
+            Kind::Equations => "equations",
+        };
+        let mut text =
+            format!("# docs/models.md explains every key.\nformat = \"deadtime/model@1\"\nname = {}\nkind = \"{kind}\"\n", quoted(&stem));
+        if self.kind != Kind::Equations {
+            text += "# Seconds between samples; 0: continuous time.\nsample_time_s = 0.0\n";
+        }
+        text += "# Names are columns of the log; a unit is checked against the log's.\n";
+        if self.kind != Kind::Equations {
+            text += "# operating = NUMBER or \"mean\": the point that the model is linear about, in the channel's unit.\n";
+        }
+        for (key, names) in [("inputs ", &inputs), ("outputs", &outputs)] {
+            let channels: Vec<String> = names.iter().map(|name| self.channel(name, log.as_ref())).collect();
+            writeln!(text, "{key} = [{}]", channels.join(", "))?;
+        }
+        let none = vec!["0.0"; inputs.len()].join(", ");
+        writeln!(text, "# Dead time of each input, s.\ninput_delay_s = [{none}]")?;
+        match self.kind {
+            Kind::Linear => linear(&mut text, inputs.len(), outputs.len())?,
+            Kind::Process => process(&mut text, &inputs, &outputs)?,
+            Kind::Equations => equations(&mut text, &inputs, &outputs)?,
+        }
+        Ok(text)
+    }
+
+    fn channel(&self, name: &str, log: Option<&Log>) -> String {
+        let unit = log.and_then(|log| log.unit(name)).map_or_else(String::new, |unit| format!(", unit = {}", quoted(unit)));
+        let operating = if self.kind == Kind::Equations { "" } else { ", operating = 0.0" };
+        format!("{{ name = {}{unit}{operating} }}", quoted(name))
+    }
+}
+
+fn linear(text: &mut String, inputs: usize, outputs: usize) -> std::fmt::Result {
+    let row = |value: &str, n: usize| format!("[{}]", vec![value; n].join(", "));
+    writeln!(text, "# One line per state: dx/dt = A x + B u, y = C x + D u. These numbers are one lag of 1 s.")?;
+    writeln!(text, "states = [{{ name = \"x1\" }}]")?;
+    writeln!(text, "# initial = [0.0]        # state when a log starts")?;
+    writeln!(text, "# initial_std = [0.0]    # how far it is trusted; without it the start is unknown")?;
+    writeln!(text, "A = [[-1.0]]\nB = [{}]", row("1.0", inputs))?;
+    writeln!(text, "C = [{}]\nD = [{}]", vec!["[1.0]"; outputs].join(", "), vec![row("0.0", inputs); outputs].join(", "))
+}
+
+fn process(text: &mut String, inputs: &[String], outputs: &[String]) -> std::fmt::Result {
+    writeln!(
+        text,
+        "# One entry per pair: gain/(T s + 1), highest power first; a second order is [T1*T2, T1 + T2, 1.0], an integrator [1.0, 0.0]."
+    )?;
+    for output in outputs {
+        for input in inputs {
+            writeln!(text, "[[transfer]]\ninput = {}\noutput = {}", quoted(input), quoted(output))?;
+            writeln!(text, "numerator = [1.0]         # gain\ndenominator = [1.0, 1.0]  # T, 1")?;
+        }
+    }
+    Ok(())
+}
+
+fn equations(text: &mut String, inputs: &[String], outputs: &[String]) -> std::fmt::Result {
+    writeln!(text, "[states]\n# initial: when a log starts; initial_std: how far it is trusted (without it the start is unknown).")?;
+    writeln!(text, "x1 = {{ initial = 0.0 }}\n[parameters]\ngain = {{ value = 1.0 }}\ntime_constant = {{ value = 1.0, unit = \"s\" }}")?;
+    writeln!(text, "[derivatives]\nx1 = {}\n[output_equations]", quoted(&format!("(gain*({}) - x1)/time_constant", inputs.join(" + "))))?;
+    outputs.iter().try_for_each(|output| writeln!(text, "{} = \"x1\"", quoted(output)))
+}

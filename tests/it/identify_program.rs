@@ -1,0 +1,101 @@
+//! `deadtime identify` as a user runs it.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use crate::support::program::{Folder, Run, deadtime, text};
+use serde_json::Value;
+
+/// `time,u,y`: y = 0.6 y + u three samples late + noise; `step` seconds a row.
+fn log(samples: usize, step: impl Fn(usize) -> f64) -> String {
+    let mut text = String::from("time,u [V],y [m],still\n");
+    let (mut state, mut late, mut y) = (7_u64, [0.0_f64; 3], 0.0_f64);
+    for k in 0..samples {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let u = if state >> 63 == 0 { 1.0 } else { -1.0 };
+        let noise = ((state >> 20) % 1000) as f64 / 5e3 - 0.1;
+        writeln!(text, "{},{},{},5", step(k), u + 4.0, y + noise + 20.0).unwrap();
+        y = 0.6 * y + late[2];
+        late = [u, late[0], late[1]];
+    }
+    text
+}
+
+fn identify(log: &Path, more: &[&str]) -> Run {
+    deadtime(&[&["identify", text(log)], more].concat())
+}
+
+#[test]
+fn the_model_of_a_log_simulates_the_log() {
+    let folder = Folder::new();
+    let data = folder.write("log.csv", &log(800, |k| k as f64 / 10.0));
+    let (model, json) = (folder.path("model.toml"), folder.path("model.json"));
+    let said = identify(&data, &["--input", "u", "--output", "y", "--out", text(&model), "--json", text(&json), "--continuous"]).done();
+    assert!(said.contains("order 1") && said.contains("dead time 0.3"), "{said}");
+    let found: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    assert_eq!(found["format"], "deadtime/identify@1");
+    assert!((found["input_delay_s"][0].as_f64().unwrap() - 0.3).abs() < 1e-9, "{found}");
+    let (pole, std) = (found["poles"][0]["re"].as_f64().unwrap(), found["poles"][0]["std_re"].as_f64().unwrap());
+    assert!((pole - 0.6).abs() < 4.0 * std && std < 0.02, "{pole} {std}");
+    // Noise of ±0.1 on an output of standard deviation 1.25.
+    let nrmse = found["held_out"]["outputs"][0]["simulation"]["nrmse"].as_f64().unwrap();
+    assert!((0.03..0.07).contains(&nrmse), "{nrmse}");
+    let out = folder.path("simulated.csv");
+    let said = deadtime(&["simulate", text(&model), text(&data), "--out", text(&out)]).done();
+    let nrmse: f64 = said.split("nrmse ").nth(1).and_then(|t| t.split(' ').next()).and_then(|t| t.parse().ok()).unwrap();
+    // From the model's own start, which is not the log's.
+    assert!(nrmse < 0.15, "{said}");
+}
+
+#[test]
+fn what_cannot_be_identified_is_refused_with_a_remedy_and_no_file() {
+    let folder = Folder::new();
+    let data = folder.write("log.csv", &log(200, |k| k as f64 / 10.0));
+    let uneven = folder.write("uneven.csv", &log(200, |k| k as f64 / 10.0 + if k % 7 == 3 { 0.04 } else { 0.0 }));
+    let out = folder.path("m.toml");
+    let both = ["--input", "u", "--output", "y", "--out", text(&out)];
+    let with = |more: &[&str]| identify(&data, &[&both[..], more].concat());
+    with(&["--past", "90"]).refused(&["past window of 90", "or less"]);
+    with(&["--order", "two"]).refused(&["--order two", "auto"]);
+    with(&["--method", "subspacey"]).refused(&["subspacey", "pbsidopt", "n4sid", "moesp"]);
+    with(&["--set", "passed=3"]).refused(&["passed", "max_order"]);
+    with(&["--delay", "v=0.1"]).refused(&["--delay v=0.1", "INPUT=SECONDS"]);
+    identify(&data, &["--input", "still", "--output", "y", "--out", text(&out), "--delay", "none"]).refused(&["still", "never changes"]);
+    identify(&data, &["--input", "u", "--output", "u", "--out", text(&out)]).refused(&["`u` is named twice"]);
+    identify(&data, &["--input", "w", "--output", "y", "--out", text(&out)]).refused(&["`w`"]);
+    identify(&uneven, &both).refused(&["uneven.csv", "--resample"]);
+    assert!(!out.exists());
+}
+
+#[test]
+fn a_template_has_the_channels_of_the_log_and_is_read_as_it_stands() {
+    let folder = Folder::new();
+    let data = folder.write("log.csv", &log(50, |k| k as f64 / 10.0));
+    for (kind, says) in [("linear", "A = "), ("process", "numerator"), ("equations", "[derivatives]")] {
+        let model = folder.path(&format!("{kind}.toml"));
+        deadtime(&[
+            "model",
+            "new",
+            kind,
+            "--log",
+            text(&data),
+            "--input",
+            "u",
+            "--output",
+            "y",
+            "--output",
+            "still",
+            "--out",
+            text(&model),
+        ])
+        .done();
+        let written = std::fs::read_to_string(&model).unwrap();
+        assert!(written.contains(says) && written.contains("unit = \"V\"") && written.contains("# "), "{written}");
+        let out = folder.path("out.csv");
+        deadtime(&["simulate", text(&model), text(&data), "--out", text(&out)]).done();
+    }
+    let out = folder.path("none.toml");
+    deadtime(&["model", "new", "linear", "--log", text(&data), "--out", text(&out)]).refused(&["--input", "u, y, still"]);
+    deadtime(&["model", "new", "linear", "--log", text(&data), "--input", "w", "--output", "y", "--out", text(&out)]).refused(&["`w`"]);
+    assert!(!out.exists());
+}
