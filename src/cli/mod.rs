@@ -25,7 +25,6 @@ mod model;
 mod progress;
 mod simulate;
 mod source;
-mod structured;
 mod study;
 mod words;
 
@@ -74,8 +73,6 @@ enum Command {
     #[command(subcommand)]
     Model(model::Model),
     Study(study::Study),
-    #[command(name = "identify")]
-    Structured(structured::StructuredArgs),
 }
 
 impl Cli {
@@ -108,7 +105,6 @@ impl Cli {
             Command::Methods(c) => c.run(json),
             Command::Model(c) => c.run(json),
             Command::Study(c) => c.run(json),
-            Command::Structured(c) => c.run(json),
         }
     }
 }

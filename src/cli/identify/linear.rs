@@ -1,12 +1,13 @@
-//! `deadtime identify`: from logs to a model file.
+//! `deadtime identify`: a linear model of inputs and outputs.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
-use super::source::{Needed, Reading};
-use super::write_json;
+use super::Common;
+use crate::cli::source::Needed;
+use crate::cli::write_json;
 use crate::delay::{Detrend, Feedback, Job, Scope, chosen};
 use crate::identify::subspace::{Direct, Identified, Recordings, identifier};
 use crate::log::Log;
@@ -15,19 +16,15 @@ use crate::report::identify::Report;
 use crate::stop::Stop;
 use crate::time::SampleTime;
 
-/// Make a model file of logs: order, delays, poles with standard deviations, and how it does on data that it has not seen
+/// The options of a linear model.
 #[derive(Debug, clap::Args)]
-pub(super) struct Identify {
-    /// Logs to learn from; the last 30 % of each are held out unless --holdout names others
-    #[arg(value_name = "LOG", required = true)]
-    logs: Vec<PathBuf>,
-    #[command(flatten)]
-    reading: Reading,
+#[command(next_help_heading = "A linear model of inputs and outputs")]
+pub(super) struct Linear {
     /// Input channel (the command); may be repeated
-    #[arg(long, value_name = "U", required = true)]
+    #[arg(long, value_name = "U", required_unless_present = "structure", conflicts_with = "structure")]
     input: Vec<String>,
     /// Output channel (the response); may be repeated
-    #[arg(long, value_name = "Y", required = true)]
+    #[arg(long, value_name = "Y", required_unless_present = "structure", conflicts_with = "structure")]
     output: Vec<String>,
     /// Method; `deadtime list identifiers` shows them
     #[arg(long, value_name = "NAME", default_value = "pbsidopt")]
@@ -47,15 +44,9 @@ pub(super) struct Identify {
     /// Write the continuous model behind a zero-order hold, not the sampled one
     #[arg(long)]
     continuous: bool,
-    /// Log to judge the model on; may be repeated
-    #[arg(long, value_name = "LOG")]
-    holdout: Vec<PathBuf>,
     /// Another option of the method, such as `max_order=20`; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// The model file to write (.toml or .json)
-    #[arg(short, long, value_name = "FILE")]
-    out: PathBuf,
 }
 
 /// Share of each log that the model is learnt from where nothing is named to judge it on.
@@ -67,20 +58,21 @@ const NEARLY_WHOLE: f64 = 0.1;
 /// A delay stays unless the model behind it is worse by this much in twice the log-likelihood.
 const WORSE: f64 = 6.0;
 
-impl Identify {
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
-        let logs = self.read(&self.logs)?;
+impl Linear {
+    pub(super) fn run(&self, common: &Common, json: Option<&Path>) -> anyhow::Result<()> {
+        let Some(out) = &common.out else { bail!("--out FILE is missing: where the model is to be written") };
+        let logs = self.read(common, &common.logs)?;
         let all = Recordings::from_logs(&logs, &self.input, &self.output)?;
-        let (learnt, judged, held_out) = if self.holdout.is_empty() {
+        let (learnt, judged, held_out) = if common.holdout.is_empty() {
             let (learnt, judged) = all.split(LEARNT);
             (learnt, judged, format!("the last {:.0} % of each record", 100.0 * (1.0 - LEARNT)))
         } else {
-            let judged = Recordings::from_logs(&self.read(&self.holdout)?, &self.input, &self.output)?;
+            let judged = Recordings::from_logs(&self.read(common, &common.holdout)?, &self.input, &self.output)?;
             all.sample_time.must_equal(judged.sample_time).context("--holdout")?;
-            (all, judged, self.holdout.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", "))
+            (all, judged, common.holdout.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", "))
         };
         let (identified, delays, delay_notes) = self.identified(&learnt, &logs)?;
-        let file = identified.file(&self.name(), &delays, self.continuous).map_err(|e| {
+        let file = identified.file(&name(out), &delays, self.continuous).map_err(|e| {
             anyhow::Error::new(e).context(if self.continuous {
                 "--continuous: leave it out to write the sampled model"
             } else {
@@ -89,7 +81,7 @@ impl Identify {
         })?;
         let judged = judged.behind_delays(&delays)?;
         let report = Report {
-            logs: self.logs.iter().map(|p| p.display().to_string()).collect(),
+            logs: common.logs.iter().map(|p| p.display().to_string()).collect(),
             model: &identified,
             delays: &delays,
             delay_notes,
@@ -97,22 +89,18 @@ impl Identify {
             held_out_samples: judged.samples(),
             checks: identified.check(&judged),
         };
-        file.write(&self.out)?;
+        file.write(out)?;
         if json.is_some() {
             write_json(json, &report.data()?)?;
         }
-        say!("{}\nwritten to {}", report.text().trim_end(), self.out.display());
+        say!("{}\nwritten to {}", report.text().trim_end(), out.display());
         Ok(())
     }
 
-    fn read(&self, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
+    fn read(&self, common: &Common, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
         let needed = Needed { inputs: &self.input, outputs: &self.output, required: true };
-        let records = paths.iter().map(|path| self.reading.read(path, &needed)).collect::<anyhow::Result<Vec<_>>>()?;
+        let records = paths.iter().map(|path| common.reading.read(path, &needed)).collect::<anyhow::Result<Vec<_>>>()?;
         Ok(records.into_iter().flatten().collect())
-    }
-
-    fn name(&self) -> String {
-        self.out.file_stem().map_or_else(|| "identified".to_owned(), |s| s.to_string_lossy().into_owned())
     }
 
     /// The method's options.
@@ -235,4 +223,9 @@ impl Identify {
         let delays = delays.collect();
         Ok((delays, notes))
     }
+}
+
+/// What a model is called: as its file.
+fn name(out: &Path) -> String {
+    out.file_stem().map_or_else(|| "identified".to_owned(), |s| s.to_string_lossy().into_owned())
 }

@@ -4,33 +4,26 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 
-use super::source::Reading;
-use super::write_json;
-use crate::identify::structured::{Balance, Structured, score};
+use super::Common;
+use crate::cli::write_json;
+use crate::identify::structured::{self, Balance, score};
 use crate::log::Log;
 use crate::model::{EquationsFile, ModelDocument};
 use crate::report::structured::{scores, text};
 
-/// Fit the parameters of a model file to logs, all at once, by predictions over windows; or only say how well it predicts
+/// The options of a fit of a model file's parameters.
 #[derive(Debug, clap::Args)]
-pub(super) struct StructuredArgs {
-    /// Logs to learn from
-    #[arg(value_name = "LOG", required = true)]
-    log: Vec<PathBuf>,
+#[command(next_help_heading = "Parameters of a model file")]
+pub(super) struct Structured {
     /// The model whose parameters are fitted, deadtime/model@1 of kind "equations"
     #[arg(long, value_name = "MODEL")]
-    structure: PathBuf,
+    pub(super) structure: Option<PathBuf>,
     /// Parameters to fit, NAME,… or `all`; without any, only the model's errors are told
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     free: Vec<String>,
     /// Parameters that may stand off by record, NAME,…; a prediction of another log does not use that
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     per_record: Vec<String>,
-    /// A log to measure the errors on that takes no part in the fit; may be repeated
-    #[arg(long, value_name = "LOG")]
-    holdout: Vec<PathBuf>,
-    #[command(flatten)]
-    reading: Reading,
     /// Steps that are predicted from each window's start
     #[arg(long, value_name = "STEPS", default_value_t = 50)]
     horizon: usize,
@@ -49,9 +42,6 @@ pub(super) struct StructuredArgs {
     /// Leave out the fit over single steps, and with it the word on physical values and surrogates
     #[arg(long)]
     no_one_step: bool,
-    /// Fitted model file to write
-    #[arg(short, long, value_name = "FILE")]
-    out: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -62,13 +52,13 @@ enum BalanceName {
     Group,
 }
 
-impl StructuredArgs {
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
-        let document = ModelDocument::read(&self.structure)?;
+impl Structured {
+    pub(super) fn run(&self, common: &Common, structure: &Path, json: Option<&Path>) -> anyhow::Result<()> {
+        let document = ModelDocument::read(structure)?;
         let ModelDocument::Equations(file) = &document else {
             bail!(
                 "{}: only a model of kind \"equations\" has parameters to fit; this one is \"{}\"",
-                self.structure.display(),
+                structure.display(),
                 document.kind()
             );
         };
@@ -78,11 +68,11 @@ impl StructuredArgs {
         if self.shrinkage.is_some_and(|s| !s.is_finite() || s < 0.0) {
             bail!("--shrinkage must be finite and not negative");
         }
-        let (logs, held_out) = (self.read(&document, &self.log)?, self.read(&document, &self.holdout)?);
+        let (logs, held_out) = (read(common, &document, &common.logs)?, read(common, &document, &common.holdout)?);
         if self.free.is_empty() && self.per_record.is_empty() {
-            return self.only_score(file, &logs, json);
+            return self.only_score(common, file, &logs, json);
         }
-        let options = Structured {
+        let options = structured::Structured {
             free: self.free.clone(),
             per_record: self.per_record.clone(),
             horizon: self.horizon,
@@ -94,31 +84,23 @@ impl StructuredArgs {
             },
             shrinkage: self.shrinkage,
             one_step: !self.no_one_step,
-            ..Structured::default()
+            ..structured::Structured::default()
         };
         let mut found = options.fit(file, &logs, &held_out)?;
         found.name.clone_from(&file.name);
         write_json(json, &found)?;
-        if let (Some(out), Some(model)) = (&self.out, &found.model) {
+        if let (Some(out), Some(model)) = (&common.out, &found.model) {
             model.write(out)?;
         }
         say!("{}", text(&found).trim_end());
-        if let Some(out) = &self.out {
+        if let Some(out) = &common.out {
             say!("\nWritten to {}.", out.display());
         }
         Ok(())
     }
 
-    fn read(&self, document: &ModelDocument, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
-        let mut logs = Vec::new();
-        for path in paths {
-            logs.extend(self.reading.read_for(path, document, true)?);
-        }
-        Ok(logs)
-    }
-
-    fn only_score(&self, file: &EquationsFile, logs: &[Log], json: Option<&Path>) -> anyhow::Result<()> {
-        if self.out.is_some() {
+    fn only_score(&self, common: &Common, file: &EquationsFile, logs: &[Log], json: Option<&Path>) -> anyhow::Result<()> {
+        if common.out.is_some() {
             bail!("nothing is fitted, so there is nothing to write: name parameters with --free");
         }
         let found = score(file, logs, self.horizon, self.stride.unwrap_or(self.horizon))?;
@@ -126,4 +108,12 @@ impl StructuredArgs {
         say!("{}", scores(&file.name, &[&found]).trim_end());
         Ok(())
     }
+}
+
+fn read(common: &Common, document: &ModelDocument, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
+    let mut logs = Vec::new();
+    for path in paths {
+        logs.extend(common.reading.read_for(path, document, true)?);
+    }
+    Ok(logs)
 }

@@ -1,0 +1,44 @@
+//! `deadtime identify`: from logs to a model file, or to the parameters of one.
+
+mod linear;
+mod structured;
+
+use std::path::{Path, PathBuf};
+
+use super::source::Reading;
+
+/// Make a model file of logs, or fit the parameters of one (--structure): with standard deviations, and how it does on data that it has not seen
+#[derive(Debug, clap::Args)]
+pub(super) struct Identify {
+    #[command(flatten)]
+    common: Common,
+    #[command(flatten)]
+    linear: linear::Linear,
+    #[command(flatten)]
+    structured: structured::Structured,
+}
+
+/// What both ways need.
+#[derive(Debug, clap::Args)]
+struct Common {
+    /// Logs to learn from; of a linear model the last 30 % of each are held out unless --holdout names others
+    #[arg(value_name = "LOG", required = true)]
+    logs: Vec<PathBuf>,
+    #[command(flatten)]
+    reading: Reading,
+    /// A log to judge the model on, which takes no part in the fit; may be repeated
+    #[arg(long, value_name = "LOG")]
+    holdout: Vec<PathBuf>,
+    /// The model file to write (.toml or .json)
+    #[arg(short, long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+impl Identify {
+    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+        match &self.structured.structure {
+            Some(structure) => self.structured.run(&self.common, structure, json),
+            None => self.linear.run(&self.common, json),
+        }
+    }
+}
