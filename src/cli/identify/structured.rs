@@ -56,11 +56,7 @@ impl Structured {
     pub(super) fn run(&self, common: &Common, structure: &Path, json: Option<&Path>) -> anyhow::Result<()> {
         let document = ModelDocument::read(structure)?;
         let ModelDocument::Equations(file) = &document else {
-            bail!(
-                "{}: only a model of kind \"equations\" has parameters to fit; this one is \"{}\"",
-                structure.display(),
-                document.kind()
-            );
+            bail!("{}: only a model of kind \"equations\" has parameters to fit; this one is \"{}\"", structure.display(), document.kind());
         };
         if self.threshold.is_nan() || self.threshold <= 0.0 {
             bail!("--threshold {}: it must be above 0 (inf for plain squares)", self.threshold);
