@@ -3,7 +3,8 @@
 use crate::delay::report::Report;
 
 /// Words of the library's messages, and the option that a reader of the command line has for each.
-const OPTIONS: [(&str, &str); 16] = [
+const OPTIONS: [(&str, &str); 17] = [
+    ("the new names make two columns called", "`--map` makes two columns called"),
     ("`max_delay`", "--max-delay"),
     ("give a `model` and", "give --model and"),
     ("(`rename`)", "(--map)"),

@@ -41,7 +41,7 @@ pub fn lines_text(lines: &[Line]) -> String {
     let mut table = Table::new(&["acts on", "effect", "channel", "parameters", "what it is"], &[0, 1, 2, 3, 4]);
     for line in lines {
         let parameters: Vec<String> = line.parameters.iter().map(|p| format!("{} ({})", p.name, p.unit)).collect();
-        table.row(vec![
+        table.marked_up_row(vec![
             line.site.name().to_owned(),
             format!("`{}`", line.effect),
             line.channels.to_owned(),

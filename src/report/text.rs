@@ -10,17 +10,25 @@ use crate::text::{markdown, shown};
 pub struct Table {
     rows: Vec<Vec<String>>,
     left: Vec<usize>,
+    /// Rows whose Markdown is meant.
+    marked_up: Vec<usize>,
 }
 
 impl Table {
     /// A table with these headings; columns in `left` are flush left.
     #[must_use]
     pub fn new(headings: &[&str], left: &[usize]) -> Self {
-        Self { rows: vec![headings.iter().map(|h| (*h).to_owned()).collect()], left: left.to_vec() }
+        Self { rows: vec![headings.iter().map(|h| (*h).to_owned()).collect()], left: left.to_vec(), marked_up: Vec::new() }
     }
 
     /// Adds a row. Names in it are data: nothing in it commands a terminal or is markup.
     pub fn row(&mut self, cells: Vec<String>) {
+        self.rows.push(cells);
+    }
+
+    /// Adds a row of words of this program, which may hold Markdown.
+    pub fn marked_up_row(&mut self, cells: Vec<String>) {
+        self.marked_up.push(self.rows.len());
         self.rows.push(cells);
     }
 
@@ -53,8 +61,11 @@ impl Table {
             inside.is_some_and(|c| c.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '=' | '.' | ' ')))
         };
         let safe = |cell: &String| if is_code(cell) { cell.clone() } else { markdown(cell) };
-        let line = |row: &Vec<String>| format!("| {} |", row.iter().map(safe).collect::<Vec<_>>().join(" | "));
-        let mut lines: Vec<String> = self.rows.iter().map(line).collect();
+        let line = |(number, row): (usize, &Vec<String>)| {
+            let cells: Vec<String> = if self.marked_up.contains(&number) { row.clone() } else { row.iter().map(safe).collect() };
+            format!("| {} |", cells.join(" | "))
+        };
+        let mut lines: Vec<String> = self.rows.iter().enumerate().map(line).collect();
         let columns = self.rows.first().map_or(0, Vec::len);
         let rule: Vec<&str> = (0..columns).map(|c| if self.left.contains(&c) { "---" } else { "---:" }).collect();
         lines.insert(1.min(lines.len()), format!("| {} |", rule.join(" | ")));
@@ -64,7 +75,11 @@ impl Table {
 
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let shown = Self { rows: self.rows.iter().map(|r| r.iter().map(|c| shown(c)).collect()).collect(), left: Vec::new() };
+        let shown = Self {
+            rows: self.rows.iter().map(|r| r.iter().map(|c| shown(c)).collect()).collect(),
+            left: Vec::new(),
+            marked_up: Vec::new(),
+        };
         let widths = shown.widths();
         for row in &shown.rows {
             let cells: Vec<String> = row
@@ -125,7 +140,7 @@ mod tests {
         table.row(vec!["a|b <script> `x`\u{1b}[2J\n# c".into()]);
         table.row(vec!["long ".repeat(60)]);
         let text = table.to_string();
-        assert!(text.contains("`x`\\u{1b}[2J\\n# c\n") && text.contains("long…") == text.contains('…'), "{text}");
+        assert!(text.contains("`x`\\u{1b}[2J\\n# c\n") && text.contains("long …"), "{text}");
         assert!(text.lines().count() == 3 && text.lines().all(|l| l.chars().count() < 210), "{text}");
         assert!(table.markdown().contains("| a\\|b \\<script> \\`x\\`\\\\u{1b}[2J\\\\n# c |"), "{}", table.markdown());
     }
