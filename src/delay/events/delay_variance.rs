@@ -17,7 +17,7 @@ use crate::registry::entry;
 ///
 /// # Example
 /// ```
-/// use deadtime::delay::{DelayEstimator, EventDelayVariance, Experiment, Search};
+/// use deadtime::delay::{Events, DelayEstimator, EventDelayVariance, Experiment, Search};
 /// use deadtime::time::SampleTime;
 /// let first: Vec<f64> = (0..40).map(|i| f64::from(i) + 0.3 * f64::from(i * i % 7) / 7.0).collect();
 /// let second: Vec<f64> = first.iter().map(|t| t + 2.5).collect();
