@@ -1,7 +1,7 @@
 //! Every threshold that can change a verdict: what it means, its unit, where it comes from.
 //!
 //! Three kinds of origin. *Formula*: it follows from what stands beside it. *Null*: what chance alone reaches where nothing acts. *Chosen*: set by hand on
-//! withheld cases with known causes, and seen to matter little or much there; no theory gives it.
+//! withheld cases with known causes; no theory gives it, and how much each matters has not been measured. Formulas were found beside values that stood already.
 
 /// The thresholds; [`Default`] gives those that every verdict of the program rests on.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
