@@ -17,6 +17,8 @@ mod hypothesis;
 
 mod search;
 
+mod compose;
+
 mod judge;
 
 mod answer;

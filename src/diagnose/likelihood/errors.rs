@@ -37,6 +37,18 @@ impl Errors {
         self.squares.iter().zip(&self.count).map(|(e, n)| (e / n.max(1.0)).sqrt()).collect()
     }
 
+    /// Twice the log-likelihood that white noise of unknown size gains from one to the other, over all outputs.
+    pub(in crate::diagnose) fn log_ratio(&self, after: &Self) -> f64 {
+        let ratio = |((b, a), n): ((&f64, &f64), &f64)| if *b > 0.0 && *a > 0.0 { n * (b / a).ln() } else { 0.0 };
+        self.squares.iter().zip(&after.squares).zip(&self.count).map(ratio).sum()
+    }
+
+    /// Mean squared error over that of others, every output counting alike.
+    pub(in crate::diagnose) fn over(&self, others: &Self) -> f64 {
+        let parts: Vec<f64> = self.rms().iter().zip(others.rms()).filter(|(_, o)| *o > 0.0).map(|(e, o)| (e / o).powi(2)).collect();
+        parts.iter().sum::<f64>() / parts.len().max(1) as f64
+    }
+
     /// Per output; `None` where it stands still.
     pub(in crate::diagnose) fn nrmse(&self) -> Vec<Option<f64>> {
         self.squares.iter().zip(&self.deviations).map(|(e, d)| (*d > 0.0).then(|| (e / d).sqrt())).collect()

@@ -149,6 +149,16 @@ impl<'a> Likelihood<'a> {
         (parts.sum::<f64>() * samples).sqrt()
     }
 
+    /// The nuisances' whitened responses of one record, as columns.
+    pub(super) fn nuisances_of(&self, record: usize) -> &DMatrix<f64> {
+        self.nuisances[record].whitened()
+    }
+
+    /// The precision of their prior.
+    pub(super) fn precision_of(&self, record: usize) -> DMatrix<f64> {
+        self.nuisances[record].precision(&self.prior)
+    }
+
     pub(in crate::diagnose) fn prior(&self) -> &[f64] {
         &self.prior
     }

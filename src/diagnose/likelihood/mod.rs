@@ -1,6 +1,7 @@
 //! How well effects at work describe the logs: whitened residuals with the nuisances integrated out.
 
 pub(in crate::diagnose) mod active_effects;
+mod cross_validation;
 pub(in crate::diagnose) mod errors;
 pub(in crate::diagnose) mod gaussian;
 mod nuisances;

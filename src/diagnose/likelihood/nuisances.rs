@@ -45,8 +45,13 @@ impl Nuisances {
         Self { factor, ..self.clone() }
     }
 
+    /// W, of the training span.
+    pub(super) fn whitened(&self) -> &DMatrix<f64> {
+        &self.whitened
+    }
+
     /// P⁻¹; regressors without a prior get next to none, so that the sum can be factored.
-    fn precision(&self, prior: &[f64]) -> DMatrix<f64> {
+    pub(super) fn precision(&self, prior: &[f64]) -> DMatrix<f64> {
         let known = prior.iter().filter(|s| **s > 0.0).map(|s| 1.0 / (s * s));
         let loose = self.raw.len() - self.states;
         let all: Vec<f64> = known.chain(std::iter::repeat_n(1e-9, loose)).collect();

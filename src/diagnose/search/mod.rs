@@ -1,5 +1,6 @@
 //! The search through the catalogue: a screen, single effects, several at once.
 
+pub(in crate::diagnose) mod beside;
 pub(in crate::diagnose) mod catalogue;
 pub(in crate::diagnose) mod catalogue_search;
 pub(in crate::diagnose) mod screen;

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::beside::Beside;
 use super::screen::Screened;
 use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
 use crate::diagnose::hypothesis::dropouts::decoded;
@@ -25,47 +26,6 @@ fn firsts<'h>(singles: &'h [Hypothesis], penalties: &Penalties, [any, plain]: [u
         }
     }
     chosen
-}
-
-/// What a second effect promises beside each first: the fall of the cost along its signature, the first's own directions taken out.
-struct Beside {
-    first: Hypothesis,
-    residual: Whitened,
-    cost: f64,
-    /// Directions in which the first can still move, orthonormal.
-    own: Vec<Whitened>,
-}
-
-impl Beside {
-    fn new(likelihood: &Likelihood<'_>, first: &Hypothesis, scales: &Scales) -> Option<Self> {
-        let slopes = first.slopes(likelihood, scales)?;
-        let mut own: Vec<Whitened> = Vec::new();
-        for mut column in slopes.columns {
-            let whole = likelihood.inner(&column, &column);
-            for q in &own {
-                let along = likelihood.inner(q, &column);
-                column = column.iter().zip(q).map(|(c, q)| c - q * along).collect();
-            }
-            let left = likelihood.inner(&column, &column);
-            if left > 1e-10 * whole {
-                own.push(column.iter().map(|c| c / left.sqrt()).collect());
-            }
-        }
-        let cost = likelihood.inner(&slopes.residual, &slopes.residual);
-        Some(Self { first: first.clone(), residual: slopes.residual, cost, own })
-    }
-
-    /// How far the cost would fall along a signature, at any size.
-    fn promise(&self, likelihood: &Likelihood<'_>, signature: &Whitened) -> f64 {
-        let mut along = likelihood.inner(signature, &self.residual);
-        let mut length = likelihood.inner(signature, signature);
-        for q in &self.own {
-            let part = likelihood.inner(q, signature);
-            along -= part * likelihood.inner(q, &self.residual);
-            length -= part * part;
-        }
-        if length > 0.0 && along.is_finite() { along * along / length } else { 0.0 }
-    }
 }
 
 /// Pairs: for each of the leading singles the seconds that promise most beside it, refitted together.

@@ -1,0 +1,232 @@
+//! The search for several causes: effects are added one at a time and all of them refitted together, for as long as data that were not fitted to ask for it.
+//!
+//! How it can be wrong:
+//! - A flexible stand-in (a resonance for a lag, a lag for a coupling) comes in first, because alone it takes more than any of the true causes. So after every
+//!   addition each earlier effect is taken out again, or replaced by what explains more in its place, and everything else is refitted.
+//! - Noise with a memory makes blocks of time alike by chance, so an effect must help in most of them, and on held-out data.
+//! - A simulator is a little off everywhere: on a precise machine a trifle is certain and still no cause. So an effect has to take a part of the original gap.
+//! - Under autoregressive noise the misfit of causes that are not found yet counts as noise, and slow causes vanish in it. So the weights are white, as large
+//!   as the present residual of each output; only where nothing is accepted they are tried beside the colour of the residual.
+//! - An effect outside the catalogue is taken by its nearest neighbour: its share says how much it predicts, never that it is the physics.
+
+use rayon::prelude::*;
+
+use super::gate::{Gate, Original};
+use super::standing::Standing;
+use crate::diagnose::baseline::noise::Noise;
+use crate::diagnose::baseline::spectrum::peaks_hz;
+use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
+use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::active_effects::NO_EFFECT;
+use crate::diagnose::likelihood::errors::Errors;
+use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::residuals::residuals;
+use crate::diagnose::search::beside::Beside;
+use crate::diagnose::search::steps::STEPS;
+use crate::effect::{Applied, EFFECTS, Scales};
+
+/// Candidates that are refitted together with everything else at a step; and how many of them to the end.
+const REFITTED: [usize; 2] = [10, 5];
+/// Steps of the first fits.
+const TRIAL: usize = 4;
+/// First guesses of a candidate that are looked at beside what is found already.
+const GUESSES: usize = 12;
+
+/// Effects that together explain, and what could stand in the place of each.
+#[derive(Debug, Clone)]
+pub(in crate::diagnose) struct Composition {
+    /// Fitted together, in the order of the table of effects.
+    pub(in crate::diagnose) hypothesis: Hypothesis,
+    /// Per effect.
+    pub(in crate::diagnose) stand_ins: Vec<Vec<Applied>>,
+}
+
+/// The search.
+pub(in crate::diagnose) struct Composer<'c, 'a> {
+    pub(in crate::diagnose) likelihood: &'c Likelihood<'a>,
+    pub(in crate::diagnose) candidates: Vec<Applied>,
+    /// Single effects as they were fitted alone: first guesses.
+    pub(in crate::diagnose) singles: &'c [Hypothesis],
+    pub(in crate::diagnose) scales: Scales,
+    /// Per output, what is no more than rounding.
+    pub(in crate::diagnose) smallest: &'c [f64],
+    pub(in crate::diagnose) gate: Gate,
+}
+
+impl<'a> Composer<'_, 'a> {
+    /// Adds effects to those of a hypothesis until nothing is accepted; `None` where the model cannot be simulated.
+    pub(in crate::diagnose) fn compose(&mut self, from: &[Applied]) -> Option<Composition> {
+        // What noise decides sample by sample, and hidden sequences, are no deterministic parts of a sum.
+        self.candidates.retain(|a| !a.effect.leaves_residual() && !a.effect.loses_commands());
+        let before = residuals(self.likelihood, NO_EFFECT)?;
+        let errors = |held: bool| Errors::of(self.likelihood.records, &before, |r| if held { r.held } else { r.train });
+        let original = Original { train: errors(false), held: errors(true) };
+        let hypothesis = Hypothesis { effects: from.to_vec(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
+        let mut composition = Composition { stand_ins: vec![Vec::new(); from.len()], hypothesis };
+        while composition.hypothesis.effects.len() < self.gate.most {
+            let Some((likelihood, before)) = self.renewed(&composition.hypothesis) else { break };
+            composition.hypothesis = before.hypothesis.clone();
+            self.scales.peaks_hz = peaks_hz(likelihood.records, &before.residuals, likelihood.system.outputs.len());
+            let Some((next, stand_ins)) = self.best(&likelihood, &before, &original) else { break };
+            let Some(added) = newest(&before.hypothesis, &next.hypothesis) else { break };
+            composition = composition.with(&next.hypothesis, &added, stand_ins);
+            composition = self.backward(&likelihood, composition, next, &added, &original);
+        }
+        Some(composition)
+    }
+
+    /// The likelihood with white weights as large as what a hypothesis leaves, and how the hypothesis stands under them, fitted anew.
+    fn renewed(&self, hypothesis: &Hypothesis) -> Option<(Likelihood<'a>, Standing)> {
+        let left = residuals(self.likelihood, hypothesis)?;
+        let rms = Errors::of(self.likelihood.records, &left, |r| r.train).rms();
+        let std: Vec<f64> = rms.iter().zip(self.smallest).map(|(r, s)| r.max(*s)).collect();
+        let likelihood = self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);
+        let refitted = Hypothesis::refit(&likelihood, hypothesis.clone(), &self.scales, self.cost(&likelihood), STEPS)?;
+        let standing = Standing::of(&likelihood, refitted, &self.scales)?;
+        Some((likelihood, standing))
+    }
+
+    fn cost(&self, likelihood: &Likelihood<'_>) -> f64 {
+        likelihood.whitened(NO_EFFECT).map_or(0.0, |w| likelihood.inner(&w, &w))
+    }
+
+    /// Joint fits of a hypothesis with each of the candidates that promise most beside it.
+    fn additions(&self, likelihood: &Likelihood<'_>, present: &Hypothesis) -> Vec<Hypothesis> {
+        let Some(beside) = Beside::new(likelihood, present, &self.scales) else { return Vec::new() };
+        let keys: Vec<String> = present.effects.iter().map(Applied::key).collect();
+        let mut promising: Vec<(f64, Applied)> = self
+            .candidates
+            .par_iter()
+            .filter(|a| !keys.contains(&a.key()))
+            .filter_map(|candidate| self.promise(likelihood, &beside, candidate))
+            .filter(|(promise, _)| *promise > self.gate.fall * beside.cost)
+            .collect();
+        promising.sort_by(|a, b| b.0.total_cmp(&a.0));
+        promising.truncate(REFITTED[0]);
+        let cost = self.cost(likelihood);
+        let fits = |hypotheses: Vec<Hypothesis>, steps: usize| -> Vec<Hypothesis> {
+            let refit = |e: Hypothesis| Hypothesis::refit(likelihood, e, &self.scales, cost, steps);
+            let mut fitted: Vec<Hypothesis> = hypotheses.into_par_iter().filter_map(refit).collect();
+            fitted.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+            fitted
+        };
+        let mut fitted = fits(promising.into_iter().map(|(_, candidate)| to_be_fitted(present, Some(candidate), None)).collect(), TRIAL);
+        fitted.truncate(REFITTED[1]);
+        let limited = |e: Hypothesis| e.with_missing_limits(likelihood, &self.scales, cost, STEPS);
+        fits(fitted, STEPS).into_par_iter().map(limited).collect()
+    }
+
+    /// The fall of the cost that a candidate promises, and the guess that gave it.
+    fn promise(&self, likelihood: &Likelihood<'_>, beside: &Beside, candidate: &Applied) -> Option<(f64, Applied)> {
+        let shares: &[f64] = if has_limit(candidate) { &[1.0] } else { &[NEAR, 1.0] };
+        let mut best: Option<(f64, Applied)> = None;
+        for guess in self.guesses(likelihood, candidate) {
+            for share in shares {
+                let there = with(candidate, &between(candidate, &guess, *share));
+                let effects: Vec<Applied> = beside.first.effects.iter().cloned().chain([there]).collect();
+                let Some(moved) = likelihood.whitened(&effects) else { continue };
+                let along = beside.promise(likelihood, &difference(&beside.residual, &moved, 1.0));
+                let promise = along.max(beside.cost - likelihood.inner(&moved, &moved));
+                if promise.is_finite() && best.as_ref().is_none_or(|(most, _)| promise > *most) {
+                    best = Some((promise, with(candidate, &guess)));
+                }
+            }
+        }
+        best
+    }
+
+    /// First guesses beside what is found already: what the candidate was fitted to alone, then its own.
+    fn guesses(&self, likelihood: &Likelihood<'_>, candidate: &Applied) -> Vec<Vec<f64>> {
+        let alone = self.singles.iter().find(|s| s.fitted && s.effects.len() == 1 && s.effects[0].key() == candidate.key());
+        let own = likelihood.first_guesses(candidate, &self.scales);
+        let every = own.len().div_ceil(GUESSES).max(1);
+        alone.map(|s| s.effects[0].values.clone()).into_iter().chain(own.into_iter().step_by(every)).collect()
+    }
+
+    /// The best addition that is accepted, and what could stand in its place.
+    fn best(&self, likelihood: &Likelihood<'_>, before: &Standing, original: &Original) -> Option<(Standing, Vec<Applied>)> {
+        let trials = self.additions(likelihood, &before.hypothesis);
+        let standings: Vec<Standing> = trials.into_par_iter().filter_map(|e| Standing::of(likelihood, e, &self.scales)).collect();
+        let accepted: Vec<&Standing> = standings.iter().filter(|after| self.gate.accepts(before, after, original)).collect();
+        let lowest = accepted.iter().map(|s| s.error()).fold(f64::INFINITY, f64::min);
+        let equals = || accepted.iter().filter(|s| s.error() <= (1.0 + self.gate.equals) * lowest);
+        let fewest = equals().map(|s| s.hypothesis.free.len()).min()?;
+        let row = |s: &Standing| newest(&before.hypothesis, &s.hypothesis).map(|a| row(&a));
+        let winner = equals().filter(|s| s.hypothesis.free.len() == fewest).min_by_key(|s| row(s))?;
+        let enough = self.gate.stands_in * Gate::fall(before, winner);
+        let stands_in = |s: &&Standing| {
+            s.hypothesis.key() != winner.hypothesis.key()
+                && Gate::fall(before, s) >= enough
+                && winner.better_by_t(s).abs() < self.gate.paired_t
+        };
+        let stand_ins = standings.iter().filter(stands_in).filter_map(|s| newest(&before.hypothesis, &s.hypothesis)).collect();
+        Some(((*winner).clone(), stand_ins))
+    }
+
+    /// Takes out every earlier effect that the newest made needless, or puts in its place what explains more beside the newest.
+    fn backward(
+        &self,
+        likelihood: &Likelihood<'_>,
+        mut composition: Composition,
+        mut present: Standing,
+        added: &Applied,
+        original: &Original,
+    ) -> Composition {
+        let cost = self.cost(likelihood);
+        let earlier: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| a.key() != added.key()).cloned().collect();
+        for old in earlier {
+            let refitted = Hypothesis::refit(likelihood, to_be_fitted(&present.hypothesis, None, Some(&old)), &self.scales, cost, STEPS);
+            let Some(without) = refitted.and_then(|e| Standing::of(likelihood, e, &self.scales)) else { continue };
+            if self.gate.needless(&without, &present) {
+                composition = composition.without(&without.hypothesis);
+                present = without;
+                continue;
+            }
+            let Some((swapped, stand_ins)) = self.best(likelihood, &without, original) else { continue };
+            let Some(instead) = newest(&without.hypothesis, &swapped.hypothesis).filter(|a| a.key() != old.key()) else { continue };
+            let simple = swapped.hypothesis.free.len() <= present.hypothesis.free.len() + 1;
+            let better = Gate::fall(&present, &swapped) > self.gate.equals && swapped.better_by_t(&present) >= self.gate.paired_t;
+            if simple && better {
+                composition = composition.with(&swapped.hypothesis, &instead, stand_ins);
+                present = swapped;
+            }
+        }
+        composition
+    }
+}
+
+impl Composition {
+    /// Another hypothesis, with what could stand in the place of its newest effect; the others keep theirs.
+    fn with(&self, hypothesis: &Hypothesis, newest: &Applied, stand_ins: Vec<Applied>) -> Self {
+        let of = |a: &Applied| if a.key() == newest.key() { stand_ins.clone() } else { self.stand_ins_of(a) };
+        Self { stand_ins: hypothesis.effects.iter().map(of).collect(), hypothesis: hypothesis.clone() }
+    }
+
+    /// A hypothesis with fewer effects.
+    fn without(&self, hypothesis: &Hypothesis) -> Self {
+        Self { stand_ins: hypothesis.effects.iter().map(|a| self.stand_ins_of(a)).collect(), hypothesis: hypothesis.clone() }
+    }
+
+    fn stand_ins_of(&self, effect: &Applied) -> Vec<Applied> {
+        let at = self.hypothesis.effects.iter().position(|a| a.key() == effect.key());
+        at.map(|at| self.stand_ins[at].clone()).unwrap_or_default()
+    }
+}
+
+/// The row of the table of effects.
+fn row(applied: &Applied) -> usize {
+    EFFECTS.iter().position(|e| e.name() == applied.effect.name()).unwrap_or(usize::MAX)
+}
+
+/// A hypothesis with one effect more or less, in the order of the table, to be fitted.
+fn to_be_fitted(present: &Hypothesis, more: Option<Applied>, less: Option<&Applied>) -> Hypothesis {
+    let kept = present.effects.iter().filter(|a| less.is_none_or(|l| l.key() != a.key())).cloned();
+    let mut effects: Vec<Applied> = kept.chain(more).collect();
+    effects.sort_by_key(row);
+    Hypothesis { effects, free: Vec::new(), gain: 0.0, fitted: false, lost: None }
+}
+
+/// The effect that one hypothesis has and another has not.
+fn newest(before: &Hypothesis, after: &Hypothesis) -> Option<Applied> {
+    after.effects.iter().find(|a| before.effects.iter().all(|b| b.key() != a.key())).cloned()
+}

@@ -1,0 +1,68 @@
+//! How good a hypothesis is under one set of weights: on what it was fitted to, on blocks left out in turn, on held-out data.
+
+use nalgebra::DMatrix;
+
+use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::errors::Errors;
+use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::residuals::residuals;
+use crate::effect::Scales;
+
+/// A hypothesis and how good it is.
+#[derive(Clone)]
+pub(super) struct Standing {
+    pub(super) hypothesis: Hypothesis,
+    pub(super) residuals: Vec<DMatrix<f64>>,
+    /// Squared errors of blocks of time that were left out in turn.
+    pub(super) blocks: Vec<f64>,
+    pub(super) train: Errors,
+    pub(super) held: Errors,
+}
+
+impl Standing {
+    /// `None` where the hypothesis cannot be simulated.
+    pub(super) fn of(likelihood: &Likelihood<'_>, hypothesis: Hypothesis, scales: &Scales) -> Option<Self> {
+        let residuals = residuals(likelihood, &hypothesis)?;
+        let slopes = hypothesis.slopes(likelihood, scales)?;
+        let blocks = likelihood.left_out(&slopes.residual, &slopes.columns, &[])?;
+        let train = Errors::of(likelihood.records, &residuals, |r| r.train);
+        let held = Errors::of(likelihood.records, &residuals, |r| r.held);
+        Some(Self { hypothesis, residuals, blocks, train, held })
+    }
+
+    /// The squared error over all blocks.
+    pub(super) fn error(&self) -> f64 {
+        self.blocks.iter().sum()
+    }
+
+    /// By how much this is better than another, block by block: Student's t of the mean difference.
+    pub(super) fn better_by_t(&self, than: &Self) -> f64 {
+        t_of(&than.blocks.iter().zip(&self.blocks).map(|(theirs, own)| theirs - own).collect::<Vec<_>>())
+    }
+}
+
+/// Student's t of a mean of 0; 0 where nothing differs.
+pub(super) fn t_of(values: &[f64]) -> f64 {
+    let n = values.len() as f64;
+    if n < 2.0 {
+        return 0.0;
+    }
+    let mean = values.iter().sum::<f64>() / n;
+    let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let error = (variance / n).sqrt();
+    if mean == 0.0 { 0.0 } else { mean / error.max(f64::MIN_POSITIVE) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::t_of;
+
+    #[test]
+    fn t_is_the_mean_over_its_standard_error() {
+        // Mean 2, standard deviation 1, three values.
+        assert!((t_of(&[1.0, 2.0, 3.0]) - 2.0 * 3.0_f64.sqrt()).abs() < 1e-12);
+        assert!(t_of(&[0.0, 0.0, 0.0]).abs() < f64::EPSILON);
+        assert!(t_of(&[1.0]).abs() < f64::EPSILON);
+        assert!(t_of(&[-1.0, -1.0, -1.0]) < -1e10);
+    }
+}
