@@ -16,13 +16,12 @@ use super::standing::Standing;
 use crate::diagnose::baseline::noise::Noise;
 use crate::diagnose::baseline::spectrum::peaks_hz;
 use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
+use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::errors::Errors;
-use crate::diagnose::likelihood::likelihood::Likelihood;
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::diagnose::search::beside::Beside;
-use crate::diagnose::search::steps::STEPS;
 use crate::effect::{Applied, EFFECTS, Scales};
 
 /// Candidates that are refitted together with everything else at a step; and how many of them to the end.
@@ -81,7 +80,7 @@ impl<'a> Composer<'_, 'a> {
         let rms = Errors::of(self.likelihood.records, &left, |r| r.train).rms();
         let std: Vec<f64> = rms.iter().zip(self.smallest).map(|(r, s)| r.max(*s)).collect();
         let likelihood = self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);
-        let refitted = Hypothesis::refit(&likelihood, hypothesis.clone(), &self.scales, self.cost(&likelihood), STEPS)?;
+        let refitted = Hypothesis::refit(&likelihood, hypothesis.clone(), &self.scales, self.cost(&likelihood), likelihood.budget.steps)?;
         let standing = Standing::of(&likelihood, refitted, &self.scales)?;
         Some((likelihood, standing))
     }
@@ -112,8 +111,8 @@ impl<'a> Composer<'_, 'a> {
         };
         let mut fitted = fits(promising.into_iter().map(|(_, candidate)| to_be_fitted(present, Some(candidate), None)).collect(), TRIAL);
         fitted.truncate(REFITTED[1]);
-        let limited = |e: Hypothesis| e.with_missing_limits(likelihood, &self.scales, cost, STEPS);
-        fits(fitted, STEPS).into_par_iter().map(limited).collect()
+        let limited = |e: Hypothesis| e.with_missing_limits(likelihood, &self.scales, cost, likelihood.budget.steps);
+        fits(fitted, likelihood.budget.steps).into_par_iter().map(limited).collect()
     }
 
     /// The fall of the cost that a candidate promises, and the guess that gave it.
@@ -175,7 +174,7 @@ impl<'a> Composer<'_, 'a> {
         let cost = self.cost(likelihood);
         let earlier: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| a.key() != added.key()).cloned().collect();
         for old in earlier {
-            let refitted = Hypothesis::refit(likelihood, to_be_fitted(&present.hypothesis, None, Some(&old)), &self.scales, cost, STEPS);
+            let refitted = Hypothesis::refit(likelihood, to_be_fitted(&present.hypothesis, None, Some(&old)), &self.scales, cost, likelihood.budget.steps);
             let Some(without) = refitted.and_then(|e| Standing::of(likelihood, e, &self.scales)) else { continue };
             if self.gate.needless(&without, &present) {
                 composition = composition.without(&without.hypothesis);

@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::likelihood::{Likelihood, Whitened};
+use super::gaussian::{Likelihood, Whitened};
 
 /// Blocks that are left out in turn, over all records; and of one record at least.
 const BLOCKS: usize = 10;

@@ -1,7 +1,7 @@
 //! What an effect promises beside others that are at work already.
 
-use crate::diagnose::hypothesis::hypothesis::Hypothesis;
-use crate::diagnose::likelihood::likelihood::{Likelihood, Whitened};
+use crate::diagnose::hypothesis::effects::Hypothesis;
+use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::Scales;
 
 /// What an effect promises beside others: the fall of the cost along its signature, the others' own directions taken out.
