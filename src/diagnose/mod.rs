@@ -17,19 +17,19 @@ mod hypothesis;
 
 mod search;
 
-mod compose;
-
 mod judge;
+
+mod compose;
 
 mod answer;
 
 mod pipeline;
 
 pub use answer::isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size};
-pub use answer::largest_contributor::LargestContributor;
 pub use answer::traces::Trace;
 pub use checks::inspection::{ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect};
 pub use format::caveat::Caveat;
+pub use format::contributions::{Contribution, Description, Explained, Recalibration, Remainder, Share, Strength};
 pub use format::diagnosis::{
     Band, Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, FoundEffect, FoundParameter, Gap, GapOutput, Holdout,
     Metric, Mode, NotTried, Prediction, RankedPair, RankedSingle, RankingRow, Regime, Shrink, ShrinkOutput, TimeSpan, Where, WhereOutput,

@@ -10,16 +10,18 @@ use std::path::Path;
 use nalgebra::DMatrix;
 
 use crate::diagnose::answer::cause::cause;
+use crate::diagnose::answer::contributions::{GapBudget, explained, handed_over};
 use crate::diagnose::answer::improvement::improvement;
 use crate::diagnose::answer::isolability::{self as isolability_of, Isolability, Names};
-use crate::diagnose::answer::largest_contributor::{LargestContributor, largest_contributor};
 use crate::diagnose::answer::location::{locate, output_shares};
 use crate::diagnose::answer::traces::{Trace, traces};
 use crate::diagnose::baseline::motion::Motion;
 use crate::diagnose::baseline::predictor::Predictor;
 use crate::diagnose::baseline::runaway::must_not_explode;
 use crate::diagnose::checks::every::checks;
+use crate::diagnose::compose::composed::{Compose, Composed};
 use crate::diagnose::format::caveat::Caveat;
+use crate::diagnose::format::contributions::Recalibration;
 use crate::diagnose::format::diagnosis::{Cause, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, NotTried, Prediction};
 use crate::diagnose::format::error::GapError;
 use crate::diagnose::format::progress::Stage;
@@ -28,11 +30,10 @@ use crate::diagnose::input::log_caveats::log_caveats;
 use crate::diagnose::input::options::GapOptions;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::input::subject::Subject;
-use crate::diagnose::judge::intervals::{self, Estimate};
 use crate::diagnose::judge::prior_sensitivity::{PriorSensitivity, prior_sensitivities};
 use crate::diagnose::judge::rule::GapVerdict;
 use crate::diagnose::judge::verdict::{Judged, judge};
-use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
+use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::gaussian::{Likelihood, Terms};
 use crate::diagnose::likelihood::residuals::{residuals, trained};
@@ -54,8 +55,6 @@ pub struct Diagnosed {
     pub effects: Vec<Applied>,
     /// What was measured and predicted, by output and then by log.
     pub traces: Vec<Trace>,
-    /// What explains most, where nothing is called the cause.
-    pub largest_contributor: Option<LargestContributor>,
     /// What a reader has to know of the data.
     pub caveats: Vec<Caveat>,
     /// How often a simulator that can only be called was called; `None` for a model file.
@@ -163,23 +162,24 @@ impl Baseline {
 
 /// The verdict with all that it rests on.
 struct Judgement {
-    judged: Judged,
+    composed: Composed,
     sensitivities: Vec<PriorSensitivity>,
-    largest_contributor: Option<LargestContributor>,
-    estimate: Option<Estimate>,
 }
 
 impl Judgement {
     /// `None` where the model cannot be simulated.
-    fn of(likelihood: &Likelihood<'_>, found: &SearchResult, candidates: &[Applied], scales: &Scales) -> Option<Self> {
+    fn of(likelihood: &Likelihood<'_>, found: &SearchResult, candidates: &[Applied], scales: &Scales, smallest: &[f64]) -> Option<Self> {
         let judged = judge(likelihood, found, candidates, scales)?;
+        let composed = Compose { likelihood, found, catalogue: candidates, scales, smallest }.from(judged)?;
+        let judged = &composed.judged;
+        let searched = judged.found.as_ref().is_none_or(|e| e.effects.len() < 3);
         let sensitivities = match judged.verdict {
-            GapVerdict::Unknown => Vec::new(),
-            _ => prior_sensitivities(likelihood, found, judged.found.as_ref(), candidates, scales),
+            GapVerdict::None | GapVerdict::Effects if searched => {
+                prior_sensitivities(likelihood, found, judged.found.as_ref(), candidates, scales)
+            }
+            _ => Vec::new(),
         };
-        let largest_contributor = largest_contributor(likelihood, &judged, found, scales);
-        let estimate = judged.found.as_ref().and_then(|e| intervals::estimate(likelihood, e, scales));
-        Some(Self { judged, sensitivities, largest_contributor, estimate })
+        Some(Self { composed, sensitivities })
     }
 }
 
@@ -212,7 +212,8 @@ fn in_stages(
     }
 
     progress(Stage::Judging);
-    let judgement = Judgement::of(&likelihood, &found, &candidates, &scales).ok_or_else(|| not_finite(&inputs.records))?;
+    let smallest = &baseline.motion.smallest;
+    let judgement = Judgement::of(&likelihood, &found, &candidates, &scales, smallest).ok_or_else(|| not_finite(&inputs.records))?;
     let answer = Answer { subject, simulator, inputs: &inputs, likelihood: &likelihood, found: &found, scales: &scales, left_out };
     answer.sections(judgement, logs, options.seed).ok_or_else(|| not_finite(&inputs.records))
 }
@@ -232,15 +233,22 @@ impl Answer<'_> {
     /// `None` where the model cannot be simulated.
     fn sections(self, judgement: Judgement, logs: &[Log], seed: u64) -> Option<Diagnosed> {
         let (system, records, likelihood) = (&self.simulator.system, &self.inputs.records, self.likelihood);
-        let active = judgement.judged.found.as_ref().map(ActiveEffects::from);
+        let composed = &judgement.composed;
+        let active = handed_over(composed.hypothesis.as_ref());
         let before = residuals(likelihood, NO_EFFECT)?;
-        let after = residuals(likelihood, active.unwrap_or(NO_EFFECT))?;
-        let floor = &judgement.judged.floor;
+        let after = residuals(likelihood, active)?;
+        let decoded = match composed.hypothesis.as_ref().filter(|e| e.lost.is_some()) {
+            Some(sequences) => Some(residuals(likelihood, sequences)?),
+            None => None,
+        };
+        let floor = &composed.judged.floor;
         let gap = gap(likelihood, &before, &floor.floor);
         let shares: Vec<Option<f64>> = gap.outputs.iter().map(|o| o.share).collect();
         let predictor = likelihood.predictor;
+        let budget = GapBudget { likelihood, composed, before: &before, after: &after, scales: self.scales, seed };
+        let (contributions, remainder) = budget.sections(composed.estimate.as_ref());
         let diagnosis = Diagnosis {
-            format: DiagnosisFormat::V1,
+            format: DiagnosisFormat::V2,
             model: self.subject.name().to_owned(),
             logs: logs.iter().map(|l| l.source().to_owned()).collect(),
             holdout: self.inputs.holdouts.clone(),
@@ -248,14 +256,20 @@ impl Answer<'_> {
             gap,
             place: locate(system, records, &before, floor, &shares, &likelihood.memory()),
             checks: checks(system, &self.inputs.model_effects, records, self.chosen_predictor()),
-            cause: self.cause(&judgement),
-            shrink: improvement(system, records, &before, &after, &floor.floor, predictor.settling_s, seed),
+            cause: Cause {
+                explained: Some(explained(composed)),
+                contributions,
+                recalibration: Some(Recalibration::default()),
+                remainder: Some(remainder),
+                ..self.cause(&judgement)
+            },
+            shrink: improvement(likelihood, [&before, &after], decoded.as_deref(), &floor.floor, seed),
         };
-        let traces = traces(likelihood, active, &floor.floor);
-        let caveats = self.caveats(&judgement.judged);
-        let effects: Vec<Applied> = judgement.judged.found.into_iter().flat_map(|e| e.effects).collect();
+        let effects: Vec<Applied> = composed.hypothesis.iter().flat_map(|e| e.effects.clone()).collect();
+        let traces = traces(likelihood, Some(active).filter(|_| !effects.is_empty()), &floor.floor);
+        let caveats = self.caveats(&composed.judged);
         let model = self.subject.with(effects.iter().map(Applied::to_entry));
-        Some(Diagnosed { diagnosis, model, effects, traces, largest_contributor: judgement.largest_contributor, caveats, calls: None })
+        Some(Diagnosed { diagnosis, model, effects, traces, caveats, calls: None })
     }
 
     /// As it follows from the simulator, whatever was asked for.
@@ -268,8 +282,8 @@ impl Answer<'_> {
             let residuals = trained(self.likelihood, e)?;
             overall(&Errors::of(self.likelihood.records, &residuals, |r| r.train).nrmse())
         };
-        let Judgement { judged, sensitivities, estimate, .. } = judgement;
-        let mut cause = cause(self.likelihood, judged, self.found, estimate.as_ref(), self.scales, sensitivities, after);
+        let Judgement { composed: Composed { judged, stand_ins, estimate, .. }, sensitivities } = judgement;
+        let mut cause = cause(self.likelihood, judged, self.found, estimate.as_ref(), self.scales, sensitivities, stand_ins, after);
         cause.not_tried.clone_from(&self.left_out);
         cause
     }

@@ -1,13 +1,15 @@
 //! The diagnosis in plain sentences.
 
-use crate::diagnose::{Diagnosed, Diagnosis, FoundEffect, FoundParameter, LargestContributor, Mode, RankedPair, RankingRow};
+use crate::diagnose::{Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, Mode, RankedPair, RankingRow, Share, Strength};
 use crate::report::text::{Table, estimate};
 
-/// Five sentences: how big the gap is, where it sits, what causes it and how sure that is, what else it could be, how far it shrinks.
+/// Five sentences: how big the gap is, where it sits, what causes it and how sure that is, what else it could be, how far it shrinks; and one more where
+/// several effects contribute or something stays: how much each takes.
 #[must_use]
 pub fn summary(found: &Diagnosed) -> String {
     let d = &found.diagnosis;
-    [size(d), place(d), cause(d, found.largest_contributor.is_some()), rivals(d, found.largest_contributor.as_ref()), shrink(d)].join("\n")
+    let lines = [Some(size(d)), Some(place(d)), Some(cause(d)), budget(d), Some(rivals(d)), Some(shrink(d))];
+    lines.into_iter().flatten().collect::<Vec<_>>().join("\n")
 }
 
 fn percent(share: f64) -> String {
@@ -68,8 +70,34 @@ fn same_pair(row: &RankedPair, found: &[FoundEffect]) -> bool {
     row.effects.len() == found.len() && found.iter().all(holds)
 }
 
-/// `helped`: something lowers the error, though not by enough to be called its cause.
-fn cause(d: &Diagnosis, helped: bool) -> String {
+/// How much each contribution takes, and what stays; `None` where a single effect explains all.
+fn budget(d: &Diagnosis) -> Option<String> {
+    let contributions = &d.cause.contributions;
+    let weak = contributions.iter().any(|c| c.strength == Strength::Weak);
+    if contributions.is_empty() || (contributions.len() == 1 && !d.cause.effects.is_empty() && !weak) {
+        return None;
+    }
+    let share = |share: &Share| {
+        let each = [(share.learnt, "of what was learnt from"), (share.held_out, "of held-out data")];
+        let each: Vec<String> = each.into_iter().filter_map(|(s, of)| Some(format!("{} {of}", percent(s?)))).collect();
+        if each.is_empty() { "a part that cannot be told".to_owned() } else { each.join(" and ") }
+    };
+    let one = |c: &Contribution| {
+        let found = FoundEffect { effect: c.effect.clone(), channel: c.channel.clone(), parameters: c.parameters.clone() };
+        let class = if c.class.is_empty() { String::new() } else { format!(", or {} in its place", c.class.join(" or ")) };
+        let surrogate = if c.surrogate { ", whose value predicts but is not the physics'" } else { "" };
+        let weak = if c.strength == Strength::Weak { ", weak" } else { "" };
+        format!("{}{class}{surrogate}{weak} takes {}", effect(&found), share(&c.share))
+    };
+    let stays = d.cause.remainder.as_ref().filter(|r| r.share.learnt.is_some()).map(|r| {
+        let times = r.above_floor.map(|t| format!(", {t:.1} times the noise floor")).unwrap_or_default();
+        format!("; {} stays{times}", share(&r.share))
+    });
+    let all: Vec<String> = contributions.iter().map(one).collect();
+    Some(format!("Budget: {}{}.", all.join("; "), stays.unwrap_or_default()))
+}
+
+fn cause(d: &Diagnosis) -> String {
     let probability = |name: &str| {
         let of = |row: &RankingRow| match row {
             RankingRow::Single(r) if d.cause.effects.len() < 2 && r.effect == name && r.channel == d.cause.channel => Some(r.probability),
@@ -81,28 +109,17 @@ fn cause(d: &Diagnosis, helped: bool) -> String {
     let sure = percent(probability(&d.cause.verdict));
     match d.cause.verdict.as_str() {
         "none" if d.gap.before.is_none() => "Cause: none could be looked for, because no output moves.".to_owned(),
-        "none" if helped => format!("Cause: none that matters; what is left is hardly above the noise (probability {sure})."),
         "none" => format!("Cause: none; no effect of the catalogue helps and what is left is noise (probability {sure})."),
+        "unknown" if !d.cause.contributions.is_empty() => format!(
+            "Cause: unknown in part; what is listed next contributes, and a gap above the noise stays that no effect of the catalogue explains \
+             (probability {sure})."
+        ),
         "unknown" => format!("Cause: unknown; a gap above the noise stays that no effect of the catalogue explains (probability {sure})."),
         _ => format!("Cause: {} (probability {sure}).", d.cause.effects.iter().map(effect).collect::<Vec<_>>().join(" and ")),
     }
 }
 
-fn rivals(d: &Diagnosis, most: Option<&LargestContributor>) -> String {
-    if let Some(most) = most {
-        let cannot =
-            d.cause.indistinguishable.first().map(|class| format!(" This data cannot tell the verdict from {}.", class.join(", ")));
-        let next = d.cause.next_experiment.as_deref().map(|n| format!(" {n}"));
-        return format!(
-            "Rivals: not the cause of it all, but what explains most is {}: it takes {} of the explainable on what was learnt from and {} on held-out data; \
-             the rest is something else.{}{}",
-            effect(&most.effect),
-            percent(most.learnt),
-            percent(most.held_out),
-            cannot.unwrap_or_default(),
-            next.unwrap_or_default()
-        );
-    }
+fn rivals(d: &Diagnosis) -> String {
     if let Some(class) = d.cause.indistinguishable.first() {
         let others: Vec<&str> = class.iter().skip(usize::from(!d.cause.effects.is_empty())).map(String::as_str).collect();
         let next = d.cause.next_experiment.as_deref().map(|n| format!(" {n}")).unwrap_or_default();
@@ -124,13 +141,15 @@ fn rivals(d: &Diagnosis, most: Option<&LargestContributor>) -> String {
 fn shrink(d: &Diagnosis) -> String {
     let s = &d.shrink;
     match (s.before, s.after, s.floor, s.fraction) {
-        (Some(before), Some(after), Some(floor), Some(fraction)) if !d.cause.effects.is_empty() => {
+        (Some(before), Some(after), Some(floor), Some(fraction)) if !d.cause.contributions.is_empty() => {
+            let decoded = s.decoded.map(|known| format!("; once it is known which commands were lost, to {}", percent(known)));
             let interval = s.ci95.map(|[l, u]| format!(" (95 %: {} to {})", percent(l), percent(u))).unwrap_or_default();
             format!(
-                "Shrink: on held-out data the error falls from {} to {} of the spread, by {}{interval}; the floor there is {}.",
+                "Shrink: on held-out data the error falls from {} to {} of the spread, by {}{interval}{}; the floor there is {}.",
                 percent(before),
                 percent(after),
                 percent(fraction),
+                decoded.unwrap_or_default(),
                 percent(floor)
             )
         }

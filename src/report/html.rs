@@ -5,7 +5,7 @@ use std::fmt::{Display, Write as _};
 use super::chart::chart;
 use super::diagnosis::summary;
 use super::escape::escape;
-use crate::diagnose::{Diagnosed, Diagnosis, Mode, RankingRow, Trace};
+use crate::diagnose::{Diagnosed, Diagnosis, Mode, RankingRow, Strength, Trace};
 
 /// Logs that one picture shows: more are too narrow to read.
 const LOGS: usize = 40;
@@ -189,7 +189,7 @@ fn describe(d: &Diagnosis, output: usize) -> String {
     });
     if let Some(shrink) = d.shrink.outputs.get(output).filter(|s| s.before.is_some()) {
         let _ = write!(text, "; held out {}", percent(shrink.before));
-        if !d.cause.effects.is_empty() {
+        if !d.cause.contributions.is_empty() {
             let _ = write!(text, ", with what was found {}", percent(shrink.after));
         }
     }
@@ -199,22 +199,32 @@ fn describe(d: &Diagnosis, output: usize) -> String {
 fn cause(diagnosed: &Diagnosed) -> String {
     let d = &diagnosed.diagnosis;
     let mut html = String::from("<h2>Cause</h2>\n");
-    let (caption, effects) = match &diagnosed.largest_contributor {
-        Some(most) => ("What explains most, though not all: not called the cause", std::slice::from_ref(&most.effect)),
-        None => ("What was found to act", d.cause.effects.as_slice()),
-    };
-    if !effects.is_empty() {
-        let mut table = Table::new(caption, &["effect", "channel", "parameter", "value", "95 % interval", "unit"], &[0, 1, 2, 5]);
-        for effect in effects {
-            for p in &effect.parameters {
+    if !d.cause.contributions.is_empty() {
+        let caption = if d.cause.effects.is_empty() { "What contributes, though not all is explained" } else { "What was found to act" };
+        let headings = ["effect", "channel", "parameter", "value", "95 % interval", "unit", "share learnt", "held out", "how clear"];
+        let mut table = Table::new(caption, &headings, &[0, 1, 2, 5, 8]);
+        for c in &d.cause.contributions {
+            for p in &c.parameters {
                 let interval =
                     p.ci95.map_or_else(|| "at a bound".to_owned(), |[l, u]| format!("{} to {}", number(Some(l)), number(Some(u))));
                 let (value, interval) =
                     if p.value.is_some() { (number(p.value), interval) } else { ("no limit".to_owned(), "–".to_owned()) };
-                table.row(&[effect.effect.clone(), effect.channel.clone(), p.name.clone(), value, interval, p.unit.clone()]);
+                let clear = match (c.strength, c.surrogate) {
+                    (_, true) => "predicts, not the physics' value",
+                    (Strength::Clear, _) => "clear",
+                    (Strength::Weak, _) => "weak",
+                };
+                let shares = [percent(c.share.learnt), percent(c.share.held_out), clear.to_owned()];
+                let cells = [c.effect.clone(), c.channel.clone(), p.name.clone(), value, interval, p.unit.clone()];
+                table.row(&[cells.as_slice(), shares.as_slice()].concat());
             }
         }
         html += &table.end();
+    }
+    if let Some(rest) = d.cause.remainder.as_ref().filter(|r| r.share.learnt.is_some() && !d.cause.contributions.is_empty()) {
+        let times = rest.above_floor.map(|t| format!(", {t:.1} times the noise floor")).unwrap_or_default();
+        let (learnt, held) = (percent(rest.share.learnt), percent(rest.share.held_out));
+        let _ = writeln!(html, "<p>What stays: {learnt} of what was learnt from, {held} of held-out data{times}.</p>");
     }
     for class in &d.cause.indistinguishable {
         let names: Vec<String> = class.iter().map(code).collect();
@@ -254,7 +264,7 @@ fn size(d: &Diagnosis) -> String {
     let caption = "Root mean square error in parts of the spread, of predictions and of the noise that stays";
     let headings = ["output", "share of the gap", "learnt from: error", "floor", "held out: before", "after", "floor"];
     let mut table = Table::new(caption, &headings, &[0]);
-    let found = !d.cause.effects.is_empty();
+    let found = !d.cause.contributions.is_empty();
     let after = |v: Option<f64>| if found { percent(v) } else { "–".to_owned() };
     for (gap, shrink) in d.gap.outputs.iter().zip(&d.shrink.outputs) {
         let cells = [

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The stages; a folder imports only from itself and from those before it.
-const ORDER: [&str; 9] = ["format", "input", "baseline", "checks", "likelihood", "hypothesis", "search", "judge", "answer"];
+const ORDER: [&str; 10] = ["format", "input", "baseline", "checks", "likelihood", "hypothesis", "search", "judge", "compose", "answer"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("src/diagnose")

@@ -20,7 +20,7 @@ use crate::effect::{Applied, Scales};
 /// How many pairs the ranking lists.
 const PAIRS: usize = 5;
 
-/// The section `cause`; `after` gives a hypothesis's training nrmse, `estimate` belongs to what was found.
+/// The section `cause`, without its budget; `after` gives a hypothesis's training nrmse, `estimate` belongs to what was found, `stand_ins` to each of its effects.
 pub(in crate::diagnose) fn cause(
     likelihood: &Likelihood<'_>,
     judged: &Judged,
@@ -28,10 +28,12 @@ pub(in crate::diagnose) fn cause(
     estimate: Option<&Estimate>,
     scales: &Scales,
     sensitivities: &[PriorSensitivity],
+    stand_ins: &[Vec<Applied>],
     after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
 ) -> Cause {
     let scale = Probabilities::new(judged, found, Penalties::of(likelihood));
-    let listed: Vec<&Hypothesis> = found.singles.iter().chain(found.pairs.iter().take(PAIRS)).collect();
+    let several = judged.found.iter().filter(|e| e.effects.len() > 1 && found.pairs.iter().take(PAIRS).all(|p| p.key() != e.key()));
+    let listed: Vec<&Hypothesis> = found.singles.iter().chain(found.pairs.iter().take(PAIRS)).chain(several).collect();
     let sum: f64 = listed.iter().map(|e| scale.of(e)).sum::<f64>() + scale.share(scale.none);
     let rest = 1.0 - judged.unknown;
     let mut rows: Vec<(f64, bool, RankingRow)> = listed
@@ -65,6 +67,9 @@ pub(in crate::diagnose) fn cause(
         _ => (!sensitivities.is_empty()).then(|| experiment::of_starts(sensitivities)),
     };
     let mut indistinguishable: Vec<Vec<String>> = classes.iter().map(|class| class.iter().map(Applied::key).collect()).collect();
+    for (effect, instead) in judged.found.iter().flat_map(|e| e.effects.iter().zip(stand_ins)) {
+        stand_in_class(&mut indistinguishable, effect, instead);
+    }
     start_classes(&mut indistinguishable, judged.found.as_ref(), sensitivities);
     let first = judged.found.as_ref().and_then(|e| e.effects.first());
     Cause {
@@ -79,6 +84,27 @@ pub(in crate::diagnose) fn cause(
         indistinguishable,
         not_tried: Vec::new(),
         next_experiment,
+        explained: None,
+        contributions: Vec::new(),
+        recalibration: None,
+        remainder: None,
+    }
+}
+
+/// Adds what could stand in an effect's place to the effect's class.
+fn stand_in_class(classes: &mut Vec<Vec<String>>, effect: &Applied, instead: &[Applied]) {
+    if instead.is_empty() {
+        return;
+    }
+    let own = effect.key();
+    let at = classes.iter().position(|class| class.contains(&own)).unwrap_or_else(|| {
+        classes.push(vec![own]);
+        classes.len() - 1
+    });
+    for name in instead.iter().map(Applied::key) {
+        if !classes[at].contains(&name) {
+            classes[at].push(name);
+        }
     }
 }
 

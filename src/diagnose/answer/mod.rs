@@ -2,11 +2,11 @@
 
 pub(in crate::diagnose) mod alternatives;
 pub(in crate::diagnose) mod cause;
+pub(in crate::diagnose) mod contributions;
 pub(in crate::diagnose) mod experiment;
 pub(in crate::diagnose) mod found_effects;
 pub(in crate::diagnose) mod improvement;
 pub(in crate::diagnose) mod isolability;
-pub(in crate::diagnose) mod largest_contributor;
 pub(in crate::diagnose) mod location;
 pub(in crate::diagnose) mod probabilities;
 pub(in crate::diagnose) mod traces;

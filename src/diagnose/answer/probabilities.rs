@@ -20,12 +20,13 @@ impl Probabilities {
     pub(in crate::diagnose) fn new(judged: &Judged, found: &SearchResult, penalties: Penalties) -> Self {
         // 9 to 1 for the verdict where the likelihood prefers something that does not matter.
         let top = |all: &[Hypothesis]| all.iter().map(|e| penalties.gain(e)).fold(f64::NEG_INFINITY, f64::max);
-        let (single, pair) = (top(&found.singles), top(&found.pairs));
+        let several = judged.found.iter().filter(|e| e.effects.len() > 1).map(|e| penalties.gain(e));
+        let (single, pair) = (top(&found.singles), several.fold(top(&found.pairs), f64::max));
         let temper = penalties.temper(f64::max(single, pair));
         let clear = 2.0 * 9.0_f64.ln() * temper;
         let size = judged.best.as_ref().map_or(0, |e| e.effects.len());
         let none = if size == 0 { f64::max(0.0, single + clear) } else { 0.0 };
-        let limit = if size == 2 { f64::INFINITY } else { f64::max(single, none) - clear };
+        let limit = if size > 1 { f64::INFINITY } else { f64::max(single, none) - clear };
         let pairs = (pair - limit).max(0.0);
         let best = f64::max(f64::max(single, pair - pairs), none);
         Self { none, best, pairs, penalties, temper }

@@ -22,6 +22,7 @@ use crate::diagnose::likelihood::errors::Errors;
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::diagnose::search::beside::Beside;
+use crate::diagnose::search::catalogue_search::noise_of;
 use crate::effect::{Applied, EFFECTS, Scales};
 
 /// Candidates that are refitted together with everything else at a step; and how many of them to the end.
@@ -50,6 +51,8 @@ pub(in crate::diagnose) struct Composer<'c, 'a> {
     /// Per output, what is no more than rounding.
     pub(in crate::diagnose) smallest: &'c [f64],
     pub(in crate::diagnose) gate: Gate,
+    /// Under white weights, or beside the colour of what is left.
+    pub(in crate::diagnose) white: bool,
 }
 
 impl<'a> Composer<'_, 'a> {
@@ -79,7 +82,11 @@ impl<'a> Composer<'_, 'a> {
         let left = residuals(self.likelihood, hypothesis)?;
         let rms = Errors::of(self.likelihood.records, &left, |r| r.train).rms();
         let std: Vec<f64> = rms.iter().zip(self.smallest).map(|(r, s)| r.max(*s)).collect();
-        let likelihood = self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);
+        let noise = match self.white {
+            true => vec![Noise::white(&std); self.likelihood.records.len()],
+            false => noise_of(self.likelihood, hypothesis.into(), self.smallest)?,
+        };
+        let likelihood = self.likelihood.with_noise(noise);
         let refitted = Hypothesis::refit(&likelihood, hypothesis.clone(), &self.scales, self.cost(&likelihood), likelihood.budget.steps)?;
         let standing = Standing::of(&likelihood, refitted, &self.scales)?;
         Some((likelihood, standing))
@@ -174,7 +181,13 @@ impl<'a> Composer<'_, 'a> {
         let cost = self.cost(likelihood);
         let earlier: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| a.key() != added.key()).cloned().collect();
         for old in earlier {
-            let refitted = Hypothesis::refit(likelihood, to_be_fitted(&present.hypothesis, None, Some(&old)), &self.scales, cost, likelihood.budget.steps);
+            let refitted = Hypothesis::refit(
+                likelihood,
+                to_be_fitted(&present.hypothesis, None, Some(&old)),
+                &self.scales,
+                cost,
+                likelihood.budget.steps,
+            );
             let Some(without) = refitted.and_then(|e| Standing::of(likelihood, e, &self.scales)) else { continue };
             if self.gate.needless(&without, &present) {
                 composition = composition.without(&without.hypothesis);
@@ -206,7 +219,7 @@ impl Composition {
         Self { stand_ins: hypothesis.effects.iter().map(|a| self.stand_ins_of(a)).collect(), hypothesis: hypothesis.clone() }
     }
 
-    fn stand_ins_of(&self, effect: &Applied) -> Vec<Applied> {
+    pub(super) fn stand_ins_of(&self, effect: &Applied) -> Vec<Applied> {
         let at = self.hypothesis.effects.iter().position(|a| a.key() == effect.key());
         at.map(|at| self.stand_ins[at].clone()).unwrap_or_default()
     }

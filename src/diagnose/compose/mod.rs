@@ -1,5 +1,6 @@
 //! Several causes at once: effects added one at a time, everything refitted together.
 
-pub(in crate::diagnose) mod composer;
-pub(in crate::diagnose) mod gate;
+pub(in crate::diagnose) mod composed;
+mod composer;
+mod gate;
 mod standing;

@@ -1,4 +1,4 @@
-//! The diagnosis file, `deadtime/diagnosis@1`, as plain data.
+//! The diagnosis file, `deadtime/diagnosis@2`, as plain data; files of `@1` are read too.
 //!
 //! A number that may be missing is an `Option` and `null` in the file. NaN and infinities are written as `null` too; where a number must be, such a
 //! diagnosis is refused when it is written, so that whatever was written can be read.
@@ -7,6 +7,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::contributions::{Contribution, Explained, Recalibration, Remainder};
 use crate::error::Result;
 use crate::file::{read_text, write_atomic};
 
@@ -15,7 +16,7 @@ use crate::file::{read_text, write_atomic};
 #[non_exhaustive]
 pub enum DiagnosisError {
     /// Not a diagnosis of this format.
-    #[error("{file}: not a deadtime/diagnosis@1: {source}")]
+    #[error("{file}: not a deadtime/diagnosis@1 or @2: {source}")]
     Unreadable {
         /// The file.
         file: String,
@@ -35,10 +36,13 @@ pub enum DiagnosisError {
 /// The format line.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DiagnosisFormat {
-    /// The only format there is.
-    #[default]
+    /// The verdict alone, without what contributes.
     #[serde(rename = "deadtime/diagnosis@1")]
     V1,
+    /// With all that contributes, and what stays.
+    #[default]
+    #[serde(rename = "deadtime/diagnosis@2")]
+    V2,
 }
 
 /// What was found out about the gap between one model and its logs.
@@ -263,6 +267,18 @@ pub struct Cause {
     pub not_tried: Vec<NotTried>,
     /// The excitation that would separate what this data cannot; missing where nothing is to be separated.
     pub next_experiment: Option<String>,
+    /// Whether what was found explains the gap; missing in `@1`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub explained: Option<Explained>,
+    /// Everything that was found to act, in order of its share, whatever the verdict.
+    #[serde(default)]
+    pub contributions: Vec<Contribution>,
+    /// What the model's own parameters explain where all of them may be a little off; missing in `@1`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recalibration: Option<Recalibration>,
+    /// What stays of the gap; missing in `@1`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remainder: Option<Remainder>,
 }
 
 /// An effect found to act.
@@ -345,8 +361,11 @@ pub struct NotTried {
 pub struct Shrink {
     /// Held-out nrmse of the model as it came.
     pub before: Option<f64>,
-    /// Held-out nrmse with the effects.
+    /// Held-out nrmse of the model with what was found, as it is handed over: nothing is decoded from the held-out outputs.
     pub after: Option<f64>,
+    /// The same once a hidden sequence (which commands were lost) is known; missing where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decoded: Option<f64>,
     /// The held-out floor.
     pub floor: Option<f64>,
     /// 1 − after/before.

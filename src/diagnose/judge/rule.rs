@@ -40,12 +40,12 @@ pub(super) struct Levels {
 
 /// The verdict, and how far it is from another.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Ruling {
-    pub(super) verdict: GapVerdict,
+pub(in crate::diagnose) struct Ruling {
+    pub(in crate::diagnose) verdict: GapVerdict,
     /// Probability of `unknown`.
-    pub(super) unknown: f64,
+    pub(in crate::diagnose) unknown: f64,
     /// The output on which the verdict was decided, and how many times the noise floor is left of it, where that is more than noise.
-    pub(super) left_over: Option<(usize, f64)>,
+    pub(in crate::diagnose) left_over: Option<(usize, f64)>,
 }
 
 /// Decides.

@@ -1,5 +1,7 @@
 //! The verdict: no effect, an effect, two of them, or something that is in no catalogue.
 
+use nalgebra::DMatrix;
+
 use super::explainable;
 use super::floor::{self, Floor};
 use super::intervals;
@@ -28,6 +30,8 @@ pub(in crate::diagnose) struct Judged {
     /// Twice the log-likelihood that a further effect would gain which does not matter: so far off is the simulator beside what was found.
     pub(in crate::diagnose) inexact: f64,
     pub(in crate::diagnose) floor: Floor,
+    /// Errors and residuals of the leading hypotheses, no effect first: no floor is above what any of them reaches.
+    pub(in crate::diagnose) reached: Vec<(Errors, Vec<DMatrix<f64>>)>,
 }
 
 /// `after` lowers the whitened error by more than a factor, on data that it was not fitted to as well: what noise with a long memory hides from the rms.
@@ -89,9 +93,36 @@ pub(in crate::diagnose) fn judge(
             inexact = next.gain() - best.gain();
         }
     }
+    let (floor, Ruling { verdict, unknown, left_over }) =
+        ruled(likelihood, [&nothing, &best], &reached, catalogue, scales, [beaten, hidden]);
+    // What one of several explains alone orders them.
+    let alone = |a: &Applied| found.singles.iter().find(|s| s.effects.iter().all(|e| e.key() == a.key())).map_or(0.0, |s| s.gain);
+    let best = best.hypothesis.map(|e| e.ordered(alone));
+    Some(Judged {
+        verdict,
+        found: best.clone().filter(|_| verdict == GapVerdict::Effects),
+        best,
+        unknown,
+        left_over,
+        inexact,
+        floor,
+        reached,
+    })
+}
+
+/// The floor beside what explains best, and what follows from it. `reached`: as in [`Judged`]. `beaten`: something beats no effect, by whatever measure;
+/// `hidden`: the best matters only beside noise of its colour.
+pub(in crate::diagnose) fn ruled(
+    likelihood: &Likelihood<'_>,
+    [nothing, best]: [&Level; 2],
+    reached: &[(Errors, Vec<DMatrix<f64>>)],
+    catalogue: &[Applied],
+    scales: &Scales,
+    [beaten, hidden]: [bool; 2],
+) -> (Floor, Ruling) {
     let active = best.hypothesis.as_ref().map_or(NO_EFFECT, ActiveEffects::from);
     let explainable = explainable::shares(likelihood, active, &best.residuals, catalogue, scales);
-    let floor = floor::estimate(likelihood, &best.residuals, &reached, &explainable);
+    let floor = floor::estimate(likelihood, &best.residuals, reached, &explainable);
     let sizes =
         |before: &Errors, after: &Errors| Sizes { before: before.nrmse(), after: after.nrmse(), floor: before.relative(&floor.floor) };
     let levels = Levels {
@@ -102,9 +133,6 @@ pub(in crate::diagnose) fn judge(
         chance: best.is_chance(),
         beaten,
     };
-    let Ruling { verdict, unknown, left_over } = rule(&levels, &criteria);
-    // What one of several explains alone orders them.
-    let alone = |a: &Applied| found.singles.iter().find(|s| s.effects.iter().all(|e| e.key() == a.key())).map_or(0.0, |s| s.gain);
-    let best = best.hypothesis.map(|e| e.ordered(alone));
-    Some(Judged { verdict, found: best.clone().filter(|_| verdict == GapVerdict::Effects), best, unknown, left_over, inexact, floor })
+    let ruling = rule(&levels, &likelihood.criteria);
+    (floor, ruling)
 }

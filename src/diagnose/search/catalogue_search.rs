@@ -110,7 +110,7 @@ impl SearchResult {
 }
 
 /// The noise of the residuals that one hypothesis leaves, per record; records of one sample time share it.
-fn noise_of(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, smallest: &[f64]) -> Option<Vec<Noise>> {
+pub(in crate::diagnose) fn noise_of(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, smallest: &[f64]) -> Option<Vec<Noise>> {
     let residuals = residuals(likelihood, active)?;
     let same = |a: f64, b: f64| (a - b).abs() <= 0.02 * b;
     let noise = |ts: f64| {

@@ -1,0 +1,154 @@
+//! The budget of a gap: what each effect takes, and what stays.
+//!
+//! An effect's share is what the error rises by without it, everything else refitted, scaled so that all shares add up to what is explained (leave-one-out,
+//! normalised). It depends on no order. How it can be wrong: two effects that do the same each add little beside the other, and share what both take evenly
+//! only if they are alike; the share says what an effect predicts, not that it is the physics.
+
+use nalgebra::DMatrix;
+
+use super::found_effects::found_effects;
+use super::improvement::{bootstrap, held_out_blocks};
+use super::location::{locate, output_shares};
+use crate::diagnose::compose::composed::Composed;
+use crate::diagnose::format::contributions::{Contribution, Explained, Remainder, Share, Strength};
+use crate::diagnose::hypothesis::effects::Hypothesis;
+use crate::diagnose::judge::intervals::Estimate;
+use crate::diagnose::judge::rule::GapVerdict;
+use crate::diagnose::likelihood::active_effects::ActiveEffects;
+use crate::diagnose::likelihood::errors::{Errors, overall};
+use crate::diagnose::likelihood::gaussian::Likelihood;
+use crate::diagnose::likelihood::residuals::residuals;
+use crate::effect::{Applied, Scales};
+
+/// A nominal value that is further off than this factor is no value of the physics.
+const FAR: f64 = 10.0;
+
+/// What the budget is made of.
+pub(in crate::diagnose) struct GapBudget<'b, 'a> {
+    pub(in crate::diagnose) likelihood: &'b Likelihood<'a>,
+    pub(in crate::diagnose) composed: &'b Composed,
+    /// Residuals of the model as it came, and of the model as it is handed over.
+    pub(in crate::diagnose) before: &'b [DMatrix<f64>],
+    pub(in crate::diagnose) after: &'b [DMatrix<f64>],
+    pub(in crate::diagnose) scales: &'b Scales,
+    pub(in crate::diagnose) seed: u64,
+}
+
+/// Squared errors of the model as it came, with everything, and without each effect; and the floor's.
+struct Squares {
+    before: f64,
+    after: f64,
+    without: Vec<f64>,
+    floor: f64,
+}
+
+impl Squares {
+    /// Before, after, without each, the floor, in this order.
+    fn of(sums: &[f64]) -> Self {
+        let last = sums.len() - 1;
+        Self { before: sums[0], after: sums[1], without: sums[2..last].to_vec(), floor: sums[last] }
+    }
+
+    /// Everything together; `None` where there is nothing to explain.
+    fn together(&self) -> Option<f64> {
+        (self.before > self.floor).then(|| (self.before - self.after) / (self.before - self.floor))
+    }
+
+    /// One effect.
+    fn share(&self, effect: usize) -> Option<f64> {
+        let rise = |w: &f64| (w - self.after).max(0.0);
+        let all: f64 = self.without.iter().map(rise).sum();
+        let part = if all > 0.0 { rise(&self.without[effect]) / all } else { 1.0 / self.without.len() as f64 };
+        Some(self.together()? * part)
+    }
+}
+
+impl GapBudget<'_, '_> {
+    /// Contributions, most first, and what stays.
+    pub(in crate::diagnose) fn sections(&self, estimate: Option<&Estimate>) -> (Vec<Contribution>, Remainder) {
+        let without: Vec<Option<Vec<DMatrix<f64>>>> =
+            self.composed.without.iter().map(|e| e.as_ref().and_then(|e| residuals(self.likelihood, e))).collect();
+        // What cannot be simulated without an effect is as far off as the model as it came.
+        let all: Vec<&[DMatrix<f64>]> =
+            [self.before, self.after].into_iter().chain(without.iter().map(|w| w.as_deref().unwrap_or(self.before))).collect();
+        let floor = &self.composed.judged.floor.floor;
+        let squares = |held: bool| {
+            let errors = |r: &[DMatrix<f64>]| Errors::of(self.likelihood.records, r, |r| if held { r.held } else { r.train });
+            let square = |each: &[Option<f64>]| overall(each).unwrap_or(0.0).powi(2);
+            let mut sums: Vec<f64> = all.iter().map(|r| square(&errors(r).nrmse())).collect();
+            sums.push(square(&errors(self.before).relative(floor)));
+            Squares::of(&sums)
+        };
+        let (learnt, held) = (squares(false), squares(true));
+        let blocks = held_out_blocks(self.likelihood, &all, floor);
+        let interval =
+            |number: &dyn Fn(&Squares) -> Option<f64>| bootstrap(&blocks, self.seed, |sums| number(&Squares::of(sums)).unwrap_or(f64::NAN));
+        let share = |number: &dyn Fn(&Squares) -> Option<f64>| Share {
+            learnt: number(&learnt),
+            held_out: number(&held),
+            ci95: number(&held).and_then(|_| interval(number)),
+        };
+        let found = self.composed.hypothesis.iter().flat_map(|e| found_effects(self.likelihood, e, estimate).into_iter().enumerate());
+        let contributions: Vec<Contribution> = found
+            .map(|(at, found)| Contribution {
+                effect: found.effect,
+                channel: found.channel,
+                parameters: found.parameters,
+                strength: self.strength(&all, at),
+                share: share(&|s: &Squares| s.share(at)),
+                without_it: without[at].as_ref().map(|_| learnt.without[at].sqrt()),
+                class: self.composed.stand_ins[at].iter().map(Applied::key).collect(),
+                surrogate: self.composed.hypothesis.as_ref().is_some_and(|e| self.is_surrogate(e, at)),
+            })
+            .collect();
+        let left = share(&|s: &Squares| Some(1.0 - s.together()?));
+        (contributions, self.remainder(left, &learnt))
+    }
+
+    /// Weak: without it, no output's error is larger by the factor that an effect is asked for.
+    fn strength(&self, all: &[&[DMatrix<f64>]], at: usize) -> Strength {
+        let rms = |r: &[DMatrix<f64>]| Errors::of(self.likelihood.records, r, |r| r.train).rms();
+        let (with, without) = (rms(all[1]), rms(all[2 + at]));
+        let clear = with.iter().zip(&without).any(|(with, without)| *without > self.likelihood.criteria.first_matters * with);
+        if clear { Strength::Clear } else { Strength::Weak }
+    }
+
+    /// A value at a bound, or a nominal value that moved tenfold or changed its sign, is not the physics'.
+    fn is_surrogate(&self, hypothesis: &Hypothesis, at: usize) -> bool {
+        let applied = &hypothesis.effects[at];
+        let bound = hypothesis.free.iter().any(|&place| place.0 == at && hypothesis.at_bound(place, self.scales));
+        let far = |(value, nominal): (f64, f64)| value / nominal > FAR || value / nominal < FAR.recip();
+        let nominal = applied.effect.corrects_model().then(|| (applied.values[0], applied.parameters[0].nominal));
+        bound || nominal.is_some_and(far)
+    }
+
+    fn remainder(&self, share: Share, learnt: &Squares) -> Remainder {
+        let (likelihood, floor) = (self.likelihood, &self.composed.judged.floor);
+        let errors = Errors::of(likelihood.records, self.after, |r| r.train);
+        let shares = output_shares(&errors.nrmse(), &errors.relative(&floor.floor));
+        let place = locate(likelihood.system, likelihood.records, self.after, floor, &shares, &likelihood.memory());
+        Remainder {
+            share,
+            above_floor: (learnt.floor > 0.0).then(|| (learnt.after / learnt.floor).sqrt()),
+            outputs: place.outputs,
+            times: place.times,
+            bands: place.bands,
+            regimes: place.regimes,
+            description: None,
+        }
+    }
+}
+
+/// Whether what was found explains the gap.
+pub(in crate::diagnose) fn explained(composed: &Composed) -> Explained {
+    match (composed.judged.verdict, &composed.hypothesis) {
+        (GapVerdict::Effects, _) => Explained::All,
+        (_, Some(_)) => Explained::Part,
+        (_, None) => Explained::Nothing,
+    }
+}
+
+/// The model as it is handed over: nothing is decoded from the outputs.
+pub(in crate::diagnose) fn handed_over(hypothesis: Option<&Hypothesis>) -> ActiveEffects<'_> {
+    ActiveEffects { effects: hypothesis.map_or(&[], |e| e.effects.as_slice()), lost: None }
+}

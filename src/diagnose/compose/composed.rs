@@ -1,0 +1,155 @@
+//! The verdict in the light of several causes: where one or two effects explain too little, what else acts beside them, and whether all together explain it.
+//!
+//! How it can be wrong: where one effect explains all down to the noise, anything beside it is chance, so nothing is looked for; where the search named an
+//! effect and something stays above the noise, further effects pass the gate beside it; where it named none, the composition begins with nothing. What was
+//! decoded sample by sample (lost commands, a lattice) is no part of a sum and stays as it is.
+
+use rayon::prelude::*;
+
+use super::composer::{Composer, Composition};
+use super::gate::Gate;
+use crate::diagnose::baseline::noise::Noise;
+use crate::diagnose::hypothesis::effects::Hypothesis;
+use crate::diagnose::judge::intervals::{self, Estimate};
+use crate::diagnose::judge::level::Level;
+use crate::diagnose::judge::rule::{GapVerdict, Ruling};
+use crate::diagnose::judge::verdict::{Judged, ruled};
+use crate::diagnose::likelihood::active_effects::NO_EFFECT;
+use crate::diagnose::likelihood::errors::{Errors, overall};
+use crate::diagnose::likelihood::gaussian::Likelihood;
+use crate::diagnose::likelihood::residuals::residuals;
+use crate::diagnose::search::catalogue_search::{SearchResult, noise_of};
+use crate::effect::{Applied, Scales};
+
+/// The error may rise by so much when parameters are fitted beside the noise's colour.
+const SETTLED: f64 = 1.02;
+
+/// What acts.
+pub(in crate::diagnose) struct Composed {
+    /// The verdict, with all that was found.
+    pub(in crate::diagnose) judged: Judged,
+    /// Everything that was found to act, whatever the verdict; `None`: nothing.
+    pub(in crate::diagnose) hypothesis: Option<Hypothesis>,
+    /// Per effect of the hypothesis, what could stand in its place.
+    pub(in crate::diagnose) stand_ins: Vec<Vec<Applied>>,
+    /// Per effect, all the others refitted without it; `None` where they cannot be simulated.
+    pub(in crate::diagnose) without: Vec<Option<Hypothesis>>,
+    /// Standard deviations of its parameters.
+    pub(in crate::diagnose) estimate: Option<Estimate>,
+}
+
+/// The terms of a composition.
+pub(in crate::diagnose) struct Compose<'c, 'a> {
+    /// As the search left it: under the noise of what leads.
+    pub(in crate::diagnose) likelihood: &'c Likelihood<'a>,
+    pub(in crate::diagnose) found: &'c SearchResult,
+    pub(in crate::diagnose) catalogue: &'c [Applied],
+    pub(in crate::diagnose) scales: &'c Scales,
+    /// Per output, what is no more than rounding.
+    pub(in crate::diagnose) smallest: &'c [f64],
+}
+
+impl Compose<'_, '_> {
+    /// What acts beside, or instead of, what the search named; `None` where the model cannot be simulated.
+    pub(in crate::diagnose) fn from(&self, judged: Judged) -> Option<Composed> {
+        let begin = match judged.verdict {
+            GapVerdict::None => {
+                return Some(Composed { judged, hypothesis: None, stand_ins: Vec::new(), without: Vec::new(), estimate: None });
+            }
+            GapVerdict::Effects => judged.found.clone()?,
+            GapVerdict::Unknown => of(Vec::new()),
+        };
+        let decoded = begin.lost.is_some() || begin.effects.iter().any(|a| a.effect.leaves_residual());
+        let enough = judged.verdict == GapVerdict::Effects && judged.left_over.is_none();
+        if !decoded && !enough {
+            let composition = self.composition(&begin)?;
+            // Where nothing was added, what was judged stays as it was fitted.
+            if composition.hypothesis.effects.len() > begin.effects.len() {
+                return self.judged(judged, &composition);
+            }
+        }
+        let hypothesis = Some(begin).filter(|e| !e.effects.is_empty());
+        let without = hypothesis.as_ref().map(|e| self.without(e)).unwrap_or_default();
+        let estimate = hypothesis.as_ref().and_then(|e| intervals::estimate(self.likelihood, e, self.scales));
+        Some(Composed { judged, hypothesis, stand_ins: vec![Vec::new(); without.len()], without, estimate })
+    }
+
+    fn composition(&self, begin: &Hypothesis) -> Option<Composition> {
+        let composer = |white: bool| Composer {
+            likelihood: self.likelihood,
+            candidates: self.catalogue.to_vec(),
+            singles: &self.found.singles,
+            scales: self.scales.clone(),
+            smallest: self.smallest,
+            gate: Gate::default(),
+            white,
+        };
+        let composition = composer(true).compose(&begin.effects)?;
+        if composition.hypothesis.effects.is_empty() { composer(false).compose(&[]) } else { Some(composition) }
+    }
+
+    /// The verdict on a composition.
+    fn judged(&self, judged: Judged, composition: &Composition) -> Option<Composed> {
+        let beside = self.likelihood.with_noise(noise_of(self.likelihood, (&composition.hypothesis).into(), self.smallest)?);
+        let settled = self.settled(&beside, composition.hypothesis.clone())?;
+        // In the order of what each explains beside the others.
+        let without = self.without(&settled);
+        let error = |e: &Option<Hypothesis>| e.as_ref().and_then(|e| self.error_of(e)).unwrap_or(f64::INFINITY);
+        let place = |a: &Applied| settled.effects.iter().position(|e| e.key() == a.key()).unwrap_or(0);
+        let errors: Vec<f64> = without.iter().map(error).collect();
+        let hypothesis = settled.clone().ordered(|a| errors[place(a)]);
+        let stand_ins = hypothesis.effects.iter().map(|a| composition.stand_ins_of(a)).collect();
+        let without = hypothesis.effects.iter().map(|a| without[place(a)].clone()).collect();
+
+        let (nothing, best) = (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
+        let mut reached = judged.reached;
+        reached.push((best.train.clone(), best.residuals.clone()));
+        let (floor, Ruling { verdict, unknown, left_over }) =
+            ruled(self.likelihood, [&nothing, &best], &reached, self.catalogue, self.scales, [true, false]);
+        let found = (verdict == GapVerdict::Effects).then(|| hypothesis.clone());
+        let judged = Judged { verdict, found, best: Some(hypothesis.clone()), unknown, left_over, inexact: judged.inexact, floor, reached };
+        let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
+        Some(Composed { judged, hypothesis: Some(hypothesis), stand_ins, without, estimate })
+    }
+
+    /// The parameters under the noise of what is left, unless that makes the errors larger: under a colour that is another effect's, slow effects vanish.
+    fn settled(&self, beside: &Likelihood<'_>, composed: Hypothesis) -> Option<Hypothesis> {
+        let before = self.error_of(&composed)?;
+        let refitted = Hypothesis::refit(beside, composed.clone(), self.scales, cost(beside)?, beside.budget.steps);
+        let mut settled = refitted.filter(|e| self.error_of(e).is_some_and(|after| after <= SETTLED * before)).unwrap_or(composed);
+        // Compared with all others under their likelihood.
+        settled.rescore(self.likelihood, cost(self.likelihood)?);
+        Some(settled)
+    }
+
+    /// The training nrmse of all outputs.
+    fn error_of(&self, hypothesis: &Hypothesis) -> Option<f64> {
+        overall(&Level::of(self.likelihood, Some(hypothesis))?.train.nrmse())
+    }
+
+    /// Per effect, all the others refitted without it, under white weights as large as what is left by all.
+    fn without(&self, hypothesis: &Hypothesis) -> Vec<Option<Hypothesis>> {
+        let Some(left) = residuals(self.likelihood, hypothesis) else { return vec![None; hypothesis.effects.len()] };
+        let rms = Errors::of(self.likelihood.records, &left, |r| r.train).rms();
+        let std: Vec<f64> = rms.iter().zip(self.smallest).map(|(r, s)| r.max(*s)).collect();
+        let white = self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);
+        let one = |place: usize| {
+            let others: Vec<Applied> =
+                hypothesis.effects.iter().enumerate().filter(|(at, _)| *at != place).map(|(_, a)| a.clone()).collect();
+            let lost = hypothesis.lost.clone().filter(|_| others.iter().any(|a| a.effect.loses_commands()));
+            Hypothesis::refit(&white, Hypothesis { lost, ..of(others) }, self.scales, cost(&white)?, white.budget.steps)
+        };
+        (0..hypothesis.effects.len()).into_par_iter().map(one).collect()
+    }
+}
+
+/// Effects that are to be fitted.
+fn of(effects: Vec<Applied>) -> Hypothesis {
+    Hypothesis { effects, free: Vec::new(), gain: 0.0, fitted: false, lost: None }
+}
+
+/// What the model as it came costs.
+fn cost(likelihood: &Likelihood<'_>) -> Option<f64> {
+    let there = likelihood.whitened(NO_EFFECT)?;
+    Some(likelihood.inner(&there, &there))
+}

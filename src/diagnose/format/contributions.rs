@@ -1,0 +1,116 @@
+//! What contributes to a gap, and what stays of it: the part of a diagnosis that `deadtime/diagnosis@2` adds.
+
+use serde::{Deserialize, Serialize};
+
+use super::diagnosis::{Band, FoundParameter, Regime, TimeSpan, WhereOutput};
+
+/// How much of a gap is explained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Explained {
+    /// What is left is noise, or nearly nothing of the gap.
+    All,
+    /// Something acts, and something else is left.
+    Part,
+    /// Nothing was found to act.
+    Nothing,
+}
+
+/// How clearly an effect shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Strength {
+    /// Without it the error is larger by a factor that matters.
+    Clear,
+    /// It is certain, and changes the error little.
+    Weak,
+}
+
+/// A share of before² − floor².
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Share {
+    /// On what was learnt from.
+    pub learnt: Option<f64>,
+    /// On held-out data.
+    pub held_out: Option<f64>,
+    /// The 95 % interval of the held-out share, over resampled blocks of time; missing where there are too few.
+    #[serde(default)]
+    pub ci95: Option<[f64; 2]>,
+}
+
+/// An effect that was found to act, and how much of the gap it takes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Contribution {
+    /// Its name.
+    pub effect: String,
+    /// Where it acts.
+    pub channel: String,
+    /// Its parameters.
+    pub parameters: Vec<FoundParameter>,
+    /// How clearly it shows.
+    pub strength: Strength,
+    /// Its share: what the error would rise by without it and all others refitted, scaled so that shares add up to what is explained.
+    pub share: Share,
+    /// The training nrmse without it, all others refitted; missing where that cannot be simulated.
+    pub without_it: Option<f64>,
+    /// What could stand in its place, as `effect:channel`.
+    pub class: Vec<String>,
+    /// It predicts, but its value is not the physics'.
+    pub surrogate: bool,
+}
+
+/// The model's own parameters as a group.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recalibration {
+    /// Whether the data ask for it.
+    pub accepted: bool,
+    /// The relative size of the parameters' errors that predicts best; 0: as they came.
+    pub size: f64,
+    /// Its share of the gap.
+    #[serde(default)]
+    pub share: Share,
+    /// The parameters with their new values.
+    pub parameters: Vec<FoundParameter>,
+    /// What cannot be told apart among them, in words.
+    pub directions: Vec<String>,
+}
+
+/// What stays of a gap.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Remainder {
+    /// Its share of the gap.
+    pub share: Share,
+    /// How many times the noise floor is left; missing where no output moves.
+    pub above_floor: Option<f64>,
+    /// The outputs in which it is.
+    pub outputs: Vec<WhereOutput>,
+    /// Spans of time in which it is.
+    #[serde(default)]
+    pub times: Vec<TimeSpan>,
+    /// Frequency bands in which it is.
+    #[serde(default)]
+    pub bands: Vec<Band>,
+    /// Ranges of another variable in which it is.
+    #[serde(default)]
+    pub regimes: Vec<Regime>,
+    /// What it looks like; missing where nothing can be said.
+    pub description: Option<Description>,
+}
+
+/// A missing force or input, as smoothed from the data. It describes, and is no cause.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Description {
+    /// The state on whose derivative it acts.
+    pub state: String,
+    /// The variable that it goes with.
+    pub goes_with: String,
+    /// The part of its variance that the variable predicts on held-out data.
+    pub held_out_r2: f64,
+    /// In words.
+    pub sentence: String,
+}
