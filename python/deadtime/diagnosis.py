@@ -107,7 +107,7 @@ class Trace(TypedDict):
 
 
 class Diagnosis(Result):
-    """What was found out about a simulator and its logs: `deadtime/diagnosis@1`, and the curves behind it."""
+    """What was found out about a simulator and its logs: `deadtime/diagnosis@2`, and the curves behind it."""
 
     def __init__(self, native: _native._Diagnosed) -> None:
         self._native = native
@@ -133,6 +133,24 @@ class Diagnosis(Result):
         """All effects that were found to act, by what they contribute, with values, standard deviations and 95 % intervals."""
         effects: list[FoundEffect] = self._data["cause"]["effects"]
         return effects
+
+    @property
+    def explained(self) -> Literal["all", "part", "nothing"]:
+        """Whether what was found explains the gap."""
+        explained: Literal["all", "part", "nothing"] = self._data["cause"]["explained"]
+        return explained
+
+    @property
+    def contributions(self) -> list[dict[str, Any]]:
+        """Everything that was found to act, whatever the verdict, each with its share of the gap, most first."""
+        contributions: list[dict[str, Any]] = self._data["cause"]["contributions"]
+        return contributions
+
+    @property
+    def remainder(self) -> dict[str, Any]:
+        """What stays of the gap: its share, how many times the noise floor it is, and where it lies."""
+        remainder: dict[str, Any] = self._data["cause"]["remainder"]
+        return remainder
 
     @property
     def ranking(self) -> list[dict[str, Any]]:

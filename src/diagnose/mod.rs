@@ -31,10 +31,12 @@ pub use checks::inspection::{ChannelReport, Inspection, InspectionFormat, LogRep
 pub use format::caveat::Caveat;
 pub use format::contributions::{Contribution, Description, Explained, Recalibration, Remainder, Share, Strength};
 pub use format::diagnosis::{
-    Band, Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, FoundEffect, FoundParameter, Gap, GapOutput, Holdout,
-    Metric, Mode, NotTried, Prediction, RankedPair, RankedSingle, RankingRow, Regime, Shrink, ShrinkOutput, TimeSpan, Where, WhereOutput,
+    Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, Gap, GapOutput, Holdout, Metric, Mode, NotTried, Prediction,
+    RankedPair, RankedSingle, RankingRow, Shrink, ShrinkOutput,
 };
 pub use format::error::GapError;
+pub use format::found::{FoundEffect, FoundParameter};
+pub use format::place::{Band, Regime, TimeSpan, Where, WhereOutput};
 pub use format::progress::Stage;
 pub use input::criteria::Criteria;
 pub use input::options::GapOptions;

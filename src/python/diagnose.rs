@@ -422,7 +422,7 @@ pub(super) struct PyDiagnosed {
 
 #[pymethods]
 impl PyDiagnosed {
-    /// deadtime/diagnosis@1.
+    /// deadtime/diagnosis@2.
     fn to_json(&self) -> PyResult<String> {
         json(&self.found.diagnosis)
     }

@@ -1,6 +1,6 @@
 //! The diagnosis file: what is written can be read, and is what the published schema says.
 
-use deadtime::diagnose::{Diagnosis, RankingRow};
+use deadtime::diagnose::{Diagnosis, DiagnosisFormat, RankingRow};
 use serde_json::{Value, json};
 
 const SCHEMA: &str = include_str!("../../docs/diagnosis.schema.json");
@@ -31,6 +31,19 @@ fn example_survives_reading_and_writing() {
 }
 
 #[test]
+fn the_first_format_is_read_too() {
+    let earlier = include_str!("../corpus/diagnosis/diagnosis.json");
+    assert!(earlier.contains("diagnosis@1"));
+    let diagnosis: Diagnosis = serde_json::from_str(earlier).unwrap();
+    assert_eq!((diagnosis.format, diagnosis.cause.contributions.len()), (DiagnosisFormat::V1, 0));
+    assert!(diagnosis.cause.explained.is_none() && diagnosis.cause.remainder.is_none());
+    assert!(schema().is_valid(&serde_json::from_str(earlier).unwrap()));
+    // What belongs to the second must be there in the second.
+    let without = earlier.replace("diagnosis@1", "diagnosis@2");
+    assert!(!schema().is_valid(&serde_json::from_str(&without).unwrap()));
+}
+
+#[test]
 fn nan_is_written_as_null_where_a_number_may_be_missing_and_refused_elsewhere() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("diagnosis.json");
@@ -54,7 +67,7 @@ fn wrong_documents_are_refused_by_the_schema() {
     let schema = schema();
     assert!(schema.is_valid(&example()), "{:?}", schema.iter_errors(&example()).map(|e| e.to_string()).collect::<Vec<_>>());
     let changes: [(&str, Value); 12] = [
-        ("/format", json!("deadtime/diagnosis@2")),
+        ("/format", json!("deadtime/diagnosis@3")),
         ("/model", json!(null)),
         ("/gap/before", json!("0.49")),
         ("/gap/before", json!(-0.1)),
@@ -103,7 +116,7 @@ fn none_and_unknown_have_no_channel() {
 fn unreadable_diagnosis_names_file_and_line() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("diagnosis.json");
-    for text in [EXAMPLE.replace("diagnosis@1", "diagnosis@7"), EXAMPLE.replacen("\"logs\"", "\"lags\"", 1), EXAMPLE[..200].to_owned()] {
+    for text in [EXAMPLE.replace("diagnosis@2", "diagnosis@7"), EXAMPLE.replacen("\"logs\"", "\"lags\"", 1), EXAMPLE[..200].to_owned()] {
         std::fs::write(&path, text).unwrap();
         let error = Diagnosis::read(&path).unwrap_err().to_string();
         assert!(error.contains("diagnosis.json") && error.contains("line"), "{error}");

@@ -1,6 +1,6 @@
 //! Effects with their parameters and intervals, as they stand in a diagnosis.
 
-use crate::diagnose::format::diagnosis::{FoundEffect, FoundParameter};
+use crate::diagnose::format::found::{FoundEffect, FoundParameter};
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::judge::intervals::Estimate;
 use crate::diagnose::likelihood::gaussian::Likelihood;

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::diagnose::baseline::spectrum::{CELLS, Cell, spectrum};
-use crate::diagnose::format::diagnosis::{Band, Regime, TimeSpan, Where, WhereOutput};
+use crate::diagnose::format::place::{Band, Regime, TimeSpan, Where, WhereOutput};
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::judge::floor::Floor;
 use crate::simulate::System;

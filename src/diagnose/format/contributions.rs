@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::diagnosis::{Band, FoundParameter, Regime, TimeSpan, WhereOutput};
+use super::found::FoundParameter;
+use super::place::{Band, Regime, TimeSpan, WhereOutput};
 
 /// How much of a gap is explained.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

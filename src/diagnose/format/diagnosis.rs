@@ -8,6 +8,8 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::contributions::{Contribution, Explained, Recalibration, Remainder};
+use super::found::FoundEffect;
+use super::place::Where;
 use crate::error::Result;
 use crate::file::{read_text, write_atomic};
 
@@ -141,76 +143,6 @@ pub struct GapOutput {
     pub share: Option<f64>,
 }
 
-/// Where the gap is: outputs, times, bands, regimes, each with the largest share first.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Where {
-    /// Outputs.
-    pub outputs: Vec<WhereOutput>,
-    /// Spans of time.
-    pub times: Vec<TimeSpan>,
-    /// Frequency bands.
-    pub bands: Vec<Band>,
-    /// Ranges of another variable.
-    pub regimes: Vec<Regime>,
-}
-
-/// An output's share of the gap.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct WhereOutput {
-    /// The output.
-    pub name: String,
-    /// Its share of the whole gap.
-    pub share: f64,
-}
-
-/// A span of time in which an output's gap lies.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TimeSpan {
-    /// The log.
-    pub log: String,
-    /// The output.
-    pub output: String,
-    /// Start, s from the log's first sample.
-    pub from_s: f64,
-    /// End, s from the log's first sample.
-    pub to_s: f64,
-    /// Its share of that output's gap.
-    pub share: f64,
-}
-
-/// A frequency band in which an output's gap lies.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Band {
-    /// The output.
-    pub output: String,
-    /// Lower edge, Hz.
-    pub from_hz: f64,
-    /// Upper edge, Hz.
-    pub to_hz: f64,
-    /// Its share of that output's gap.
-    pub share: f64,
-}
-
-/// A range of another variable in which an output's gap lies.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Regime {
-    /// The output.
-    pub output: String,
-    /// The variable: a channel of the log.
-    pub variable: String,
-    /// Lower edge, in its unit.
-    pub from: f64,
-    /// Upper edge, in its unit.
-    pub to: f64,
-    /// Its share of that output's gap.
-    pub share: f64,
-}
-
 /// A check that needs no dynamics.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -279,34 +211,6 @@ pub struct Cause {
     /// What stays of the gap; missing in `@1`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remainder: Option<Remainder>,
-}
-
-/// An effect found to act.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FoundEffect {
-    /// Its name.
-    pub effect: String,
-    /// Where it acts.
-    pub channel: String,
-    /// Its parameters.
-    pub parameters: Vec<FoundParameter>,
-}
-
-/// A parameter of an effect.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FoundParameter {
-    /// Its name.
-    pub name: String,
-    /// Its unit.
-    pub unit: String,
-    /// Its value; missing for a limit that does not act.
-    pub value: Option<f64>,
-    /// Its standard deviation; missing at a bound.
-    pub std: Option<f64>,
-    /// Its 95 % interval; missing at a bound.
-    pub ci95: Option<[f64; 2]>,
 }
 
 /// A row of the ranking: one effect (or `none`, `unknown`), or several together.

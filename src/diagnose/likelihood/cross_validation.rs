@@ -48,7 +48,8 @@ impl Likelihood<'_> {
     pub(in crate::diagnose) fn left_out(&self, residual: &Whitened, columns: &[Whitened], prior: &[(f64, f64)]) -> Option<Vec<f64>> {
         let length: Vec<f64> =
             columns.iter().map(|c| c.iter().map(DVector::norm_squared).sum::<f64>().sqrt().max(f64::MIN_POSITIVE)).collect();
-        let layout = Layout { shared: columns.len(), nuisances: (0..self.records.len()).map(|at| self.nuisances_of(at).ncols()).collect() };
+        let trained = |at: usize| if self.records[at].train.is_some() { self.nuisances_of(at).ncols() } else { 0 };
+        let layout = Layout { shared: columns.len(), nuisances: (0..self.records.len()).map(trained).collect() };
         let blocks = self.blocks(residual, columns, &length, &layout);
         let (mut information, mut gradient) = (DMatrix::zeros(layout.all(), layout.all()), DVector::zeros(layout.all()));
         for (c, (precision, off)) in prior.iter().enumerate() {
