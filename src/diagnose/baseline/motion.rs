@@ -7,6 +7,7 @@ use super::predictor::Predictor;
 use super::spectrum::peaks_hz;
 use crate::diagnose::format::error::GapError;
 use crate::diagnose::input::black_box::Probed;
+use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::record::LogRecord;
 use crate::effect::{Applied, Chance, Scales, Spread};
 use crate::error::Result;
@@ -68,7 +69,7 @@ impl Motion {
     }
 
     /// What of every output's residual its own past does not predict: a first size of the noise.
-    pub(in crate::diagnose) fn innovations(&self, records: &[LogRecord]) -> Vec<f64> {
+    pub(in crate::diagnose) fn innovations(&self, records: &[LogRecord], criteria: &Criteria) -> Vec<f64> {
         let trained: Vec<usize> = (0..records.len()).filter(|&i| records[i].train.is_some()).collect();
         let residuals: Vec<DMatrix<f64>> = trained
             .iter()
@@ -78,7 +79,7 @@ impl Motion {
             })
             .collect();
         let of: Vec<&LogRecord> = trained.iter().map(|&i| &records[i]).collect();
-        let noise = Noise::fit(&of, &residuals.iter().collect::<Vec<_>>(), &self.smallest);
+        let noise = Noise::fit(&of, &residuals.iter().collect::<Vec<_>>(), &self.smallest, criteria);
         noise.std()
     }
 

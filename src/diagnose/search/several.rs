@@ -308,9 +308,9 @@ D = [[0.0], [0.0]]
         let simulator = Simulator::of(subject, &logs, &Stop::default()).unwrap();
         let inputs = Inputs::new(subject, &simulator, &logs, &[], &options).unwrap();
         let system = &simulator.system;
-        let predictor = Predictor::of(system, &inputs.records, &inputs.poles, None, None);
+        let predictor = Predictor::of(system, &inputs.records, &inputs.poles, None, None, &options.criteria);
         let motion = Motion::of(system, &[], &inputs.records, &predictor, None).unwrap();
-        let noise_std = motion.innovations(&inputs.records);
+        let noise_std = motion.innovations(&inputs.records, &options.criteria);
         let likelihood = Likelihood::new(Terms {
             system,
             records: &inputs.records,
