@@ -8,6 +8,7 @@ use super::{Applied, Chance};
 use crate::error::Result;
 use crate::log::{Channel, Log, LogError};
 use crate::model::{ModelDocument, ModelFile};
+use crate::signal::stats;
 use crate::signal::{Noise, NoiseColour, NoiseScaling, SignalError};
 use crate::simulate::{Commands, Hold, Options, Response, SimulateError, System, Tolerance, lsim};
 use crate::time::TimeError;
@@ -181,8 +182,7 @@ impl<'a> OnLog<'a> {
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
-    sum / f64::max(count, 1.0)
+    stats::mean(values).unwrap_or(0.0)
 }
 
 /// Of pairs (simulated, measured); `None` where the measurement stands still.

@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use super::Table;
 use super::estimate::run_time;
+use super::text::Table;
 use crate::delay::{Class, Condition, Law, METHODS, ReferenceExperiment};
 use crate::study::{Common, CommonScore as Score, MethodRow};
 

@@ -8,6 +8,7 @@ use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::poles::{Poles, sampled};
 use crate::diagnose::input::record::LogRecord;
 use crate::model::dare;
+use crate::signal::stats;
 use crate::simulate::System;
 use crate::time::SampleTime;
 
@@ -63,7 +64,7 @@ fn gain(system: &System, record: &LogRecord, criteria: &Criteria) -> DMatrix<f64
     let alpha = 1.0 / (1.0 - (criteria.forgets / record.time_s.len() as f64).min(0.5));
     let a = phi * alpha;
     let r = DMatrix::from_diagonal(&DVector::from_fn(p, |i, _| roughness(record, i)));
-    let moved = DVector::from_fn(gamma.ncols(), |j, _| (criteria.uncertain * deviation(&record.inputs[j])).powi(2));
+    let moved = DVector::from_fn(gamma.ncols(), |j, _| (criteria.uncertain * stats::deviation(&record.inputs[j]).unwrap_or(0.0)).powi(2));
     let q = &gamma * DMatrix::from_diagonal(&moved) * gamma.transpose();
     let q = (&q + q.transpose()) * 0.5;
     let covariance = match dare(&a.transpose(), &c.transpose(), &q, &r, None) {
@@ -91,22 +92,10 @@ fn iterate(a: &DMatrix<f64>, c: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64
     Some(x)
 }
 
-/// Standard deviation of a command.
-fn deviation(values: &[f64]) -> f64 {
-    let count = values.len().max(1) as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt()
-}
-
 /// The variance of an output's white noise, from its second differences; not less than a millionth of its variance.
 fn roughness(record: &LogRecord, output: usize) -> f64 {
     let values: Vec<f64> = (0..record.time_s.len()).filter_map(|k| record.measured[output].get(k)).collect();
-    let mean = |v: &mut dyn Iterator<Item = f64>| {
-        let (sum, count) = v.fold((0.0, 0.0_f64), |(s, n), v| (s + v, n + 1.0));
-        sum / count.max(1.0)
-    };
-    let centre = mean(&mut values.iter().copied());
-    let variance = mean(&mut values.iter().map(|v| (v - centre).powi(2)));
-    let second = mean(&mut values.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).powi(2))) / 6.0;
+    let variance = stats::variance(&values).unwrap_or(0.0);
+    let second = stats::mean(values.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).powi(2))).unwrap_or(0.0) / 6.0;
     second.max(1e-6 * variance).max(f64::MIN_POSITIVE)
 }

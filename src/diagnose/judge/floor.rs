@@ -16,6 +16,7 @@ use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::errors::Errors;
 use crate::diagnose::likelihood::gaussian::Likelihood;
+use crate::signal::stats;
 
 /// Samples of noise that are simulated to see how calm calm windows are by chance.
 const SIMULATED: usize = 200_000;
@@ -53,8 +54,7 @@ pub(in crate::diagnose) fn estimate(
 }
 
 fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0_usize), |(s, n), v| (s + v * v, n + 1));
-    sum / count.max(1) as f64
+    stats::mean(values.map(|v| v * v)).unwrap_or(0.0)
 }
 
 /// The mean square that noise of the longest memory allowed would have with this residual's innovations; infinite where the residual forgets sooner.
@@ -128,7 +128,7 @@ fn power(window: &[Option<f64>]) -> f64 {
 
 /// Means of the calmest part and of all, of sorted powers.
 fn calm_and_all(powers: &[f64], part: f64) -> (f64, f64) {
-    let mean = |p: &[f64]| p.iter().sum::<f64>() / p.len().max(1) as f64;
+    let mean = |p: &[f64]| stats::mean(p.iter().copied()).unwrap_or(0.0);
     (mean(&powers[..((part * powers.len() as f64) as usize).min(powers.len())]), mean(powers))
 }
 
