@@ -16,7 +16,7 @@ fn methods(criterion: &mut Criterion) {
         for samples in support::SAMPLES {
             support::pace(&mut group, samples);
             let study = Common { trials: 1, samples, ..Common::default() };
-            let (experiment, _) = study.experiment(method.suits, 0).expect("the plant and its record are valid");
+            let (experiment, _) = study.experiment(method.reference, 0).expect("the plant and its record are valid");
             group.bench_function(samples.to_string(), |b| b.iter(|| black_box(estimator.estimate(&experiment, &Search::default()))));
         }
     }

@@ -124,6 +124,10 @@ def effects(stored: dict | None) -> dict:
         cases.append(_case(f"trimmed_uneven_{number}", TRIMMED, items, 500 + number, uneven=True))
     for number, items in enumerate(COMBINED["equations"][:4], start=1):
         cases.append(_case(f"equations_uneven_{number}", ARM, items, 600 + number, uneven=True))
+    stribeck = _one("stribeck_friction", "p", level=1.5, extra=2.5, velocity=0.4)
+    cases.append(_case("lti_stribeck_friction_1", CRAFT, [stribeck], 701, starts["lti"]))
+    cases.append(_case("lti_stribeck_friction_2", CRAFT, [stribeck, _one("input_delay", "roll", delay=0.0233)], 702, uneven=True))
+    cases.append(_case("equations_stribeck_friction_1", ARM, [_one("stribeck_friction", "speed", level=0.6, extra=0.9, velocity=0.25)], 703, starts["equations"]))
     for case in cases:
         _assert_no_tie(case)
     return {"tool": TOOL, "tolerance": {"default": 1e-12, "y": LIMIT}, "cases": cases}

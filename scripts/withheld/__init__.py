@@ -13,6 +13,7 @@ Nothing here shares code with the crate. What FORMATS.md leaves open is fixed as
 - A sampled model receives the mean of the effective input over [t_k, t_k+1), its D the effective input at t_k; between samples
   its outputs run linearly. Dynamics effects on it are refused.
 - Friction adds -level*sign(x) while x != 0 and holds x at exactly 0 while the rest of the derivative is no larger than the level.
+  Friction that falls with speed is held at rest by level + extra.
 """
 
 import os

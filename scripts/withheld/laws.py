@@ -48,7 +48,7 @@ NOMINAL = [
     effect("output_delay", "*", delay=0.0), effect("sensor_lag", "y", time_constant=1e-7), effect("sensor_gain", "y", gain=1.0),
     effect("sensor_bias", "y", offset=0.0), effect("sensor_drift", "y", rate=0.0), effect("misalignment", "w->y", gain=0.0),
     effect("clock_skew", "*", ratio=1.0), effect("clock_offset", "*", offset=0.0), effect("cross_coupling", "u->x", gain=0.0),
-    effect("coulomb_friction", "z", level=0.0), effect("quadratic_drag", "z", coefficient=0.0),
+    effect("coulomb_friction", "z", level=0.0), effect("stribeck_friction", "z", level=0.0, extra=0.0, velocity=0.4), effect("quadratic_drag", "z", coefficient=0.0),
     effect("cubic_stiffness", "x->z", coefficient=0.0), effect("unmodelled_mode", "u->state:z", frequency=2.0, damping=0.1, gain=0.0),
     effect("unmodelled_mode", "u->output:y", frequency=2.0, damping=0.1, gain=0.0), effect("constant_disturbance", "z", level=0.0),
     effect("periodic_disturbance", "z", frequency=1.0, amplitude=0.0, phase=0.3), effect("parameter_error", "A[z,x]", value=-9.0),
@@ -132,6 +132,11 @@ def friction_sticks():
         expected = np.where(TIME < 0.5, 0.0, np.where(TIME < 1.0, TIME - 0.5, np.maximum(0.5 - 0.5 * (TIME - 1.0), 0.0)))
         close(speed, expected, 1e-9, f"friction, {integrator}")
         assert np.all(speed[TIME < 0.5] == 0.0) and np.all(speed[TIME > 2.001] == 0.0), "friction must hold exactly"
+        # A force between the level and what holds at rest moves nothing; where no speed takes the extra away, and where any does, it is dry friction of one level.
+        speed = simulate(MASS, TIME, force, [effect("stribeck_friction", "speed", level=0.3, extra=0.2, velocity=1e9)], integrator=integrator)[:, 1]
+        close(speed, expected, 1e-9, f"friction that no speed lowers, {integrator}")
+        speed = simulate(MASS, TIME, force, [effect("stribeck_friction", "speed", level=0.5, extra=0.9, velocity=1e-6)], integrator=integrator)[:, 1]
+        close(speed, expected, 1e-4, f"friction that any speed lowers, {integrator}")
     swing = simulate(TWO, np.arange(600) * TS, np.zeros((600, 2)), [effect("coulomb_friction", "x", level=0.0), effect("coulomb_friction", "z", level=0.6)], x0=[0.5, 0.0])
     half = math.pi / math.sqrt(9 - 0.36)
     shrunk = 0.6 / 9 - (0.5 - 0.6 / 9) * math.exp(-0.6 * half)

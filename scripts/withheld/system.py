@@ -17,7 +17,7 @@ INPUT = {
     "rate_limit", "actuator_lag", "dropped_commands",
 }
 DYNAMICS = {
-    "parameter_error", "cross_coupling", "coulomb_friction", "quadratic_drag", "cubic_stiffness", "unmodelled_mode",
+    "parameter_error", "cross_coupling", "coulomb_friction", "stribeck_friction", "quadratic_drag", "cubic_stiffness", "unmodelled_mode",
     "constant_disturbance", "periodic_disturbance",
 }
 OUTPUT = {
@@ -211,8 +211,14 @@ class System:
             cosine = self._state(f"cos({phase})", f"-{omega}*{sine}")
             self.derivative[sine] = f"{omega}*{cosine}"
             self._add(state, f"{self.parameter(p['amplitude'])}*{sine}")
-        for state, p in effects.get("coulomb_friction", {}).items():
-            self.parameter(p["level"])
+        held = {state: p["level"] for state, p in effects.get("coulomb_friction", {}).items()}
+        for state, p in effects.get("stribeck_friction", {}).items():
+            # Held at rest by level + extra; as it slides, speed takes a part of the extra away.
+            x, extra, velocity = self._variable(state), self.parameter(p["extra"]), self.parameter(p["velocity"])
+            self._add(state, f"{extra}*sign({x})*(1.0 - exp(-({x}/{velocity})**2))")
+            held[state] = held.get(state, 0.0) + p["level"] + p["extra"]
+        for state, level in held.items():
+            self.parameter(level)
             self.frictions.append((states.index(state), len(self.parameters) - 1))
             self.linear = False
 

@@ -4,10 +4,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use crate::signal::stats::quantile;
+use crate::signal::stats::{NORMAL_95_EXACT, quantile};
 
-/// The 97.5 % quantile of the normal distribution.
-const Z: f64 = 1.959_963_984_540_054;
 /// Resamples of a bootstrap.
 const RESAMPLES: usize = 2000;
 /// Its seed: the same verdicts and labels always give the same report.
@@ -23,9 +21,9 @@ pub fn wilson(hits: usize, of: usize) -> Option<[f64; 2]> {
         return None;
     }
     let (n, p) = (of as f64, hits as f64 / of as f64);
-    let centre = p + Z * Z / (2.0 * n);
-    let half = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-    let scale = 1.0 + Z * Z / n;
+    let centre = p + NORMAL_95_EXACT * NORMAL_95_EXACT / (2.0 * n);
+    let half = NORMAL_95_EXACT * (p * (1.0 - p) / n + NORMAL_95_EXACT * NORMAL_95_EXACT / (4.0 * n * n)).sqrt();
+    let scale = 1.0 + NORMAL_95_EXACT * NORMAL_95_EXACT / n;
     // At 0 and n the ends are exactly 0 and 1; rounding would miss them.
     let low = if hits == 0 { 0.0 } else { (centre - half) / scale };
     let high = if hits == of { 1.0 } else { (centre + half) / scale };

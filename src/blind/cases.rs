@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::BlindError;
+use super::error::BlindError;
 use crate::error::{Error, Result};
 
 /// The file that binds the case to its label.

@@ -4,8 +4,8 @@ use std::f64::consts::{PI, TAU};
 
 use serde::Serialize;
 
+use super::label::{Group, Label, LabelEffect};
 use super::load::Scored;
-use super::{Group, Label, LabelEffect};
 use crate::diagnose::{Diagnosis, FoundEffect, RankingRow};
 
 /// How much worse than before a held-out error must be to count as harm: 2 %.

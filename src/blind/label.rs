@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
-use super::BlindError;
+use super::error::BlindError;
 use crate::error::Result;
 use crate::file::read_bytes;
 

@@ -3,7 +3,9 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::{BlindError, BlindScore, scores};
+use super::error::BlindError;
+use super::score::BlindScore;
+use super::scores;
 
 /// A demand on a score: `NAME>=VALUE` or `NAME<=VALUE`.
 #[derive(Debug, Clone, PartialEq)]

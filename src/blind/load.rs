@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use super::cases::{COMMITMENT, folders};
+use super::commitment;
+use super::error::BlindError;
+use super::label::Label;
 use super::run_time::RunTime;
-use super::{BlindError, Label, commitment};
 use crate::diagnose::Diagnosis;
 use crate::error::{Error, Result};
 use crate::file::read_bytes;

@@ -9,8 +9,9 @@ use std::time::Instant;
 use sha2::{Digest, Sha256};
 
 use super::cases::{COMMITMENT, CaseFiles, find};
+use super::error::BlindError;
+use super::load;
 use super::run_time::RunTime;
-use super::{BlindError, load};
 use crate::diagnose::Diagnosis;
 use crate::error::{Error, Result};
 use crate::file::{Lock, read_bytes, sweep, write_atomic};

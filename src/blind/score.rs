@@ -5,9 +5,10 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::bounds::{bootstrap, wilson};
+use super::judge::{Judged, judge};
+use super::label::Group;
 use super::load::Scored;
 use super::scores::{Definition, Measure, SCORES};
-use super::{Group, Judged, judge};
 use crate::signal::stats::{mean, quantile};
 
 /// What a case is sorted by.

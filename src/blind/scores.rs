@@ -1,6 +1,7 @@
 //! The scores there are: each a name, what it says, and how it is measured. docs/blind.md defines them at length.
 
-use super::Judged;
+use super::judge::Judged;
+use super::label::Group;
 
 /// One score.
 pub struct Definition {
@@ -39,7 +40,7 @@ fn size(value: Option<usize>) -> Vec<f64> {
 }
 
 /// Whether the verdict's first word is this, for cases of one group.
-fn says(case: &Judged, group: super::Group, word: &str) -> Option<bool> {
+fn says(case: &Judged, group: Group, word: &str) -> Option<bool> {
     (case.group == group).then(|| case.verdict == word)
 }
 
@@ -51,7 +52,7 @@ macro_rules! scores {
 
 /// All scores, in the order of reports.
 pub const SCORES: &[Definition] = {
-    use super::Group::{None as NoEffect, Single, Unknown};
+    use Group::{None as NoEffect, Single, Unknown};
     use Measure::{Max, Mean, Quantile, Share, Shares};
     scores! {
         "right" "all: right verdict, up to alias classes" Share(|c| Some(c.judgement.right));

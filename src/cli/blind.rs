@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
+use super::criteria::Thresholds;
 use super::{LimitNotMet, write_json};
 use crate::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, load, run, score};
 use crate::diagnose::{GapOptions, diagnose_files};
@@ -37,6 +38,8 @@ pub(super) struct RunCases {
     /// Seed of the bootstrap
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+    #[command(flatten)]
+    thresholds: Thresholds,
 }
 
 /// Score verdicts against the labels, after checking every label against the commitment that came with its case
@@ -71,7 +74,7 @@ impl Blind {
 impl RunCases {
     fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
         let existing = if self.fresh { Existing::Redo } else { Existing::Keep };
-        let options = GapOptions { seed: self.seed, ..GapOptions::default() };
+        let options = GapOptions { seed: self.seed, criteria: self.thresholds.criteria()?, ..GapOptions::default() };
         let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &options)?.diagnosis);
         let progress = |id: &str, outcome: &Outcome| match outcome {
             Outcome::Done { time_s, damage: None } => eprintln!("{}: {time_s:.1} s", shown(id)),

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::criteria::Thresholds;
 use super::progress::Bar;
 use super::source::Reading;
 use super::write_json;
@@ -35,6 +36,8 @@ pub(super) struct Gap {
     /// Seed of the bootstrap
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+    #[command(flatten)]
+    thresholds: Thresholds,
     /// Rows of the ranking to print
     #[arg(long, value_name = "N", default_value_t = 8)]
     rows: usize,
@@ -72,6 +75,7 @@ impl Gap {
             }),
             longest_delay_s: self.max_delay,
             seed: self.seed,
+            criteria: self.thresholds.criteria()?,
             ..GapOptions::default()
         };
         let Some(out) = self.out.as_deref().filter(|_| !self.isolability) else {

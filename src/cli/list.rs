@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use super::write_json;
 use crate::delay::METHODS;
+use crate::diagnose::Criteria;
 use crate::effect;
 use crate::identify::IDENTIFIERS;
 use crate::log::READERS;
@@ -20,7 +21,7 @@ use crate::signal::EXCITATIONS;
 use crate::simulate::System;
 use crate::study::{PLANS, PLANTS, Plan};
 
-/// List the methods, identification methods, effects, excitations, conversions, dynamics, plants, plans or readers of log files there are, with their options and
+/// List the methods, identification methods, effects, excitations, conversions, dynamics, plants, plans, readers of log files or thresholds of a diagnosis there are, with their options and
 /// defaults
 #[derive(Debug, clap::Args)]
 pub(super) struct List {
@@ -43,6 +44,8 @@ enum What {
     Plans,
     Readers,
     Identifiers,
+    /// The thresholds of a diagnosis, of which src/diagnose/input/criteria.rs tells the meaning and the origin
+    Criteria,
 }
 
 impl List {
@@ -71,6 +74,7 @@ impl List {
                 .concat(),
             What::Plants => PLANTS.iter().map(|p| format!("{}\n    {}\n", p.name, p.summary)).collect(),
             What::Identifiers => IDENTIFIERS.iter().map(|i| format!("{}    needs {}\n", describe(&i.entry), i.needs)).collect(),
+            What::Criteria => toml::to_string(&Criteria::default()).context("thresholds")?,
             What::Plans => plans()?.iter().map(|p| format!("{}\n    {}\n", p.name, p.about)).collect(),
             What::Readers => {
                 READERS.iter().map(|r| format!("{}\n    {}\n    .{}\n", r.name, r.summary, r.extensions.join(", ."))).collect()
@@ -87,6 +91,7 @@ fn print(text: &str) -> anyhow::Result<()> {
 impl List {
     fn entries(&self) -> anyhow::Result<Vec<Value>> {
         Ok(match self.what {
+            What::Criteria => vec![serde_json::to_value(Criteria::default()).context("thresholds")?],
             What::Methods => METHODS.iter().map(|m| m.entry.data()).collect(),
             What::Effects => effects::lines_data(&effect::table()),
             What::Excitations => EXCITATIONS.iter().map(Entry::data).collect(),

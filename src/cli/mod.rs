@@ -12,6 +12,7 @@ macro_rules! say {
 mod blind;
 mod c2d;
 mod check;
+mod criteria;
 mod demo;
 mod estimate;
 mod excite;

@@ -6,6 +6,7 @@ use super::events::check_times;
 use super::{DelayError, Events, Record};
 use crate::log::Log;
 use crate::model::{Continuous, Sampled, StateSpace};
+use crate::signal::stats;
 use crate::time::SampleTime;
 
 /// A measured channel over one record, owned or borrowed.
@@ -402,10 +403,7 @@ impl<'a> Experiment<'a> {
             }
             for y in &mut recording.outputs {
                 let before: Vec<f64> = (0..rest).filter(|&t| y.has(t)).map(|t| y.values[t]).collect();
-                if before.is_empty() {
-                    return None;
-                }
-                let level = before.iter().sum::<f64>() / before.len() as f64;
+                let level = stats::mean(before)?;
                 y.values.to_mut().iter_mut().for_each(|v| *v -= level);
                 y.silence();
             }

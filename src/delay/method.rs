@@ -3,7 +3,7 @@
 use super::DelayEstimator;
 use crate::registry::Entry;
 
-/// Methods that see a record alike, and so err alike: each class has one voice in a verdict.
+/// Methods that see a record alike, and so err alike: each class has one vote in a verdict.
 ///
 /// Source: after Björklund (2003), LiU-TEK-LIC-2003:60, pp. 13-14, whose four classes are split where the methods see different things.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
@@ -49,7 +49,7 @@ impl Class {
     /// What the class weighs in a verdict: half of the others where the delay is read off an estimated response instead of being fitted. In the comparison of
     /// Björklund (2003), p. 109, all of those stand behind the best fitted ones.
     #[must_use]
-    pub fn voice(self) -> f64 {
+    pub fn vote_weight(self) -> f64 {
         match self {
             Self::Parametric | Self::Process | Self::States | Self::Events => 1.0,
             Self::Threshold | Self::Correlation | Self::Frequency | Self::Laguerre | Self::Area | Self::HigherOrder => 0.5,
@@ -88,7 +88,7 @@ pub enum Scope {
 
 /// The kind of experiment that a method is made for, and on which it is held to its promises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Suits {
+pub enum ReferenceExperiment {
     /// A plant with dynamics of its own, moved by a rich input.
     Plant,
     /// A continuous plant of so many real poles, with a zero or not, behind a hold.
@@ -195,11 +195,11 @@ pub struct Method {
     pub scope: Scope,
     /// What it takes for granted about the start.
     pub start: Start,
-    /// What it is made for.
-    pub suits: Suits,
+    /// The experiment that it is made for.
+    pub reference: ReferenceExperiment,
     /// What bounds its uncertainty from below.
     pub information: Information,
-    /// Samples to which it keeps the laws it promises, and within which its answer lies on the experiment that suits it (1 % noise).
+    /// Samples to which it keeps the laws it promises, and within which its answer lies on its reference experiment (1 % noise).
     pub tolerance: f64,
     /// Complications that it withstands.
     pub withstands: &'static [Condition],

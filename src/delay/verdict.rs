@@ -36,11 +36,11 @@ pub fn distrust(method: &Method, findings: &[Finding]) -> Vec<Condition> {
 ///
 /// Nothing is believed where no method found a delay, nor where those that withstand every noise and feedback looked and saw no response.
 ///
-/// Methods that do not withstand what the record shows are not counted, nor answers that are contradicted by what they leave over, unless no other has answered. Each class of methods has one voice, shared by those of its
-/// methods that found a delay ([`Class::voice`]); an answer weighs its share of the voice over its standard deviation (no method is taken for more certain than a sample
+/// Methods that do not withstand what the record shows are not counted, nor answers that are contradicted by what they leave over, unless no other has answered. Each class of methods has one vote, shared by those of its
+/// methods that found a delay ([`Class::vote_weight`]); an answer weighs its share of the vote over its standard deviation (no method is taken for more certain than a sample
 /// allows, nor than the data let expect before it ran, because a model that is too small is wrong by more than it says).
 ///
-/// The delay that most voices hold inside their intervals gathers a group; the number is the group's weighted median. The interval is that of the whole group, as no method
+/// The delay that most votes hold inside their intervals gathers a group; the number is the group's weighted median. The interval is that of the whole group, as no method
 /// knows how wrong its own model is: it begins where 15 % of the weight begins earlier, and ends where 15 % ends later, so that answers which differ make it wide.
 /// Source: Gaba, Tsetlin and Winkler (2017), Decision Analysis 14(1), 1-20, doi:10.1287/deca.2016.0340, for trimming the ends of many intervals. How much is left to the
 /// user there; tests/verdicts.rs measures how often what 15 % leave holds an injected dead time.
@@ -63,8 +63,8 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     let trusted: Vec<&Found<'_>> = found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
     let nobody = trusted.is_empty();
     let counted: Vec<&Found<'_>> = if nobody { found.iter().collect() } else { trusted };
-    let voices = voices(&counted);
-    let support = |at: &Found<'_>| -> f64 { counted.iter().zip(&voices).filter(|(f, _)| f.holds(at.delay_s)).map(|(_, v)| v).sum() };
+    let vote_weights = vote_weights(&counted);
+    let support = |at: &Found<'_>| -> f64 { counted.iter().zip(&vote_weights).filter(|(f, _)| f.holds(at.delay_s)).map(|(_, v)| v).sum() };
     // Ties go to the most trusted method: the order is that of the list.
     let mut lead = counted[0];
     for f in &counted[1..] {
@@ -72,7 +72,7 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
             lead = f;
         }
     }
-    let of_all = counted.iter().zip(&voices).map(|(f, voice)| (*f, voice / f.std_s));
+    let of_all = counted.iter().zip(&vote_weights).map(|(f, weight)| (*f, weight / f.std_s));
     let (agree, differ): (Vec<_>, Vec<_>) = of_all.partition(|(f, _)| f.holds(lead.delay_s));
     let middle = quantile(agree.iter().map(|(f, w)| (f.delay_s, *w)), 0.5);
     let chosen = agree.iter().find(|(f, _)| f.delay_s == middle).map_or(lead, |(f, _)| *f);
@@ -205,9 +205,9 @@ impl<'a> Found<'a> {
     }
 }
 
-/// The voice of each class, shared by its methods.
-fn voices(found: &[&Found<'_>]) -> Vec<f64> {
-    found.iter().map(|f| f.class.voice() / found.iter().filter(|g| g.class == f.class).count() as f64).collect()
+/// The vote of each class, shared by its methods.
+fn vote_weights(found: &[&Found<'_>]) -> Vec<f64> {
+    found.iter().map(|f| f.class.vote_weight() / found.iter().filter(|g| g.class == f.class).count() as f64).collect()
 }
 
 #[cfg(test)]
@@ -247,10 +247,10 @@ mod tests {
     }
 
     #[test]
-    fn methods_of_one_class_share_their_voice() {
+    fn methods_of_one_class_share_their_vote() {
         let (sharp, early, early_too) = (answer(2.0, 0.1), answer(1.0, 0.1), answer(1.0, 0.1));
         let v = of(&[("oestruc", &sharp), ("threshold", &early), ("threshold_step", &early_too)], &[]);
-        assert_eq!(v.delay_s, Some(2.0), "two thresholds on one response are one voice: {}", v.why);
+        assert_eq!(v.delay_s, Some(2.0), "two thresholds on one response are one vote: {}", v.why);
         assert!(v.why.contains("threshold says 1.0000 s; threshold_step says 1.0000 s"), "{}", v.why);
     }
 

@@ -137,9 +137,9 @@ struct Baseline {
 impl Baseline {
     fn of(simulator: &Simulator, inputs: &Inputs, options: &GapOptions) -> Result<Self> {
         let (system, probed) = (&simulator.system, inputs.probed.as_ref());
-        let predictor = Predictor::of(system, &inputs.records, &inputs.poles, probed, options.prediction);
+        let predictor = Predictor::of(system, &inputs.records, &inputs.poles, probed, options.prediction, &options.criteria);
         let motion = Motion::of(system, &inputs.model_effects, &inputs.records, &predictor, probed)?;
-        let noise_std = motion.innovations(&inputs.records);
+        let noise_std = motion.innovations(&inputs.records, &options.criteria);
         Ok(Self { predictor, motion, noise_std })
     }
 
@@ -204,7 +204,9 @@ fn in_stages(
     let Searched { likelihood, found } =
         search(likelihood, candidates.clone(), &scales, &baseline.motion.smallest, progress).ok_or_else(|| not_finite(&inputs.records))?;
     let longer_s = f64::min(options.criteria.longer * inputs.longest_delay_s, 0.5 * inputs.limit_s);
-    if options.longest_delay_s.is_none() && longer_s > 1.2 * inputs.longest_delay_s && found.wants_longer_delays(&scales, &options.criteria)
+    if options.longest_delay_s.is_none()
+        && longer_s > options.criteria.longer_at_least * inputs.longest_delay_s
+        && found.wants_longer_delays(&scales, &options.criteria)
     {
         progress(Stage::Longer);
         let longer = GapOptions { longest_delay_s: Some(longer_s), ..options.clone() };
@@ -274,7 +276,14 @@ impl Answer<'_> {
 
     /// As it follows from the simulator, whatever was asked for.
     fn chosen_predictor(&self) -> Predictor {
-        Predictor::of(&self.simulator.system, &self.inputs.records, &self.inputs.poles, self.inputs.probed.as_ref(), None)
+        Predictor::of(
+            &self.simulator.system,
+            &self.inputs.records,
+            &self.inputs.poles,
+            self.inputs.probed.as_ref(),
+            None,
+            &self.likelihood.criteria,
+        )
     }
 
     fn cause(&self, judgement: &Judgement) -> Cause {

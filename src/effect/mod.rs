@@ -168,7 +168,7 @@ pub trait Effect: Sync {
 }
 
 /// All effects, in the order of the format's table: of equals the first one leads.
-pub static EFFECTS: [&dyn Effect; 29] = [
+pub static EFFECTS: [&dyn Effect; 30] = [
     &input::delay::InputDelay,
     &input::gain::InputGain,
     &input::curve::InputCurve,
@@ -183,6 +183,7 @@ pub static EFFECTS: [&dyn Effect; 29] = [
     &dynamics::parameter_error::ParameterError,
     &dynamics::cross_coupling::CrossCoupling,
     &dynamics::coulomb_friction::CoulombFriction,
+    &dynamics::stribeck_friction::StribeckFriction,
     &dynamics::quadratic_drag::QuadraticDrag,
     &dynamics::cubic_stiffness::CubicStiffness,
     &dynamics::unmodelled_mode::UnmodelledMode,

@@ -8,8 +8,9 @@ use super::{Applied, Chance};
 use crate::error::Result;
 use crate::log::{Channel, Log, LogError};
 use crate::model::{ModelDocument, ModelFile};
+use crate::signal::stats;
 use crate::signal::{Noise, NoiseColour, NoiseScaling, SignalError};
-use crate::simulate::{Commands, Hold, Options, Response, SimulateError, System, Tolerance, lsim, lsim_sampled, lsim_uneven};
+use crate::simulate::{Commands, Hold, Options, Response, SimulateError, System, Tolerance, lsim};
 use crate::time::TimeError;
 
 /// Tight: a simulation on paper is to differ from a measurement by the model alone.
@@ -97,12 +98,12 @@ impl<'a> OnLog<'a> {
         let mut response = if model.is_sampled() {
             let sys = model.sampled()?;
             sys.sample_time().must_equal(log.even_grid()?)?;
-            lsim_sampled(&sys, &u, &options)?
+            lsim(&sys, &u, sys.sample_time(), &options)?
         } else {
             let sys = model.continuous()?.with_input_delay(system.input_delay_s.clone())?;
             match log.even_grid() {
                 Ok(ts) => lsim(&sys, &u, ts, &options)?,
-                Err(_) => lsim_uneven(&sys, log.time_s(), &u, &options)?,
+                Err(_) => lsim(&sys, &u, log.time_s(), &options)?,
             }
         };
         for (mut column, operating) in response.y.column_iter_mut().zip(&system.output_operating) {
@@ -181,8 +182,7 @@ impl<'a> OnLog<'a> {
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
-    sum / f64::max(count, 1.0)
+    stats::mean(values).unwrap_or(0.0)
 }
 
 /// Of pairs (simulated, measured); `None` where the measurement stands still.

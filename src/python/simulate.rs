@@ -15,7 +15,7 @@ use super::work::long;
 use crate::effect::{OnLog, check_units};
 use crate::model::c2d::CONVERSIONS;
 use crate::model::{ModelError, d2c, dare, dlqr};
-use crate::simulate::{Hold, Options, Prehistory, lsim, lsim_at, lsim_sampled, lsim_sampled_at};
+use crate::simulate::{Grid, Hold, Options, Prehistory, lsim};
 use crate::time::SampleTime;
 
 fn domain(what: &'static str, needed: &'static str, found: &'static str) -> ModelError {
@@ -89,15 +89,15 @@ fn _lsim<'py>(
     let system = system.0.clone();
     let response = long(py, None, move |_| {
         Ok(match (&system, &time_s) {
-            (Either::Continuous(sys), Some(time_s)) => lsim_at(sys, time_s, &u, &options)?,
+            (Either::Continuous(sys), Some(time_s)) => lsim(sys, &u, Grid::of(time_s), &options)?,
             (Either::Continuous(sys), None) => lsim(sys, &u, SampleTime::new(sample_time.unwrap_or(f64::NAN))?, &options)?,
             (Either::Sampled(sys), None) => {
                 if let Some(seconds) = sample_time {
                     sys.sample_time().must_equal(SampleTime::new(seconds)?)?;
                 }
-                lsim_sampled(sys, &u, &options)?
+                lsim(sys, &u, sys.sample_time(), &options)?
             }
-            (Either::Sampled(sys), Some(time_s)) => lsim_sampled_at(sys, time_s, &u, &options)?,
+            (Either::Sampled(sys), Some(time_s)) => lsim(sys, &u, time_s.as_slice(), &options)?,
         })
     })?;
     Ok((array2(py, response.y)?, array2(py, response.x)?))

@@ -5,8 +5,9 @@ use numpy::{Complex64, IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMetho
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
-use super::convert::{Table, array1, array2, matrix};
+use super::convert::{Table, array1, array2, matrix, vector};
 use super::error::{OrRaise, raise};
+use super::work::long;
 use crate::model::{Continuous, ModelError, Sampled, StateSpace as Inner, TimeDomain, TransferFunction as InnerTransfer};
 use crate::time::{SampleTime, TimeError};
 
@@ -383,7 +384,7 @@ impl StateSpace {
         use crate::simulate::{impulse_response, impulse_response_sampled, step_response, step_response_sampled};
         let system = self.0.clone();
         let (p, m) = (self.outputs(), self.inputs());
-        let columns = super::work::long(py, None, move |_| {
+        let columns = long(py, None, move |_| {
             Ok(match &system {
                 Either::Continuous(sys) => {
                     let ts = SampleTime::new(sample_time.unwrap_or(f64::NAN))?;
@@ -632,7 +633,7 @@ pub(super) fn numbers(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<f64>
     if !"biuf".contains(&kind) || dimensions > 1 {
         return Err(PyTypeError::new_err(format!("{name} must be a list of real numbers")));
     }
-    if dimensions == 0 { Ok(vec![array.extract()?]) } else { Ok(super::convert::vector(&array.extract()?)) }
+    if dimensions == 0 { Ok(vec![array.extract()?]) } else { Ok(vector(&array.extract()?)) }
 }
 
 /// A list of complex numbers.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::Table;
+use super::text::Table;
 use crate::blind::{BlindScore, SCORES, Score};
 
 /// The scores that tables of parts show.

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::Table;
+use super::text::Table;
 use crate::effect::{Applied, Line, Parameter, Site};
 use crate::simulate::System;
 

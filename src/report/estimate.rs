@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Table, seconds};
+use super::text::{Table, seconds};
 use crate::delay::Outcome;
 use crate::delay::report::{Bias, Estimate, Pair, Report, Searched};
 

@@ -1,7 +1,7 @@
 //! What a gate found, as text and as Markdown.
 
-use super::Table;
 use super::study::{number, share};
+use super::text::Table;
 use crate::study::{Finding, GateGroup, GateReport, Measured};
 
 /// One sentence: what was compared, and whether anything is worse.

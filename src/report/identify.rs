@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::Table;
+use super::text::Table;
 use crate::identify::subspace::{Fit, Identified, OutputCheck, Response, Root, Test};
 
 /// Frequencies of every response.

@@ -1,6 +1,6 @@
 //! What an excitation can tell apart, as a table.
 
-use super::Table;
+use super::text::Table;
 use crate::diagnose::{Isolability, Mode, Size};
 
 /// Every effect with the smallest size that would be seen and its closest rival, then the groups that look alike.

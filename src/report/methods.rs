@@ -2,9 +2,9 @@
 
 use std::fmt::Write;
 
-use super::Table;
 use super::estimate::run_time;
-use crate::delay::{Class, Condition, Law, METHODS, Suits};
+use super::text::Table;
+use crate::delay::{Class, Condition, Law, METHODS, ReferenceExperiment};
 use crate::study::{Common, CommonScore as Score, MethodRow};
 
 /// Errors and times, class by class.
@@ -20,11 +20,11 @@ pub fn errors(rows: &[MethodRow]) -> Table {
             [s.rms_samples.map_or_else(|| "–".to_owned(), |v| format!("{v:.2}")), share(s.coverage95), none.to_string()]
         }
     };
-    let suits = |name: &str| METHODS.iter().find(|m| m.entry.name == name).map_or("", |m| made_for(m.suits));
+    let reference = |name: &str| METHODS.iter().find(|m| m.entry.name == name).map_or("", |m| made_for(m.reference));
     for class in Class::ALL {
         for row in rows.iter().filter(|r| r.class == *class) {
-            let mut line = vec![row.method.to_owned(), suits(row.method).to_owned()];
-            line.extend(cells(Some(&row.suited)));
+            let mut line = vec![row.method.to_owned(), reference(row.method).to_owned()];
+            line.extend(cells(Some(&row.on_reference)));
             line.extend(cells(row.lag.as_ref()));
             line.extend(cells(row.feedback.as_ref()));
             line.push(run_time(row.time_s));
@@ -34,15 +34,15 @@ pub fn errors(rows: &[MethodRow]) -> Table {
     table
 }
 
-fn made_for(suits: Suits) -> &'static str {
-    match suits {
-        Suits::Plant => "plant",
-        Suits::Process { .. } => "its own plant",
-        Suits::Copy => "copy",
-        Suits::Steps => "steps",
-        Suits::Skewed => "skewed copy",
-        Suits::States => "states",
-        Suits::Events => "events",
+fn made_for(reference: ReferenceExperiment) -> &'static str {
+    match reference {
+        ReferenceExperiment::Plant => "plant",
+        ReferenceExperiment::Process { .. } => "its own plant",
+        ReferenceExperiment::Copy => "copy",
+        ReferenceExperiment::Steps => "steps",
+        ReferenceExperiment::Skewed => "skewed copy",
+        ReferenceExperiment::States => "states",
+        ReferenceExperiment::Events => "events",
     }
 }
 

@@ -1,7 +1,8 @@
 //! A structured fit as text.
 
-use super::Table;
+use super::text::Table;
 use crate::identify::structured::{GroupScore, Standing, StructuredFit};
+use crate::signal::stats::NORMAL_95;
 
 /// Horizons that a table shows.
 fn shown(horizon: usize) -> Vec<usize> {
@@ -77,7 +78,7 @@ pub fn text(found: &StructuredFit) -> String {
             digits(p.nominal),
             digits(p.value),
             format!("{} to {}", digits(p.interval[0]), digits(p.interval[1])),
-            p.one_step.map_or(String::new(), |[v, s]| format!("{} ± {}", digits(v), digits(1.96 * s))),
+            p.one_step.map_or(String::new(), |[v, s]| format!("{} ± {}", digits(v), digits(NORMAL_95 * s))),
             standing.to_owned(),
         ]);
     }

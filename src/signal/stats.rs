@@ -3,6 +3,9 @@
 /// The normal distribution's 97.5 % point: 95 % lie within so many standard deviations.
 pub const NORMAL_95: f64 = 1.96;
 
+/// The same to every digit, for scores that other tools compute alike.
+pub const NORMAL_95_EXACT: f64 = 1.959_963_984_540_054;
+
 /// The arithmetic mean.
 #[must_use]
 pub fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
@@ -15,6 +18,18 @@ pub fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
 pub fn variance(values: &[f64]) -> Option<f64> {
     let centre = mean(values.iter().copied())?;
     mean(values.iter().map(|v| (v - centre).powi(2)))
+}
+
+/// The standard deviation about the mean; the count, not one less, divides.
+#[must_use]
+pub fn deviation(values: &[f64]) -> Option<f64> {
+    variance(values).map(f64::sqrt)
+}
+
+/// The root of the mean square.
+#[must_use]
+pub fn rms(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    mean(values.into_iter().map(|v| v * v)).map(f64::sqrt)
 }
 
 /// The median; of an even number of values the mean of the middle two.
@@ -62,12 +77,14 @@ mod tests {
     #[test]
     fn of_nothing_there_is_none() {
         assert_eq!((mean([]), variance(&[]), median(vec![]), upper_median(vec![]), quantile(&[], 0.5)), (None, None, None, None, None));
+        assert_eq!((deviation(&[]), rms([])), (None, None));
     }
 
     #[test]
     fn moments_are_those_of_a_hand_calculation() {
         let values = [2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0];
         assert_eq!((mean(values), variance(&values)), (Some(5.0), Some(4.0)));
+        assert_eq!((deviation(&values), rms([3.0, -4.0, 0.0, 0.0])), (Some(2.0), Some(2.5)));
     }
 
     #[test]

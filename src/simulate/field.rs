@@ -17,7 +17,7 @@ fn entries(rows: &[Vec<f64>]) -> Vec<Entry> {
     rows.iter().enumerate().flat_map(of_row).collect()
 }
 
-/// One friction term as it stands.
+/// The friction on one state as it stands; levels of several terms add up.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Contact {
     pub(super) state: usize,
@@ -75,13 +75,14 @@ impl<'a> Field<'a> {
         let (n, m, p) = (assembly.plant, assembly.signals, assembly.outputs.len());
         let mut now = vec![0.0; one + 1 + p];
         now[one] = 1.0;
-        let contacts = terms
-            .iter()
-            .filter_map(|term| match *term {
-                Term::Friction { state, level } => Some(Contact { state, level, direction: sign(assembly.start[state]), rest: 0.0 }),
-                _ => None,
-            })
-            .collect();
+        let mut contacts: Vec<Contact> = Vec::new();
+        for term in terms {
+            let Term::Friction { state, level } = *term else { continue };
+            match contacts.iter_mut().find(|c| c.state == state) {
+                Some(contact) => contact.level += level,
+                None => contacts.push(Contact { state, level, direction: sign(assembly.start[state]), rest: 0.0 }),
+            }
+        }
         let (inputs, derivatives) = (entries(&assembly.inputs), entries(&assembly.derivatives));
         let size = if equations.is_some() { [n * n, n * m, p * n, p * m] } else { [0; 4] };
         Self {

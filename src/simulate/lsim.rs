@@ -5,7 +5,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::{Hold, SimulateError};
 use crate::model::c2d::{delayed_taps, transition};
-use crate::model::{Continuous, Sampled, StateSpace};
+use crate::model::{Continuous, Sampled, StateSpace, TimeDomain};
 use crate::time::SampleTime;
 
 /// What the input was before the first sample, which a delayed input still sees.
@@ -272,18 +272,122 @@ fn check(u: &DMatrix<f64>, inputs: usize, states: usize, options: &Options) -> R
     }
 }
 
-/// Response of a continuous model to an input sampled every `sample_time`; u is samples × inputs. Exact: no integration error, delays of any size.
+/// When an input was sampled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Grid<'a> {
+    /// Once every so many seconds.
+    Every(SampleTime),
+    /// At these times (s, increasing), whether they are even or not.
+    At(&'a [f64]),
+}
+
+impl<'a> Grid<'a> {
+    /// Of these times (s): even where only rounding parts them from an even grid, which is much faster.
+    #[must_use]
+    pub fn of(time_s: &'a [f64]) -> Self {
+        even(time_s).map_or(Self::At(time_s), Self::Every)
+    }
+}
+
+impl From<SampleTime> for Grid<'_> {
+    fn from(sample_time: SampleTime) -> Self {
+        Self::Every(sample_time)
+    }
+}
+
+impl<'a> From<&'a [f64]> for Grid<'a> {
+    fn from(time_s: &'a [f64]) -> Self {
+        Self::At(time_s)
+    }
+}
+
+/// A kind of time, [`Continuous`] or [`Sampled`], in which a linear model has a response.
+pub trait Responds: TimeDomain {
+    /// As [`lsim`], the shapes of which are checked.
+    ///
+    /// # Errors
+    /// As [`lsim`].
+    fn response(sys: &StateSpace<Self>, u: &DMatrix<f64>, grid: Grid<'_>, options: &Options) -> Result<Response, SimulateError>
+    where
+        Self: Sized;
+}
+
+/// Response of a linear model to a sampled input; u is samples × inputs. Exact: no integration error, delays of any size.
+///
+/// A continuous model sees its input held or interpolated, as `options.hold` says. On uneven times every piece is integrated exactly and split where a delayed
+/// input has an edge, at the cost of one matrix exponential per distinct step length. A sampled model has the grid of its own sample time, and its hold has no
+/// meaning.
 ///
 /// # Errors
-/// [`SimulateError`]: shapes that do not fit, an input that is not finite, a state that explodes.
-pub fn lsim(sys: &StateSpace<Continuous>, u: &DMatrix<f64>, sample_time: SampleTime, options: &Options) -> Result<Response, SimulateError> {
+/// [`SimulateError`]: shapes that do not fit, an input that is not finite, times that do not increase or are not a sampled model's, a state that explodes.
+pub fn lsim<'g, T: Responds>(
+    sys: &StateSpace<T>,
+    u: &DMatrix<f64>,
+    grid: impl Into<Grid<'g>>,
+    options: &Options,
+) -> Result<Response, SimulateError> {
+    let grid = grid.into();
+    if let Grid::At(time_s) = grid
+        && time_s.len() != u.nrows()
+    {
+        return Err(SimulateError::Samples { time: time_s.len(), input: u.nrows() });
+    }
     check(u, sys.inputs(), sys.order(), options)?;
+    T::response(sys, u, grid, options)
+}
+
+impl Responds for Continuous {
+    fn response(sys: &StateSpace<Self>, u: &DMatrix<f64>, grid: Grid<'_>, options: &Options) -> Result<Response, SimulateError> {
+        match grid {
+            Grid::Every(sample_time) => on_even_grid(sys, u, sample_time, options),
+            Grid::At(time_s) => at_times(sys, time_s, u, options),
+        }
+    }
+}
+
+impl Responds for Sampled {
+    fn response(sys: &StateSpace<Self>, u: &DMatrix<f64>, grid: Grid<'_>, options: &Options) -> Result<Response, SimulateError> {
+        let ts = sys.sample_time();
+        match grid {
+            Grid::Every(given) => off_grid(ts, &[0.0, given.seconds()])?,
+            Grid::At(time_s) => off_grid(ts, time_s)?,
+        }
+        let column = |m: &DMatrix<f64>, j: usize| m.column(j).into_owned();
+        let taps: Vec<_> = (sys.input_delay().iter().enumerate())
+            .map(|(j, &delay)| (j, 0_isize.saturating_add_unsigned(delay), column(sys.b(), j), column(sys.d(), j)))
+            .collect();
+        Recursion::new(sys.a(), sys.c(), &taps).run(u, options.initial.as_ref(), options.prehistory, ts.seconds())
+    }
+}
+
+/// Times that are not on a sampled model's grid.
+fn off_grid(ts: SampleTime, time_s: &[f64]) -> Result<(), SimulateError> {
+    let start_s = time_s.first().copied().unwrap_or(0.0);
+    let due = |k: usize| start_s + ts.to_seconds(k as f64);
+    // What is off by this share of a sample was meant to be another grid.
+    let off = |k: &usize| {
+        let by_s = (time_s[*k] - due(*k)).abs();
+        by_s.is_nan() || by_s > 1e-3 * ts.seconds()
+    };
+    match (0..time_s.len()).find(off) {
+        Some(sample) => Err(SimulateError::Grid { sample, time_s: time_s[sample], due_s: due(sample) }),
+        None => Ok(()),
+    }
+}
+
+/// Response of a continuous model to an input sampled every `sample_time`.
+fn on_even_grid(
+    sys: &StateSpace<Continuous>,
+    u: &DMatrix<f64>,
+    sample_time: SampleTime,
+    options: &Options,
+) -> Result<Response, SimulateError> {
     let ts = sample_time.seconds();
     let delays = sys.input_delay().iter().map(|&d| sample_time.samples(d)).collect::<Result<Vec<_>, _>>()?;
     if (options.hold, options.prehistory) == (Hold::Linear, Prehistory::Rest) && delays.iter().any(|d| d.total() > 0.0) {
         // The delayed jump from rest to u[0] is no straight line between two samples.
         let time_s: Vec<f64> = (0..u.nrows()).map(|k| sample_time.to_seconds(k as f64)).collect();
-        return lsim_uneven(sys, &time_s, u, options);
+        return at_times(sys, &time_s, u, options);
     }
     let mut taps = Vec::new();
     let mut push = |input: usize, lag: isize, whole: usize, gamma: DVector<f64>, direct: f64| {
@@ -314,28 +418,8 @@ pub fn lsim(sys: &StateSpace<Continuous>, u: &DMatrix<f64>, sample_time: SampleT
     Recursion::new(&phi, sys.c(), &taps).run(u, options.initial.as_ref(), options.prehistory, ts)
 }
 
-/// Response of a sampled model; u is samples × inputs. `options.hold` has no meaning here.
-///
-/// # Errors
-/// As [`lsim`].
-pub fn lsim_sampled(sys: &StateSpace<Sampled>, u: &DMatrix<f64>, options: &Options) -> Result<Response, SimulateError> {
-    check(u, sys.inputs(), sys.order(), options)?;
-    let column = |m: &DMatrix<f64>, j: usize| m.column(j).into_owned();
-    let taps: Vec<_> = (sys.input_delay().iter().enumerate())
-        .map(|(j, &delay)| (j, 0_isize.saturating_add_unsigned(delay), column(sys.b(), j), column(sys.d(), j)))
-        .collect();
-    Recursion::new(sys.a(), sys.c(), &taps).run(u, options.initial.as_ref(), options.prehistory, sys.sample_time().seconds())
-}
-
-/// Response of a continuous model on uneven time stamps (s, increasing): every held or interpolated piece is integrated exactly, split where a delayed input
-/// has an edge.
-///
-/// Cost: one matrix exponential per distinct step length, so an even grid is for [`lsim`].
-///
-/// # Errors
-/// As [`lsim`], and [`SimulateError::Time`].
-pub fn lsim_uneven(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64>, options: &Options) -> Result<Response, SimulateError> {
-    check(u, sys.inputs(), sys.order(), options)?;
+/// Response of a continuous model on time stamps of any kind (s, increasing).
+fn at_times(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64>, options: &Options) -> Result<Response, SimulateError> {
     if let Some(k) = (1..time_s.len()).find(|&k| time_s[k].partial_cmp(&time_s[k - 1]) != Some(std::cmp::Ordering::Greater)) {
         return Err(SimulateError::Time { sample: k, before_s: time_s[k - 1], after_s: time_s[k] });
     }
@@ -409,41 +493,6 @@ pub fn lsim_uneven(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64
     Ok(Response { y, x })
 }
 
-/// Response of a continuous model on time stamps of any kind (s, increasing): as [`lsim`] where they are even, else as [`lsim_uneven`].
-///
-/// # Errors
-/// As [`lsim_uneven`], and [`SimulateError::Samples`].
-pub fn lsim_at(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64>, options: &Options) -> Result<Response, SimulateError> {
-    if time_s.len() != u.nrows() {
-        return Err(SimulateError::Samples { time: time_s.len(), input: u.nrows() });
-    }
-    match even(time_s) {
-        Some(sample_time) => lsim(sys, u, sample_time, options),
-        None => lsim_uneven(sys, time_s, u, options),
-    }
-}
-
-/// Response of a sampled model to an input on time stamps, which must have its sample time.
-///
-/// # Errors
-/// As [`lsim_sampled`], and [`SimulateError::Samples`] or [`SimulateError::Grid`].
-pub fn lsim_sampled_at(sys: &StateSpace<Sampled>, time_s: &[f64], u: &DMatrix<f64>, options: &Options) -> Result<Response, SimulateError> {
-    if time_s.len() != u.nrows() {
-        return Err(SimulateError::Samples { time: time_s.len(), input: u.nrows() });
-    }
-    let (start_s, ts) = (time_s.first().copied().unwrap_or(0.0), sys.sample_time());
-    let due = |k: usize| start_s + ts.to_seconds(k as f64);
-    // What is off by this share of a sample was meant to be another grid.
-    let off = |k: &usize| {
-        let by_s = (time_s[*k] - due(*k)).abs();
-        by_s.is_nan() || by_s > 1e-3 * ts.seconds()
-    };
-    match (0..time_s.len()).find(off) {
-        Some(sample) => Err(SimulateError::Grid { sample, time_s: time_s[sample], due_s: due(sample) }),
-        None => lsim_sampled(sys, u, options),
-    }
-}
-
 /// The sample time of stamps that only rounding parts from an even grid.
 pub(super) fn even(time_s: &[f64]) -> Option<SampleTime> {
     let (&[first, .., last], count) = (time_s, time_s.len()) else { return None };
@@ -491,7 +540,7 @@ mod tests {
             for prehistory in [Prehistory::Held, Prehistory::Rest] {
                 let options = Options { initial: initial.clone(), hold, prehistory };
                 let even = lsim(&sys, &u, ts, &options).unwrap();
-                let uneven = lsim_uneven(&sys, &time_s, &u, &options).unwrap();
+                let uneven = lsim(&sys, &u, time_s.as_slice(), &options).unwrap();
                 let scale = even.x.amax();
                 assert!((even.x - uneven.x).amax() < 1e-10 * scale, "{hold:?} {prehistory:?}");
                 assert!((even.y - uneven.y).amax() < 1e-10 * scale, "{hold:?} {prehistory:?}");
@@ -525,7 +574,7 @@ mod tests {
         u[4] = f64::NAN;
         assert!(matches!(fails(u, &Options::default()), SimulateError::NotFinite { input: 0, sample: 4, .. }));
         assert!(matches!(fails(input(5000, 1), &Options::default()), SimulateError::Explodes { .. }));
-        let backwards = lsim_uneven(&sys, &[0.0, 1.0, 0.5], &input(3, 1), &Options::default());
+        let backwards = lsim(&sys, &input(3, 1), [0.0, 1.0, 0.5].as_slice(), &Options::default());
         assert!(matches!(backwards, Err(SimulateError::Time { sample: 2, .. })));
     }
 }

@@ -19,7 +19,7 @@ mod system;
 mod walk;
 
 pub use black_box::{Face, Remembered, Simulator, Start};
-pub use lsim::{Options, Prehistory, Response, lsim, lsim_at, lsim_sampled, lsim_sampled_at, lsim_uneven};
+pub use lsim::{Grid, Options, Prehistory, Responds, Response, lsim};
 pub use piecewise::{Piece, Piecewise};
 pub use plan::{Drops, Mode, Plan, Source, Term, Tolerance, Wanted};
 pub use response::{impulse_response, impulse_response_sampled, step_response, step_response_sampled};

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{Options, Prehistory, SimulateError, lsim, lsim_sampled};
+use super::{Options, Prehistory, SimulateError, lsim};
 use crate::model::c2d::transition;
 use crate::model::{Continuous, Sampled, StateSpace, exp};
 use crate::time::SampleTime;
@@ -32,7 +32,7 @@ pub fn step_response(sys: &StateSpace<Continuous>, sample_time: SampleTime, samp
 /// # Errors
 /// As [`step_response`].
 pub fn step_response_sampled(sys: &StateSpace<Sampled>, samples: usize) -> Result<Vec<DMatrix<f64>>, SimulateError> {
-    (0..sys.inputs()).map(|j| Ok(lsim_sampled(sys, &step(samples, sys.inputs(), j), &rest())?.y)).collect()
+    (0..sys.inputs()).map(|j| Ok(lsim(sys, &step(samples, sys.inputs(), j), sys.sample_time(), &rest())?.y)).collect()
 }
 
 /// The impulse response C·exp(A(t − τ))·B on a grid, for t ≥ τ, the delay of the input; the impulse that a direct path passes on is not shown.
@@ -73,7 +73,7 @@ pub fn impulse_response_sampled(sys: &StateSpace<Sampled>, samples: usize) -> Re
         if let Some(first) = u.column_mut(j).get_mut(0) {
             *first = 1.0 / sys.sample_time().seconds();
         }
-        Ok(lsim_sampled(sys, &u, &rest())?.y)
+        Ok(lsim(sys, &u, sys.sample_time(), &rest())?.y)
     };
     (0..sys.inputs()).map(pulse).collect()
 }

@@ -11,7 +11,8 @@ use rand_distr::{Distribution, Exp1, StandardNormal};
 use rayon::prelude::*;
 
 use crate::delay::{
-    Class, DelayError, DelayEstimator, Detrend, Events, Experiment, METHODS, Method, PlantModel, Recording, Scope, Search, Start, Suits,
+    Class, DelayError, DelayEstimator, Detrend, Events, Experiment, METHODS, Method, PlantModel, Recording, ReferenceExperiment, Scope,
+    Search, Start,
 };
 use crate::model::uav::Dynamics;
 use crate::model::{Continuous, StateSpace};
@@ -64,12 +65,12 @@ pub struct MethodRow {
     /// Its class.
     pub class: Class,
     /// On the kind of record that it is made for.
-    pub suited: Score,
+    pub on_reference: Score,
     /// On a plant with a time constant of 8 samples, moved by a random binary input; `None` where it does not look at pairs.
     pub lag: Option<Score>,
     /// On the same plant under feedback, with a tenth of the signal's power as noise, from the plant's true input; `None` as above.
     pub feedback: Option<Score>,
-    /// Median time of an estimate on a record that suits it, s.
+    /// Median time of an estimate on a record of its reference experiment, s.
     pub time_s: f64,
 }
 
@@ -82,13 +83,13 @@ impl Common {
     /// # Errors
     /// Whatever keeps a record from being made or a method from being set up.
     pub fn run(&self, progress: &mut dyn FnMut(&str)) -> crate::Result<Vec<MethodRow>> {
-        let mut records = vec![(Suits::Plant, self.records(Suits::Plant)?)];
+        let mut records = vec![(ReferenceExperiment::Plant, self.records(ReferenceExperiment::Plant)?)];
         for method in METHODS {
-            if records.iter().all(|(kind, _)| *kind != method.suits) {
-                records.push((method.suits, self.records(method.suits)?));
+            if records.iter().all(|(kind, _)| *kind != method.reference) {
+                records.push((method.reference, self.records(method.reference)?));
             }
         }
-        let of = |kind: Suits| records.iter().find(|(k, _)| *k == kind).map_or(&[][..], |(_, r)| r);
+        let of = |kind: ReferenceExperiment| records.iter().find(|(k, _)| *k == kind).map_or(&[][..], |(_, r)| r);
         let loops: Vec<Known> = (0..self.trials).map(|t| self.closed(t)).collect::<crate::Result<_>>()?;
         METHODS
             .iter()
@@ -98,10 +99,10 @@ impl Common {
                 let row = MethodRow {
                     method: method.entry.name,
                     class: method.class,
-                    suited: score(method, estimator.as_ref(), of(method.suits)),
-                    lag: pairs(of(Suits::Plant)),
+                    on_reference: score(method, estimator.as_ref(), of(method.reference)),
+                    lag: pairs(of(ReferenceExperiment::Plant)),
                     feedback: pairs(&loops),
-                    time_s: time(method, estimator.as_ref(), of(method.suits)),
+                    time_s: time(method, estimator.as_ref(), of(method.reference)),
                 };
                 progress(method.entry.name);
                 Ok(row)
@@ -109,7 +110,7 @@ impl Common {
             .collect()
     }
 
-    fn records(&self, kind: Suits) -> crate::Result<Vec<Known>> {
+    fn records(&self, kind: ReferenceExperiment) -> crate::Result<Vec<Known>> {
         (0..self.trials).into_par_iter().map(|t| self.experiment(kind, t).map(|(experiment, delay)| (experiment, delay, 0))).collect()
     }
 
@@ -125,29 +126,29 @@ impl Common {
     ///
     /// # Errors
     /// Whatever keeps the record from being made.
-    pub fn experiment(&self, kind: Suits, trial: usize) -> crate::Result<(Experiment<'static>, f64)> {
+    pub fn experiment(&self, kind: ReferenceExperiment, trial: usize) -> crate::Result<(Experiment<'static>, f64)> {
         let (mut rng, delay) = self.draw(trial);
         let sample_time = SampleTime::new(1.0)?;
         let n = self.samples;
         let siso = |u: Vec<f64>, y: Vec<f64>| Experiment::siso(sample_time, u, y);
         let experiment = match kind {
-            Suits::Plant => {
+            ReferenceExperiment::Plant => {
                 let u = Rbs::default().generate(n, &mut rng)?;
                 let y = First::new(delay).respond(&u);
                 siso(u, noisy(&y, &mut rng)?)?
             }
-            Suits::Process { poles, zero } => {
+            ReferenceExperiment::Process { poles, zero } => {
                 let u = Rbs::default().generate(n, &mut rng)?;
                 let times = [8.0, 4.0, 2.0];
                 let y = held(&lags(&times[..poles.clamp(1, times.len())], zero.then_some(5.0))?, &u, delay, sample_time)?;
                 siso(u, noisy(&y, &mut rng)?)?
             }
-            Suits::Copy => {
+            ReferenceExperiment::Copy => {
                 let tones: Vec<[f64; 2]> = (0..200).map(|_| [rng.random_range(0.0..0.8 * PI), rng.random_range(0.0..2.0 * PI)]).collect();
                 let at = |t: f64| tones.iter().map(|[w, phase]| (w * t + phase).cos()).sum::<f64>();
                 copy(n, delay, at, siso, &mut rng)?
             }
-            Suits::Skewed => {
+            ReferenceExperiment::Skewed => {
                 let mut pulses = Vec::new();
                 let mut when = -40.0;
                 while when < f(n) + 40.0 {
@@ -163,12 +164,12 @@ impl Common {
                 };
                 copy(n, delay, at, siso, &mut rng)?
             }
-            Suits::Steps => {
+            ReferenceExperiment::Steps => {
                 let u: Vec<f64> = (0..n).map(|t| if t >= n / 10 && t < n * 11 / 20 { 1.0 } else { 0.0 }).collect();
                 let y = held(&lags(&[10.0, 1.0], None)?, &u, delay, sample_time)?;
                 siso(u, noisy(&y, &mut rng)?)?
             }
-            Suits::States => {
+            ReferenceExperiment::States => {
                 let u = Rbs::default().generate(n, &mut rng)?;
                 let sample_time = SampleTime::new(0.1)?;
                 let plant = Dynamics::Directional.model();
@@ -180,7 +181,7 @@ impl Common {
                 let recording = Recording { inputs: vec![u.into()], outputs: vec![column(&response.y, 0).into()], states };
                 Experiment::new(sample_time, vec!["u".into()], vec!["y".into()], vec![recording])?.with_model(PlantModel::Continuous(plant))
             }
-            Suits::Events => {
+            ReferenceExperiment::Events => {
                 let mut time = 0.0;
                 let mut first = Vec::with_capacity(n);
                 let mut second = Vec::with_capacity(n);
@@ -197,7 +198,7 @@ impl Common {
         Ok((experiment, delay))
     }
 
-    /// The plant of [`Suits::Plant`] under proportional feedback of a noisy output, with a random binary reference.
+    /// The plant of [`ReferenceExperiment::Plant`] under proportional feedback of a noisy output, with a random binary reference.
     fn closed(&self, trial: usize) -> crate::Result<Known> {
         let (mut rng, delay) = self.draw(trial);
         let reference = Rbs { band: [0.0, 0.3], ..Rbs::default() }.generate(self.samples, &mut rng)?;

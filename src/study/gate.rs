@@ -26,6 +26,7 @@ use statrs::function::factorial::ln_binomial;
 use super::StudyError;
 use super::plan::{Delay, Place};
 use super::results::{Cell, Study};
+use crate::signal::stats::NORMAL_95_EXACT;
 
 /// The format of what a gate found.
 const FORMAT: &str = "deadtime/gate@1";
@@ -33,9 +34,6 @@ const FORMAT: &str = "deadtime/gate@1";
 const ROUNDING: f64 = 1e-6;
 /// … and by as many samples: answers of continuous models move by up to 3e-5 where noise of a millionth of a millionth is added, since their iterations stop there.
 const ROUNDING_SAMPLES: f64 = 1e-4;
-/// The normal number of a two-sided 95 % interval, of which a study's standard errors are read.
-const Z95: f64 = 1.959_963_984_540_054;
-
 /// What counts as worse.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gate {
@@ -613,7 +611,7 @@ impl Moments {
         let count = scored(cell) as f64;
         let mean = rms * rms;
         // Where no error was seen, the interval's end is what may have been missed, and the spread is 0.
-        let error = if mean > 0.0 { ((high * high - mean) / Z95).max(0.0) } else { 0.0 };
+        let error = if mean > 0.0 { ((high * high - mean) / NORMAL_95_EXACT).max(0.0) } else { 0.0 };
         (count > 1.0).then_some(Self { count, mean, variance: error * error * (count - 1.0) })
     }
 }

@@ -19,7 +19,7 @@ use crate::model::{ModelFile, Sampled, StateSpace, dlqr};
 use crate::registry::{self, Entry};
 use crate::signal::stats;
 use crate::signal::{EXCITATIONS, Excitation, Noise, NoiseColour, NoiseScaling, unit_noise};
-use crate::simulate::{Options, Prehistory, lsim_sampled};
+use crate::simulate::{Options, Prehistory, lsim};
 use crate::time::SampleTime;
 
 /// What a record is of: the keys of a cell that it shares with every method, place, input and output.
@@ -460,7 +460,7 @@ fn source(name: &str, folder: &Path) -> crate::Result<(Source, Vec<String>, Vec<
 fn simulated(sys: &StateSpace<Sampled>, inputs: &[Vec<f64>]) -> crate::Result<[Vec<Vec<f64>>; 2]> {
     let u = DMatrix::from_fn(inputs.first().map_or(0, Vec::len), inputs.len(), |t, j| inputs[j][t]);
     let options = Options { initial: Some(DVector::zeros(sys.order())), prehistory: Prehistory::Rest, ..Options::default() };
-    let response = lsim_sampled(sys, &u, &options)?;
+    let response = lsim(sys, &u, sys.sample_time(), &options)?;
     let columns = |m: &DMatrix<f64>| m.column_iter().map(|c| c.iter().copied().collect()).collect();
     Ok([columns(&response.y), columns(&response.x)])
 }

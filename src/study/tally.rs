@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::estimates::Row;
 use super::plan::Scoring;
+use crate::signal::stats::NORMAL_95_EXACT;
 use crate::time::SampleTime;
 
 /// What is kept of a cell's answers.
@@ -33,9 +34,6 @@ pub(super) struct Tally {
 const ROUNDING: f64 = 1e-9;
 /// Bits of a number that are dropped to find its bin: six of the mantissa stay.
 const BIN: u32 = 46;
-/// The normal number of a two-sided 95 % interval.
-const Z: f64 = 1.959_963_984_540_054;
-
 impl Tally {
     pub(super) fn add(&mut self, row: &Row, scoring: &Scoring, sample_time: SampleTime) {
         let ts = sample_time.seconds();
@@ -98,7 +96,7 @@ impl Tally {
     pub(super) fn rms_ci95(&self) -> Option<[f64; 2]> {
         let [mean, std] = self.mean_square()?;
         let unseen = if self.square == 0.0 { UNSEEN / self.count() } else { 0.0 };
-        Some([(mean - Z * std).max(0.0).sqrt(), (mean + Z * std + unseen).sqrt()])
+        Some([(mean - NORMAL_95_EXACT * std).max(0.0).sqrt(), (mean + NORMAL_95_EXACT * std + unseen).sqrt()])
     }
 
     /// The root mean square error and its standard deviation.

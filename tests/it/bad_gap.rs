@@ -216,3 +216,20 @@ fn a_file_that_is_not_there_is_said_once() {
     run.refused(&["nowhere.toml"]);
     assert_eq!(run.stderr.matches("os error").count(), 1, "{}", run.stderr);
 }
+
+#[test]
+fn other_thresholds_change_the_verdict_and_must_be_known_and_positive() {
+    // The actuator has half the gain.
+    let logged = log(HEADER, 600, 1, |_, row| row[1] = (2.0 * row[1].parse::<f64>().unwrap()).to_string());
+    let folder = Folder::new();
+    let (model, csv, out) = (folder.write("model.toml", MODEL), folder.write("a.csv", &logged), folder.path("out"));
+    let with = |thresholds: &str| {
+        let file = folder.write("thresholds.toml", thresholds);
+        deadtime(&["gap", "--model", text(&model), "--log", text(&csv), "--out", text(&out), "--criteria", text(&file)])
+    };
+    assert!(with("").done().contains("Cause: input_gain on `u`"));
+    assert!(!with("selection_penalty = 1e9").done().contains("Cause: input_gain"));
+    with("selection = 3.0").refused(&["thresholds.toml", "selection", "selection_penalty"]);
+    with("equals = -1.0").refused(&["thresholds.toml", "equals is -1", "above 0"]);
+    with("windows = [20, 60]").refused(&["thresholds.toml", "windows"]);
+}

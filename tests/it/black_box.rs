@@ -191,6 +191,7 @@ fn what_cannot_be_tried_is_said_with_the_reason() {
     let left: Vec<(&str, &str)> = found.diagnosis.cause.not_tried.iter().map(|n| (n.effect.as_str(), n.why.as_str())).collect();
     for effect in [
         "coulomb_friction",
+        "stribeck_friction",
         "quadratic_drag",
         "cubic_stiffness",
         "cross_coupling",

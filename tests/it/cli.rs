@@ -4,6 +4,7 @@ use std::process::{Command, Stdio};
 
 use crate::support::program::{Folder, deadtime, text};
 use deadtime::delay::{METHODS, Scope};
+use deadtime::diagnose::Criteria;
 use deadtime::log::{Channel, Log, read};
 use deadtime::model::c2d::{CONVERSIONS, Conversion, ZeroOrderHold};
 use deadtime::model::uav::{self, Dynamics};
@@ -277,6 +278,8 @@ fn lists_name_everything_there_is() {
     assert!(CONVERSIONS.iter().all(|e| conversions.contains(e.name)), "{conversions}");
     let dynamics = list("dynamics");
     assert!(Dynamics::ALL.iter().all(|d| dynamics.contains(d.name()) && dynamics.contains(d.input())), "{dynamics}");
+    let thresholds: Criteria = toml::from_str(&list("criteria")).unwrap();
+    assert_eq!(thresholds, Criteria::default());
     deadtime(&["list", "everything"]).refused(&["everything", "methods"]);
 }
 

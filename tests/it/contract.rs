@@ -7,7 +7,7 @@ use crate::support::plants::{
     Measured, ROUNDING_S, TS, delayed, estimates, process, rbs, respond, second_order, std_dev, sum, times, ts, white,
 };
 use deadtime::delay::{
-    Condition, DelayError, DelayEstimate, Events, Law, METHODS, Method, Outcome, PlantModel, Recording, Scope, Search, Suits,
+    Condition, DelayError, DelayEstimate, Events, Law, METHODS, Method, Outcome, PlantModel, Recording, ReferenceExperiment, Scope, Search,
 };
 use deadtime::model::{Sampled, StateSpace};
 use nalgebra::DMatrix;
@@ -98,15 +98,15 @@ fn steps() -> Measured {
 
 /// The experiment that suits a method; its dead time is four samples (but for the two of the states).
 fn suitable(method: &Method) -> Measured {
-    match method.suits {
-        Suits::Plant => pair(),
-        Suits::Process { poles, zero } => continuous(rbs(SAMPLES, 1.0, 17), (poles, zero), 1.0, 18),
-        Suits::Copy => copy(rbs(SAMPLES, 1.0, 15)),
-        Suits::Steps => steps(),
+    match method.reference {
+        ReferenceExperiment::Plant => pair(),
+        ReferenceExperiment::Process { poles, zero } => continuous(rbs(SAMPLES, 1.0, 17), (poles, zero), 1.0, 18),
+        ReferenceExperiment::Copy => copy(rbs(SAMPLES, 1.0, 15)),
+        ReferenceExperiment::Steps => steps(),
         // Squares of normal numbers: as skewed as an exponential distribution and more.
-        Suits::Skewed => copy(white(SAMPLES, 1.0, 16).iter().map(|v| v * v - 1.0).collect()),
-        Suits::States => states(two_inputs().1),
-        Suits::Events => events(),
+        ReferenceExperiment::Skewed => copy(white(SAMPLES, 1.0, 16).iter().map(|v| v * v - 1.0).collect()),
+        ReferenceExperiment::States => states(two_inputs().1),
+        ReferenceExperiment::Events => events(),
     }
 }
 
@@ -579,7 +579,9 @@ fn complicated(condition: Condition, method: &Method, seed: u64) -> Option<Measu
             change(plain, same, |y| sum(y, &slow))
         }
         // A fraction of a sample is seen: the sampled plant below is no continuous one with a whole delay.
-        Condition::Dynamics if let Suits::Process { poles, zero } = method.suits => continuous(u, (poles, zero), 2.5, 7000 + seed),
+        Condition::Dynamics if let ReferenceExperiment::Process { poles, zero } = method.reference => {
+            continuous(u, (poles, zero), 2.5, 7000 + seed)
+        }
         Condition::Dynamics => {
             let y = second_order(&u, 0.1, [-1.7, 0.72], 4);
             let y = sum(&y, &times(&noise, 0.01 * std_dev(&y)));

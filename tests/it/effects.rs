@@ -279,6 +279,34 @@ fn friction_sticks_exactly_until_it_is_overcome() {
     // dv/dt = 3 − 0.5 v − 2 from rest: v = 2(1 − exp(−t/2)).
     let expected = 2.0 * (1.0 - (-0.5_f64 * 2.5).exp());
     assert!((moved.y[(100, 1)] - expected).abs() < 1e-8, "{} is not {expected}", moved.y[(100, 1)]);
+
+    // Two on one state add up.
+    let both =
+        run(&system, &flight, &[with(&system, "coulomb_friction", "rate", &[0.7]), with(&system, "coulomb_friction", "rate", &[1.3])]);
+    assert!(distance(&both.y, &moved.y) < 1e-9, "{}", distance(&both.y, &moved.y));
+}
+
+#[test]
+fn friction_that_falls_with_speed_breaks_loose_late_and_slides_on_its_level() {
+    let text =
+        EQUATIONS.replace("- 9.0*sin(angle)", "").replace("initial = 0.3", "initial = 0.0").replace("initial = -0.1", "initial = 0.0");
+    let system = system(&text);
+    let mut flight = Flight::for_system(&system);
+    // Torque/inertia: 2.4, between the level and the level with what is extra at rest; then 3, above both.
+    for (k, torque) in flight.inputs[0].iter_mut().enumerate() {
+        *torque = if k < 50 { 0.48 } else { 0.6 };
+    }
+    let stribeck = |values: &[f64]| run(&system, &flight, &[with(&system, "stribeck_friction", "rate", values)]);
+    let moved = stribeck(&[2.0, 0.5, 1e-3]);
+    assert!((0..=50).all(|k| moved.y[(k, 1)] == 0.0), "it moves below what holds it at rest");
+    // Far above the velocity nothing extra is left: v = 2(1 − exp(−t/2)), less what the first thousandth took.
+    let expected = 2.0 * (1.0 - (-0.5_f64 * 2.5).exp());
+    let late = expected - moved.y[(100, 1)];
+    assert!((0.0..2e-3).contains(&late), "{late}");
+    // Without anything extra, and where no speed takes it away, it is Coulomb's.
+    let coulomb = |level: f64| run(&system, &flight, &[with(&system, "coulomb_friction", "rate", &[level])]);
+    assert_eq!(stribeck(&[2.0, 0.0, 1.0]).y, coulomb(2.0).y);
+    assert!(distance(&stribeck(&[2.0, 0.5, 1e6]).y, &coulomb(2.5).y) < 1e-9);
 }
 
 #[test]
@@ -316,6 +344,7 @@ v = "v"
     let flight = Flight::for_system(&linear);
     for effects in [
         vec![("coulomb_friction", "v", vec![0.35])],
+        vec![("stribeck_friction", "v", vec![0.2, 0.3, 0.4])],
         vec![("coulomb_friction", "v", vec![0.2]), ("quadratic_drag", "v", vec![0.4]), ("actuator_lag", "u", vec![0.06])],
     ] {
         let list = |s: &System| effects.iter().map(|(e, c, v)| with(s, e, c, v)).collect::<Vec<_>>();

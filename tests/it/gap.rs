@@ -91,7 +91,7 @@ fn run(effects: &[(&str, &str, &[f64])], seed: u64) -> Diagnosed {
 }
 
 /// Effects that this experiment can tell apart from all others.
-const DISTINCT: [(&str, &str, &[f64]); 9] = [
+const DISTINCT: [(&str, &str, &[f64]); 10] = [
     ("input_delay", "u", &[0.053]),
     ("input_gain", "u", &[1.2]),
     ("input_curve", "u", &[0.3]),
@@ -101,6 +101,7 @@ const DISTINCT: [(&str, &str, &[f64]); 9] = [
     ("output_delay", "rate", &[0.05]),
     ("sensor_bias", "angle", &[0.1]),
     ("misalignment", "rate->angle", &[0.06]),
+    ("stribeck_friction", "v", &[0.4, 0.8, 0.3]),
 ];
 
 #[test]
@@ -116,7 +117,7 @@ fn an_injected_effect_is_named_with_its_size_and_the_gap_closes_to_the_floor() {
         if named.0 == *effect {
             for (p, truth) in d.cause.effects[0].parameters.iter().zip(*values) {
                 let (value, std) = (p.value.unwrap(), p.std.unwrap());
-                // Five standard deviations: nine effects at once must not fail by chance.
+                // Five standard deviations: ten effects at once must not fail by chance.
                 assert!((value - truth).abs() < 5.0 * std, "{effect} {}: {value} ± {std} is not {truth}", p.name);
             }
         }

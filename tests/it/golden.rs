@@ -12,7 +12,7 @@ use deadtime::model::c2d::{
     Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, LeastSquares, Tustin, ZeroOrderHold, ZeroPoleMatching,
 };
 use deadtime::model::{Continuous, ModelError, Sampled, StateSpace, d2c, dlqr};
-use deadtime::simulate::{Hold, Options, Prehistory, lsim, lsim_sampled, lsim_uneven};
+use deadtime::simulate::{Hold, Options, Prehistory, lsim};
 use deadtime::time::SampleTime;
 use nalgebra::{Complex, DMatrix};
 use serde_json::Value;
@@ -63,7 +63,7 @@ fn compare_sampled(c: &mut Comparison, file: &Value, case: &Value, sys: &StateSp
         let u = list(&file["u"]);
         let u = DMatrix::from_fn(rows.len(), 1, |k, _| u[k]);
         let options = Options { prehistory: Prehistory::Rest, ..Options::default() };
-        let got = lsim_sampled(sys, &u, &options).unwrap();
+        let got = lsim(sys, &u, sys.sample_time(), &options).unwrap();
         c.check("y (running maximum)", id, responses_apart(&got.y, &matrix(&case["y"])), allowed(file, "y", ours));
     }
 }
@@ -282,12 +282,12 @@ fn simulations_agree_with_scipy_and_with_the_exact_solution_under_delay() {
             let [a, b, cm, d] = ["sampled_A", "sampled_B", "sampled_C", "sampled_D"].map(|m| matrix(&case[m]));
             let delays = list(&case["delay_samples"]).into_iter().map(|d| d as usize).collect();
             let sys = StateSpace::sampled(a, b, cm, d, sample_time(case)).unwrap().with_input_delay(delays).unwrap();
-            compare("lsim_sampled", lsim_sampled(&sys, &u, &options).unwrap());
+            compare("lsim of a sampled model", lsim(&sys, &u, sample_time(case), &options).unwrap());
         } else {
             let sys = plant(&file, "models", "dynamics", text(case, "model")).with_input_delay(list(&case["delay_s"])).unwrap();
             compare("lsim", lsim(&sys, &u, sample_time(case), &options).unwrap());
             let time_s: Vec<f64> = (0..u.nrows()).map(|k| k as f64 * number(case, "sample_time_s")).collect();
-            compare("lsim_uneven", lsim_uneven(&sys, &time_s, &u, &options).unwrap());
+            compare("lsim at uneven times", lsim(&sys, &u, time_s.as_slice(), &options).unwrap());
         }
     }
     c.finish();

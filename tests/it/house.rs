@@ -1,4 +1,4 @@
-//! The house of diagnosis: the order of its folders, read from the `use` lines of its files.
+//! The house: the order of the folders of diagnosis, and no circles of files, read from `use` lines.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -118,18 +118,70 @@ fn no_files_of_diagnosis_import_each_other_in_a_circle() {
     let (files, _) = files();
     let graph: BTreeMap<&String, BTreeSet<String>> =
         files.iter().map(|(file, text)| (file, targets(file.split("::").next().unwrap(), text, &files).unwrap())).collect();
+    let circle = circle(&graph);
+    assert!(circle.is_empty(), "files that import each other in a circle, or what imports them: {circle:?}");
+}
+
+/// Files that import each other in a circle, and what imports them.
+fn circle<'g>(graph: &BTreeMap<&'g String, BTreeSet<String>>) -> BTreeSet<&'g String> {
     // What imports nothing that is left goes, until nothing goes: a circle stays.
     let mut left: BTreeSet<&String> = graph.keys().copied().collect();
     loop {
         let free: Vec<&String> = left.iter().copied().filter(|f| graph[*f].iter().all(|t| !left.contains(t))).collect();
         if free.is_empty() {
-            break;
+            return left;
         }
         free.iter().for_each(|f| {
             left.remove(*f);
         });
     }
-    assert!(left.is_empty(), "files that import each other in a circle, or what imports them: {left:?}");
+}
+
+/// What a file of a flat folder of the crate imports of its neighbours, by their names, or what is wrong with an import.
+fn neighbours(folder: &str, text: &str, files: &BTreeMap<String, String>) -> Result<BTreeSet<String>, String> {
+    let own = format!("crate::{folder}::");
+    let mut found = BTreeSet::new();
+    for import in imports(text) {
+        let Some(path) = import.strip_prefix(&own).or_else(|| import.strip_prefix("super::")) else { continue };
+        let target = path.split("::").next().unwrap_or("").to_owned();
+        if !files.contains_key(&target) {
+            return Err(format!("`{import}` is no item of a file"));
+        }
+        found.insert(target);
+    }
+    let code =
+        text.lines().filter(|l| !l.trim_start().starts_with("//") && !l.trim_start().starts_with("use ") && !l.starts_with("pub use "));
+    match code.into_iter().find(|l| l.replace("pub(in crate", "").contains(&own) || l.contains("super::")) {
+        Some(line) => Err(format!("it names a path without importing it: {}", line.trim())),
+        None => Ok(found),
+    }
+}
+
+#[test]
+fn no_files_of_flat_folders_import_each_other_in_a_circle_or_through_their_mod_file() {
+    for folder in ["report", "blind", "python"] {
+        let mut files = BTreeMap::new();
+        for entry in std::fs::read_dir(root().parent().unwrap().join(folder)).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+            let text = std::fs::read_to_string(&path).unwrap();
+            if name != "mod" {
+                files.insert(name, text.split("#[cfg(test)]\nmod ").next().unwrap().to_owned());
+            }
+        }
+        let (mut graph, mut wrong) = (BTreeMap::new(), Vec::new());
+        for (file, text) in &files {
+            match neighbours(folder, text, &files) {
+                Ok(targets) => {
+                    graph.insert(file, targets);
+                }
+                Err(why) => wrong.push(format!("{folder}/{file}.rs: {why}")),
+            }
+        }
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+        let circle = circle(&graph);
+        assert!(circle.is_empty(), "files of {folder} that import each other in a circle, or what imports them: {circle:?}");
+    }
 }
 
 #[test]
@@ -164,4 +216,11 @@ fn imports_are_read_whatever_their_form() {
     assert!(targets("judge", "use crate::diagnose::GapError;\n", &files).is_err());
     assert!(targets("judge", "use super::super::floor::Floor;\n", &files).is_err());
     assert_eq!(targets("judge", "use super::floor::Floor;\n", &files).unwrap().len(), 1);
+    let files = BTreeMap::from([("text".to_owned(), String::new())]);
+    assert!(neighbours("report", "use super::Table;\n", &files).is_err());
+    assert!(neighbours("report", "fn f() { super::text::table(); }\n", &files).is_err());
+    assert_eq!(neighbours("report", "use crate::report::text::Table;\n", &files).unwrap().len(), 1);
+    let (a, b, c) = ("a".to_owned(), "b".to_owned(), "c".to_owned());
+    let graph = BTreeMap::from([(&a, BTreeSet::from([b.clone()])), (&b, BTreeSet::from([a.clone()])), (&c, BTreeSet::new())]);
+    assert_eq!(circle(&graph), BTreeSet::from([&a, &b]));
 }

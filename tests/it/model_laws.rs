@@ -4,7 +4,7 @@ use crate::support::compare::{apart, responses_apart_together};
 use deadtime::model::c2d::{CONVERSIONS, Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, LeastSquares, Tustin, ZeroOrderHold};
 use deadtime::model::uav::Dynamics;
 use deadtime::model::{Continuous, ModelError, Sampled, StateSpace, d2c, dare, dlqr};
-use deadtime::simulate::{Hold, Options, Prehistory, lsim, lsim_sampled, lsim_uneven};
+use deadtime::simulate::{Hold, Options, Prehistory, lsim};
 use deadtime::time::SampleTime;
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
@@ -99,7 +99,7 @@ proptest! {
         let u = signal(samples, seed, m);
         let options = Options { prehistory: Prehistory::Rest, ..Options::default() };
         let delayed = sys.clone().with_input_delay(vec![delay; m]).unwrap();
-        let sampled = lsim_sampled(&ZeroOrderHold {}.c2d(&delayed, seconds(ts)).unwrap(), &u, &options).unwrap();
+        let sampled = lsim(&ZeroOrderHold {}.c2d(&delayed, seconds(ts)).unwrap(), &u, seconds(ts), &options).unwrap();
         // Samples and edges, each with the input that holds from there on.
         let mut stamps: Vec<(f64, usize, usize)> = Vec::new();
         for k in 0..samples {
@@ -111,7 +111,7 @@ proptest! {
         let started = |at: usize| stamps[at].0 >= delay - 1e-9 * ts;
         let time_s: Vec<f64> = stamps.iter().map(|s| s.0).collect();
         let shifted = DMatrix::from_fn(stamps.len(), m, |i, j| if started(i) { u[(stamps[i].2, j)] } else { 0.0 });
-        let reference = lsim_uneven(&sys, &time_s, &shifted, &options).unwrap();
+        let reference = lsim(&sys, &shifted, time_s.as_slice(), &options).unwrap();
         let at_samples: Vec<usize> = (0..stamps.len()).filter(|&i| stamps[i].1 != usize::MAX).collect();
         prop_assert!(responses_apart_together(&sampled.y, &reference.y.select_rows(&at_samples)) < 1e-10);
     }
@@ -132,7 +132,7 @@ proptest! {
         let _ = dare(&a, &b, &eye(a.nrows()), &eye(b.ncols()), None);
         let _ = StateSpace::sampled(a.clone(), b.clone(), c.clone(), d.clone(), ts).map(|sys| {
             let _ = d2c(&sys);
-            let _ = lsim_sampled(&sys, &signal(shapes[7].0, seed, shapes[7].1), &Options::default());
+            let _ = lsim(&sys, &signal(shapes[7].0, seed, shapes[7].1), ts, &Options::default());
         });
         let Ok(sys) = StateSpace::continuous(a, b, c, d) else { return Ok(()) };
         let _ = (sys.poles(), sys.zeros(), sys.is_stable(), sys.frequency_response(1.0));
@@ -149,7 +149,7 @@ proptest! {
                     for prehistory in [Prehistory::Held, Prehistory::Rest] {
                         let options = Options { hold, prehistory, ..Options::default() };
                         let _ = lsim(sys, &u, ts, &options);
-                        let _ = lsim_uneven(sys, &[0.0, 0.1, 0.25][..shapes[6].0.min(3)], &u, &options);
+                        let _ = lsim(sys, &u, &[0.0, 0.1, 0.25][..shapes[6].0.min(3)], &options);
                     }
                 }
             }

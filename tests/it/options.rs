@@ -6,7 +6,7 @@ use deadtime::delay::{
 };
 use deadtime::model::StateSpace;
 use deadtime::signal::{NoiseColour, add_noise, unit_noise};
-use deadtime::simulate::{Options, lsim_sampled};
+use deadtime::simulate::{Options, lsim};
 use deadtime::time::SampleTime;
 use nalgebra::DMatrix;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -85,7 +85,7 @@ fn two_inputs(noise: f64) -> Experiment<'static> {
     let plant = StateSpace::sampled(a, b, DMatrix::identity(3, 3), DMatrix::zeros(3, 2), ts()).unwrap();
     let inputs: Vec<Vec<f64>> = (0..2).map(|_| white(400, &mut rng)).collect();
     let u = DMatrix::from_fn(400, 2, |k, j| inputs[j][k]);
-    let x = lsim_sampled(&plant.clone().with_input_delay(vec![2, 9]).unwrap(), &u, &Options::default()).unwrap().x;
+    let x = lsim(&plant.clone().with_input_delay(vec![2, 9]).unwrap(), &u, ts(), &Options::default()).unwrap().x;
     let states: Vec<Vec<f64>> =
         (0..3).map(|i| x.column(i).iter().zip(white(400, &mut rng)).map(|(x, e)| x + noise * e).collect()).collect();
     let recording = Recording {
@@ -133,7 +133,7 @@ fn pulsed(at: usize) -> Experiment<'static> {
             .unwrap();
     let u: Vec<f64> = (0..80).map(|k| if (at..at + 3).contains(&k) { 1.0 } else { 0.0 }).collect();
     let rest = Options { prehistory: deadtime::simulate::Prehistory::Rest, ..Options::default() };
-    let x = lsim_sampled(&plant.clone().with_input_delay(vec![4]).unwrap(), &DMatrix::from_column_slice(80, 1, &u), &rest).unwrap().x;
+    let x = lsim(&plant.clone().with_input_delay(vec![4]).unwrap(), &DMatrix::from_column_slice(80, 1, &u), ts(), &rest).unwrap().x;
     let x: Vec<f64> = x.column(0).iter().copied().collect();
     let recording = Recording { inputs: vec![u.into()], outputs: vec![x.clone().into()], states: vec![x.into()] };
     let experiment = Experiment::new(ts(), vec!["u".into()], vec!["y".into()], vec![recording]).unwrap();

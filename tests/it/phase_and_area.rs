@@ -1,15 +1,15 @@
 //! Intervals of the all-pass, Laguerre, area and moment methods: how often they hold the truth, fractions of a sample and several recordings included.
 
 use crate::support::plants::{Measured, answer, rbs, second_order, std_dev, sum, ts, white};
-use deadtime::delay::{Experiment, Method, Outcome, Recording, Search, Suits, method};
+use deadtime::delay::{Experiment, Method, Outcome, Recording, ReferenceExperiment, Search, method};
 use rayon::prelude::*;
 
 const PHASE: [&str; 4] = ["oedap", "arxdap", "firdap", "lagudap"];
 const ALL: [&str; 9] = ["oedap", "arxdap", "firdap", "lagudap", "fischer", "area1", "area2", "area3", "moment"];
 
 fn input(method: &Method, samples: usize, seed: u64) -> Vec<f64> {
-    match method.suits {
-        Suits::Steps => (0..samples).map(|t| if t > samples / 10 && t < samples / 2 { 1.0 } else { 0.0 }).collect(),
+    match method.reference {
+        ReferenceExperiment::Steps => (0..samples).map(|t| if t > samples / 10 && t < samples / 2 { 1.0 } else { 0.0 }).collect(),
         _ => rbs(samples, 1.0, seed),
     }
 }

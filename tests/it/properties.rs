@@ -3,7 +3,7 @@
 //! Each number in an assertion was measured; what does not hold exactly is asserted as it is, with the rate that was seen.
 
 use crate::support::plants::{TS, answer, delayed, rbs, respond, samples, second_order, std_dev, sum, times, ts, white, whole};
-use deadtime::delay::{DelayEstimate, Experiment, Law, METHODS, Method, Outcome, Scope, Search, Suits};
+use deadtime::delay::{DelayEstimate, Experiment, Law, METHODS, Method, Outcome, ReferenceExperiment, Scope, Search};
 use deadtime::model::c2d::{Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, Tustin, ZeroOrderHold};
 use deadtime::model::uav::Dynamics;
 use deadtime::model::{Sampled, StateSpace, dlqr};
@@ -161,13 +161,13 @@ fn delaying_a_noisy_output_moves_nearly_every_answer_by_as_much() {
     // The methods that read a phase keep the law on 97 of 100: so many records tell that from 95.
     let records = 300;
     // Of the methods that are made for such records: random input on a plant with dynamics.
-    for method in promising(Law::Shift).filter(|m| m.suits == Suits::Plant) {
+    for method in promising(Law::Shift).filter(|m| m.reference == ReferenceExperiment::Plant) {
         let moved = (0..records).filter(|&seed| {
             let more = 1 + seed as usize * 7 % 25;
             let pole = 0.08 * (seed % 11) as f64;
             // A method of skewed signals has nothing to say of a random binary one.
-            let u = match method.suits {
-                Suits::Skewed => white(400, 1.0, seed).iter().map(|v| v * v - 1.0).collect(),
+            let u = match method.reference {
+                ReferenceExperiment::Skewed => white(400, 1.0, seed).iter().map(|v| v * v - 1.0).collect(),
                 _ => rbs(400, 1.0, seed),
             };
             let clean = second_order(&u, 0.05 + seed as f64 / 10.0, [-pole, 0.0], seed as usize % 10);

@@ -4,8 +4,8 @@
 
 use super::{Area, BEYOND, Lags, Reading, TOLD, answer, area};
 use crate::delay::{
-    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start, Suits, one_pair,
-    posterior,
+    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope, Search,
+    Start, one_pair, posterior,
 };
 use crate::identify::Record;
 use crate::registry::entry;
@@ -71,7 +71,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Area,
     scope: Scope::Pair,
     start: Start::Rest,
-    suits: Suits::Steps,
+    reference: ReferenceExperiment::Steps,
     information: Information::Poles(1),
     tolerance: 2.0,
     withstands: &[],

@@ -4,8 +4,8 @@
 
 use super::{Lags, Reading, TOLD, answer, propagated, pulse_response};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
-    Suits, one_pair,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair,
 };
 use crate::identify::{Fir, Record};
 use crate::registry::entry;
@@ -63,7 +63,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Area,
     scope: Scope::Pair,
     start: Start::Any,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Poles(1),
     tolerance: 2.0,
     withstands: &[Condition::MissingOutputs],

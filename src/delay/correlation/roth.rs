@@ -3,7 +3,9 @@
 //! Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = 1/Guu.
 
 use super::{Line, generalised};
-use crate::delay::{Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Scope, Search, Start, Suits};
+use crate::delay::{
+    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope, Search, Start,
+};
 use crate::registry::entry;
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
@@ -44,7 +46,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Correlation,
     scope: Scope::Pair,
     start: Start::Any,
-    suits: Suits::Copy,
+    reference: ReferenceExperiment::Copy,
     information: Information::TwoSensors,
     tolerance: 0.05,
     withstands: super::WITHSTANDS,

@@ -3,7 +3,9 @@
 //! Equation: k̂ = argmin ⟨|ΔT(i + k) − Δt(i)|²⟩.
 
 use super::{NO_MAGNITUDES, Paired, Units, by_offset, mean};
-use crate::delay::{Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Scope, Search, Start, Suits};
+use crate::delay::{
+    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, ReferenceExperiment, Scope, Search, Start,
+};
 use crate::registry::entry;
 
 /// Inputs: times of the same events at two places ([`Events`](crate::delay::Events)), on one clock. Output: seconds, positive = the second place later.
@@ -47,7 +49,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Events,
     scope: Scope::Events,
     start: Start::Any,
-    suits: Suits::Events,
+    reference: ReferenceExperiment::Events,
     information: Information::Events,
     tolerance: 0.01,
     withstands: &[],

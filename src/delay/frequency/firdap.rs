@@ -4,8 +4,8 @@
 
 use super::all_pass::all_pass;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
-    Suits, one_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::identify::{Record, fir_or_rank};
 use crate::registry::entry;
@@ -64,7 +64,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Frequency,
     scope: Scope::Pair,
     start: Start::Any,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     tolerance: 0.25,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],

@@ -11,8 +11,8 @@ use crate::delay::correlation::{
     Alike, Centred, LATE, NEEDS, WITHSTANDS, alike, enough, hannan_thomson, independent_lines, segment_length,
 };
 use crate::delay::{
-    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record, Scope, Search, Start, Suits,
-    one_pair, posterior,
+    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::registry::entry;
 use crate::signal::HANN_LINES;
@@ -63,7 +63,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Frequency,
     scope: Scope::Pair,
     start: Start::Any,
-    suits: Suits::Copy,
+    reference: ReferenceExperiment::Copy,
     information: Information::TwoSensors,
     tolerance: 0.05,
     withstands: WITHSTANDS,

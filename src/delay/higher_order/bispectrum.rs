@@ -11,8 +11,8 @@ use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use crate::delay::correlation::{Alike, Centred, Interpolant, LATE, real};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record, Scope, Search,
-    Start, Suits, one_pair,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record,
+    ReferenceExperiment, Scope, Search, Start, one_pair,
 };
 use crate::registry::entry;
 use crate::signal::RealFourier;
@@ -79,7 +79,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::HigherOrder,
     scope: Scope::Pair,
     start: Start::Any,
-    suits: Suits::Skewed,
+    reference: ReferenceExperiment::Skewed,
     information: Information::TwoSensors,
     tolerance: 0.05,
     withstands: &[Condition::ColouredNoise, Condition::MissingOutputs],

@@ -6,8 +6,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
-    Suits, one_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::identify::{Initial, OutputError, Record, laguerre_spectra};
 use crate::registry::entry;
@@ -69,7 +69,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Laguerre,
     scope: Scope::Pair,
     start: Start::Rest,
-    suits: Suits::Steps,
+    reference: ReferenceExperiment::Steps,
     information: Information::Poles(POLES),
     tolerance: WHOLE,
     withstands: &[Condition::Dynamics],

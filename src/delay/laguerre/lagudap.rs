@@ -6,8 +6,8 @@
 
 use crate::delay::frequency::all_pass::all_pass;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
-    Suits, one_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::identify::{Laguerre, Record, laguerre};
 use crate::registry::entry;
@@ -78,7 +78,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Laguerre,
     scope: Scope::Pair,
     start: Start::Rest,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     tolerance: 2.5,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],

@@ -5,8 +5,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, Scope, Search, Start, Suits,
-    joint_inputs, one_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, joint_inputs, one_pair, posterior,
 };
 use crate::identify::{ArxScan, JointArx, Record, arx_scan, beside};
 use crate::registry::entry;
@@ -81,7 +81,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Parametric,
     scope: Scope::Pair,
     start: Start::Any,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
     tolerance: WHOLE,
     withstands: &[

@@ -5,7 +5,7 @@
 use super::Arxstruc;
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Scope, Search, Start, Suits,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, ReferenceExperiment, Scope, Search, Start,
 };
 use crate::registry::entry;
 
@@ -57,7 +57,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Parametric,
     scope: Scope::Pair,
     start: Start::Any,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
     tolerance: WHOLE,
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],

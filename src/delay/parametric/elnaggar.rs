@@ -4,8 +4,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
-    Suits, one_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::identify::{Record, arx_scan};
 use crate::registry::entry;
@@ -70,7 +70,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Parametric,
     scope: Scope::Pair,
     start: Start::Any,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     tolerance: WHOLE,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],

@@ -5,8 +5,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
-    Suits, one_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::identify::{MAX_OE_ORDER, Record, RefinedIv};
 use crate::registry::entry;
@@ -72,7 +72,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Parametric,
     scope: Scope::Pair,
     start: Start::Rest,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
     tolerance: WHOLE,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics],

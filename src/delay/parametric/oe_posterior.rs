@@ -7,8 +7,8 @@ use super::Oestruc;
 use super::profile::{Profile, Weighing, check, profile};
 use crate::delay::posterior::{RESOLUTION, first_coefficient};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Scope, Search, Start, Suits,
-    one_pair,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope, Search,
+    Start, one_pair,
 };
 use crate::identify::{Initial, OutputError};
 use crate::registry::entry;
@@ -88,7 +88,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Parametric,
     scope: Scope::Pair,
     start: Start::Rest,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
     // Of the mean of two neighbours of which the second has a probability of 5 %, the most that a 95 % set leaves out.
     tolerance: 0.05,

@@ -5,8 +5,8 @@
 use super::profile::{Profile, Weighing, check, profile, shortened};
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Scope, Search, Start, Suits, one_pair,
-    posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, ReferenceExperiment, Scope, Search,
+    Start, one_pair, posterior,
 };
 use crate::identify::{Initial, OeFit, OutputError, Record};
 use crate::registry::entry;
@@ -69,7 +69,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Parametric,
     scope: Scope::Pair,
     start: Start::Rest,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
     tolerance: WHOLE,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],

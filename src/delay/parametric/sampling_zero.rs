@@ -6,8 +6,8 @@ use nalgebra::DVector;
 
 use super::profile::{Profile, Weighing, check, profile};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
-    Suits, one_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::identify::{Initial, OeFit, OutputError};
 use crate::registry::entry;
@@ -71,7 +71,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Parametric,
     scope: Scope::Pair,
     start: Start::Rest,
-    suits: Suits::Process { poles: 1, zero: false },
+    reference: ReferenceExperiment::Process { poles: 1, zero: false },
     information: Information::Poles(1),
     tolerance: 0.1,
     withstands: &[Condition::ColouredNoise, Condition::MissingOutputs],

@@ -5,8 +5,8 @@
 
 use super::profile::shortened;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
-    Suits, one_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::identify::{Initial, OeFit, OutputError, Record, filtered, largest_pole, power};
 use crate::registry::entry;
@@ -66,7 +66,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Parametric,
     scope: Scope::Pair,
     start: Start::Rest,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
     tolerance: 0.2,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],

@@ -14,8 +14,8 @@ use self::chain::Shape;
 use self::fit::{Found, Place, Problem};
 use super::method::WHOLE;
 use super::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
-    Suits, one_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::identify::{Initial, Record};
 use crate::registry::entry;
@@ -103,7 +103,7 @@ macro_rules! process {
             class: Class::Process,
             scope: Scope::Pair,
             start: Start::Rest,
-            suits: Suits::Process { poles: $poles, zero: $zero },
+            reference: ReferenceExperiment::Process { poles: $poles, zero: $zero },
             information: Information::Poles($poles),
             tolerance: $tolerance,
             withstands: $withstands,

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::delay::{
     Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PlantModel, Prewindow,
-    Recording, Scope, Search, Start, Suits, posterior,
+    Recording, ReferenceExperiment, Scope, Search, Start, posterior,
 };
 use crate::identify::lag_matrix;
 use crate::model::c2d::{Hold, transition};
@@ -69,7 +69,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::States,
     scope: Scope::States,
     start: Start::Any,
-    suits: Suits::States,
+    reference: ReferenceExperiment::States,
     information: Information::KnownModel,
     tolerance: 0.05,
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::Dynamics],

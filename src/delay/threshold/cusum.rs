@@ -10,8 +10,8 @@ use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
 use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Scope, Search, Start,
-    Suits, one_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::registry::entry;
 
@@ -74,7 +74,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Threshold,
     scope: Scope::Pair,
     start: Start::Any,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     tolerance: crate::delay::method::WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],

@@ -7,8 +7,8 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, Scope, Search, Start, Suits,
-    one_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::registry::entry;
 
@@ -66,7 +66,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Threshold,
     scope: Scope::Pair,
     start: Start::Any,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     tolerance: WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],

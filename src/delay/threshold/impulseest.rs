@@ -6,8 +6,8 @@
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, Scope, Search, Start, Suits,
-    one_pair, posterior,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::identify::{Evidence, Record};
 use crate::registry::entry;
@@ -70,7 +70,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Threshold,
     scope: Scope::Pair,
     start: Start::Any,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     tolerance: crate::delay::method::WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],

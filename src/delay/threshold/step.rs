@@ -4,7 +4,8 @@ use super::Threshold;
 use super::response::Kind;
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Scope, Search, Start, Suits,
+    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope, Search,
+    Start,
 };
 use crate::registry::entry;
 
@@ -22,7 +23,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     class: Class::Threshold,
     scope: Scope::Pair,
     start: Start::Any,
-    suits: Suits::Plant,
+    reference: ReferenceExperiment::Plant,
     information: Information::Response,
     tolerance: WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],

@@ -4,6 +4,7 @@ use crate::diagnose::format::found::{FoundEffect, FoundParameter};
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::judge::intervals::Estimate;
 use crate::diagnose::likelihood::gaussian::Likelihood;
+use crate::signal::stats::interval95;
 
 /// Relative standard deviation of a lattice's step: the rounding of numbers in a log.
 const LATTICE: f64 = 1e-6;
@@ -30,7 +31,7 @@ pub(in crate::diagnose) fn found_effects(
             unit: applied.parameters[i].unit.clone(),
             value: value.is_finite().then_some(value),
             std,
-            ci95: std.map(|s| [value - 1.96 * s, value + 1.96 * s]),
+            ci95: std.map(|s| interval95(value, s)),
         }
     };
     (hypothesis.effects.iter().enumerate())

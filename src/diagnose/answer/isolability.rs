@@ -14,6 +14,7 @@ use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::{Applied, Role, Scales};
+use crate::signal::stats;
 
 /// Cosines from which on two effects count as alike.
 const ALIKE: f64 = 0.95;
@@ -181,7 +182,7 @@ fn motion_size(records: &[LogRecord], noise: &[f64]) -> f64 {
     let output = |(i, noise): (usize, &f64)| {
         let of = |record: &LogRecord| {
             let values: Vec<f64> = (0..record.time_s.len()).filter_map(|k| record.measured_in(record.train, i, k)).collect();
-            let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+            let mean = stats::mean(values.iter().copied()).unwrap_or(0.0);
             values.iter().map(|v| ((v - mean) / noise.max(f64::MIN_POSITIVE)).powi(2)).sum::<f64>()
         };
         records.iter().map(of).sum::<f64>()

@@ -7,9 +7,11 @@ use super::predictor::Predictor;
 use super::spectrum::peaks_hz;
 use crate::diagnose::format::error::GapError;
 use crate::diagnose::input::black_box::Probed;
+use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::record::LogRecord;
 use crate::effect::{Applied, Chance, Scales, Spread};
 use crate::error::Result;
+use crate::signal::stats;
 use crate::simulate::{Correction, System};
 
 /// The nominal motion.
@@ -68,7 +70,7 @@ impl Motion {
     }
 
     /// What of every output's residual its own past does not predict: a first size of the noise.
-    pub(in crate::diagnose) fn innovations(&self, records: &[LogRecord]) -> Vec<f64> {
+    pub(in crate::diagnose) fn innovations(&self, records: &[LogRecord], criteria: &Criteria) -> Vec<f64> {
         let trained: Vec<usize> = (0..records.len()).filter(|&i| records[i].train.is_some()).collect();
         let residuals: Vec<DMatrix<f64>> = trained
             .iter()
@@ -78,7 +80,7 @@ impl Motion {
             })
             .collect();
         let of: Vec<&LogRecord> = trained.iter().map(|&i| &records[i]).collect();
-        let noise = Noise::fit(&of, &residuals.iter().collect::<Vec<_>>(), &self.smallest);
+        let noise = Noise::fit(&of, &residuals.iter().collect::<Vec<_>>(), &self.smallest, criteria);
         noise.std()
     }
 
@@ -139,18 +141,14 @@ impl Motion {
 }
 
 fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0.0_f64), |(s, n), v| (s + v * v, n + 1.0));
-    (sum / count.max(1.0)).sqrt()
+    stats::rms(values).unwrap_or(0.0)
 }
 
 /// How far a signal goes over several records.
 fn spread(records: Vec<Vec<f64>>, sample_time_s: f64) -> Spread {
     let fastest = records.iter().flat_map(|r| r.windows(2)).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max) / sample_time_s;
     let all: Vec<f64> = records.into_iter().flatten().collect();
-    if all.is_empty() {
-        return Spread::default();
-    }
-    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    let Some(mean) = stats::mean(all.iter().copied()) else { return Spread::default() };
     let mut sizes: Vec<f64> = all.iter().map(|v| v.abs()).collect();
     sizes.sort_by(f64::total_cmp);
     let at = |q: f64| sizes[(q * (sizes.len() - 1) as f64) as usize];

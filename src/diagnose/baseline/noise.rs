@@ -2,10 +2,8 @@
 
 use nalgebra::DMatrix;
 
+use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::record::{LogRecord, Span};
-
-/// The longest autoregression that is tried.
-const LONGEST: usize = 16;
 
 /// e = L⁻¹ A(q) r: each output's residual through its autoregression, then all through the inverse factor of the innovations' covariance.
 #[derive(Debug, Clone)]
@@ -24,9 +22,9 @@ impl Noise {
     }
 
     /// From residuals (samples × outputs, one per record): autoregressions by Yule and Walker's equations, their orders by Akaike's criterion.
-    pub(in crate::diagnose) fn fit(records: &[&LogRecord], residuals: &[&DMatrix<f64>], smallest: &[f64]) -> Self {
+    pub(in crate::diagnose) fn fit(records: &[&LogRecord], residuals: &[&DMatrix<f64>], smallest: &[f64], criteria: &Criteria) -> Self {
         let outputs = smallest.len();
-        let ar: Vec<Vec<f64>> = (0..outputs).map(|i| autoregression(records, residuals, i)).collect();
+        let ar: Vec<Vec<f64>> = (0..outputs).map(|i| autoregression(records, residuals, i, criteria)).collect();
         let mut covariance = DMatrix::zeros(outputs, outputs);
         let mut count: f64 = 0.0;
         let plain = Self { ar: ar.clone(), unmix: DMatrix::identity(outputs, outputs) };
@@ -138,16 +136,17 @@ pub(in crate::diagnose) fn memory_of(ar: &[f64]) -> f64 {
 }
 
 /// The autoregression of one output's residuals.
-fn autoregression(records: &[&LogRecord], residuals: &[&DMatrix<f64>], output: usize) -> Vec<f64> {
+fn autoregression(records: &[&LogRecord], residuals: &[&DMatrix<f64>], output: usize, criteria: &Criteria) -> Vec<f64> {
     let inside = |(record, residual): (&&LogRecord, &&DMatrix<f64>)| -> Vec<Option<f64>> {
         (0..record.time_s.len()).map(|k| record.measured_in(record.train, output, k).map(|_| residual[(k, output)])).collect()
     };
-    autoregression_of(&records.iter().zip(residuals).map(inside).collect::<Vec<_>>())
+    autoregression_of(&records.iter().zip(residuals).map(inside).collect::<Vec<_>>(), criteria)
 }
 
 /// The autoregression that separate stretches of one noise share, missing samples left out: Yule and Walker's equations, the order by Akaike's criterion.
-pub(in crate::diagnose) fn autoregression_of(stretches: &[Vec<Option<f64>>]) -> Vec<f64> {
-    let mut covariance = [0.0; LONGEST + 1];
+pub(in crate::diagnose) fn autoregression_of(stretches: &[Vec<Option<f64>>], criteria: &Criteria) -> Vec<f64> {
+    let longest = criteria.longest_autoregression;
+    let mut covariance = vec![0.0; longest + 1];
     let mut count: f64 = 0.0;
     for inside in stretches {
         for (lag, sum) in covariance.iter_mut().enumerate() {
@@ -160,8 +159,8 @@ pub(in crate::diagnose) fn autoregression_of(stretches: &[Vec<Option<f64>>]) -> 
     let (mut best, mut lowest) = (Vec::new(), count * covariance[0].max(f64::MIN_POSITIVE).ln());
     let mut ar: Vec<f64> = Vec::new();
     let mut variance = covariance[0];
-    for order in 1..=LONGEST {
-        if variance <= 1e-12 * covariance[0] || count < 10.0 * LONGEST as f64 {
+    for order in 1..=longest {
+        if variance <= 1e-12 * covariance[0] || count < criteria.samples_per_coefficient * longest as f64 {
             break;
         }
         let missed = covariance[order] - ar.iter().enumerate().map(|(j, a)| a * covariance[order - 1 - j]).sum::<f64>();

@@ -4,16 +4,13 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::format::diagnosis::Mode;
 use crate::diagnose::input::black_box::Probed;
+use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::poles::{Poles, sampled};
 use crate::diagnose::input::record::LogRecord;
 use crate::model::dare;
+use crate::signal::stats;
 use crate::simulate::System;
 use crate::time::SampleTime;
-
-/// Process noise of the predictor: commands that are uncertain by this part of their rms. Hardly any, so that slow effects are not swallowed.
-const UNCERTAIN: f64 = 0.01;
-/// How many time constants of the slowest observer pole fit into a log: slower and unstable poles are mirrored about that circle.
-const FORGETS: f64 = 10.0;
 
 /// The mode and, for a predictor, one gain per record.
 #[derive(Debug, Clone)]
@@ -34,15 +31,16 @@ impl Predictor {
         poles: &Poles,
         probed: Option<&Probed>,
         asked: Option<Mode>,
+        criteria: &Criteria,
     ) -> Self {
         match probed {
             Some(probed) => Self { mode: Mode::Simulation, why: probed.why.clone(), gains: Vec::new(), settling_s: probed.settling_s },
-            None => Self::choose(system, records, poles, asked),
+            None => Self::choose(system, records, poles, asked, criteria),
         }
     }
 
     /// Chosen from the poles of the nominal model, or as asked for.
-    fn choose(system: &System, records: &[LogRecord], poles: &Poles, asked: Option<Mode>) -> Self {
+    fn choose(system: &System, records: &[LogRecord], poles: &Poles, asked: Option<Mode>, criteria: &Criteria) -> Self {
         let (mode, why) = match (asked, &poles.slow) {
             (Some(mode), _) => (mode, "asked for".to_owned()),
             (None, Some(why)) => (Mode::Predictor, why.clone()),
@@ -50,7 +48,7 @@ impl Predictor {
         };
         let gains = match mode {
             Mode::Simulation => Vec::new(),
-            Mode::Predictor => records.iter().map(|r| gain(system, r)).collect(),
+            Mode::Predictor => records.iter().map(|r| gain(system, r, criteria)).collect(),
         };
         Self { mode, why, gains, settling_s: poles.settling_s }
     }
@@ -59,14 +57,14 @@ impl Predictor {
 /// The filter gain K of x ← x + K(y − ŷ) with hardly any process noise and a prescribed degree of stability (Anderson and Moore 1969, "Linear system optimization
 /// with prescribed degree of stability", Proc. IEE 116(12), 2083-2087, doi:10.1049/piee.1969.0379): poles outside the circle of radius 1/α are mirrored
 /// about it, all others stay.
-fn gain(system: &System, record: &LogRecord) -> DMatrix<f64> {
+fn gain(system: &System, record: &LogRecord, criteria: &Criteria) -> DMatrix<f64> {
     let (n, p) = (system.states.len(), system.outputs.len());
     let none = DMatrix::zeros(n, p);
     let Some([phi, gamma, c]) = SampleTime::new(record.sample_time_s).ok().and_then(|ts| sampled(system, record, ts)) else { return none };
-    let alpha = 1.0 / (1.0 - (FORGETS / record.time_s.len() as f64).min(0.5));
+    let alpha = 1.0 / (1.0 - (criteria.forgets / record.time_s.len() as f64).min(0.5));
     let a = phi * alpha;
     let r = DMatrix::from_diagonal(&DVector::from_fn(p, |i, _| roughness(record, i)));
-    let moved = DVector::from_fn(gamma.ncols(), |j, _| (UNCERTAIN * deviation(&record.inputs[j])).powi(2));
+    let moved = DVector::from_fn(gamma.ncols(), |j, _| (criteria.uncertain * stats::deviation(&record.inputs[j]).unwrap_or(0.0)).powi(2));
     let q = &gamma * DMatrix::from_diagonal(&moved) * gamma.transpose();
     let q = (&q + q.transpose()) * 0.5;
     let covariance = match dare(&a.transpose(), &c.transpose(), &q, &r, None) {
@@ -94,22 +92,10 @@ fn iterate(a: &DMatrix<f64>, c: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64
     Some(x)
 }
 
-/// Standard deviation of a command.
-fn deviation(values: &[f64]) -> f64 {
-    let count = values.len().max(1) as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt()
-}
-
 /// The variance of an output's white noise, from its second differences; not less than a millionth of its variance.
 fn roughness(record: &LogRecord, output: usize) -> f64 {
     let values: Vec<f64> = (0..record.time_s.len()).filter_map(|k| record.measured[output].get(k)).collect();
-    let mean = |v: &mut dyn Iterator<Item = f64>| {
-        let (sum, count) = v.fold((0.0, 0.0_f64), |(s, n), v| (s + v, n + 1.0));
-        sum / count.max(1.0)
-    };
-    let centre = mean(&mut values.iter().copied());
-    let variance = mean(&mut values.iter().map(|v| (v - centre).powi(2)));
-    let second = mean(&mut values.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).powi(2))) / 6.0;
+    let variance = stats::variance(&values).unwrap_or(0.0);
+    let second = stats::mean(values.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).powi(2))).unwrap_or(0.0) / 6.0;
     second.max(1e-6 * variance).max(f64::MIN_POSITIVE)
 }

@@ -8,6 +8,7 @@ use super::units;
 use crate::diagnose::baseline::predictor::Predictor;
 use crate::diagnose::format::diagnosis::{Check, CheckKind};
 use crate::diagnose::input::black_box::probe;
+use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::inputs::{Simulator, model_effects};
 use crate::diagnose::input::poles::Poles;
 use crate::diagnose::input::record::{LogRecord, Span};
@@ -220,6 +221,6 @@ fn checks(subject: Subject<'_>, logs: &[Log], reports: &[LogReport], stop: &Stop
     }
     let probed = probe(&system, memory.as_ref(), &records)?;
     let poles = probed.as_ref().map_or_else(|| Poles::of(&system, &records), Poles::probed);
-    let predictor = Predictor::of(&system, &records, &poles, probed.as_ref(), None);
+    let predictor = Predictor::of(&system, &records, &poles, probed.as_ref(), None, &Criteria::default());
     Ok(every::checks(&system, &model_effects, &records, predictor))
 }

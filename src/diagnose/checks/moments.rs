@@ -1,8 +1,9 @@
-//! Means, standard deviations and correlations.
+//! Means and standard deviations, 0 of nothing, and correlations.
+
+use crate::signal::stats;
 
 pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0.0_f64), |(s, n), v| (s + v, n + 1.0));
-    sum / count.max(1.0)
+    stats::mean(values).unwrap_or(0.0)
 }
 
 /// Correlation and ratio of standard deviations of y(k) and x(k − lag) at the samples given, each part about its own means.
@@ -20,6 +21,5 @@ pub(super) fn correlation(parts: &[(&[usize], &[f64], &[f64])], lag: isize) -> O
 }
 
 pub(super) fn deviation(values: &[f64]) -> f64 {
-    let centre = mean(values.iter().copied());
-    mean(values.iter().map(|v| (v - centre).powi(2))).sqrt()
+    stats::deviation(values).unwrap_or(0.0)
 }

@@ -12,6 +12,7 @@ use super::record::LogRecord;
 use crate::diagnose::format::caveat::Caveat;
 use crate::diagnose::format::error::GapError;
 use crate::error::Result;
+use crate::signal::stats;
 use crate::simulate::{Commands, Dynamics, Plan, Remembered, System};
 use crate::stop::Stop;
 
@@ -122,9 +123,7 @@ impl Probe<'_> {
 
 /// Standard deviation; of what stands still its size, of what is 0 one.
 fn spread(values: &[f64]) -> f64 {
-    let count = values.len().max(1) as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let std = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt();
+    let std = stats::deviation(values).unwrap_or(0.0);
     let size = values.iter().map(|v| v.abs()).fold(0.0, f64::max);
     if std > 1e-12 * size {
         std

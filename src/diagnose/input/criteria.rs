@@ -29,6 +29,11 @@ pub struct Criteria {
     pub flexible: f64,
     /// A second effect that lowers the rms by this factor is no simulator's own error, however little is known of its parameters; 1. Chosen.
     pub clear: f64,
+    /// From this probability of `unknown` on that is the verdict; 1. Formula: by its own definition the probability is 0.5 at the limit above the floor, and
+    /// grows with every further multiple of the floor.
+    pub unknown_from: f64,
+    /// The probability of `unknown` where what explains best fails on held-out data; 1. Chosen.
+    pub fails_held_out: f64,
     /// The share of the explainable that one effect must explain; 1. Chosen.
     pub one_explains: f64,
     /// The share that two must explain; 1. Chosen.
@@ -37,10 +42,34 @@ pub struct Criteria {
     pub one_generalises: f64,
     /// The same of two; 1. Chosen.
     pub two_generalise: f64,
+    /// Where nothing is named, an effect that a start trusted more or less would bring to light must promise so many selection penalties to be told; 1.
+    /// Chosen: what was just below one penalty and now is just above it is no other verdict.
+    pub newly_visible: f64,
     /// Noise of a sensor forgets within so many samples; what remembers longer is a gap. Chosen: an assumption about sensors, not a result.
     pub slowest_noise: f64,
     /// A window in which calm is looked for holds at least so many times the noise's memory; 1. Chosen.
     pub window_memories: f64,
+    /// Windows per record in which calm is looked for, one search for each; what comes and goes may do so slowly or fast. Chosen.
+    pub windows: [usize; 3],
+    /// Samples of the shortest window. Chosen: a variance of fewer has an error of half its size.
+    pub shortest_window: usize,
+    /// So many windows at least tell calm ones from others. Chosen: two in the calmest quarter.
+    pub fewest_windows: usize,
+    /// The part of the windows that is taken for the calm ones; 1. Chosen.
+    pub calm_part: f64,
+    /// Windows are calmer than others where stationary noise of their colour reaches as much with this probability only; 1. Null: the draw of that noise itself,
+    /// made anew for every residual.
+    pub calm_by_chance: f64,
+    /// The longest autoregression of a residual, in samples; its order is Akaike's choice below this. Chosen.
+    pub longest_autoregression: usize,
+    /// So many samples for each of its coefficients at least, or the noise counts as white. Chosen.
+    pub samples_per_coefficient: f64,
+    /// Past samples of all channels that predict a command, where feedback is looked for. Chosen.
+    pub feedback_past: usize,
+    /// The fixed-gain predictor takes commands to be uncertain by this part of their rms: hardly at all, so that slow effects are not swallowed; 1. Chosen.
+    pub uncertain: f64,
+    /// So many time constants of the predictor's slowest pole fit into a log; poles that are slower or unstable are mirrored about that circle. Chosen.
+    pub forgets: f64,
     /// Past outputs must lower the variance of what its own past leaves of a command by this part before that counts as fed back; 1. Chosen.
     pub fed_back: f64,
     /// Correlation of command and residual in the same sample, in standard deviations of chance. Null: 5 standard deviations come by chance once in a million.
@@ -57,6 +86,8 @@ pub struct Criteria {
     pub prior_factor: f64,
     /// Where a delay that explains much stands at the longest that was looked for, so many times longer ones are looked for, once; 1. Chosen.
     pub longer: f64,
+    /// Not unless the longer one is longer by this factor at least: near the limit that the logs set, nothing is gained; 1. Chosen.
+    pub longer_at_least: f64,
     /// A delay explains much where it gains this part of what the best effect gains; 1. Chosen.
     pub much: f64,
 }
@@ -74,12 +105,25 @@ impl Default for Criteria {
             second_matters: 1.25,
             flexible: 1.1,
             clear: 2.0,
+            unknown_from: 0.5,
+            fails_held_out: 0.9,
             one_explains: 0.93,
             two_explain: 0.97,
             one_generalises: 0.5,
             two_generalise: 0.75,
             slowest_noise: 60.0,
             window_memories: 4.0,
+            newly_visible: 2.0,
+            windows: [20, 60, 180],
+            shortest_window: 10,
+            fewest_windows: 8,
+            calm_part: 0.25,
+            calm_by_chance: 0.01,
+            longest_autoregression: 16,
+            samples_per_coefficient: 10.0,
+            feedback_past: 6,
+            uncertain: 0.01,
+            forgets: 10.0,
             fed_back: 0.05,
             correlated: 5.0,
             decided: 4.0,
@@ -87,6 +131,7 @@ impl Default for Criteria {
             unnoticed: 1.0,
             prior_factor: 10.0,
             longer: 3.0,
+            longer_at_least: 1.2,
             much: 0.25,
         }
     }

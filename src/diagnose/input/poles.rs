@@ -6,6 +6,7 @@ use super::black_box::Probed;
 use super::record::LogRecord;
 use crate::model::StateSpace;
 use crate::model::c2d::transition;
+use crate::signal::stats;
 use crate::simulate::{Dynamics, Hold, Matrices, System};
 use crate::time::SampleTime;
 
@@ -60,7 +61,7 @@ pub(in crate::diagnose) fn sampled(system: &System, record: &LogRecord, ts: Samp
         Dynamics::Linear(matrices) => continuous(matrices),
         Dynamics::BlackBox(..) => None,
         Dynamics::Equations(equations, parameters) => {
-            let mean = |u: &Vec<f64>| u.iter().sum::<f64>() / u.len().max(1) as f64;
+            let mean = |u: &Vec<f64>| stats::mean(u.iter().copied()).unwrap_or(0.0);
             let u: Vec<f64> = record.inputs.iter().map(mean).collect();
             let at = equations.linearise(0.0, &system.initial, &u, parameters);
             continuous(&Matrices { a: at.a, b: at.b, c: at.c, d: at.d })

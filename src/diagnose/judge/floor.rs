@@ -16,11 +16,8 @@ use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::errors::Errors;
 use crate::diagnose::likelihood::gaussian::Likelihood;
+use crate::signal::stats;
 
-/// Windows per record in which calm is looked for: what comes and goes may do so slowly or fast.
-const WINDOWS: [usize; 3] = [20, 60, 180];
-/// Samples of the shortest window.
-const SHORTEST: usize = 10;
 /// Samples of noise that are simulated to see how calm calm windows are by chance.
 const SIMULATED: usize = 200_000;
 
@@ -47,7 +44,7 @@ pub(in crate::diagnose) fn estimate(
             .flat_map(|(r, e)| (0..r.time_s.len()).filter(move |&k| r.measured_in(r.train, i, k).is_some()).map(move |k| e[(k, i)]));
         let square = mean_square(samples);
         let calm = calmest(records, residuals, i, criteria) / square.max(f64::MIN_POSITIVE);
-        let slow = slow(records, residuals, i, criteria.slowest_noise) / square.max(f64::MIN_POSITIVE);
+        let slow = slow(records, residuals, i, criteria) / square.max(f64::MIN_POSITIVE);
         // Noise is in every residual: the calmest of any hypothesis holds no less.
         let lowest =
             reached.iter().map(|(e, other)| e.rms()[i].min(calmest(records, other, i, criteria).sqrt())).fold(f64::INFINITY, f64::min);
@@ -57,14 +54,14 @@ pub(in crate::diagnose) fn estimate(
 }
 
 fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0_usize), |(s, n), v| (s + v * v, n + 1));
-    sum / count.max(1) as f64
+    stats::mean(values.map(|v| v * v)).unwrap_or(0.0)
 }
 
 /// The mean square that noise of the longest memory allowed would have with this residual's innovations; infinite where the residual forgets sooner.
-fn slow(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, slowest: f64) -> f64 {
+fn slow(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, criteria: &Criteria) -> f64 {
     let (trained, left): (Vec<&LogRecord>, Vec<&DMatrix<f64>>) = records.iter().zip(residuals).filter(|(r, _)| r.train.is_some()).unzip();
-    let noise = Noise::fit(&trained, &left, &vec![0.0; left.first().map_or(0, |r| r.ncols())]);
+    let noise = Noise::fit(&trained, &left, &vec![0.0; left.first().map_or(0, |r| r.ncols())], criteria);
+    let slowest = criteria.slowest_noise;
     if noise.memory(output) <= slowest {
         return f64::INFINITY;
     }
@@ -83,25 +80,26 @@ fn calmest(records: &[LogRecord], residuals: &[DMatrix<f64>], output: usize, cri
             inside.map(|k| record.measured[output].get(k).map(|_| residual[(k, output)])).collect()
         })
         .collect();
-    WINDOWS.par_iter().map(|&count| calmest_of(&series, count, criteria.window_memories)).reduce(|| f64::INFINITY, f64::min)
+    criteria.windows.par_iter().map(|&count| calmest_of(&series, count, criteria)).reduce(|| f64::INFINITY, f64::min)
 }
 
 /// As [`calmest`], with so many windows per record.
-fn calmest_of(series: &[Vec<Option<f64>>], count: usize, memories: f64) -> f64 {
+fn calmest_of(series: &[Vec<Option<f64>>], count: usize, criteria: &Criteria) -> f64 {
     let mut windows: Vec<Vec<Option<f64>>> = Vec::new();
     for inside in series {
-        let size = (inside.len() / count).max(SHORTEST);
+        let size = (inside.len() / count.max(1)).max(criteria.shortest_window);
         windows.extend(inside.chunks_exact(size).filter(|w| 2 * w.iter().flatten().count() > size).map(<[_]>::to_vec));
     }
-    if windows.len() < 8 {
+    if windows.len() < criteria.fewest_windows.max(1) {
         return f64::INFINITY;
     }
     windows.sort_by(|a, b| power(a).total_cmp(&power(b)));
     let powers: Vec<f64> = windows.iter().map(|w| power(w)).collect();
-    let (calm, all) = calm_and_all(&powers);
-    let ar = autoregression_of(&windows[..windows.len().div_ceil(4)]);
+    let part = criteria.calm_part;
+    let (calm, all) = calm_and_all(&powers, part);
+    let ar = autoregression_of(&windows[..((part * windows.len() as f64).ceil() as usize).min(windows.len())], criteria);
     let samples: usize = windows.iter().map(Vec::len).sum();
-    if (samples / windows.len()) as f64 <= memories * memory_of(&ar) {
+    if (samples / windows.len()) as f64 <= criteria.window_memories * memory_of(&ar) {
         return f64::INFINITY;
     }
     let draws = (SIMULATED / samples.max(1)).clamp(20, 200);
@@ -110,13 +108,17 @@ fn calmest_of(series: &[Vec<Option<f64>>], count: usize, memories: f64) -> f64 {
         .map(|_| {
             let mut powers: Vec<f64> = windows.iter().map(|w| power(&simulated(&ar, w.len(), &mut rng))).collect();
             powers.sort_by(f64::total_cmp);
-            let (calm, all) = calm_and_all(&powers);
+            let (calm, all) = calm_and_all(&powers, part);
             calm / all
         })
         .collect();
     ratios.sort_by(f64::total_cmp);
     let usual = ratios.iter().sum::<f64>() / draws as f64;
-    if calm / all < ratios[draws / 100] { calm / usual } else { f64::INFINITY }
+    if ratios.get((criteria.calm_by_chance * draws as f64) as usize).is_some_and(|limit| calm / all < *limit) {
+        calm / usual
+    } else {
+        f64::INFINITY
+    }
 }
 
 /// Mean square of the samples that are there.
@@ -124,10 +126,10 @@ fn power(window: &[Option<f64>]) -> f64 {
     mean_square(window.iter().flatten().copied())
 }
 
-/// Means of the calmest quarter and of all, of sorted powers.
-fn calm_and_all(powers: &[f64]) -> (f64, f64) {
-    let mean = |p: &[f64]| p.iter().sum::<f64>() / p.len().max(1) as f64;
-    (mean(&powers[..powers.len() / 4]), mean(powers))
+/// Means of the calmest part and of all, of sorted powers.
+fn calm_and_all(powers: &[f64], part: f64) -> (f64, f64) {
+    let mean = |p: &[f64]| stats::mean(p.iter().copied()).unwrap_or(0.0);
+    (mean(&powers[..((part * powers.len() as f64) as usize).min(powers.len())]), mean(powers))
 }
 
 /// A stretch of autoregressive noise of unit innovations, from rest and after settling.

@@ -13,6 +13,7 @@ use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::{Applied, EFFECTS, Scales};
+use crate::signal::stats::NORMAL_95;
 
 /// Prior sizes of the nominal parameters' relative errors that are tried.
 const SIZES: [f64; 7] = [0.0, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.1];
@@ -112,7 +113,7 @@ pub(in crate::diagnose) fn established(likelihood: &Likelihood<'_>, hypothesis: 
         let own = hypothesis.free.iter().zip(&estimate.std).filter(|((of, _), _)| *of == e);
         let sizes = own.map(|((_, i), std)| (&applied.parameters[*i], applied.values[*i], std));
         let sizes = sizes.filter(|(p, _, _)| p.nominal.is_finite() && !p.role.is_shape());
-        let mut apart = sizes.map(|(p, value, std)| std.is_none_or(|s| (value - p.nominal).abs() > 1.96 * s));
+        let mut apart = sizes.map(|(p, value, std)| std.is_none_or(|s| (value - p.nominal).abs() > NORMAL_95 * s));
         let first = apart.next();
         first.is_none_or(|first| first || apart.any(|a| a))
     })
@@ -133,7 +134,7 @@ fn as_far_as_unnoticed(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, (e,
         there.is_some_and(|there| likelihood.inner(&there, &there) - cost < likelihood.criteria.unnoticed)
     };
     for _ in 0..DOUBLINGS {
-        if !unnoticed(1.96 * reach) && !unnoticed(-1.96 * reach) {
+        if !unnoticed(NORMAL_95 * reach) && !unnoticed(-NORMAL_95 * reach) {
             break;
         }
         reach *= 2.0;

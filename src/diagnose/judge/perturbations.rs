@@ -8,6 +8,7 @@
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Site};
+use crate::signal::stats;
 
 /// The commands of every record, by input.
 pub(in crate::diagnose) type Commanded = Vec<Vec<Vec<f64>>>;
@@ -59,7 +60,6 @@ pub(in crate::diagnose) fn perturbations(likelihood: &Likelihood<'_>, active: Ac
 
 /// Standard deviation over several records.
 fn std<'a>(records: impl Iterator<Item = &'a [f64]> + Clone) -> f64 {
-    let count = records.clone().map(<[f64]>::len).sum::<usize>().max(1) as f64;
-    let mean = records.clone().flatten().sum::<f64>() / count;
-    (records.flatten().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt()
+    let mean = stats::mean(records.clone().flatten().copied()).unwrap_or(0.0);
+    stats::rms(records.flatten().map(|v| v - mean)).unwrap_or(0.0)
 }

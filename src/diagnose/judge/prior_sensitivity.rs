@@ -64,7 +64,9 @@ pub(in crate::diagnose) fn prior_sensitivities(
                     // Something that was just below the search-wide bar and now is just above it is no other verdict.
                     let promise = |s: &Whitened| likelihood.inner(s, &nominal).powi(2) / likelihood.inner(s, s).max(f64::MIN_POSITIVE);
                     let most = signatures.iter().map(|(a, s)| (promise(s), a)).max_by(|a, b| a.0.total_cmp(&b.0));
-                    if let Some((_, applied)) = most.filter(|(promise, _)| *promise > 2.0 * likelihood.criteria.selection_penalty) {
+                    if let Some((_, applied)) =
+                        most.filter(|(promise, _)| *promise > likelihood.criteria.newly_visible * likelihood.criteria.selection_penalty)
+                    {
                         sensitivities.push(PriorSensitivity { state: port.name.clone(), instead: vec![applied.clone()] });
                         break;
                     }

@@ -66,9 +66,9 @@ pub(super) fn rule(levels: &Levels, criteria: &Criteria) -> Ruling {
         }
     }
     if *effects > 0 && !chance && !generalises(levels, decisive, criteria) {
-        unknown = f64::max(unknown, 0.9);
+        unknown = f64::max(unknown, criteria.fails_held_out);
     }
-    let verdict = match (unknown > 0.5, effects) {
+    let verdict = match (unknown > criteria.unknown_from, effects) {
         (true, _) => GapVerdict::Unknown,
         (false, 0) => GapVerdict::None,
         (false, _) => GapVerdict::Effects,

@@ -3,6 +3,7 @@
 use nalgebra::DMatrix;
 
 use crate::diagnose::input::record::{LogRecord, Span};
+use crate::signal::stats;
 
 /// Sums of squared errors and of squared deviations of the measurement, per output.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,7 +24,7 @@ impl Errors {
                 let inside: Vec<(f64, f64)> =
                     (0..record.time_s.len()).filter_map(|k| Some((record.measured_in(span(record), i, k)?, residual[(k, i)]))).collect();
                 let count = inside.len() as f64;
-                let mean = inside.iter().map(|v| v.0).sum::<f64>() / count.max(1.0);
+                let mean = stats::mean(inside.iter().map(|v| v.0)).unwrap_or(0.0);
                 errors.squares[i] += inside.iter().map(|v| v.1 * v.1).sum::<f64>();
                 errors.deviations[i] += inside.iter().map(|v| (v.0 - mean).powi(2)).sum::<f64>();
                 errors.count[i] += count;

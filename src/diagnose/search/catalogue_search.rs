@@ -122,7 +122,7 @@ pub(in crate::diagnose) fn noise_of(likelihood: &Likelihood<'_>, active: ActiveE
             if members.is_empty() { (0..residuals.len()).filter(|&i| likelihood.records[i].train.is_some()).collect() } else { members };
         let records: Vec<_> = members.iter().map(|&i| &likelihood.records[i]).collect();
         let residuals: Vec<_> = members.iter().map(|&i| &residuals[i]).collect();
-        Noise::fit(&records, &residuals, smallest)
+        Noise::fit(&records, &residuals, smallest, &likelihood.criteria)
     };
     Some(likelihood.records.iter().map(|r| noise(r.sample_time_s)).collect())
 }

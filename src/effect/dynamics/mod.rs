@@ -7,4 +7,5 @@ pub(super) mod cubic_stiffness;
 pub(super) mod parameter_error;
 pub(super) mod periodic_disturbance;
 pub(super) mod quadratic_drag;
+pub(super) mod stribeck_friction;
 pub(super) mod unmodelled_mode;

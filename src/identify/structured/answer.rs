@@ -8,9 +8,8 @@ use super::problem::Problem;
 use super::score::GroupScore;
 use crate::fit::{Normal, Stopped};
 use crate::model::EquationsFile;
+use crate::signal::stats::NORMAL_95;
 
-/// Standard deviations on each side of a 95 % interval.
-const INTERVAL: f64 = 1.96;
 /// One step and many steps ahead differ when their ratio is above this, or a nominal value moved by more than [`MOVED`].
 const APART: f64 = 2.0;
 /// A nominal value that moved by this factor is no longer that quantity.
@@ -160,7 +159,7 @@ pub(super) fn answer(problem: &Problem<'_>, fitted: &Fitted, one_step: Option<&[
                 nominal,
                 value,
                 std,
-                interval: [value - INTERVAL * std, value + INTERVAL * std],
+                interval: [value - NORMAL_95 * std, value + NORMAL_95 * std],
                 one_step,
                 standing: standing(nominal, [value, std], one_step, lost),
             }
@@ -197,7 +196,7 @@ pub(super) fn answer(problem: &Problem<'_>, fitted: &Fitted, one_step: Option<&[
 
 fn standing(nominal: f64, [value, std]: [f64; 2], one_step: Option<[f64; 2]>, lost: bool) -> Standing {
     // An interval that holds 0 and twice the value says nothing about the quantity.
-    if lost || INTERVAL * std >= value.abs() {
+    if lost || NORMAL_95 * std >= value.abs() {
         return Standing::Open;
     }
     let moved = nominal != 0.0 && {
@@ -207,7 +206,7 @@ fn standing(nominal: f64, [value, std]: [f64; 2], one_step: Option<[f64; 2]>, lo
     let apart = one_step.is_some_and(|[once, spread]| {
         let ratio = once / value;
         let unlike = !(1.0 / APART..=APART).contains(&ratio);
-        unlike && (once - value).abs() > INTERVAL * std.hypot(spread)
+        unlike && (once - value).abs() > NORMAL_95 * std.hypot(spread)
     });
     match one_step {
         _ if moved || apart => Standing::Surrogate,

@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use super::innovations::InnovationsModel;
 use crate::model::{ModelError, Sampled, StateSpace};
+use crate::signal::stats::NORMAL_95_EXACT;
 use crate::time::SampleTime;
 
 /// Models as the noise would have made them: drawn from the covariance of the long predictor, Σe ⊗ (ZZᵀ)⁻¹.
@@ -51,7 +52,7 @@ impl Root {
         let (Some(sr), Some(si), Some(c)) = (self.std_re, self.std_im, self.covariance) else { return false };
         let determinant = sr * sr * si * si - c * c;
         if self.im == 0.0 || determinant <= 0.0 {
-            return dre.abs() <= 1.959_964 * sr && dim == 0.0;
+            return dre.abs() <= NORMAL_95_EXACT * sr && dim == 0.0;
         }
         // The 95 % quantile of chi-squared with two degrees of freedom.
         (dre * dre * si * si - 2.0 * dre * dim * c + dim * dim * sr * sr) / determinant <= 5.991_465

@@ -4,7 +4,7 @@ use deadtime::delay::{DelayError, DelayEstimate, DelayEstimator, Events, Experim
 use deadtime::model::{Sampled, StateSpace};
 use deadtime::signal::Excitation;
 use deadtime::signal::excitation::Rbs;
-use deadtime::simulate::{Options, Prehistory, lsim_sampled};
+use deadtime::simulate::{Options, Prehistory, lsim};
 use deadtime::time::SampleTime;
 use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
@@ -60,7 +60,7 @@ pub(crate) fn delayed(x: &[f64], k: usize) -> Vec<f64> {
 pub(crate) fn respond(sys: &StateSpace<Sampled>, inputs: &[Vec<f64>], delay: &[usize]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let sys = sys.clone().with_input_delay(delay.to_vec()).unwrap();
     let u = DMatrix::from_fn(inputs[0].len(), inputs.len(), |t, j| inputs[j][t]);
-    let response = lsim_sampled(&sys, &u, &Options { prehistory: Prehistory::Rest, ..Options::default() }).unwrap();
+    let response = lsim(&sys, &u, sys.sample_time(), &Options { prehistory: Prehistory::Rest, ..Options::default() }).unwrap();
     let columns = |m: &DMatrix<f64>| m.column_iter().map(|c| c.iter().copied().collect()).collect();
     (columns(&response.y), columns(&response.x))
 }
@@ -81,7 +81,6 @@ pub(crate) fn second_order(u: &[f64], b: f64, f: [f64; 2], delay: usize) -> Vec<
 /// Integrated exactly over each stretch of constant input by the crate's `lsim`, which is tested against other tools on its own.
 pub(crate) fn process(u: &[f64], lags_s: &[f64], zero_s: Option<f64>, delay_s: f64, ts_s: f64) -> Vec<f64> {
     use deadtime::model::{Continuous, TransferFunction};
-    use deadtime::simulate::lsim;
     let times = |a: &[f64], lag: f64| -> Vec<f64> {
         let (up, same) = (a.iter().map(|v| v * lag).chain([0.0]), [0.0].into_iter().chain(a.iter().copied()));
         up.zip(same).map(|(a, b)| a + b).collect()

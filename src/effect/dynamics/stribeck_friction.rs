@@ -1,0 +1,69 @@
+//! Dry friction that is larger at low speed: −(level + extra·exp(−(x/velocity)²))·sign(x) on the derivative of the velocity x, which sticks at 0.
+//!
+//! The falling curve is that of Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, eq. 5 with δ = 2 and without its viscous part,
+//! doi:10.1016/0005-1098(94)90209-7. It is the contact of dry friction of level + extra, less the part extra·(1 − exp(−(x/velocity)²)) that speed takes away;
+//! that part is 0 at rest, so the contact sticks and breaks loose at level + extra.
+
+use std::sync::Arc;
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
+use crate::simulate::{Plan, System, Term};
+
+/// Dry friction that is larger at low speed.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct StribeckFriction;
+
+impl Effect for StribeckFriction {
+    fn name(&self) -> &'static str {
+        "stribeck_friction"
+    }
+
+    fn summary(&self) -> &'static str {
+        "dry friction that sticks, larger at low speed"
+    }
+
+    fn site(&self) -> Site {
+        Site::Dynamics
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.states)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let state = &system.states[channel::state(self, system, channel)?];
+        let force = channel::per(state, "s");
+        Ok(vec![
+            channel::not_negative("level", force.clone(), 0.0),
+            channel::not_negative("extra", force, 0.0),
+            Parameter { role: Role::Shape, lower: 1e-9, ..channel::free("velocity", channel::unit(state), 1.0) },
+        ])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok(i) = channel::state(self, system, channel) else { return Vec::new() };
+        let Some((speed, force)) = scales.states.get(i).zip(scales.derivatives.get(i)) else { return Vec::new() };
+        let guesses = |share: f64| [0.1, 0.4].map(|slow| vec![share * force, share * force, (slow * speed.rms).max(1e-9)]);
+        [0.1, 0.4].into_iter().flat_map(guesses).collect()
+    }
+
+    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
+        values[0] == 0.0 && values[1] == 0.0
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Amplitude)
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let state = channel::state(self, system, channel)?;
+        let (level, extra, velocity) = (values[0], values[1], values[2]);
+        plan.terms.push(Term::Friction { state, level: level + extra });
+        if extra != 0.0 {
+            let taken = move |x: f64| x.signum() * extra * -f64::exp_m1(-(x / velocity).powi(2));
+            plan.terms.push(Term::Function { to: state, from: state, f: Arc::new(taken) });
+        }
+        Ok(())
+    }
+}
