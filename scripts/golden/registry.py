@@ -9,9 +9,15 @@ from . import regression_cases as regression
 from . import riccati_cases as riccati
 from . import simulation_cases as simulation
 from . import subspace_cases
+from . import correlation_cases
+from . import parametric_cases
+from . import process_cases
 from . import zeros_cases as zeros
 
 CASES = {
+    "delays_process": {"reference.json": process_cases.process},
+    "delays_parametric": {"reference.json": parametric_cases.parametric},
+    "delays_correlation": {"reference.json": correlation_cases.correlation},
     "c2d_zoh": {"reference.json": partial(c2d.held_method, "zoh"), "octave.json": c2d.octave_file("zoh")},
     "c2d_foh": {"reference.json": partial(c2d.held_method, "foh"), "octave.json": c2d.octave_file("foh")},
     "c2d_impulse": {"reference.json": c2d.impulse},

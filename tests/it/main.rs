@@ -50,6 +50,7 @@ mod gap_hard;
 mod gate;
 mod golden;
 mod golden_effects;
+mod golden_estimators;
 mod higher_order;
 mod house;
 mod identify;
