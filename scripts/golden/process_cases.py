@@ -49,12 +49,12 @@ def columns(u, lags, delay, zero: bool):
 
 
 def fit(u, y, poles: int, zero: bool):
-    """(loss, delay): the least squares over gain, zero, poles and delay, started on a grid of delays and lags."""
+    """(loss, delay): the least squares over gain, zero, level, poles and delay, started on a grid of delays and lags."""
 
     def rest(theta):
         # Time constants by positive steps from the fastest: equal ones have no partial fractions.
         lags = np.cumsum(np.exp(np.clip(theta[1:], -12, 12)))[::-1]
-        basis = columns(u, lags, theta[0], zero)
+        basis = np.column_stack([columns(u, lags, theta[0], zero), np.ones(len(u))])
         linear = np.linalg.lstsq(basis, y, rcond=None)[0]
         return basis @ linear - y
 

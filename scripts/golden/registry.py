@@ -12,9 +12,11 @@ from . import subspace_cases
 from . import correlation_cases
 from . import parametric_cases
 from . import process_cases
+from . import response_cases
 from . import zeros_cases as zeros
 
 CASES = {
+    "delays_response": {"reference.json": response_cases.response},
     "delays_process": {"reference.json": process_cases.process},
     "delays_parametric": {"reference.json": parametric_cases.parametric},
     "delays_correlation": {"reference.json": correlation_cases.correlation},

@@ -3,7 +3,7 @@
 use crate::support::compare::{Comparison, complex_list, count, golden, list, list_apart, matrix, number, points_apart, relative, text};
 use crate::support::plants::ts;
 use deadtime::delay::{Experiment, ProcessModel, Search, bound, method};
-use deadtime::identify::{Armax, Record, RefinedIv};
+use deadtime::identify::{Armax, Record, RefinedIv, fir_regularised};
 use deadtime::signal::{CrossSpectra, correlation};
 use serde_json::Value;
 
@@ -175,5 +175,31 @@ fn slopes_and_bounds_agree_with_the_information_matrix_and_quadrature() {
     let (slope, most) = (number(b, "slope"), number(b, "most"));
     close("ziv_zakai", bound::ziv_zakai(number(b, "window"), |h| (slope * h).min(most)), b, 1e-4);
     close("anomaly", bound::anomaly_probability(number(b, "peak"), number(b, "cells")), b, 1e-6);
+    c.finish();
+}
+
+#[test]
+fn thresholds_areas_all_pass_parts_and_laguerre_series_agree_with_scipy() {
+    answers("delays_response");
+}
+
+/// The prior is found by a search that ends at 3 % of ln(−ln λ) and 7 % of ln γ; the likelihood is so flat there that the response hardly moves.
+const OF_STD: f64 = 0.05;
+
+#[test]
+fn the_regularised_response_agrees_with_the_outputs_covariance_matrix() {
+    let file = golden("delays_response", "reference.json");
+    let mut c = Comparison::new("delays_response/reference.json regularised");
+    let expected = &file["regularised"];
+    let fir = fir_regularised(&one(&file, "plant"), count(expected, "taps")).unwrap();
+    let (coefficients, std) = (list(&expected["coefficients"]), list(&expected["std"]));
+    for (i, (h, s)) in coefficients.iter().zip(&std).enumerate() {
+        let own = fir.covariance[(i, i)].sqrt();
+        c.check("coefficients (of their standard deviations)", &format!("tap {i}"), (fir.coefficients[i] - h).abs() / s, OF_STD);
+        c.check("standard deviations", &format!("tap {i}"), relative(own - s, *s), OF_STD);
+    }
+    let variance = number(expected, "variance");
+    c.check("variance", "", relative(fir.variance - variance, variance), OF_STD);
+    c.check("decay", "", (fir.decay.ln() / number(expected, "decay").ln()).ln().abs(), OF_STD);
     c.finish();
 }
