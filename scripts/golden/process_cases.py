@@ -151,7 +151,7 @@ def process(stored: dict | None) -> dict:
         "tool": TOOL,
         "tolerance": {"default": 1e-7, "joint": 1e-6, "raw": 1e-5, "delay": 1e-5},
         "records": as_records(**records),
-        "within": 1e-3,
+        "within": 1e-4,
         "answers": answers,
         "slopes": slopes(u),
         "bounds": bounds(u),

@@ -10,12 +10,16 @@ from . import riccati_cases as riccati
 from . import simulation_cases as simulation
 from . import subspace_cases
 from . import correlation_cases
+from . import event_cases
+from . import signal_cases
 from . import parametric_cases
 from . import process_cases
 from . import response_cases
 from . import zeros_cases as zeros
 
 CASES = {
+    "delays_events": {"reference.json": event_cases.events},
+    "signals": {"reference.json": signal_cases.signals},
     "delays_response": {"reference.json": response_cases.response},
     "delays_process": {"reference.json": process_cases.process},
     "delays_parametric": {"reference.json": parametric_cases.parametric},

@@ -51,6 +51,7 @@ mod gate;
 mod golden;
 mod golden_effects;
 mod golden_estimators;
+mod golden_signals;
 mod higher_order;
 mod house;
 mod identify;
