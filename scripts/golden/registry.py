@@ -12,12 +12,14 @@ from . import subspace_cases
 from . import correlation_cases
 from . import event_cases
 from . import signal_cases
+from . import ode_cases
 from . import parametric_cases
 from . import process_cases
 from . import response_cases
 from . import zeros_cases as zeros
 
 CASES = {
+    "ode": {"reference.json": ode_cases.ode},
     "delays_events": {"reference.json": event_cases.events},
     "signals": {"reference.json": signal_cases.signals},
     "delays_response": {"reference.json": response_cases.response},

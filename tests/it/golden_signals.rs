@@ -1,10 +1,13 @@
 //! Events, excitations, noise, Jacobians and the steppers of differential equations against other people's arithmetic.
 
-use crate::support::compare::{Comparison, golden, list, list_apart, number, text};
+use crate::support::compare::{Comparison, count, golden, list, list_apart, matrix, number, text};
 use crate::support::plants::{rng, ts};
 use deadtime::delay::{Events, Experiment, Search, method};
 use deadtime::signal::excitation::{Excitation, Rbs, by_name};
+use deadtime::model::{EquationsFile, Wrt};
 use deadtime::signal::{NoiseColour, unit_noise};
+use deadtime::simulate::ode::{Integrator, Method, Rhs};
+use nalgebra::DMatrix;
 
 #[test]
 fn event_criteria_agree_with_direct_sums_over_every_offset() {
@@ -75,6 +78,114 @@ fn noise_and_random_binary_signals_have_the_spectra_of_their_filters() {
         let band = list(&case["band"]);
         let u = Rbs { band: [band[0], band[1]], ..Rbs::default() }.generate(DRAWN, &mut rng(8)).unwrap();
         correlations(&mut c, "rbs (standard deviations of chance)", text(case, "id"), &u, &list(&case["autocorrelation"]));
+    }
+    c.finish();
+}
+
+/// A case of golden/equations; its model is read as it stands, since the order of its tables counts.
+#[derive(serde::Deserialize)]
+struct Plant {
+    id: String,
+    model: EquationsFile,
+    time_s: Vec<f64>,
+    u: Vec<Vec<f64>>,
+    x: Vec<Vec<f64>>,
+}
+
+#[derive(serde::Deserialize)]
+struct Plants {
+    cases: Vec<Plant>,
+}
+
+/// Extrapolated differences of a sixth-order error, whose own rounding is some 1e-11 of the largest derivative of a column.
+const DIFFERENCES: f64 = 1e-7;
+
+#[test]
+fn jacobians_of_equations_agree_with_extrapolated_differences() {
+    let file = golden("ode", "reference.json");
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/equations/reference.json");
+    let plants: Plants = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+    let mut c = Comparison::new("ode/reference.json jacobians");
+    for case in file["jacobians"].as_array().unwrap() {
+        let plant = plants.cases.iter().find(|p| p.id == text(case, "case")).unwrap();
+        let equations = plant.model.equations().unwrap();
+        let (sample, mut workspace, p) = (count(case, "sample"), equations.workspace(), equations.nominal());
+        let (t, x, u) = (plant.time_s[sample], &plant.x[sample], &plant.u[sample]);
+        let n = x.len();
+        for (key, wrt) in [("states", Wrt::States), ("inputs", Wrt::Inputs), ("parameters", Wrt::Parameters)] {
+            let expected = matrix(&case[key]);
+            let (mut f, mut g) = (DMatrix::zeros(n, expected.ncols()), DMatrix::zeros(expected.nrows() - n, expected.ncols()));
+            equations.derivatives_jacobian(wrt, t, x, u, &p, &mut workspace, f.as_mut_slice());
+            equations.outputs_jacobian(wrt, t, x, u, &p, &mut workspace, g.as_mut_slice());
+            for j in 0..expected.ncols() {
+                let got: Vec<f64> = f.column(j).iter().chain(g.column(j).iter()).copied().collect();
+                let column: Vec<f64> = expected.column(j).iter().copied().collect();
+                c.check(&format!("by {key}"), &format!("{}, column {j}", text(case, "id")), list_apart(&got, &column), DIFFERENCES);
+            }
+        }
+    }
+    c.finish();
+}
+
+/// dx/dt of the three problems of golden/ode, as its SOURCE.md writes them.
+struct Classical<'a>(&'a str);
+
+impl Rhs for Classical<'_> {
+    fn dim(&self) -> usize {
+        match self.0 {
+            "arenstorf" => 4,
+            "robertson" => 3,
+            _ => 2,
+        }
+    }
+
+    fn eval(&mut self, t: f64, x: &[f64], dx: &mut [f64]) {
+        match self.0 {
+            "arenstorf" => {
+                let mu = 0.012_277_471;
+                let nu = 1.0 - mu;
+                let distance = |from: f64| ((x[0] - from).powi(2) + x[1] * x[1]).powf(1.5);
+                let (earth, moon) = (distance(-mu), distance(nu));
+                dx[0] = x[2];
+                dx[1] = x[3];
+                dx[2] = x[0] + 2.0 * x[3] - nu * (x[0] + mu) / earth - mu * (x[0] - nu) / moon;
+                dx[3] = x[1] - 2.0 * x[2] - nu * x[1] / earth - mu * x[1] / moon;
+            }
+            "robertson" => {
+                let (first, second) = (1e4 * x[1] * x[2], 3e7 * x[1] * x[1]);
+                dx[0] = -0.04 * x[0] + first;
+                dx[1] = 0.04 * x[0] - first - second;
+                dx[2] = second;
+            }
+            _ => {
+                let square = x[0] * x[0] * x[1];
+                dx[0] = 1.0 + square - 4.0 * x[0] + 0.2 * (3.0 * t).sin();
+                dx[1] = 3.0 * x[0] - square;
+            }
+        }
+    }
+}
+
+#[test]
+fn steppers_agree_with_scipy_on_stiff_and_other_problems() {
+    let file = golden("ode", "reference.json");
+    let mut c = Comparison::new("ode/reference.json");
+    for case in file["cases"].as_array().unwrap() {
+        let id = text(case, "id");
+        let (mut rhs, mut x, expected) = (Classical(id), list(&case["x0"]), matrix(&case["x"]));
+        // One step's error; a path's is so many times that as the problem amplifies it (Arenstorf's orbit passes the moon).
+        let (rtol, within) = if id == "arenstorf" { (1e-12, 1e-6) } else { (1e-10, 1e-8) };
+        let mut integrator = Integrator::with_tolerance(x.len(), rtol, 1e-4 * rtol);
+        let mut t = 0.0;
+        for (row, to) in list(&case["times"]).into_iter().enumerate() {
+            integrator.advance(&mut rhs, t, to, &mut x).unwrap_or_else(|e| panic!("{id}: {e}"));
+            t = to;
+            let scale = expected.row(row).amax();
+            let apart = x.iter().zip(expected.row(row).iter()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / scale;
+            c.check(&format!("{id} x"), &format!("t {t}"), apart, within);
+        }
+        let stiff = integrator.method() == Method::Rosenbrock;
+        assert_eq!(stiff, id == "robertson", "{id}: the method that its equations ask for");
     }
     c.finish();
 }
