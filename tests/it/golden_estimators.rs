@@ -2,7 +2,7 @@
 
 use crate::support::compare::{Comparison, complex_list, count, golden, list, list_apart, matrix, number, points_apart, relative, text};
 use crate::support::plants::ts;
-use deadtime::delay::{Experiment, ProcessModel, Search, bound, method};
+use deadtime::delay::{Experiment, METHODS, ProcessModel, Search, bound, method};
 use deadtime::identify::{Armax, Record, RefinedIv, fir_regularised};
 use deadtime::signal::{CrossSpectra, correlation};
 use serde_json::Value;
@@ -150,16 +150,13 @@ fn slopes_and_bounds_agree_with_the_information_matrix_and_quadrature() {
     let mut c = Comparison::new("delays_process/reference.json bounds");
     let (u, _) = record(&file, "p2dz");
     let e = &file["slopes"];
-    let model = ProcessModel {
-        gain: number(e, "gain"),
-        lags_s: list(&e["lags"]),
-        zero_s: Some(number(e, "zero")),
-        delay_s: number(e, "delay"),
-    };
+    let model =
+        ProcessModel { gain: number(e, "gain"), lags_s: list(&e["lags"]), zero_s: Some(number(e, "zero")), delay_s: number(e, "delay") };
     let slopes = model.slopes(&u, ts(1.0)).unwrap();
     c.check("response", "", list_apart(&slopes.response, &list(&e["response"])), DIRECT);
     c.check("by_delay", "", list_apart(&slopes.by_delay, &list(&e["by_delay"])), DIRECT);
-    let mut close = |key: &str, got: f64, from: &Value, within: f64| c.check(key, "", relative(got - number(from, key), number(from, key)), within);
+    let mut close =
+        |key: &str, got: f64, from: &Value, within: f64| c.check(key, "", relative(got - number(from, key), number(from, key)), within);
     let noise = number(e, "noise");
     close("known", bound::known_model(&slopes.by_delay, noise), e, DIRECT);
     // Their derivatives by the other parameters are differences of fourth order.
@@ -202,4 +199,27 @@ fn the_regularised_response_agrees_with_the_outputs_covariance_matrix() {
     c.check("variance", "", relative(fir.variance - variance, variance), OF_STD);
     c.check("decay", "", (fir.decay.ln() / number(expected, "decay").ln()).ln().abs(), OF_STD);
     c.finish();
+}
+
+/// No method without a witness: a row of docs/validation.md that names data, and data that hold an answer of the method.
+#[test]
+fn every_method_has_a_witness_in_the_table() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = std::fs::read_to_string(root.join("docs/validation.md")).unwrap();
+    for method in METHODS {
+        let name = method.entry.name;
+        let row = page.lines().find(|line| line.starts_with(&format!("| `{name}` |"))).unwrap_or_else(|| panic!("{name} has no row"));
+        let cells: Vec<&str> = row.trim_matches('|').split('|').map(str::trim).collect();
+        assert!(cells.len() == 5 && cells.iter().all(|cell| !cell.is_empty()), "{name}: an empty cell in {row}");
+        let folders: Vec<&str> = cells[3].split('[').filter_map(|part| Some(part.split_once(']')?.0)).collect();
+        let held = |folder: &&str| {
+            let text = std::fs::read_to_string(root.join("golden").join(folder).join("reference.json")).unwrap();
+            // Answers name their method; the regression on states is a section of its own name.
+            text.contains(&format!("\"method\":\"{name}\"")) || text.contains(&format!("\"{name}\":"))
+        };
+        assert!(folders.iter().any(held), "{name}: none of {folders:?} holds an answer of it");
+        for folder in folders {
+            assert!(root.join("golden").join(folder).join("SOURCE.md").exists(), "{name}: {folder} has no source");
+        }
+    }
 }

@@ -3,8 +3,8 @@
 use crate::support::compare::{Comparison, count, golden, list, list_apart, matrix, number, text};
 use crate::support::plants::{rng, ts};
 use deadtime::delay::{Events, Experiment, Search, method};
-use deadtime::signal::excitation::{Excitation, Rbs, by_name};
 use deadtime::model::{EquationsFile, Wrt};
+use deadtime::signal::excitation::{Excitation, Rbs, by_name};
 use deadtime::signal::{NoiseColour, unit_noise};
 use deadtime::simulate::ode::{Integrator, Method, Rhs};
 use nalgebra::DMatrix;
