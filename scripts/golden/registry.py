@@ -9,9 +9,23 @@ from . import regression_cases as regression
 from . import riccati_cases as riccati
 from . import simulation_cases as simulation
 from . import subspace_cases
+from . import correlation_cases
+from . import event_cases
+from . import signal_cases
+from . import ode_cases
+from . import parametric_cases
+from . import process_cases
+from . import response_cases
 from . import zeros_cases as zeros
 
 CASES = {
+    "ode": {"reference.json": ode_cases.ode},
+    "delays_events": {"reference.json": event_cases.events},
+    "signals": {"reference.json": signal_cases.signals},
+    "delays_response": {"reference.json": response_cases.response},
+    "delays_process": {"reference.json": process_cases.process},
+    "delays_parametric": {"reference.json": parametric_cases.parametric},
+    "delays_correlation": {"reference.json": correlation_cases.correlation},
     "c2d_zoh": {"reference.json": partial(c2d.held_method, "zoh"), "octave.json": c2d.octave_file("zoh")},
     "c2d_foh": {"reference.json": partial(c2d.held_method, "foh"), "octave.json": c2d.octave_file("foh")},
     "c2d_impulse": {"reference.json": c2d.impulse},

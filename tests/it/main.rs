@@ -50,6 +50,8 @@ mod gap_hard;
 mod gate;
 mod golden;
 mod golden_effects;
+mod golden_estimators;
+mod golden_signals;
 mod higher_order;
 mod house;
 mod identify;
