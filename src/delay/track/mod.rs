@@ -4,8 +4,10 @@ mod answer;
 mod path;
 mod rows;
 mod smooth;
+mod tracker;
 mod watch;
 
 pub use answer::{Anchor, AtOneDelay, Kind, Moving, Tracked, tracked};
 pub use smooth::{Drift, Track};
+pub use tracker::{Alarm, Tracker, TrackerOptions, Tracking};
 pub use watch::{Stretch, Watch, Watched};
