@@ -1,11 +1,13 @@
-//! How often a delay that stands is said to move, and how often one that jumps is seen: tables in Markdown, by excitation.
+//! How often a delay that stands is said to move, how often one that jumps is seen, and how often a track holds the truth: tables in Markdown, by excitation.
 //!
-//! `cargo run --release --example track_alarms -- [DRAWS] [FIRST SEED]`; `scripts/track_study` writes them into the documents.
+//! `cargo run --release --example track_study -- [DRAWS] [FIRST SEED]`; `scripts/track_study` writes them into the documents.
 
+use std::collections::BTreeMap;
 use std::error::Error;
 
 use deadtime::delay::track::{Alarm, Tracker, TrackerOptions, Watch};
-use deadtime::delay::{Record, Search};
+use deadtime::delay::{Job, Record, Scope, Search, chosen};
+use deadtime::log::{Channel, Log};
 use deadtime::signal::excitation::EXCITATIONS;
 use deadtime::signal::{Noise, NoiseColour};
 use deadtime::time::SampleTime;
@@ -132,6 +134,73 @@ fn percent(part: usize, of: usize) -> String {
     if of == 0 { "–".to_owned() } else { format!("{:.1} % of {of}", 100.0 * part as f64 / of as f64) }
 }
 
+/// How a delay moves: its name, and the samples that it is later at a share of the record.
+type Motion = (&'static str, fn(f64) -> f64);
+
+/// Motions of which tracks are made.
+const MOTIONS: [Motion; 5] = [
+    ("stands", |_| 0.0),
+    ("jumps by 2 samples", |t| if t < 0.5 { 0.0 } else { 2.0 }),
+    ("jumps by 6 samples", |t| if t < 0.4 { 0.0 } else { 6.0 }),
+    ("jumps by 6 samples and back", |t| if (0.3..0.7).contains(&t) { 6.0 } else { 0.0 }),
+    ("drifts by 8 samples", |t| 8.0 * t),
+];
+
+/// Share of the samples at which the track's band holds the truth, and whether the record is said to be what it is; through the whole estimation.
+fn held(u: &[f64], y: &[f64], truth: impl Fn(f64) -> f64) -> Result<Option<(f64, bool)>, Box<dyn Error>> {
+    let time_s = (0..u.len()).map(|k| TS * k as f64).collect();
+    let channels = vec![Channel::new("u", None, u.to_vec()), Channel::new("y", None, y.to_vec())];
+    let names = ["oestruc", "oe_posterior", "arxstruc", "p2d"].map(str::to_owned);
+    let methods = chosen(&names, &BTreeMap::new(), &[Scope::Pair])?;
+    let job = Job { methods, track: true, ..Job::new(vec![Log::new("draw", time_s, channels)?], ["u"], ["y"]) };
+    let report = job.run()?;
+    let Some(pair) = report.pairs.first() else { return Ok(None) };
+    let Some(track) = &pair.track else { return Ok(None) };
+    let inside = |i: &usize| {
+        let d = TS * truth(track.time_s[*i] / TS);
+        track.low_s[*i] <= d + 1e-9 && d <= track.high_s[*i] + 1e-9
+    };
+    let count = track.time_s.len();
+    let moves = truth(0.0) != truth(u.len() as f64 - 1.0) || truth(0.0) != truth(u.len() as f64 / 2.0);
+    Ok(Some(((0..count).filter(inside).count() as f64 / count.max(1) as f64, pair.moving.is_some() == moves)))
+}
+
+/// Tracks of every motion.
+fn bands(draws: u64, first: u64, cases: &[(usize, usize)]) -> Result<(), Box<dyn Error>> {
+    println!(
+        "## Tracks\n\nThe share of samples at which the 95 % band of `estimate --track` holds the true dead time, and that of records whose delay is rightly said to move or to"
+    );
+    println!("stand: records of {RECORD} samples, signal-to-noise ratios of 10 and 100.\n");
+    println!("| excitation | the delay | in the band | rightly said | records |\n| --- | --- | ---: | ---: | ---: |");
+    let mut all = (0.0, 0.0);
+    for name in ["rbs", "prbs", "multisine", "chirp", "doublet", "three_two_one_one"] {
+        for (motion, later) in MOTIONS {
+            let (mut share, mut right, mut count) = (0.0, 0.0, 0.0);
+            for seed in first..first + draws {
+                for &case in cases {
+                    for snr in [10.0, 100.0] {
+                        let mut rng = ChaCha8Rng::seed_from_u64(1000 * seed + 10 * case.0 as u64 + case.1 as u64);
+                        let Some(u) = excite(name, RECORD, &mut rng) else { continue };
+                        let delay = rng.random_range(2.0..15.0);
+                        let truth = |t: f64| delay + later(t / RECORD as f64);
+                        let y = respond(case.0, &u, truth, &mut rng);
+                        let y = Noise { snr, colour: colour(case.1), ..Noise::default() }.add(&y, &mut rng)?;
+                        if let Some((held, said)) = held(&u, &y, truth)? {
+                            share += held;
+                            right += f64::from(u8::from(said));
+                            count += 1.0;
+                        }
+                    }
+                }
+            }
+            println!("| {name} | {motion} | {:.1} % | {:.1} % | {count} |", 100.0 * share / count, 100.0 * right / count);
+            all = (all.0 + share, all.1 + count);
+        }
+    }
+    println!("| all | | {:.1} % | | {} |", 100.0 * all.0 / all.1, all.1);
+    Ok(())
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let draws: u64 = arguments.next().map_or(Ok(10), |a| a.parse())?;
@@ -231,5 +300,5 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     println!("| rbs and prbs, all jumps | | {} | | {} | |\n", percent(rich[1], rich[0]), percent(rich[3], rich[2]));
-    Ok(())
+    bands(draws.div_ceil(10), first, &cases)
 }
