@@ -52,6 +52,9 @@ pub(super) struct Estimate {
     /// An option of a method, such as `oestruc.nf=3`; may be repeated
     #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
     set: Vec<String>,
+    /// Also print the dead time against time with its band; --json has every sample of it
+    #[arg(long, conflicts_with = "events")]
+    track: bool,
     /// Show every method in the tables, also those whose answers do not count
     #[arg(long)]
     full: bool,
@@ -90,6 +93,7 @@ impl Estimate {
             degree_bias: self.degree_bias,
             detrend: self.detrend,
             feedback: self.feedback,
+            track: self.track,
             ..Job::new(self.source.read(&needed)?, &self.input, &self.output)
         })
     }

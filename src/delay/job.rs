@@ -12,7 +12,7 @@ use super::process::rough;
 use super::report::{Bias, Estimate, FORMAT, Pair, Report, Response, Searched};
 use super::{
     Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Events, Experiment, Finding, Information, METHODS, Method, Outcome,
-    PlantModel, Richness, Scope, Search, Start, Threshold, conditions, moving_together, richness, standing_off, verdict,
+    PlantModel, Richness, Scope, Search, Start, Threshold, conditions, moving_together, richness, standing_off, verdict, watched,
 };
 use crate::error::Result;
 use crate::identify::fir;
@@ -104,6 +104,8 @@ pub struct Job {
     pub detrend: Detrend,
     /// What is known of feedback.
     pub feedback: Feedback,
+    /// The delay against time is wanted, also where one delay describes the records.
+    pub track: bool,
     /// Looked at between methods, pairs, and the delays of long scans.
     pub stop: Stop,
 }
@@ -127,6 +129,7 @@ impl Job {
             degree_bias: None,
             detrend: Detrend::default(),
             feedback: Feedback::default(),
+            track: false,
             stop: Stop::default(),
         }
     }
@@ -270,6 +273,7 @@ impl Job {
                 if self.early_s() == 0.0 {
                     pair.standing_off = standing_off(&seen.one.pair(0, 0)?);
                 }
+                watched::tell(&mut pair, &seen.one, &search, &methods, &watched::Asked { track: self.track, early_s: self.early_s() })?;
                 pairs.push(pair);
             }
         }
@@ -527,6 +531,8 @@ fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, s
         poor_std_s: poor(answers),
         standing_off: 0,
         verdict: verdict(&by_trust, &findings, sample_time, early_s),
+        moving: None,
+        track: None,
         findings,
     }
 }

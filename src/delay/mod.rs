@@ -20,7 +20,9 @@ pub mod report;
 mod richness;
 mod states;
 mod threshold;
+pub mod track;
 mod verdict;
+mod watched;
 
 pub use area::{Area1, Area2, Area3, Moment};
 pub use conditions::{Finding, conditions, moving_together, standing_off};

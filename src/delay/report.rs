@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::track::{Moving, Tracked};
 use super::{Class, Condition, DelayEstimate, Finding, Method, Outcome, Verdict, distrust};
 
 /// One method's answer, as the file has it.
@@ -81,6 +82,12 @@ pub struct Pair {
     pub standing_off: usize,
     /// What to believe.
     pub verdict: Verdict,
+    /// A delay that changes; absent where one delay describes the records.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub moving: Option<Moving>,
+    /// The delay against time, where it was asked for and the records allow it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub track: Option<Tracked>,
 }
 
 /// The file `deadtime/estimate@1`.

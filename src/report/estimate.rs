@@ -5,6 +5,7 @@ use std::fmt::Write;
 use super::text::{Table, seconds};
 use crate::delay::Outcome;
 use crate::delay::report::{Bias, Estimate, Pair, Report, Searched};
+use crate::delay::track::Tracked;
 
 impl Report {
     /// A sentence on what was searched and assumed.
@@ -69,8 +70,12 @@ impl Report {
                     seconds(*to, step),
                     pair.verdict.why
                 ),
+                _ if pair.moving.is_some() => writeln!(text, "{}.", pair.verdict.why),
                 _ => writeln!(text, "Believe none of it: {}.", pair.verdict.why),
             };
+            if let Some(track) = &pair.track {
+                text.push_str(&track_table(track, step).to_string());
+            }
         }
         text
     }
@@ -120,6 +125,21 @@ impl Report {
         }
         table
     }
+}
+
+/// Lines of a track that a person reads; the file has every sample.
+const TRACK_LINES: usize = 20;
+
+/// The delay against time, a line for each equal part of it.
+fn track_table(track: &Tracked, step_s: f64) -> Table {
+    let mut table = Table::new(&["record", "time (s)", "dead time (s)", "95 % band (s)"], &[]);
+    let count = track.time_s.len();
+    for line in 0..TRACK_LINES.min(count) {
+        let i = if count <= TRACK_LINES { line } else { line * (count - 1) / (TRACK_LINES - 1) };
+        let band = format!("{} … {}", seconds(track.low_s[i], step_s), seconds(track.high_s[i], step_s));
+        table.row(vec![(track.record[i] + 1).to_string(), seconds(track.time_s[i], step_s), seconds(track.delay_s[i], step_s), band]);
+    }
+    table
 }
 
 impl Pair {

@@ -183,6 +183,8 @@ mod tests {
                 .map(|(name, e)| Estimate::new(crate::delay::method(name).unwrap(), e, None, 0.0, &[]))
                 .collect(),
             verdict: Verdict { delay_s: Some(0.2), ci95_s: Some([0.1, 0.3]), why: String::new(), method: None },
+            moving: None,
+            track: None,
         };
         let response = Response { values: vec![0.0, 0.0, 1.0], std: vec![0.01; 3] };
         let text = svg(&[Shown { pair: &pair, response: Some(&response) }, Shown { pair: &pair, response: None }], 0.1);

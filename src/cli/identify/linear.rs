@@ -197,6 +197,7 @@ impl Linear {
             degree_bias: None,
             detrend: Detrend::Mean,
             feedback: Feedback::Auto,
+            track: false,
             stop: Stop::default(),
         };
         let report = job.run()?;
