@@ -124,6 +124,8 @@ def effects(stored: dict | None) -> dict:
         cases.append(_case(f"trimmed_uneven_{number}", TRIMMED, items, 500 + number, uneven=True))
     for number, items in enumerate(COMBINED["equations"][:4], start=1):
         cases.append(_case(f"equations_uneven_{number}", ARM, items, 600 + number, uneven=True))
+    cases.append(_case("lti_exchange_1", CRAFT, [_one("exchange", "v<->phi", gain=0.7)], 711, starts["lti"]))
+    cases.append(_case("equations_exchange_1", ARM, [_one("exchange", "angle<->spring", gain=0.6)], 712, starts["equations"]))
     stribeck = _one("stribeck_friction", "p", level=1.5, extra=2.5, velocity=0.4)
     cases.append(_case("lti_stribeck_friction_1", CRAFT, [stribeck], 701, starts["lti"]))
     cases.append(_case("lti_stribeck_friction_2", CRAFT, [stribeck, _one("input_delay", "roll", delay=0.0233)], 702, uneven=True))

@@ -26,12 +26,15 @@ MOST_SNR = 46.0  # dB, of the best sensors
 ABSENT_DB = 8.0  # so much is missing that better sensors are no help: the effect does not act in some log
 EXPLAINED = 1.5  # what known effects must leave of an unknown one, rms in units of the noise
 SHORT = 700  # samples of the first log on which rivals are screened
+MIXED, MIXED_PARAMETERS = (6.0, 28.0), (8.0, 20.0)  # strengths of a mixture's parts, dB
+MIXED_OUTSIDE = ("hysteresis", "slosh", "gusts")
+ALONE = ("dropped_commands", "sensor_quantisation")  # what chance decides sample by sample is no part of a sum
 HIDDEN_DB = 6.0  # wrong nominal parameters stay at least this far below the noise
 
 
 @dataclass
 class Wanted:
-    group: str  # single, none, unknown, pair
+    group: str  # single, none, unknown, pair, mixture
     effect: str | None  # a single's effect, an unknown's kind
     weak: bool
 
@@ -48,6 +51,7 @@ class Case:
         self.effects: list[dict] = []
         self.hidden: list[dict] = []  # the model file's own parameter errors, below the noise
         self.outside: Outside | None = None
+        self.shares: list[float] | None = None  # of a mixture's effects
         self.logs = [ex.log(ex.model, [], i) for i in range(3)]
         self._noise_level()
         if rng.random() < 1 / 3:
@@ -254,6 +258,86 @@ class Case:
             return
         raise Inadequate("the loop is lost")
 
+    def _draw_mixture(self) -> None:
+        """Two to five effects of drawn strengths, some of them weak; in a third of the cases the nominal parameters are visibly off as well, or a fault from
+        outside the catalogue acts beside them."""
+        ex, rng = self.experiment, self.rng
+        possible = [e for e in EFFECTS if e not in ALONE and real_channels(ex.nominal, e, ex.plant)]
+        count = int(rng.integers(2, 6))
+        beside = rng.choice(["nothing", "parameters", "outside"])
+        parts: list[list[dict]] = []
+        for effect in rng.choice(possible, min(count, len(possible)), replace=False):
+            one = self._draw_one(str(effect))
+            parts.append([self._sized(lambda size, one=one: [one(size)], rng.uniform(*MIXED))])
+        if beside == "parameters":
+            parts.append(self._sized(self._parameters(), rng.uniform(*MIXED_PARAMETERS)))
+        named = [e for part in parts for e in (part if isinstance(part[0], dict) else part[0])]
+        if len({(e["effect"], e["channel"]) for e in named}) < len(named):
+            raise Inadequate("an effect twice")
+        if beside == "outside":
+            self.effects = []
+            self.outside = Outside(rng, str(rng.choice(MIXED_OUTSIDE)), ex.model, ex.scales, ex.plant)
+            self._sized(self._outside_of, rng.uniform(*MIXED))
+        self.effects, self.hidden = named, []
+        self.remake()
+        self._order_by_share()
+
+    def _parameters(self):
+        """All nominal parameters off by drawn parts of one size."""
+        ex, rng = self.experiment, self.rng
+        parts = {c: rng.normal() for c in real_channels(ex.model, "parameter_error", ex.plant)}
+
+        def made(size):
+            return [
+                {"effect": "parameter_error", "channel": c, "parameters": {"value": float(nominal_value(ex.model, c) * (1 + np.clip(0.3 * size * p, -0.6, 0.6)))}}
+                for c, p in parts.items()
+            ]
+
+        return made
+
+    def _outside_of(self, size: float) -> list[dict]:
+        self.outside.size = size
+        return []
+
+    def _sized(self, make, target: float):
+        """Effects of such a size that the gap of the first log alone is about so many dB above the noise."""
+        size, best = 0.15, None
+        for _ in range(8):
+            self.effects = make(size)
+            try:
+                self.remake((0,))
+                got = self.gap_db((0,))
+            except (Inadequate, ArithmeticError, ValueError):
+                size *= 0.4
+                continue
+            if best is None or abs(got - target) < best[0]:
+                best = abs(got - target), size
+            if abs(got - target) < 1.5:
+                break
+            size = float(np.clip(size * 10 ** (np.clip(target - got, -25, 25) / 20), 1e-3, 4.0))
+        if best is None or best[0] > 6.0:
+            raise Inadequate("an effect of the mixture does not show")
+        found = make(best[1])
+        self.effects = []
+        return found if len(found) != 1 else found[0]
+
+    def _order_by_share(self) -> None:
+        """Shares: what the squared error rises by without an effect, all else true; normalised. Errors of all nominal parameters count as one."""
+        truth, problem = self.effects, self.problem((0, 1), False)
+        left = self._energy(problem, truth)
+        whole = self._energy(problem, [])
+        rises = [max(self._energy(problem, [o for o in truth if o is not e]) - left, 0.0) for e in truth]
+        total = sum(rises)
+        if total <= 0 or whole <= left:
+            raise Inadequate("nothing of the mixture shows")
+        order = sorted(range(len(truth)), key=lambda i: -rises[i])
+        self.effects = [truth[i] for i in order]
+        self.shares = [float((1 - left / whole) * rises[i] / total) for i in order]
+
+    @staticmethod
+    def _energy(problem: Problem, effects: list[dict]) -> float:
+        return sum(float(np.sum(problem.raw(r, effects, problem.best_start(r, effects)) ** 2)) for r in problem.records)
+
     def _draw_none(self) -> None:
         self.effects = self.hidden
         self.remake()
@@ -285,6 +369,9 @@ class Case:
         if self.wanted.group == "unknown":
             self._needs_unknown()
             return []
+        if self.wanted.group == "mixture":
+            # Rivals of each effect in its place are judged by the diagnosis' own classes: beside several others, a search for all of them takes minutes.
+            return [[] for _ in self.effects]
         full, short = self.problem((0, 1), False), self.problem((0,), False, SHORT)
         classes = alias_classes(short, full, self.experiment.scales, self.effects)
         return classes if len(classes) > 1 else classes[0]
@@ -330,9 +417,10 @@ class Case:
             floor = (holdout.raw(holdout.records[0], [], holdout.initial) - clean.raw(clean.records[0], [], clean.initial)) * clean.sigma
             after = float(np.sqrt(np.mean(np.mean(floor**2, axis=0) / np.nanvar(holdout.records[0].y, axis=0))))
         verdict = self.effects[0]["effect"] if self.effects else self.wanted.group
+        mixed = {} if self.shares is None else {"shares": self.shares, "outside": self.outside.kind if self.outside else None}
         return {
             "group": self.wanted.group, "verdict": verdict, "effects": self.effects, "alias_class": aliases, **self._where(),
-            "before": before, "oracle_after": after,
+            "before": before, "oracle_after": after, **mixed,
         }
 
     def _where(self) -> dict:

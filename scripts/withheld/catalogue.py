@@ -53,11 +53,26 @@ def channels(model: dict, effect: str) -> list[str]:
         if not names.lti:
             return [f"{a}->{b}" for a in s + i for b in s if a != b and a not in _words(model["derivatives"][b])]
         return [f"{col}->{row}" for m, cols in (("A", s), ("B", i)) for r, row in enumerate(s) for c, col in enumerate(cols) if not model[m][r][c] and row != col]
+    if effect == "exchange":
+        return _exchanges(model, names)
     if effect == "cubic_stiffness":
         return [f"{a}->{b}" for a in s for b in s if a != b]
     if effect in ("coulomb_friction", "stribeck_friction", "quadratic_drag", "constant_disturbance", "periodic_disturbance"):
         return s
     return i
+
+
+def _exchanges(model: dict, names: Names) -> list[str]:
+    """Pairs of states of equal unit that do not depend on each other in the model."""
+    units = [c.get("unit") for c in model["states"]] if names.lti else [model["states"][x].get("unit") for x in names.states]
+
+    def depends(to: int, on: int) -> bool:
+        if names.lti:
+            return model["A"][to][on] != 0
+        return names.states[on] in _words(model["derivatives"][names.states[to]])
+
+    pairs = [(i, j) for j in range(len(units)) for i in range(j) if units[i] and units[i] == units[j] and not depends(i, j) and not depends(j, i)]
+    return [f"{names.states[i]}<->{names.states[j]}" for i, j in sorted(pairs)]
 
 
 def _words(text: str) -> set[str]:
@@ -118,6 +133,9 @@ def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float,
     frequency = max(frequency, 4.0 / s.span)
     if effect == "parameter_error":
         return made(value=nominal_value(s.model, channel) * (1 + 0.5 * sign * min(size, 1.8)))
+    if effect == "exchange":
+        pair = [n.states.index(x) for x in channel.split("<->")]
+        return made(gain=0.3 * sign * size * max(s.rate[j] for j in pair) / max(*(s.x_size[j] for j in pair), 1e-12))
     if effect in ("cross_coupling", "cubic_stiffness"):
         source, target = channel.split("->")
         j = n.states.index(target)

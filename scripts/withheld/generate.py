@@ -14,7 +14,7 @@ from .experiment import Inadequate
 from .files import write
 from .outside import KINDS
 
-SHARES = {"single": 0.55, "none": 0.15, "unknown": 0.15, "pair": 0.15}
+SHARES = {"single": 0.55, "none": 0.15, "unknown": 0.15, "pair": 0.15, "mixture": 0.0}
 ATTEMPTS = 60
 
 
@@ -28,7 +28,7 @@ def plan(counts: dict[str, int], weak_share: float, rng) -> list[Wanted]:
 
     wanted = [Wanted("single", effect, rng.random() < weak_share) for effect in turns(EFFECTS, counts["single"])]
     wanted += [Wanted("unknown", kind, False) for kind in turns(KINDS, counts["unknown"])]
-    wanted += [Wanted(group, None, False) for group in ("none", "pair") for _ in range(counts[group])]
+    wanted += [Wanted(group, None, False) for group in ("none", "pair", "mixture") for _ in range(counts[group])]
     return [wanted[i] for i in rng.permutation(len(wanted))]
 
 

@@ -47,7 +47,7 @@ NOMINAL = [
     effect("actuator_lag", "u", time_constant=1e-7), effect("unmodelled_mode", "u->input:u", frequency=2.0, damping=0.1, gain=0.0),
     effect("output_delay", "*", delay=0.0), effect("sensor_lag", "y", time_constant=1e-7), effect("sensor_gain", "y", gain=1.0),
     effect("sensor_bias", "y", offset=0.0), effect("sensor_drift", "y", rate=0.0), effect("misalignment", "w->y", gain=0.0),
-    effect("clock_skew", "*", ratio=1.0), effect("clock_offset", "*", offset=0.0), effect("cross_coupling", "u->x", gain=0.0),
+    effect("clock_skew", "*", ratio=1.0), effect("clock_offset", "*", offset=0.0), effect("cross_coupling", "u->x", gain=0.0), effect("exchange", "x<->z", gain=0.0),
     effect("coulomb_friction", "z", level=0.0), effect("stribeck_friction", "z", level=0.0, extra=0.0, velocity=0.4), effect("quadratic_drag", "z", coefficient=0.0),
     effect("cubic_stiffness", "x->z", coefficient=0.0), effect("unmodelled_mode", "u->state:z", frequency=2.0, damping=0.1, gain=0.0),
     effect("unmodelled_mode", "u->output:y", frequency=2.0, damping=0.1, gain=0.0), effect("constant_disturbance", "z", level=0.0),

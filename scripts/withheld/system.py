@@ -17,7 +17,7 @@ INPUT = {
     "rate_limit", "actuator_lag", "dropped_commands",
 }
 DYNAMICS = {
-    "parameter_error", "cross_coupling", "coulomb_friction", "stribeck_friction", "quadratic_drag", "cubic_stiffness", "unmodelled_mode",
+    "parameter_error", "cross_coupling", "exchange", "coulomb_friction", "stribeck_friction", "quadratic_drag", "cubic_stiffness", "unmodelled_mode",
     "constant_disturbance", "periodic_disturbance",
 }
 OUTPUT = {
@@ -194,6 +194,11 @@ class System:
             x = self._variable(state)
             self._add(state, f"-{self.parameter(p['coefficient'])}*{x}*abs({x})")
             self.linear = False
+        for channel, p in effects.get("exchange", {}).items():
+            a, b = channel.split("<->")
+            flow = f"{self.parameter(p['gain'])}*({self._variable(a)} - {self._variable(b)})"
+            self._add(b, flow)
+            self._add(a, f"-({flow})")
         for channel, p in effects.get("cubic_stiffness", {}).items():
             source, target = channel.split("->")
             x = self._variable(source)

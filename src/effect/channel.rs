@@ -92,6 +92,12 @@ pub(super) fn arrow(effect: &dyn Effect, system: &System, channel: &str, ports: 
     channel.split_once("->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
 }
 
+/// `a<->b` between two states.
+pub(super) fn exchange(effect: &dyn Effect, system: &System, channel: &str) -> Result<(usize, usize), EffectError> {
+    let find = |(a, b)| Some((position(&system.states, a)?, position(&system.states, b)?)).filter(|(a, b)| a != b);
+    channel.split_once("<->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
+}
+
 /// `from->to`, from a state or an input to a state.
 pub(super) fn coupling(effect: &dyn Effect, system: &System, channel: &str) -> Result<(Source, usize), EffectError> {
     let find = |(from, to): (&str, &str)| {

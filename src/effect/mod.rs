@@ -168,7 +168,7 @@ pub trait Effect: Sync {
 }
 
 /// All effects, in the order of the format's table: of equals the first one leads.
-pub static EFFECTS: [&dyn Effect; 30] = [
+pub static EFFECTS: [&dyn Effect; 31] = [
     &input::delay::InputDelay,
     &input::gain::InputGain,
     &input::curve::InputCurve,
@@ -182,6 +182,7 @@ pub static EFFECTS: [&dyn Effect; 30] = [
     &input::dropped_commands::DroppedCommands,
     &dynamics::parameter_error::ParameterError,
     &dynamics::cross_coupling::CrossCoupling,
+    &dynamics::exchange::Exchange,
     &dynamics::coulomb_friction::CoulombFriction,
     &dynamics::stribeck_friction::StribeckFriction,
     &dynamics::quadratic_drag::QuadraticDrag,

@@ -21,7 +21,7 @@ pub struct Line {
 }
 
 /// The channel that shows an effect's units best, where it is not the first one.
-const TELLING: [&str; 4] = ["from->x", "from->y", "u->output:y", "A[x,from]"];
+const TELLING: [&str; 5] = ["from->x", "from->y", "u->output:y", "A[x,from]", "x<->from"];
 
 /// All effects, in the order in which they act.
 #[must_use]

@@ -195,6 +195,7 @@ fn what_cannot_be_tried_is_said_with_the_reason() {
         "quadratic_drag",
         "cubic_stiffness",
         "cross_coupling",
+        "exchange",
         "unmodelled_mode",
         "constant_disturbance",
         "periodic_disturbance",

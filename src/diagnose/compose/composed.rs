@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::composer::{Composer, Composition};
 use super::gate::Gate;
+use super::weak::weak;
 use crate::diagnose::baseline::noise::Noise;
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::judge::intervals::{self, Estimate};
@@ -54,7 +55,10 @@ impl Compose<'_, '_> {
     pub(in crate::diagnose) fn from(&self, judged: Judged) -> Option<Composed> {
         let begin = match judged.verdict {
             GapVerdict::None => {
-                return Some(Composed { judged, hypothesis: None, stand_ins: Vec::new(), without: Vec::new(), estimate: None });
+                return match self.weak() {
+                    None => Some(Composed { judged, hypothesis: None, stand_ins: Vec::new(), without: Vec::new(), estimate: None }),
+                    Some(weak) => self.judged_weak(judged, weak),
+                };
             }
             GapVerdict::Effects => judged.found.clone()?,
             GapVerdict::Unknown => of(Vec::new()),
@@ -74,18 +78,37 @@ impl Compose<'_, '_> {
         Some(Composed { judged, hypothesis, stand_ins: vec![Vec::new(); without.len()], without, estimate })
     }
 
-    fn composition(&self, begin: &Hypothesis) -> Option<Composition> {
-        let composer = |white: bool| Composer {
+    /// A small effect that is certain all the same.
+    fn weak(&self) -> Option<Hypothesis> {
+        let likelihood = self.likelihood.with_noise(noise_of(self.likelihood, NO_EFFECT, self.smallest)?);
+        let composer = Composer { likelihood: &likelihood, ..self.composer(false) };
+        weak(&likelihood, self.found, &composer)
+    }
+
+    /// The verdict on a weak effect: there is little to explain, and it explains it.
+    fn judged_weak(&self, judged: Judged, weak: Hypothesis) -> Option<Composed> {
+        let beside = self.likelihood.with_noise(noise_of(self.likelihood, (&weak).into(), self.smallest)?);
+        let estimate = intervals::estimate(&beside, &weak, self.scales);
+        let without = self.without(&weak);
+        let judged = Judged { verdict: GapVerdict::Effects, found: Some(weak.clone()), best: Some(weak.clone()), ..judged };
+        Some(Composed { judged, hypothesis: Some(weak), stand_ins: vec![Vec::new(); without.len()], without, estimate })
+    }
+
+    fn composer(&self, white: bool) -> Composer<'_, '_> {
+        Composer {
             likelihood: self.likelihood,
             candidates: self.catalogue.to_vec(),
             singles: &self.found.singles,
             scales: self.scales.clone(),
             smallest: self.smallest,
-            gate: Gate::default(),
+            gate: Gate { criteria: self.likelihood.criteria },
             white,
-        };
-        let composition = composer(true).compose(&begin.effects)?;
-        if composition.hypothesis.effects.is_empty() { composer(false).compose(&[]) } else { Some(composition) }
+        }
+    }
+
+    fn composition(&self, begin: &Hypothesis) -> Option<Composition> {
+        let composition = self.composer(true).compose(&begin.effects)?;
+        if composition.hypothesis.effects.is_empty() { self.composer(false).compose(&[]) } else { Some(composition) }
     }
 
     /// The verdict on a composition.

@@ -65,7 +65,7 @@ impl<'a> Composer<'_, 'a> {
         let original = Original { train: errors(false), held: errors(true) };
         let hypothesis = Hypothesis { effects: from.to_vec(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
         let mut composition = Composition { stand_ins: vec![Vec::new(); from.len()], hypothesis };
-        while composition.hypothesis.effects.len() < self.gate.most {
+        while composition.hypothesis.effects.len() < self.gate.criteria.most_causes as usize {
             let Some((likelihood, before)) = self.renewed(&composition.hypothesis) else { break };
             composition.hypothesis = before.hypothesis.clone();
             self.scales.peaks_hz = peaks_hz(likelihood.records, &before.residuals, likelihood.system.outputs.len());
@@ -105,7 +105,7 @@ impl<'a> Composer<'_, 'a> {
             .par_iter()
             .filter(|a| !keys.contains(&a.key()))
             .filter_map(|candidate| self.promise(likelihood, &beside, candidate))
-            .filter(|(promise, _)| *promise > self.gate.fall * beside.cost)
+            .filter(|(promise, _)| *promise > self.gate.criteria.added_falls * beside.cost)
             .collect();
         promising.sort_by(|a, b| b.0.total_cmp(&a.0));
         promising.truncate(REFITTED[0]);
@@ -123,7 +123,7 @@ impl<'a> Composer<'_, 'a> {
     }
 
     /// The fall of the cost that a candidate promises, and the guess that gave it.
-    fn promise(&self, likelihood: &Likelihood<'_>, beside: &Beside, candidate: &Applied) -> Option<(f64, Applied)> {
+    pub(super) fn promise(&self, likelihood: &Likelihood<'_>, beside: &Beside, candidate: &Applied) -> Option<(f64, Applied)> {
         let shares: &[f64] = if has_limit(candidate) { &[1.0] } else { &[NEAR, 1.0] };
         let mut best: Option<(f64, Applied)> = None;
         for guess in self.guesses(likelihood, candidate) {
@@ -155,15 +155,15 @@ impl<'a> Composer<'_, 'a> {
         let standings: Vec<Standing> = trials.into_par_iter().filter_map(|e| Standing::of(likelihood, e, &self.scales)).collect();
         let accepted: Vec<&Standing> = standings.iter().filter(|after| self.gate.accepts(before, after, original)).collect();
         let lowest = accepted.iter().map(|s| s.error()).fold(f64::INFINITY, f64::min);
-        let equals = || accepted.iter().filter(|s| s.error() <= (1.0 + self.gate.equals) * lowest);
+        let equals = || accepted.iter().filter(|s| s.error() <= (1.0 + self.gate.criteria.added_equals) * lowest);
         let fewest = equals().map(|s| s.hypothesis.free.len()).min()?;
         let row = |s: &Standing| newest(&before.hypothesis, &s.hypothesis).map(|a| row(&a));
         let winner = equals().filter(|s| s.hypothesis.free.len() == fewest).min_by_key(|s| row(s))?;
-        let enough = self.gate.stands_in * Gate::fall(before, winner);
+        let enough = self.gate.criteria.stands_in * Gate::fall(before, winner);
         let stands_in = |s: &&Standing| {
             s.hypothesis.key() != winner.hypothesis.key()
                 && Gate::fall(before, s) >= enough
-                && winner.better_by_t(s).abs() < self.gate.paired_t
+                && winner.better_by_t(s).abs() < self.gate.criteria.added_t
         };
         let stand_ins = standings.iter().filter(stands_in).filter_map(|s| newest(&before.hypothesis, &s.hypothesis)).collect();
         Some(((*winner).clone(), stand_ins))
@@ -197,7 +197,8 @@ impl<'a> Composer<'_, 'a> {
             let Some((swapped, stand_ins)) = self.best(likelihood, &without, original) else { continue };
             let Some(instead) = newest(&without.hypothesis, &swapped.hypothesis).filter(|a| a.key() != old.key()) else { continue };
             let simple = swapped.hypothesis.free.len() <= present.hypothesis.free.len() + 1;
-            let better = Gate::fall(&present, &swapped) > self.gate.equals && swapped.better_by_t(&present) >= self.gate.paired_t;
+            let better = Gate::fall(&present, &swapped) > self.gate.criteria.added_equals
+                && swapped.better_by_t(&present) >= self.gate.criteria.added_t;
             if simple && better {
                 composition = composition.with(&swapped.hypothesis, &instead, stand_ins);
                 present = swapped;

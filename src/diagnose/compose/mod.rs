@@ -4,3 +4,4 @@ pub(in crate::diagnose) mod composed;
 mod composer;
 mod gate;
 mod standing;
+mod weak;

@@ -90,6 +90,40 @@ pub struct Criteria {
     pub longer_at_least: f64,
     /// A delay explains much where it gains this part of what the best effect gains; 1. Chosen.
     pub much: f64,
+    /// A further cause must lower the squared error over blocks of time left out in turn by this part; 1. Chosen.
+    pub added_falls: f64,
+    /// The same, block by block: Student's t of the paired differences; 1. Null: with ten blocks 1.8 comes by chance once in twenty.
+    pub added_t: f64,
+    /// Where the logarithms of the blocks' errors are compared instead, this part of the blocks must improve: friction acts at times only; 1. Chosen.
+    pub added_blocks: f64,
+    /// Twice the log-likelihood that a further cause must gain. Null: as `selection_penalty`.
+    pub added_gains: f64,
+    /// The part by which it must lower the squared error of held-out data; 1. Chosen.
+    pub added_held_out: f64,
+    /// The same as a part of the fall over the blocks; 1. Chosen.
+    pub added_generalises: f64,
+    /// The part of the gap's original square that it must take, learnt and held out: a simulator's own inexactness is certain on a precise machine; 1. Chosen.
+    pub added_matters: f64,
+    /// Further causes whose errors over the blocks differ by less than this part are as good as each other; 1. Chosen.
+    pub added_equals: f64,
+    /// What takes this part of the best one's fall, and does not differ from it over the blocks, could stand in its place; 1. Chosen.
+    pub stands_in: f64,
+    /// An earlier cause without which the blocks are worse by less than this t is dropped; 1. Chosen.
+    pub dropped_t: f64,
+    /// So many causes at most. Chosen.
+    pub most_causes: f64,
+    /// A weak effect must gain this, in twice the log-likelihood under noise of the nominal residual's colour. Null: as `selection_penalty`, less what the next
+    /// four ask for.
+    pub weak_gains: f64,
+    /// The same on held-out data, parameters and noise kept; twice a log-likelihood. Chosen.
+    pub weak_held_out: f64,
+    /// Student's t over blocks of what was learnt from; 1. Chosen.
+    pub weak_t: f64,
+    /// Student's t over blocks of held-out data; 1. Chosen.
+    pub weak_held_out_t: f64,
+    /// The best further effect beside a weak one promises less, in twice the log-likelihood: beside a true one little is left, beside a simulator that is a
+    /// little off everywhere much. Chosen.
+    pub weak_beside: f64,
 }
 
 impl Default for Criteria {
@@ -133,6 +167,22 @@ impl Default for Criteria {
             longer: 3.0,
             longer_at_least: 1.2,
             much: 0.25,
+            added_falls: 0.02,
+            added_t: 1.8,
+            added_blocks: 0.7,
+            added_gains: 30.0,
+            added_held_out: 0.01,
+            added_generalises: 0.2,
+            added_matters: 0.01,
+            added_equals: 0.01,
+            stands_in: 0.7,
+            dropped_t: 1.0,
+            most_causes: 5.0,
+            weak_gains: 20.0,
+            weak_held_out: 3.0,
+            weak_t: 1.5,
+            weak_held_out_t: 0.5,
+            weak_beside: 20.0,
         }
     }
 }

@@ -4,6 +4,7 @@ pub(super) mod constant_disturbance;
 pub(super) mod coulomb_friction;
 pub(super) mod cross_coupling;
 pub(super) mod cubic_stiffness;
+pub(super) mod exchange;
 pub(super) mod parameter_error;
 pub(super) mod periodic_disturbance;
 pub(super) mod quadratic_drag;

@@ -1,0 +1,56 @@
+//! Two states that exchange what they store: gain·(a − b) on the derivative of b, and as much less on that of a.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
+use crate::simulate::{Plan, Source, System, Term};
+
+/// An exchange that the model lacks: of heat between bodies, of liquid between tanks.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Exchange;
+
+impl Effect for Exchange {
+    fn name(&self) -> &'static str {
+        "exchange"
+    }
+
+    fn summary(&self) -> &'static str {
+        "an exchange between two states that the model lacks"
+    }
+
+    fn site(&self) -> Site {
+        Site::Dynamics
+    }
+
+    fn rule(&self) -> &'static str {
+        "`a<->b`: two states of equal unit that do not depend on each other in the model"
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        let states = &system.states;
+        let apart = |i: usize, j: usize| !channel::depends(system, i, Source::State(j)) && !channel::depends(system, j, Source::State(i));
+        let alike = |i: usize, j: usize| states[i].unit.is_some() && states[i].unit == states[j].unit;
+        let pairs = (0..states.len()).flat_map(|i| (i + 1..states.len()).map(move |j| (i, j)));
+        pairs.filter(|&(i, j)| alike(i, j) && apart(i, j)).map(|(i, j)| format!("{}<->{}", states[i].name, states[j].name)).collect()
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        channel::exchange(self, system, channel)?;
+        Ok(vec![channel::free("gain", "1/s".to_owned(), 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok((a, b)) = channel::exchange(self, system, channel) else { return Vec::new() };
+        let size = |i: usize| scales.states.get(i).map_or(0.0, |s| s.rms).max(f64::MIN_POSITIVE);
+        let moved = |i: usize| scales.derivatives.get(i).copied().unwrap_or(0.0);
+        channel::both_signs([0.2 * f64::max(moved(a), moved(b)) / f64::max(size(a), size(b))])
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let (a, b) = channel::exchange(self, system, channel)?;
+        for (to, sign) in [(b, 1.0), (a, -1.0)] {
+            plan.terms.push(Term::Linear { to, from: Source::State(a), gain: sign * values[0] });
+            plan.terms.push(Term::Linear { to, from: Source::State(b), gain: -sign * values[0] });
+        }
+        Ok(())
+    }
+}
