@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::label::{Group, Label, LabelEffect};
 use super::load::Scored;
-use crate::diagnose::{Diagnosis, FoundEffect, RankingRow};
+use crate::diagnose::{Diagnosis, Explained, FoundEffect, RankingRow};
 
 /// How much worse than before a held-out error must be to count as harm: 2 %.
 const HARM: f64 = 1.02;
@@ -84,6 +84,16 @@ pub struct Judgement {
     pub where_time: Option<f64>,
     /// Band: intersection over union.
     pub where_band: Option<f64>,
+    /// Mixture: what contributes most is the strongest of the truth, up to the class that it is given.
+    pub strongest: Option<bool>,
+    /// Mixture: the share of the true effects that is named.
+    pub recall: Option<f64>,
+    /// Mixture: the share of what is named that is true.
+    pub precision: Option<f64>,
+    /// Mixture: by how much the share of each effect that is named rightly is off.
+    pub share_errors: Vec<f64>,
+    /// Mixture: an answer that claims to explain all names something that is not there.
+    pub false_cause: Option<bool>,
     /// Share of the explainable gap that was closed, over the oracle's.
     pub of_oracle: Option<f64>,
     /// The held-out error is more than 2 % worse than before.
@@ -104,7 +114,7 @@ pub fn judge(case: &Scored) -> Judged {
     let (label, diagnosis) = (&case.label, &case.diagnosis);
     let names = Names::of(diagnosis);
     let truth: Vec<String> = match label.group {
-        Group::Single | Group::Pair => label.effects.iter().map(|e| names.name(&e.effect, &e.channel)).collect(),
+        Group::Single | Group::Pair | Group::Mixture => label.effects.iter().map(|e| names.name(&e.effect, &e.channel)).collect(),
         Group::None => vec!["none".to_owned()],
         Group::Unknown => vec!["unknown".to_owned()],
     };
@@ -123,6 +133,10 @@ pub fn judge(case: &Scored) -> Judged {
             j.pair_class = Some(matches_classes(&verdict, &classes));
             j.pair_any = Some(verdict.iter().any(|v| truth.contains(v)));
             j.right = j.pair_class == Some(true);
+        }
+        Group::Mixture => {
+            mixture(&mut j, label, diagnosis, &names, &truth);
+            j.right = j.strongest == Some(true);
         }
         Group::None | Group::Unknown => j.right = leading == truth[0],
     }
@@ -162,6 +176,29 @@ fn single(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Names
     if top1 && let Some(found) = diagnosis.cause.effects.iter().find(|f| names.name(&f.effect, &f.channel) == truth) {
         parameters(j, effect, found);
     }
+}
+
+/// What contributes, beside what acts: each contribution stands for itself and for all that it could be exchanged with.
+fn mixture(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Names, truth: &[String]) {
+    let named: Vec<(Vec<String>, f64)> = (diagnosis.cause.contributions.iter())
+        .map(|c| {
+            let mut class = names.named_class(diagnosis, &names.name(&c.effect, &c.channel));
+            class.extend(c.class.iter().map(|l| names.listed(l)));
+            (class, c.share.learnt.unwrap_or(0.0).max(0.0))
+        })
+        .collect();
+    j.strongest = Some(named.first().zip(truth.first()).is_some_and(|((class, _), strongest)| class.contains(strongest)));
+    let part = |some: f64, all: f64| (all > 0.0).then(|| some / all);
+    let found = |name: &String| named.iter().find(|(class, _)| class.contains(name));
+    let rows = || truth.iter().zip(&label.shares);
+    let recalled = rows().filter(|(name, _)| found(name).is_some()).map(|(_, share)| share).sum();
+    j.recall = part(recalled, label.shares.iter().sum());
+    let is_true = |class: &[String]| class.iter().any(|c| truth.contains(c));
+    let right = named.iter().filter(|(class, _)| is_true(class)).map(|(_, share)| share).sum();
+    j.precision = part(right, named.iter().map(|(_, share)| share).sum());
+    j.share_errors = rows().filter_map(|(name, share)| Some((found(name)?.1 - share).abs())).collect();
+    let complete = diagnosis.cause.explained == Some(Explained::All);
+    j.false_cause = complete.then(|| named.iter().any(|(class, _)| !is_true(class)));
 }
 
 fn parameters(j: &mut Judgement, truth: &LabelEffect, found: &FoundEffect) {
@@ -252,7 +289,7 @@ fn overlap(truth: (f64, f64), mut spans: Vec<(f64, f64)>) -> Option<f64> {
 /// (1 − (after/before)²)/(1 − (oracle_after/before)²), numerator from the diagnosis, denominator from the label, each with its own `before`:
 /// the two may stand for different prediction modes, and only ratios within one mode mean anything.
 fn of_oracle(label: &Label, diagnosis: &Diagnosis) -> Option<f64> {
-    if !matches!(label.group, Group::Single | Group::Pair) {
+    if !matches!(label.group, Group::Single | Group::Pair | Group::Mixture) {
         return None;
     }
     let closed = |before: f64, after: f64| 1.0 - (after / before).powi(2);

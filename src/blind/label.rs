@@ -22,11 +22,13 @@ pub enum Group {
     Unknown,
     /// Two effects of the catalogue.
     Pair,
+    /// Several effects, with their shares; something outside the catalogue may act beside them.
+    Mixture,
 }
 
 impl Group {
     /// All of them, in the order of reports.
-    pub const ALL: [Self; 4] = [Self::Single, Self::None, Self::Unknown, Self::Pair];
+    pub const ALL: [Self; 5] = [Self::Single, Self::None, Self::Unknown, Self::Pair, Self::Mixture];
 
     /// The word that labels use.
     #[must_use]
@@ -36,6 +38,7 @@ impl Group {
             Self::None => "none",
             Self::Unknown => "unknown",
             Self::Pair => "pair",
+            Self::Mixture => "mixture",
         }
     }
 }
@@ -82,6 +85,12 @@ pub struct Label {
     /// Held-out nrmse once the true structure is fitted.
     #[serde(default)]
     pub oracle_after: Option<f64>,
+    /// Of a mixture, what each effect takes of the gap's square, in the order of the effects.
+    #[serde(default, deserialize_with = "or_default")]
+    pub shares: Vec<f64>,
+    /// What acts beside a mixture and is in no catalogue.
+    #[serde(default)]
+    pub outside: Option<String>,
     /// The plant.
     #[serde(default, deserialize_with = "word")]
     pub plant: Option<String>,
@@ -148,6 +157,7 @@ impl Label {
             // What stands outside the catalogue may be described or not.
             Group::Unknown => label.effects.len(),
             Group::None => 0,
+            Group::Mixture => label.effects.len().max(1),
         };
         if label.effects.len() != needed {
             return Err(BlindError::LabelEffects { id: label.id, group: label.group.name(), needed, got: label.effects.len() }.into());

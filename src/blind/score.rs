@@ -137,7 +137,7 @@ impl BlindScore {
 fn kind(case: &Judged) -> String {
     match case.group {
         Group::Single => first_word(&case.truth),
-        Group::None | Group::Unknown | Group::Pair => case.group.name().to_owned(),
+        Group::None | Group::Unknown | Group::Pair | Group::Mixture => case.group.name().to_owned(),
     }
 }
 

@@ -81,7 +81,14 @@ pub const SCORES: &[Definition] = {
         "where_output" "the worst output is a right one" Share(|c| c.judgement.where_output);
         "where_time" "median overlap in time (intersection over union)" Quantile(0.5, |c| one(c.judgement.where_time));
         "where_band" "median overlap in frequency" Quantile(0.5, |c| one(c.judgement.where_band));
-        "of_oracle" "single, pair: median share of the oracle's shrink" Quantile(0.5, |c| one(c.judgement.of_oracle));
+        "strongest" "mixture: what contributes most is the strongest of the truth, up to its class" Share(|c| c.judgement.strongest);
+        "recall" "mixture: mean share of the true effects that is named" Mean(|c| one(c.judgement.recall));
+        "precision" "mixture: mean share of what is named that is true" Mean(|c| one(c.judgement.precision));
+        "share_error" "mixture: median error of a share" Quantile(0.5, |c| c.judgement.share_errors.clone());
+        "false_causes" "mixture called explained: something named that is not there" Share(|c| c.judgement.false_cause);
+        "mixture_of_oracle" "mixture: mean share of the oracle's shrink"
+            Mean(|c| if c.group == Group::Mixture { one(c.judgement.of_oracle) } else { Vec::new() });
+        "of_oracle" "single, pair, mixture: median share of the oracle's shrink" Quantile(0.5, |c| one(c.judgement.of_oracle));
         "harm" "all: held-out error more than 2 % worse" Share(|c| c.judgement.harm);
         "log_loss" "all: mean -ln(probability of the truth)" Mean(|c| one(c.judgement.truth_probability.map(|p| -p.clamp(LEAST, 1.0).ln())));
         "time_median" "all: run time, s" Quantile(0.5, |c| one(c.judgement.time_s));

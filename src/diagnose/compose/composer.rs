@@ -23,7 +23,7 @@ use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::diagnose::search::beside::Beside;
 use crate::diagnose::search::catalogue_search::noise_of;
-use crate::effect::{Applied, EFFECTS, Scales};
+use crate::effect::{Applied, Scales, row};
 
 /// Candidates that are refitted together with everything else at a step; and how many of them to the end.
 const REFITTED: [usize; 2] = [10, 5];
@@ -149,24 +149,22 @@ impl<'a> Composer<'_, 'a> {
         alone.map(|s| s.effects[0].values.clone()).into_iter().chain(own.into_iter().step_by(every)).collect()
     }
 
-    /// The best addition that is accepted, and what could stand in its place.
+    /// The best addition that is accepted, and what could stand in its place. What has fewer parameters leads where it could stand in the place of the best:
+    /// a law of three numbers takes the shape of much that it is not. Of near equals the first in the table leads.
     fn best(&self, likelihood: &Likelihood<'_>, before: &Standing, original: &Original) -> Option<(Standing, Vec<Applied>)> {
         let trials = self.additions(likelihood, &before.hypothesis);
         let standings: Vec<Standing> = trials.into_par_iter().filter_map(|e| Standing::of(likelihood, e, &self.scales)).collect();
         let accepted: Vec<&Standing> = standings.iter().filter(|after| self.gate.accepts(before, after, original)).collect();
-        let lowest = accepted.iter().map(|s| s.error()).fold(f64::INFINITY, f64::min);
-        let equals = || accepted.iter().filter(|s| s.error() <= (1.0 + self.gate.criteria.added_equals) * lowest);
-        let fewest = equals().map(|s| s.hypothesis.free.len()).min()?;
-        let row = |s: &Standing| newest(&before.hypothesis, &s.hypothesis).map(|a| row(&a));
-        let winner = equals().filter(|s| s.hypothesis.free.len() == fewest).min_by_key(|s| row(s))?;
-        let enough = self.gate.criteria.stands_in * Gate::fall(before, winner);
-        let stands_in = |s: &&Standing| {
-            s.hypothesis.key() != winner.hypothesis.key()
-                && Gate::fall(before, s) >= enough
-                && winner.better_by_t(s).abs() < self.gate.criteria.added_t
-        };
-        let stand_ins = standings.iter().filter(stands_in).filter_map(|s| newest(&before.hypothesis, &s.hypothesis)).collect();
-        Some(((*winner).clone(), stand_ins))
+        let lowest = *accepted.iter().min_by(|a, b| a.error().total_cmp(&b.error()))?;
+        let as_good = || accepted.iter().copied().filter(|s| self.gate.stands_in(before, lowest, s));
+        let fewest = as_good().map(|s| s.hypothesis.free.len()).min()?;
+        let few = || as_good().filter(|s| s.hypothesis.free.len() == fewest);
+        let least = few().map(Standing::error).fold(f64::INFINITY, f64::min);
+        let near = few().filter(|s| s.error() <= (1.0 + self.gate.criteria.added_equals) * least);
+        let winner = near.min_by_key(|s| newest(&before.hypothesis, &s.hypothesis).map(|a| row(a.effect)))?;
+        let others = standings.iter().filter(|s| s.hypothesis.key() != winner.hypothesis.key() && self.gate.stands_in(before, winner, s));
+        let stand_ins = others.filter_map(|s| newest(&before.hypothesis, &s.hypothesis)).collect();
+        Some((winner.clone(), stand_ins))
     }
 
     /// Takes out every earlier effect that the newest made needless, or puts in its place what explains more beside the newest.
@@ -226,16 +224,11 @@ impl Composition {
     }
 }
 
-/// The row of the table of effects.
-fn row(applied: &Applied) -> usize {
-    EFFECTS.iter().position(|e| e.name() == applied.effect.name()).unwrap_or(usize::MAX)
-}
-
 /// A hypothesis with one effect more or less, in the order of the table, to be fitted.
 fn to_be_fitted(present: &Hypothesis, more: Option<Applied>, less: Option<&Applied>) -> Hypothesis {
     let kept = present.effects.iter().filter(|a| less.is_none_or(|l| l.key() != a.key())).cloned();
     let mut effects: Vec<Applied> = kept.chain(more).collect();
-    effects.sort_by_key(row);
+    effects.sort_by_key(|a| row(a.effect));
     Hypothesis { effects, free: Vec::new(), gain: 0.0, fitted: false, lost: None }
 }
 

@@ -38,6 +38,13 @@ impl Gate {
             && taken.iter().all(|(before, after, original)| before.over(original) - after.over(original) >= limits.added_matters)
     }
 
+    /// Another takes nearly as much as the best and does not differ from it over the blocks.
+    pub(super) fn stands_in(&self, before: &Standing, best: &Standing, other: &Standing) -> bool {
+        let enough = Self::fall(before, other) >= self.criteria.stands_in * Self::fall(before, best);
+        let alike = other.error() <= (1.0 + self.criteria.added_equals) * best.error();
+        enough && (alike || best.better_by_t(other).abs() < self.criteria.added_t)
+    }
+
     /// An earlier effect is needless where the blocks are hardly worse without it.
     pub(super) fn needless(&self, without: &Standing, with: &Standing) -> bool {
         with.better_by_t(without) < self.criteria.dropped_t
