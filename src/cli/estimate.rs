@@ -101,14 +101,9 @@ impl Estimate {
         else {
             bail!("--events {columns}: write the two columns as A,B");
         };
-        let job = EventsJob {
-            name: self.source.log.display().to_string(),
-            channels: [a.to_owned(), b.to_owned()],
-            events: self.source.events([a, b])?,
-            methods,
-            max_delay_s: self.max_delay,
-            stop: Stop::default(),
-        };
+        let events = self.source.events([a, b])?;
+        let job =
+            EventsJob { methods, max_delay_s: self.max_delay, ..EventsJob::new(self.source.log.display().to_string(), [a, b], events) };
         Ok(in_options(job.run()?))
     }
 }
