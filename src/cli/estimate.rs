@@ -15,7 +15,6 @@ use crate::file::write_atomic;
 use crate::model::ModelFile;
 use crate::registry;
 use crate::report::picture::{Shown, svg};
-use crate::stop::Stop;
 
 /// Estimate the dead time between inputs and outputs of a log, by one method or all, and say what to believe
 #[derive(Debug, clap::Args)]
