@@ -107,6 +107,7 @@ impl Samples {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
 
     #[test]
     fn samples_snap_to_whole_when_only_rounding_separates_them() {
@@ -114,8 +115,8 @@ mod tests {
         assert_eq!(ts.samples(0.3).unwrap(), Samples { whole: 3, fraction: 0.0 });
         let odd = ts.samples(0.25).unwrap();
         assert_eq!(odd.whole, 2);
-        assert!((odd.fraction - 0.5).abs() < 1e-12);
-        assert!((odd.total() - 2.5).abs() < 1e-12);
+        assert_abs_diff_eq!(odd.fraction, 0.5, epsilon = 1e-12);
+        assert_abs_diff_eq!(odd.total(), 2.5, epsilon = 1e-12);
     }
 
     #[test]

@@ -15,7 +15,6 @@ use crate::file::write_atomic;
 use crate::model::ModelFile;
 use crate::registry;
 use crate::report::picture::{Shown, svg};
-use crate::stop::Stop;
 
 /// Estimate the dead time between inputs and outputs of a log, by one method or all, and say what to believe
 #[derive(Debug, clap::Args)]
@@ -105,14 +104,9 @@ impl Estimate {
         else {
             bail!("--events {columns}: write the two columns as A,B");
         };
-        let job = EventsJob {
-            name: self.source.log.display().to_string(),
-            channels: [a.to_owned(), b.to_owned()],
-            events: self.source.events([a, b])?,
-            methods,
-            max_delay_s: self.max_delay,
-            stop: Stop::default(),
-        };
+        let events = self.source.events([a, b])?;
+        let job =
+            EventsJob { methods, max_delay_s: self.max_delay, ..EventsJob::new(self.source.log.display().to_string(), [a, b], events) };
         Ok(in_options(job.run()?))
     }
 }

@@ -441,7 +441,7 @@ fn whole(step: SampleTime, seconds: f64) -> Result<usize> {
     Ok(samples.whole + usize::from(samples.fraction > 0.0))
 }
 
-/// Everything that an estimation between two sequences of event times needs.
+/// Everything that an estimation between two sequences of event times needs; [`EventsJob::new`] has every method and the defaults.
 pub struct EventsJob {
     /// What the log is called.
     pub name: String,
@@ -461,22 +461,34 @@ pub struct EventsJob {
 const PARTS: u8 = 100;
 
 impl EventsJob {
+    /// Every method that looks at events, between two sequences that are called so, with the defaults of [`Search`].
+    pub fn new(name: impl Into<String>, channels: [&str; 2], events: [EventTimes; 2]) -> Self {
+        Self {
+            name: name.into(),
+            channels: channels.map(str::to_owned),
+            events,
+            methods: Ready::all().into_iter().filter(|r| r.method.scope == Scope::Events).collect(),
+            max_delay_s: None,
+            stop: Stop::default(),
+        }
+    }
+
     /// Estimates the delay by every method.
     ///
     /// # Errors
     /// [`DelayError::OneEvent`], [`DelayError::Intervals`], [`DelayError::NoWindow`], [`crate::time::TimeError`]; [`crate::Error::Stopped`]. What a method cannot do with the
     /// events is its answer.
-    pub fn run(self) -> Result<Report> {
+    pub fn run(&self) -> Result<Report> {
         let Self { name, channels: [a, b], events: [first, second], methods, max_delay_s, stop } = self;
-        if let Some(none) = [&first, &second].into_iter().find(|e| e.times.is_empty()) {
+        if let Some(none) = [first, second].into_iter().find(|e| e.times.is_empty()) {
             return Err(DelayError::Count { what: "events", needed: 2, got: none.times.len() }.into());
         }
-        let (counts, units) = ([first.times.len(), second.times.len()], [first.unit, second.unit]);
+        let (counts, units) = ([first.times.len(), second.times.len()], [first.unit.clone(), second.unit.clone()]);
         let intervals: Vec<f64> = first.times.windows(2).map(|w| w[1] - w[0]).collect();
-        let events = vec![Events { first: first.times, second: second.times, units }];
-        let experiment = Experiment::of_events(SampleTime::new(1.0)?, [&a, &b], events)?;
+        let events = vec![Events { first: first.times.clone(), second: second.times.clone(), units }];
+        let experiment = Experiment::of_events(SampleTime::new(1.0)?, [a, b], events)?;
         let Some(interval_s) = stats::upper_median(intervals) else {
-            return Err(DelayError::OneEvent { log: name, channel: a }.into());
+            return Err(DelayError::OneEvent { log: name.clone(), channel: a.clone() }.into());
         };
         let step = SampleTime::new(interval_s / f64::from(PARTS)).map_err(|error| DelayError::Intervals {
             log: name.clone(),
@@ -485,7 +497,7 @@ impl EventsJob {
         })?;
         let max_delay = match max_delay_s {
             None => Search::default().max_delay * usize::from(PARTS),
-            Some(seconds) => whole(step, seconds)?,
+            Some(seconds) => whole(step, *seconds)?,
         };
         if max_delay == 0 {
             return Err(DelayError::NoWindow.into());
@@ -493,7 +505,7 @@ impl EventsJob {
         let experiment = experiment.with_sample_time(step);
         let search = Search { max_delay, stop: stop.clone(), ..Search::default() };
         let mut answers = Vec::new();
-        for ready in &methods {
+        for ready in methods {
             stop.check()?;
             let clock = Instant::now();
             // What a method cannot do with these sequences is its answer; the others go on.
@@ -505,9 +517,9 @@ impl EventsJob {
             answers.push(Answer { method: ready.method, estimate, predicted: None, time_s: clock.elapsed().as_secs_f64() });
         }
         let max_delay_s = step.to_seconds(max_delay as f64);
-        let pairs = vec![pair(&a, &b, &answers, Vec::new(), step, 0.0)];
+        let pairs = vec![pair(a, b, &answers, Vec::new(), step, 0.0)];
         let searched = Searched::Events { counts, interval_s };
-        Ok(Report { format: FORMAT, log: name, sample_time_s: step.seconds(), max_delay_s, pairs, searched })
+        Ok(Report { format: FORMAT, log: name.clone(), sample_time_s: step.seconds(), max_delay_s, pairs, searched })
     }
 }
 

@@ -179,12 +179,13 @@ pub(super) fn unseen(records: &[Record], max_delay: usize) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
 
     #[test]
     fn a_sharp_minimum_is_certain_to_half_a_sample() {
         let p = posterior(&[3.0, 2.0, 1.0, 2.0], 10.0, 500.0).unwrap();
         assert_eq!((p.best, p.set, p.ends, p.is_flat()), (2, 1, [2.0, 2.0], false));
-        assert!((p.std - RESOLUTION.sqrt()).abs() < 1e-12);
+        assert_abs_diff_eq!(p.std, RESOLUTION.sqrt(), epsilon = 1e-12);
     }
 
     #[test]

@@ -195,6 +195,7 @@ fn damped_step(normal: &Normal, free: &[bool], damping: f64) -> Option<DVector<f
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
 
     /// Rosenbrock's valley as residuals 10(y − x²), 1 − x.
     fn rosenbrock(p: &[f64]) -> Option<Normal> {
@@ -216,7 +217,7 @@ mod tests {
             LevenbergMarquardt { upper: vec![0.5, f64::INFINITY], ..LevenbergMarquardt::default() }.minimise(&[-1.2, 1.0], rosenbrock);
         assert!(fit.stopped.converged(), "{fit:?}");
         assert_eq!(fit.parameters[0], 0.5);
-        assert!((fit.parameters[1] - 0.25).abs() < 1e-8);
+        assert_abs_diff_eq!(fit.parameters[1], 0.25, epsilon = 1e-8);
     }
 
     #[test]

@@ -111,6 +111,7 @@ pub(crate) fn laguerre_spectra(signals: [&[f64]; 2], pole: f64, order: usize) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
 
     fn impulse(samples: usize) -> Vec<f64> {
         let mut u = vec![0.0; samples];
@@ -154,7 +155,7 @@ mod tests {
         let x: Vec<f64> = (0..900).map(|t| (0.3 * t as f64).sin() * 0.99_f64.powi(t)).collect();
         let [spectrum, zero] = laguerre_spectra([&x, &vec![0.0; 900]], 0.7, 300);
         // Parseval: nearly all of it is in the first 300.
-        assert!((dot(&spectrum, &spectrum) / dot(&x, &x) - 1.0).abs() < 1e-9);
+        assert_abs_diff_eq!(dot(&spectrum, &spectrum) / dot(&x, &x), 1.0, epsilon = 1e-9);
         // The filters have one sample of delay more.
         for (k, filtered) in filters(&impulse(901), 0.7, 5).iter().enumerate() {
             assert!((spectrum[k] - dot(&filtered[1..], &x)).abs() < 1e-12 && zero[k] == 0.0);

@@ -1,3 +1,4 @@
+use approx::assert_abs_diff_eq;
 use std::io::{Read, Write};
 
 use proptest::prelude::*;
@@ -410,7 +411,7 @@ fn placeholder_of_a_missing_sample_is_zero_and_a_full_mask_goes() {
 
 #[test]
 fn even_grid_accepts_jitter_of_0_049_samples_and_refuses_0_06() {
-    assert!((jittered(1000, 0.049).even_grid().unwrap().seconds() - 0.01).abs() < 1e-6);
+    assert_abs_diff_eq!(jittered(1000, 0.049).even_grid().unwrap().seconds(), 0.01, epsilon = 1e-6);
     let error = jittered(1000, 0.06).even_grid().unwrap_err();
     assert!(matches!(error, LogError::UnevenTime { deviation_samples, .. } if (deviation_samples.abs() - 0.06).abs() < 1e-3));
     says(&error, &["a.csv", "sample ", "samples from the straight line", "`resample(0.0"]);
@@ -422,8 +423,8 @@ fn even_grid_names_the_worst_row_and_offers_the_median_step() {
     let error = Log::new("a.csv", time_s, vec![]).unwrap().even_grid().unwrap_err();
     let LogError::UnevenTime { place, time_s, deviation_samples, suggested_s, .. } = &error else { panic!("{error:?}") };
     assert_eq!((*place, *suggested_s), (Place::Sample(50), 0.01));
-    assert!((time_s - 0.504).abs() < 1e-12);
-    assert!((deviation_samples - 0.4).abs() < 0.01);
+    assert_abs_diff_eq!(*time_s, 0.504, epsilon = 1e-12);
+    assert_abs_diff_eq!(*deviation_samples, 0.4, epsilon = 0.01);
     says(&error, &["a.csv", "sample 50", "0.504 s", "0.396", "`resample(0.01)`"]);
 }
 
@@ -437,7 +438,7 @@ fn even_grid_keeps_round_sample_times_round() {
     }
     let third = (0..2000).map(|k| f64::from(k) / 3.0).collect();
     let third = Log::new("a.csv", third, vec![]).unwrap().even_grid().unwrap().seconds();
-    assert!((third - 1.0 / 3.0).abs() < 1e-15);
+    assert_abs_diff_eq!(third, 1.0 / 3.0, epsilon = 1e-15);
 }
 
 #[test]
@@ -445,7 +446,7 @@ fn even_grid_is_the_least_squares_slope() {
     let t = [0.0, 1.02, 1.98, 3.01, 4.0];
     let slope = (-2.0 * t[0] - t[1] + t[3] + 2.0 * t[4]) / 10.0;
     let found = Log::new("a.csv", t.to_vec(), vec![]).unwrap().even_grid().unwrap().seconds();
-    assert!((found - slope).abs() < 1e-14);
+    assert_abs_diff_eq!(found, slope, epsilon = 1e-14);
 }
 
 #[test]

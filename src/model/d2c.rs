@@ -24,6 +24,7 @@ pub fn d2c(sys: &StateSpace<Sampled>) -> Result<StateSpace<super::Continuous>, M
 mod tests {
     use super::*;
     use crate::time::SampleTime;
+    use approx::assert_abs_diff_eq;
 
     fn sampled(a: &[f64], n: usize) -> StateSpace<Sampled> {
         let (a, b) = (DMatrix::from_row_slice(n, n, a), DMatrix::from_element(n, 1, 1.0));
@@ -46,7 +47,7 @@ mod tests {
     #[test]
     fn whole_samples_of_delay_become_seconds() {
         let sys = d2c(&sampled(&[0.5], 1).with_input_delay(vec![3]).unwrap()).unwrap();
-        assert!((sys.input_delay()[0] - 0.3).abs() < 1e-15);
-        assert!((sys.a()[(0, 0)] - 0.5f64.ln() / 0.1).abs() < 1e-12);
+        assert_abs_diff_eq!(sys.input_delay()[0], 0.3, epsilon = 1e-15);
+        assert_abs_diff_eq!(sys.a()[(0, 0)], 0.5f64.ln() / 0.1, epsilon = 1e-12);
     }
 }

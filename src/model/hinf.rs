@@ -200,6 +200,7 @@ mod tests {
     use super::*;
     use crate::model::{Continuous, Sampled, TransferFunction};
     use crate::time::SampleTime;
+    use approx::assert_abs_diff_eq;
 
     #[test]
     fn a_resonance_has_the_height_and_place_of_its_formula() {
@@ -235,12 +236,12 @@ mod tests {
         let gain = DMatrix::from_row_slice(2, 2, &[3.0, 2.0, 2.0, 3.0]);
         let (one, zero) = (DMatrix::identity(2, 2), DMatrix::zeros(2, 2));
         let lag = |pole: f64| StateSpace::continuous(&one * pole, gain.clone(), one.clone(), zero.clone()).unwrap();
-        assert!((lag(-2.0).norm_hinf().gain - 2.5).abs() < 1e-12);
+        assert_abs_diff_eq!(lag(-2.0).norm_hinf().gain, 2.5, epsilon = 1e-12);
         for pole in [0.0, 1.0] {
             assert_eq!(lag(pole).norm_hinf().gain, f64::INFINITY);
         }
         let nothing = StateSpace::continuous(DMatrix::zeros(0, 0), DMatrix::zeros(0, 2), DMatrix::zeros(2, 0), gain).unwrap();
-        assert!((nothing.norm_hinf().gain - 5.0).abs() < 1e-12);
+        assert_abs_diff_eq!(nothing.norm_hinf().gain, 5.0, epsilon = 1e-12);
         assert_eq!(StateSpace::continuous(one.clone() * -1.0, zero.clone(), one, zero).unwrap().norm_hinf().gain, 0.0);
     }
 }

@@ -272,6 +272,7 @@ fn why_none(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
 
     fn m(rows: usize, columns: usize, entries: &[f64]) -> DMatrix<f64> {
         DMatrix::from_row_slice(rows, columns, entries)
@@ -287,8 +288,8 @@ mod tests {
         let one = identity(1);
         let solution = dlqr(&one, &one, &one, &one, None).unwrap();
         let golden = (1.0 + 5f64.sqrt()) / 2.0;
-        assert!((solution.x[(0, 0)] - golden).abs() < 1e-15);
-        assert!((solution.k[(0, 0)] - golden / (1.0 + golden)).abs() < 1e-15);
+        assert_abs_diff_eq!(solution.x[(0, 0)], golden, epsilon = 1e-15);
+        assert_abs_diff_eq!(solution.k[(0, 0)], golden / (1.0 + golden), epsilon = 1e-15);
     }
 
     #[test]
@@ -352,8 +353,8 @@ mod tests {
     #[test]
     fn an_unstable_mode_without_cost_is_reflected_into_the_circle() {
         let solution = dlqr(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[0.0]), &identity(1), None).unwrap();
-        assert!((solution.poles[0].re - 0.5).abs() < 1e-12);
-        assert!((solution.x[(0, 0)] - 3.0).abs() < 1e-12);
+        assert_abs_diff_eq!(solution.poles[0].re, 0.5, epsilon = 1e-12);
+        assert_abs_diff_eq!(solution.x[(0, 0)], 3.0, epsilon = 1e-12);
     }
 
     /// With R = 1 and a = 2 the stationary point for Q = −100 has a stable loop, but R + BᵀXB < 0: it is a maximum.

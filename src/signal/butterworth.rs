@@ -84,6 +84,7 @@ impl Butterworth {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
 
     const BANDS: [(f64, f64); 7] = [(0.0, 0.3), (0.0, 0.01), (0.2, 1.0), (0.9, 1.0), (0.1, 0.3), (0.45, 0.5), (0.01, 0.9)];
 
@@ -126,7 +127,7 @@ mod tests {
             let filter = Butterworth::pass(low, high);
             for edge in [low, high] {
                 if edge > 0.0 && edge < 1.0 {
-                    assert!((magnitude_squared(&filter, edge) - 0.5).abs() < 1e-9);
+                    assert_abs_diff_eq!(magnitude_squared(&filter, edge), 0.5, epsilon = 1e-9);
                 }
             }
         }
@@ -140,7 +141,7 @@ mod tests {
             assert!(h[3000..].iter().all(|v| v.abs() < 1e-12));
             for f in [0.05, 0.15, 0.2, 0.5, 0.8] {
                 let at: Complex<f64> = h.iter().enumerate().map(|(k, &v)| Complex::from_polar(v, -PI * f * k as f64)).sum();
-                assert!((at.norm_sqr() - analytic(low, high, f)).abs() < 1e-10);
+                assert_abs_diff_eq!(at.norm_sqr(), analytic(low, high, f), epsilon = 1e-10);
             }
         }
     }

@@ -246,6 +246,7 @@ fn stationary_covariance(mut f: DMatrix<f64>, g: &DVector<f64>) -> Option<DMatri
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
     use rand_chacha::rand_core::SeedableRng;
 
     fn rng(seed: u64) -> ChaCha8Rng {
@@ -267,7 +268,7 @@ mod tests {
             for snr in [0.5, 1.0, 100.0] {
                 let y = Noise { snr, colour: colour.clone(), scaling: NoiseScaling::Realised }.add(&s, &mut rng(3)).unwrap();
                 let v: Vec<f64> = y.iter().zip(&s).map(|(y, s)| y - s).collect();
-                assert!((variance(&s) / variance(&v) / snr - 1.0).abs() < 1e-10);
+                assert_abs_diff_eq!(variance(&s) / variance(&v) / snr, 1.0, epsilon = 1e-10);
             }
         }
     }
@@ -312,7 +313,7 @@ mod tests {
     #[test]
     fn ma_noise_is_uncorrelated_beyond_its_order() {
         let v = unit_noise(200_000, &NoiseColour::Arma { ar: vec![], ma: vec![0.5] }, &mut rng(8)).unwrap();
-        assert!((autocovariance(&v, 1) - 0.5 / 1.25).abs() < 0.02);
+        assert_abs_diff_eq!(autocovariance(&v, 1), 0.5 / 1.25, epsilon = 0.02);
         assert!(autocovariance(&v, 2).abs() < 0.02);
     }
 
@@ -326,13 +327,13 @@ mod tests {
             h.push(ar + if k <= 3 { c[k - 1] } else { 0.0 });
         }
         let direct: f64 = h.iter().map(|v| v * v).sum();
-        assert!((filter.variance() / direct - 1.0).abs() < 1e-12);
+        assert_abs_diff_eq!(filter.variance() / direct, 1.0, epsilon = 1e-12);
     }
 
     #[test]
     fn a_factor_common_to_both_polynomials_leaves_white_noise() {
         let cancelled = NoiseColour::Arma { ar: vec![-0.5], ma: vec![-0.5] };
-        assert!((ArmaFilter::new(&cancelled).unwrap().variance() - 1.0).abs() < 1e-15);
+        assert_abs_diff_eq!(ArmaFilter::new(&cancelled).unwrap().variance(), 1.0, epsilon = 1e-15);
         assert_eq!(unit_noise(9, &cancelled, &mut rng(1)).unwrap().len(), 9);
     }
 

@@ -689,6 +689,7 @@ fn means(pairs: &[Pair]) -> Vec<(Measured, Option<f64>, Option<f64>)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
 
     fn counts(bad: [u64; 2], all: [u64; 2]) -> Counts {
         Counts { bad, all }
@@ -697,8 +698,8 @@ mod tests {
     #[test]
     fn fisher_judges_the_lady_tasting_tea_as_fisher_did() {
         // Four cups of each kind: all told apart by chance in 1 of 70, three or more of four in 17 of 70.
-        assert!((hypergeometric_tail(&counts([0, 4], [4, 4])) - 1.0 / 70.0).abs() < 1e-12);
-        assert!((hypergeometric_tail(&counts([1, 3], [4, 4])) - 17.0 / 70.0).abs() < 1e-12);
+        assert_abs_diff_eq!(hypergeometric_tail(&counts([0, 4], [4, 4])), 1.0 / 70.0, epsilon = 1e-12);
+        assert_abs_diff_eq!(hypergeometric_tail(&counts([1, 3], [4, 4])), 17.0 / 70.0, epsilon = 1e-12);
         assert!(
             fisher(counts([0, 0], [4, 4])).is_none()
                 && fisher(counts([4, 4], [4, 4])).is_none()

@@ -175,6 +175,7 @@ pub(super) fn kept(tallies: &[&Tally], percent: f64) -> Vec<Option<f64>> {
 mod tests {
     use super::*;
     use crate::delay::Outcome;
+    use approx::assert_abs_diff_eq;
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
@@ -207,12 +208,12 @@ mod tests {
     #[test]
     fn sums_are_those_of_the_errors() {
         let t = tally(&[0.0, 3.0, -1.0, 0.5]);
-        assert!((t.rms().unwrap() - (10.25_f64 / 4.0).sqrt()).abs() < 1e-12);
-        assert!((t.bias().unwrap() - 0.625).abs() < 1e-12);
+        assert_abs_diff_eq!(t.rms().unwrap(), (10.25_f64 / 4.0).sqrt(), epsilon = 1e-12);
+        assert_abs_diff_eq!(t.bias().unwrap(), 0.625, epsilon = 1e-12);
         // 3 is off by more than a sample and its interval, 7 … 9, leaves out 5; −1 is on the edge of its interval.
         assert_eq!((t.wrong, t.flagged, t.coverage95()), (1, 0, Some(0.75)));
         let spread = [5.0, 8.0, 4.0, 5.5_f64].map(|v| (v - 5.625).powi(2)).iter().sum::<f64>() / 3.0;
-        assert!((t.std_raw_s().unwrap() - spread.sqrt()).abs() < 1e-12);
+        assert_abs_diff_eq!(t.std_raw_s().unwrap(), spread.sqrt(), epsilon = 1e-12);
         assert_eq!(t.bound_rms(), Some(0.5));
     }
 
@@ -246,8 +247,8 @@ mod tests {
         let (a, b) = (tally(&first), tally(&second));
         let kept90 = kept(&[&a, &b], 90.0);
         let share = 1.0_f64 / 3.0;
-        assert!((kept90[0].unwrap() - (16.0 * share / (9.0 + share)).sqrt()).abs() < 1e-9);
-        assert!((kept90[1].unwrap() - ((8.0 + 32.0 * share) / (8.0 + 2.0 * share)).sqrt()).abs() < 1e-9);
+        assert_abs_diff_eq!(kept90[0].unwrap(), (16.0 * share / (9.0 + share)).sqrt(), epsilon = 1e-9);
+        assert_abs_diff_eq!(kept90[1].unwrap(), ((8.0 + 32.0 * share) / (8.0 + 2.0 * share)).sqrt(), epsilon = 1e-9);
         let all = kept(&[&a, &b], 100.0);
         assert!((all[0].unwrap() - a.rms().unwrap()).abs() < 1e-12 && (all[1].unwrap() - b.rms().unwrap()).abs() < 1e-12);
         // Nothing of a cell whose answers are all worse than the border.

@@ -1,6 +1,7 @@
 //! Bounds on the standard deviation of a delay: closed forms beside sums, the standard benchmark, and how near a fit comes.
 
 use crate::support::plants::{answer, process, rng, std_dev, sum, ts, white};
+use approx::assert_abs_diff_eq;
 use deadtime::delay::bound::{self, FirstOrderStep};
 use deadtime::delay::{Experiment, Outcome, ProcessModel, Search, method};
 use deadtime::signal::Excitation;
@@ -91,16 +92,16 @@ fn white_signals_have_the_closed_forms() {
     let (rho, samples) = (0.7_f64, 5000);
     let odds = rho * rho / (1.0 + 2.0 * rho);
     let spectral = bound::two_sensors(5000.0, [0.0, 0.5], |_| odds / (1.0 + odds));
-    assert!((spectral / bound::two_sensors_white(samples, rho) - 1.0).abs() < 1e-6);
+    assert_abs_diff_eq!(spectral / bound::two_sensors_white(samples, rho), 1.0, epsilon = 1e-6);
     // White noise of that length has the closed form's spectrum but for the scatter of the draw.
     let signal = white(samples, 1.0, 5);
     let direct = bound::reference(&signal, rho.recip().sqrt());
     assert!((direct / bound::reference_white(samples, rho) - 1.0).abs() < 0.05, "{direct}");
-    assert!((bound::two_sensors_white(500, 1e6) / bound::reference_white(500, 1e6) - 2.0_f64.sqrt()).abs() < 1e-5);
+    assert_abs_diff_eq!(bound::two_sensors_white(500, 1e6) / bound::reference_white(500, 1e6), 2.0_f64.sqrt(), epsilon = 1e-5);
     // A sine's derivative is ω times its cosine: an independent value.
     let sine: Vec<f64> = (0..1000).map(|t| (2.0 * std::f64::consts::PI * 0.05 * f64::from(t)).sin()).collect();
     let expected = 1.0 / (0.1 * std::f64::consts::PI * 500.0_f64.sqrt());
-    assert!((bound::reference(&sine, 1.0) / expected - 1.0).abs() < 1e-9);
+    assert_abs_diff_eq!(bound::reference(&sine, 1.0) / expected, 1.0, epsilon = 1e-9);
 }
 
 #[test]
@@ -155,7 +156,7 @@ fn anomalies_are_as_frequent_as_a_draw_of_their_peaks() {
         assert!((wrong - expected).abs() < 4.0 * (expected / draws as f64).sqrt() + 1e-4);
     }
     assert!((bound::anomaly_probability(0.0, 10.0) - 0.9).abs() < 1e-6, "each of ten is as likely the highest");
-    assert!((bound::with_anomalies(0.1, 12.0, 1.0) - 12.0 / 12.0_f64.sqrt()).abs() < 1e-12);
+    assert_abs_diff_eq!(bound::with_anomalies(0.1, 12.0, 1.0), 12.0 / 12.0_f64.sqrt(), epsilon = 1e-12);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The built program: files it writes, jobs that follow each other, and how it behaves in a pipe.
 
+use approx::assert_abs_diff_eq;
 use std::process::{Command, Stdio};
 
 use crate::support::program::{Folder, deadtime, text};
@@ -174,7 +175,7 @@ fn the_estimate_file_has_the_keys_of_its_format_and_a_pair_for_every_input_and_o
     let (_, report) = run(&["--method", "arxstruc", "--method", "threshold", "--degree-bias", "0", "--max-delay", "1.15"]);
     assert!((report["max_delay_s"].as_f64().unwrap() - 1.2).abs() < 1e-12, "rounded up to whole samples");
     assert_eq!(report["pairs"][0]["estimates"][0]["degree_bias_samples"], 0);
-    assert!((report["pairs"][0]["verdict"]["delay_s"].as_f64().unwrap() - 0.4).abs() < 1e-9);
+    assert_abs_diff_eq!(report["pairs"][0]["verdict"]["delay_s"].as_f64().unwrap(), 0.4, epsilon = 1e-9);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use crate::support::plants;
 use crate::support::plants::{TS, answer, std_dev, sum, times, ts, white};
+use approx::assert_abs_diff_eq;
 use deadtime::delay::{Class, DelayEstimate, Events, Experiment, Method, Outcome, Recording, Search, method};
 use deadtime::signal::fractional_delay;
 use proptest::prelude::*;
@@ -122,7 +123,7 @@ fn the_bound_is_the_published_one_for_a_white_source() {
     // 3(1 + 2ρ)/(π²Nρ²)
     for (samples, snr) in [(500, 100.0), (4000, 1.0)] {
         let closed = (3.0 * (1.0 + 2.0 * snr) / (std::f64::consts::PI.powi(2) * samples as f64 * snr * snr)).sqrt();
-        assert!((bound(Source::White, samples, snr) / closed - 1.0).abs() < 1e-3);
+        assert_abs_diff_eq!(bound(Source::White, samples, snr) / closed, 1.0, epsilon = 1e-3);
     }
 }
 

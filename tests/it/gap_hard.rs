@@ -1,6 +1,7 @@
 //! `deadtime gap` where it is easily wrong: feedback, an unstable plant, a start that is not known, several effects, lost commands, and causes that are in no
 //! catalogue.
 
+use approx::assert_abs_diff_eq;
 use deadtime::diagnose::{Diagnosis, GapOptions, Mode, diagnose};
 use deadtime::effect::{Applied, Chance, find};
 use deadtime::log::{Channel, Log};
@@ -316,7 +317,7 @@ fn a_delay_longer_than_was_looked_for_at_first_is_still_found() {
     let logs = [log(&model, effects, 1500, 700, &[0.0, 0.0]), log(&model, effects, 1500, 701, &[0.0, 0.0])];
     let d = diagnosed(&model, &logs, &[log(&model, effects, 1500, 702, &[0.0, 0.0])]);
     assert_eq!(d.cause.verdict, "input_delay");
-    assert!((d.cause.effects[0].parameters[0].value.unwrap() - 1.7).abs() < 0.005);
+    assert_abs_diff_eq!(d.cause.effects[0].parameters[0].value.unwrap(), 1.7, epsilon = 0.005);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! State-space models from records: against numpy, against the truth, and what is said where no model can be had.
 
+use approx::assert_abs_diff_eq;
 use deadtime::identify::IdentifyError;
 use deadtime::identify::subspace::{Direct, Identified, Identifier, Moesp, N4sid, Named, Pbsidopt, Recordings, Settings, Stretch, Sure};
 use deadtime::model::c2d::{Conversion, ZeroOrderHold};
@@ -172,7 +173,7 @@ fn a_known_delay_is_taken_out_first_and_stands_in_the_model_file() {
     let file = found.file("delayed", &[4], false).unwrap();
     assert_eq!(file.input_delay_s, [0.08]);
     let continuous = found.file("delayed", &[4], true).unwrap().continuous().unwrap();
-    assert!((continuous.input_delay()[0] - 0.08).abs() < 1e-12);
+    assert_abs_diff_eq!(continuous.input_delay()[0], 0.08, epsilon = 1e-12);
     let growing = continuous.poles().into_iter().map(|p| p.re).fold(f64::MIN, f64::max);
     let truth = poles(&a).into_iter().map(|z| z.ln().re / 0.02).fold(f64::MIN, f64::max);
     assert!((growing - truth).abs() < 0.1 * truth, "{growing} {truth}");
@@ -258,6 +259,6 @@ fn the_order_says_how_sure_it_is_and_the_same_seed_draws_the_same() {
     let (once, again) = (identified(&data, settings.clone()), identified(&data, settings.clone()));
     assert_eq!(once, again);
     assert_ne!(once.order.sure, Sure::Given);
-    assert!((once.order.candidates.iter().map(|c| c.weight).sum::<f64>() - 1.0).abs() < 1e-9);
+    assert_abs_diff_eq!(once.order.candidates.iter().map(|c| c.weight).sum::<f64>(), 1.0, epsilon = 1e-9);
     assert_eq!(identified(&data, Settings { order: Some(2), ..settings }).order.sure, Sure::Given);
 }

@@ -1,5 +1,6 @@
 //! What the options of the estimators change: thresholds, averaging over records, and the ways to read a delay from coefficients.
 
+use approx::assert_abs_diff_eq;
 use deadtime::delay::{
     DelayEstimate, DelayEstimator, Experiment, Oestruc, Outcome, PlantModel, Prewindow, Recording, Records, Search, Selection, Series,
     StateLeastSquares, Threshold,
@@ -146,10 +147,10 @@ fn what_is_known_before_a_record_lets_states_tell_of_an_early_pulse() {
     // A pulse in the first samples has gone by before every lag can be looked back to.
     for at in [0, 10] {
         assert_eq!(answer(at, Prewindow::None).outcome, Outcome::Singular);
-        assert!((answer(at, Prewindow::Rest).delay_s.unwrap() - 4.0).abs() < 1e-6);
+        assert_abs_diff_eq!(answer(at, Prewindow::Rest).delay_s.unwrap(), 4.0, epsilon = 1e-6);
     }
     // Ten still samples are a rest that is seen; a pulse at the very start leaves none.
-    assert!((answer(10, Prewindow::Auto).delay_s.unwrap() - 4.0).abs() < 1e-6);
+    assert_abs_diff_eq!(answer(10, Prewindow::Auto).delay_s.unwrap(), 4.0, epsilon = 1e-6);
     assert_eq!(answer(0, Prewindow::Auto).outcome, Outcome::Singular);
 }
 

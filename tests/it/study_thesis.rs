@@ -1,5 +1,6 @@
 //! The plans of the thesis' tables and of its open questions: what must come out does, and nothing published is left aside.
 
+use approx::assert_abs_diff_eq;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
@@ -123,7 +124,7 @@ fn with_every_true_delay_at_zero_a_constant_would_do_as_well() {
         // From no delay to one of ten samples.
         (10.0 + last.bias_samples.unwrap() - first.bias_samples.unwrap()) / 10.0
     };
-    assert!((slope("state_least_squares") - 1.0).abs() < 1e-6);
+    assert_abs_diff_eq!(slope("state_least_squares"), 1.0, epsilon = 1e-6);
     assert!(slope("oestruc").abs() < 0.5, "{}", slope("oestruc"));
 }
 

@@ -141,6 +141,7 @@ impl AllPass {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
 
     /// Without noise.
     fn alone(b: &[f64], longest: f64) -> Option<AllPass> {
@@ -177,8 +178,8 @@ mod tests {
     #[test]
     fn known_zeros_add_what_their_formula_says() {
         // z − 2, x = ½: (1 + ½)/(1 − ½) = 3. z + 3: (1 − ⅓)/(1 + ⅓) = ½.
-        assert!((alone(&[1.0, -2.0], 9.0).unwrap().raw - 3.0).abs() < 1e-12);
-        assert!((alone(&[0.0, 1.0, 3.0], 9.0).unwrap().raw - 1.5).abs() < 1e-12);
+        assert_abs_diff_eq!(alone(&[1.0, -2.0], 9.0).unwrap().raw, 3.0, epsilon = 1e-12);
+        assert_abs_diff_eq!(alone(&[0.0, 1.0, 3.0], 9.0).unwrap().raw, 1.5, epsilon = 1e-12);
         let guarded = alone(&[0.0, 0.0, 1.0, -1.0 / 0.999], 9.0).unwrap();
         assert_eq!((guarded.raw, guarded.left_out), (2.0, 1));
         assert!(alone(&[0.0, 0.0], 9.0).is_none() && alone(&[], 9.0).is_none());

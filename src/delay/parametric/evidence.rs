@@ -138,6 +138,7 @@ pub(super) fn log_evidence(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
 
     fn prior() -> Prior {
         Prior { range: [SHORTEST.ln(), 100.0_f64.ln()] }
@@ -168,7 +169,7 @@ mod tests {
         );
         for nf in [1, 2] {
             let nodes = prior().nodes(nf);
-            assert!((nodes.iter().map(|n| n.1).sum::<f64>() - 1.0).abs() < 1e-12);
+            assert_abs_diff_eq!(nodes.iter().map(|n| n.1).sum::<f64>(), 1.0, epsilon = 1e-12);
             assert!(nodes.iter().all(|n| n.0.len() == nf && prior().density(&n.0) > 0.0));
         }
     }

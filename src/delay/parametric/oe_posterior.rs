@@ -172,12 +172,13 @@ fn median(weights: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
 
     #[test]
     fn mean_and_median_of_a_few_weights() {
         let weights = [0.1, 0.0, 0.5, 0.4];
-        assert!((mean(&weights, |_| true) - 2.2).abs() < 1e-15);
-        assert!((mean(&weights, |nk| nk > 0) - 2.2 / 0.9).abs() < 1e-15);
+        assert_abs_diff_eq!(mean(&weights, |_| true), 2.2, epsilon = 1e-15);
+        assert_abs_diff_eq!(mean(&weights, |nk| nk > 0), 2.2 / 0.9, epsilon = 1e-15);
         assert_eq!(median(&weights), 2.0);
         assert_eq!(median(&[1.0]), 0.0);
     }

@@ -15,6 +15,7 @@ use crate::model::c2d::{Hold, transition};
 use crate::model::exp;
 use crate::registry::entry;
 use crate::signal::stats::interval95;
+use crate::time::SampleTime;
 
 /// How the delay is read from the coefficients γ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -276,80 +277,123 @@ impl StateLeastSquares {
         let explained_by_all = (gamma.dot(&right) / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let freedom = (samples * n).saturating_sub(parameters).max(1) as f64;
         let noise = power * (1.0 - explained_by_all) / freedom;
-        let of = |j: usize| (0..lags).map(move |i| j * lags + i);
-        let largest = |j: usize| of(j).max_by(|&a, &b| gamma[a].total_cmp(&gamma[b])).unwrap_or(j * lags) - j * lags;
         // Start of the refinement: the largest coefficient and its larger neighbour share one delay.
-        let start: Vec<f64> = (0..m).map(|j| interpolated(&gamma.as_slice()[j * lags..(j + 1) * lags], largest(j))).collect();
+        let start: Vec<f64> =
+            gamma.as_slice().chunks_exact(lags).map(|coefficients| interpolated(coefficients, largest(coefficients))).collect();
         let refined = refine(&plant, &recordings, first, &start, max_delay);
         let explained = (1.0 - refined.residual / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let gain = freedom * -(1.0 - explained_by_all).max(1e-300).ln();
-        Ok((0..m)
-            .map(|j| {
-                let sum: f64 = (0..lags).map(|i| gamma[j * lags + i] * real(i)).sum();
-                let product = (0..lags).map(|i| gamma[j * lags + i] * real(i)).fold(f64::NEG_INFINITY, f64::max);
-                let peak = largest(j);
-                let coefficient = gamma[j * lags + peak];
-                let strength = coefficient / (noise * inverse[(j * lags + peak, j * lags + peak)]).max(f64::MIN_POSITIVE).sqrt();
-                if gain < posterior::visible_gain(parameters, 1) || (strength < 3.0 && coefficient < 0.5) {
-                    let note = format!("no lag of this input stands out (largest coefficient {coefficient:.3}, {strength:.1} standard deviations)");
-                    return DelayEstimate::without(Outcome::NotVisible, note);
-                }
-                // The best lag outside the peak and its neighbours, which share a delay between samples.
-                let other = of(j).filter(|i| (i - j * lags).abs_diff(peak) > 1).max_by(|&a, &b| gamma[a].total_cmp(&gamma[b]));
-                let gap = other.map(|i| {
-                    let at = j * lags + peak;
-                    let variance = inverse[(at, at)] + inverse[(i, i)] - 2.0 * inverse[(at, i)];
-                    (i - j * lags, (gamma[at] - gamma[i]) / (noise * variance).max(f64::MIN_POSITIVE).sqrt())
-                });
-                if let Some((runner_up, gap)) = gap.filter(|(_, gap)| *gap < SEPARATE) {
-                    let note = format!(
-                        "lag {peak} is only {gap:.1} standard deviations above lag {runner_up} (angle to the other inputs {:.1}°)",
-                        angles[j]
-                    );
-                    return DelayEstimate::without(Outcome::Flat, note);
-                }
-                if explained < DESCRIBES * explained_by_all {
-                    let note = format!(
-                        "one delay per input explains {:.0} % of the state's motion, all lags together {:.0} %: A and B do not describe this plant",
-                        100.0 * explained,
-                        100.0 * explained_by_all
-                    );
-                    return DelayEstimate::without(Outcome::NotApplicable, note);
-                }
-                let (delay, std) = match self.selection {
-                    Selection::Largest => (refined.delays[j], refined.std[j]),
-                    Selection::ProductSum => {
-                        let weights = DVector::from_fn(parameters, |i, _| if i / lags == j { real(i % lags) } else { 0.0 });
-                        (sum, (noise * weights.dot(&(&inverse * &weights))).max(0.0).sqrt())
-                    }
-                    Selection::LargestProduct => (product, f64::NAN),
-                };
-                let ts = experiment.sample_time();
-                let at_edge = peak == max_delay;
-                let note = format!(
-                    "largest coefficient {coefficient:.3} at lag {peak} (1 if A and B are exact); one delay per input explains {:.1} % of the state's motion",
-                    100.0 * explained
-                );
-                let apart = gap.map(|(runner_up, gap)| format!("the runner-up, lag {runner_up}, is {gap:.1} standard deviations below it"));
-                let together = (angles[j] < TOGETHER).then(|| {
-                    format!("this input moves nearly with the others (smallest angle between their lags {:.2}°): the noise decides between them", angles[j])
-                });
-                let finite = std.is_finite();
-                let raw = if self.selection == Selection::LargestProduct { product } else { sum };
-                DelayEstimate {
-                    outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
-                    delay_s: Some(ts.to_seconds(delay)),
-                    std_s: finite.then(|| ts.to_seconds(std)),
-                    ci95_s: finite.then(|| interval95(delay, std).map(|d| ts.to_seconds(d.max(0.0)))),
-                    raw_delay_s: Some(ts.to_seconds(raw)),
-                    degree_bias_samples: 0.0,
-                    contradicted: false,
-                    note: Some(note),
-                }
-                .noting(apart)
-                .noting(together)
-            })
-            .collect())
+        let visible = gain >= posterior::visible_gain(parameters, 1);
+        let found = Found { lags, gamma, inverse, noise, angles, refined, explained, explained_by_all, visible };
+        Ok((0..m).map(|j| found.refusal(j).unwrap_or_else(|| found.estimate(j, self.selection, experiment.sample_time()))).collect())
+    }
+}
+
+/// The lag of the largest coefficient.
+fn largest(coefficients: &[f64]) -> usize {
+    (0..coefficients.len()).max_by(|&a, &b| coefficients[a].total_cmp(&coefficients[b])).unwrap_or(0)
+}
+
+/// What the data say of all inputs together.
+struct Found {
+    lags: usize,
+    /// Coefficients, all lags of one input after those of another, and the inverse of their Gram matrix.
+    gamma: DVector<f64>,
+    inverse: DMatrix<f64>,
+    /// Variance of the equations' noise.
+    noise: f64,
+    /// Smallest angle between each input's lags and the others', degrees.
+    angles: Vec<f64>,
+    refined: Refined,
+    /// The share of the state's motion that one delay per input explains, and all lags together.
+    explained: f64,
+    explained_by_all: f64,
+    /// All lags together explain more than chance.
+    visible: bool,
+}
+
+impl Found {
+    fn coefficients(&self, j: usize) -> &[f64] {
+        &self.gamma.as_slice()[j * self.lags..(j + 1) * self.lags]
+    }
+
+    /// The best lag outside the peak and its neighbours, which share a delay between samples, and how many standard deviations it stands below the peak.
+    fn runner_up(&self, j: usize) -> Option<(usize, f64)> {
+        let (coefficients, first) = (self.coefficients(j), j * self.lags);
+        let peak = largest(coefficients);
+        let other = (0..self.lags).filter(|i| i.abs_diff(peak) > 1).max_by(|&a, &b| coefficients[a].total_cmp(&coefficients[b]))?;
+        let (at, i) = (first + peak, first + other);
+        let variance = self.inverse[(at, at)] + self.inverse[(i, i)] - 2.0 * self.inverse[(at, i)];
+        Some((other, (self.gamma[at] - self.gamma[i]) / (self.noise * variance).max(f64::MIN_POSITIVE).sqrt()))
+    }
+
+    /// Why one input has no delay that is to be believed.
+    fn refusal(&self, j: usize) -> Option<DelayEstimate> {
+        let peak = largest(self.coefficients(j));
+        let (coefficient, at) = (self.coefficients(j)[peak], j * self.lags + peak);
+        let strength = coefficient / (self.noise * self.inverse[(at, at)]).max(f64::MIN_POSITIVE).sqrt();
+        if !self.visible || (strength < 3.0 && coefficient < 0.5) {
+            let note = format!("no lag of this input stands out (largest coefficient {coefficient:.3}, {strength:.1} standard deviations)");
+            return Some(DelayEstimate::without(Outcome::NotVisible, note));
+        }
+        if let Some((runner_up, gap)) = self.runner_up(j).filter(|(_, gap)| *gap < SEPARATE) {
+            let note = format!(
+                "lag {peak} is only {gap:.1} standard deviations above lag {runner_up} (angle to the other inputs {:.1}°)",
+                self.angles[j]
+            );
+            return Some(DelayEstimate::without(Outcome::Flat, note));
+        }
+        (self.explained < DESCRIBES * self.explained_by_all).then(|| {
+            let note = format!(
+                "one delay per input explains {:.0} % of the state's motion, all lags together {:.0} %: A and B do not describe this plant",
+                100.0 * self.explained,
+                100.0 * self.explained_by_all
+            );
+            DelayEstimate::without(Outcome::NotApplicable, note)
+        })
+    }
+
+    /// The delay of one input.
+    fn estimate(&self, j: usize, selection: Selection, ts: SampleTime) -> DelayEstimate {
+        let (lags, coefficients, refined) = (self.lags, self.coefficients(j), &self.refined);
+        let peak = largest(coefficients);
+        let products = || coefficients.iter().enumerate().map(|(i, gamma)| gamma * real(i));
+        let (sum, product) = (products().sum::<f64>(), products().fold(f64::NEG_INFINITY, f64::max));
+        let (delay, std) = match selection {
+            Selection::Largest => (refined.delays[j], refined.std[j]),
+            Selection::ProductSum => {
+                let weights = DVector::from_fn(self.gamma.len(), |i, _| if i / lags == j { real(i % lags) } else { 0.0 });
+                (sum, (self.noise * weights.dot(&(&self.inverse * &weights))).max(0.0).sqrt())
+            }
+            Selection::LargestProduct => (product, f64::NAN),
+        };
+        let note = format!(
+            "largest coefficient {:.3} at lag {peak} (1 if A and B are exact); one delay per input explains {:.1} % of the state's motion",
+            coefficients[peak],
+            100.0 * self.explained
+        );
+        let apart =
+            self.runner_up(j).map(|(runner_up, gap)| format!("the runner-up, lag {runner_up}, is {gap:.1} standard deviations below it"));
+        let angle = self.angles[j];
+        let together = (angle < TOGETHER).then(|| {
+            format!(
+                "this input moves nearly with the others (smallest angle between their lags {angle:.2}°): the noise decides between them"
+            )
+        });
+        let finite = std.is_finite();
+        let raw = if selection == Selection::LargestProduct { product } else { sum };
+        DelayEstimate {
+            outcome: if peak + 1 == lags { Outcome::AtEdge } else { Outcome::Found },
+            delay_s: Some(ts.to_seconds(delay)),
+            std_s: finite.then(|| ts.to_seconds(std)),
+            ci95_s: finite.then(|| interval95(delay, std).map(|d| ts.to_seconds(d.max(0.0)))),
+            raw_delay_s: Some(ts.to_seconds(raw)),
+            degree_bias_samples: 0.0,
+            contradicted: false,
+            note: Some(note),
+        }
+        .noting(apart)
+        .noting(together)
     }
 }
 

@@ -220,6 +220,7 @@ fn top(z: &[f64], drift: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
 
     #[test]
     fn the_change_is_right_after_the_sum_was_last_zero() {
@@ -228,7 +229,7 @@ mod tests {
         assert_eq!(cusum(&z, 1.0, 1.9), Some(Run { first: 4, alarm: 5 }));
         assert_eq!(cusum(&z.map(|v| -v), 1.0, 1.9), Some(Run { first: 4, alarm: 5 }));
         assert_eq!(cusum(&z, 1.0, 4.1), None);
-        assert!((top(&z, 1.0) - 4.0).abs() < 1e-12);
+        assert_abs_diff_eq!(top(&z, 1.0), 4.0, epsilon = 1e-12);
     }
 
     /// With a drift so large that a sum never lasts, the level is the quantile of the largest of n numbers less the drift.

@@ -186,6 +186,7 @@ pub(in crate::diagnose) fn autoregression_of(stretches: &[Vec<Option<f64>>], cri
 mod tests {
     use super::*;
     use crate::simulate::Measured;
+    use approx::assert_abs_diff_eq;
 
     /// Lag by lag is the filter written out, to the bit: also where the span begins before the filter has all its past, and with an output that counts nothing.
     #[test]
@@ -215,7 +216,7 @@ mod tests {
             let at = 25;
             let first =
                 value(at, 0) - (0.7 * value(at - 1, 0) - 0.2 * value(at - 2, 0) + 0.05 * value(at - 3, 0) + 0.01 * value(at - 4, 0));
-            assert!((fast[(at, 1)] - (-0.3 * first + 2.1 * value(at, 1))).abs() < 1e-12);
+            assert_abs_diff_eq!(fast[(at, 1)], -0.3 * first + 2.1 * value(at, 1), epsilon = 1e-12);
             assert_eq!((fast[(31, 0)], fast[(39, 1)]), (0.0, 0.0));
         }
     }

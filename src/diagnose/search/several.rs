@@ -97,40 +97,54 @@ fn with_seconds(
     if beside.is_empty() {
         return Vec::new();
     }
-    // Per candidate and first: the promise, and the start that gave it.
-    let promises: Vec<Vec<(f64, Applied)>> = pool
-        .par_iter()
-        .map(|screened| {
-            let applied = &screened.applied;
-            let starts = likelihood.first_guesses(applied, scales);
-            let first = starts.first().map_or_else(|| applied.clone(), |start| with(applied, start));
-            let mut best: Vec<(f64, Applied)> = beside.iter().map(|_| (0.0, first.clone())).collect();
-            for start in starts {
-                for share in
-                    if has_limit(applied) || likelihood.calls(applied) || screened.proportional { &[1.0][..] } else { &[NEAR, 1.0] }
-                {
-                    let Some(there) = likelihood.whitened(&[with(applied, &between(applied, &start, *share))]) else { continue };
-                    let signature = difference(nominal, &there, 1.0);
-                    for (best, beside) in best.iter_mut().zip(&beside) {
-                        let promise = beside.promise(likelihood, &signature);
-                        if promise > best.0 {
-                            *best = (promise, with(applied, &start));
-                        }
+    let promises = promises(likelihood, &beside, pool, scales, nominal);
+    let wanted = wanted(likelihood, &beside, &promises, pool, known);
+    fitted(likelihood, wanted, scales, likelihood.inner(nominal, nominal))
+}
+
+/// What a second effect promises beside a first, and the start that gave it.
+type Promise = (f64, Applied);
+
+/// The promises of every candidate of the pool beside every first.
+fn promises(likelihood: &Likelihood<'_>, beside: &[Beside], pool: &[Screened], scales: &Scales, nominal: &Whitened) -> Vec<Vec<Promise>> {
+    let of = |screened: &Screened| {
+        let applied = &screened.applied;
+        let starts = likelihood.first_guesses(applied, scales);
+        let first = starts.first().map_or_else(|| applied.clone(), |start| with(applied, start));
+        let mut best: Vec<Promise> = beside.iter().map(|_| (0.0, first.clone())).collect();
+        let whole = has_limit(applied) || likelihood.calls(applied) || screened.proportional;
+        for start in starts {
+            for share in if whole { &[1.0][..] } else { &[NEAR, 1.0] } {
+                let Some(there) = likelihood.whitened(&[with(applied, &between(applied, &start, *share))]) else { continue };
+                let signature = difference(nominal, &there, 1.0);
+                for (best, beside) in best.iter_mut().zip(beside) {
+                    let promise = beside.promise(likelihood, &signature);
+                    if promise > best.0 {
+                        *best = (promise, with(applied, &start));
                     }
                 }
             }
-            best
-        })
-        .collect();
+        }
+        best
+    };
+    pool.par_iter().map(of).collect()
+}
+
+/// The pairs that are worth a fit, each once: of every first the seconds that promise most.
+fn wanted(
+    likelihood: &Likelihood<'_>,
+    beside: &[Beside],
+    promises: &[Vec<Promise>],
+    pool: &[Screened],
+    known: &[Hypothesis],
+) -> Vec<Vec<Applied>> {
     let traces: Vec<String> =
         (pool.iter()).filter(|s| s.applied.effect.leaves_residual() && !s.starts.is_empty()).map(|s| s.applied.key()).collect();
+    let keys = |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>();
     let mut wanted: Vec<Vec<Applied>> = Vec::new();
     for (at, beside) in beside.iter().enumerate() {
-        let mut seconds: Vec<&(f64, Applied)> = promises
-            .iter()
-            .map(|p| &p[at])
-            .filter(|(gain, _)| *gain > likelihood.criteria.selection_penalty.max(likelihood.criteria.promising * beside.cost))
-            .collect();
+        let least = likelihood.criteria.selection_penalty.max(likelihood.criteria.promising * beside.cost);
+        let mut seconds: Vec<&Promise> = promises.iter().map(|p| &p[at]).filter(|(gain, _)| *gain > least).collect();
         seconds.sort_by(|a, b| b.0.total_cmp(&a.0));
         let (losing, seconds): (Vec<_>, Vec<_>) = seconds
             .into_iter()
@@ -153,18 +167,21 @@ fn with_seconds(
                 continue;
             }
             pair.sort_by_key(|a| row(a.effect));
-            let keys = |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>();
             if wanted.iter().chain(known.iter().map(|k| &k.effects)).all(|known| keys(known) != keys(&pair)) {
                 wanted.push(pair);
             }
         }
     }
-    let (budget, cost) = (likelihood.budget, likelihood.inner(nominal, nominal));
+    wanted
+}
+
+/// Pairs after a few steps each, the best of them to the end; those that lose commands with their sequences.
+fn fitted(likelihood: &Likelihood<'_>, wanted: Vec<Vec<Applied>>, scales: &Scales, cost: f64) -> Vec<Hypothesis> {
+    let budget = likelihood.budget;
     // Lost commands are told from a lag by their sequence only.
-    let losing: Vec<Vec<Applied>> = wanted.iter().filter(|pair| pair.iter().any(|a| a.effect.loses_commands())).cloned().collect();
-    wanted.retain(|pair| pair.iter().all(|a| !a.effect.loses_commands()));
+    let (losing, plain): (Vec<_>, Vec<_>) = wanted.into_iter().partition(|pair| pair.iter().any(|a| a.effect.loses_commands()));
     let mut pairs: Vec<Hypothesis> =
-        wanted.par_iter().filter_map(|pair| Hypothesis::fit(likelihood, pair, scales, cost, budget.trial_steps)).collect();
+        plain.par_iter().filter_map(|pair| Hypothesis::fit(likelihood, pair, scales, cost, budget.trial_steps)).collect();
     pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let (mut called, mut others) = (0, 0);
     pairs.retain(|pair| {
@@ -179,15 +196,11 @@ fn with_seconds(
         }
     });
     // These come fitted to the end, each with its sequence.
-    pairs.extend(
-        losing
-            .par_iter()
-            .filter_map(|pair| {
-                let begin = Hypothesis { effects: pair.clone(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
-                decoded(likelihood, begin, scales, cost, budget.steps)
-            })
-            .collect::<Vec<_>>(),
-    );
+    let decode = |pair: &Vec<Applied>| {
+        let begin = Hypothesis { effects: pair.clone(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
+        decoded(likelihood, begin, scales, cost, budget.steps)
+    };
+    pairs.extend(losing.par_iter().filter_map(decode).collect::<Vec<_>>());
     pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     pairs
 }

@@ -1,4 +1,5 @@
 use super::*;
+use approx::assert_abs_diff_eq;
 
 /// One state `x`, one input `u`, two parameters, and the expression as its derivative.
 fn model(text: &str) -> Result<Equations, EquationError> {
@@ -187,15 +188,15 @@ fn nothing_is_calculated_twice_or_at_run_time_that_need_not_be() {
     let expect = |a: f64, v: f64| 5.0 * a * 0.5 + 0.5f64.sin() * 0.75 * (a * v) + (0.75 * 0.5f64.sin()).powi(2) + 0.5;
     let mut workspace = model.workspace();
     for (a, v) in [(2.0, 3.0), (2.5, 3.0), (2.5, -1.0), (2.0, 3.0)] {
-        assert!((at(&[a, v], &mut workspace) - expect(a, v)).abs() < 1e-15);
+        assert_abs_diff_eq!(at(&[a, v], &mut workspace), expect(a, v), epsilon = 1e-15);
     }
     // Memory of another model, or of none, is made to fit.
     let other = super::tests::model("x + a").unwrap();
     let mut dx = [0.0; 2];
     other.derivatives(0.0, &[0.5, 0.0], &[0.75], &[2.0, 3.0], &mut workspace, &mut dx);
     assert_eq!(dx, [2.5, 0.0]);
-    assert!((at(&[2.0, 3.0], &mut workspace) - expect(2.0, 3.0)).abs() < 1e-15);
-    assert!((at(&[2.0, 3.0], &mut Workspace::default()) - expect(2.0, 3.0)).abs() < 1e-15);
+    assert_abs_diff_eq!(at(&[2.0, 3.0], &mut workspace), expect(2.0, 3.0), epsilon = 1e-15);
+    assert_abs_diff_eq!(at(&[2.0, 3.0], &mut Workspace::default()), expect(2.0, 3.0), epsilon = 1e-15);
 }
 
 #[test]

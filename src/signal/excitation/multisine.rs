@@ -154,6 +154,7 @@ impl Excitation for Multisine {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use approx::assert_abs_diff_eq;
     use rand_chacha::rand_core::SeedableRng;
 
     fn generate(multisine: Multisine, samples: usize) -> Vec<f64> {
@@ -241,9 +242,9 @@ mod tests {
     #[test]
     fn amplitude_is_the_peak_or_the_root_mean_square() {
         let u = generate(Multisine { amplitude: 0.3, ..Multisine::default() }, 151);
-        assert!((u.iter().fold(0.0_f64, |p, v| p.max(v.abs())) - 0.3).abs() < 1e-15);
+        assert_abs_diff_eq!(u.iter().fold(0.0_f64, |p, v| p.max(v.abs())), 0.3, epsilon = 1e-15);
         let u = generate(Multisine { amplitude: 0.3, normalise: Normalise::Rms, ..Multisine::default() }, 151);
-        assert!((u.iter().map(|v| v * v).sum::<f64>() / 151.0 - 0.09).abs() < 1e-14);
+        assert_abs_diff_eq!(u.iter().map(|v| v * v).sum::<f64>() / 151.0, 0.09, epsilon = 1e-14);
     }
 
     #[test]
