@@ -315,6 +315,18 @@ fn the_thesis_plants_of_degree_one_two_and_three_are_late_by_their_degree() {
     }
 }
 
+#[test]
+fn a_copy_moved_by_steps_has_an_answer() {
+    // The fit is exact, and the search for poles that a copy has not has nowhere to go: it once said that it had not come to an end.
+    for (delay, gain) in [(8.0, -4.85), (11.0, 1.27), (30.0, 0.4)] {
+        let d = Recipe { kind: Kind::Copy, gain, input: Input::Steps, delay, seed: 1 }.record().unwrap();
+        for name in ["oestruc", "oe_posterior"] {
+            let method = deadtime::delay::method(name).unwrap();
+            assert_eq!(raw(method, &d), Some(delay as i64), "{name}");
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(Config { cases: 24, rng_seed: RngSeed::Fixed(3), failure_persistence: None, ..Config::default() })]
 

@@ -303,8 +303,11 @@ pub(crate) fn recipe() -> impl Strategy<Value = Recipe> {
     })
 }
 
-/// Rows of a plant's states, for the methods that see them: A, B and the response to two inputs behind their own delays.
-pub(crate) fn with_states(seed: u64, delays: [usize; 2]) -> (StateSpace<Sampled>, [Vec<f64>; 2], Vec<Vec<f64>>, Vec<Vec<f64>>) {
+/// A plant, its two inputs, its outputs and its states.
+type WithStates = (StateSpace<Sampled>, [Vec<f64>; 2], Vec<Vec<f64>>, Vec<Vec<f64>>);
+
+/// For the methods that see states: a plant whose two inputs come behind their own delays.
+pub(crate) fn with_states(seed: u64, delays: [usize; 2]) -> WithStates {
     let draw = white(12, 1.0, seed);
     let n = 2 + (seed % 3) as usize;
     let mut a = DMatrix::from_fn(n, n, |i, j| 0.4 * draw[(3 * i + j) % 12] / n as f64);
