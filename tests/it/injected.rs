@@ -149,8 +149,7 @@ fn contract(name: &str) -> (Reads, Vec<Exempt>) {
             let none = "an input of symmetric distribution has no third-order statistics";
             (Time(0.05), vec![PLANTS, exempt("an input that is not skewed", |d| d.recipe.input != Input::Skewed, none)])
         }
-        "oedap" | "arxdap" => (First(0.25), vec![FRACTION, OUTSIDE]),
-        "firdap" => (First(0.25), vec![FRACTION, OUTSIDE, OUTLIVES]),
+        "oedap" | "arxdap" | "firdap" => (First(0.25), vec![FRACTION, OUTSIDE]),
         "lagudap" => (First(2.5), vec![SMEARED, OUTSIDE]),
         "fischer" => (EXACT, vec![SMEARED, SMALL]),
         "area1" => {
@@ -160,7 +159,7 @@ fn contract(name: &str) -> (Reads, Vec<Exempt>) {
         "area2" | "moment" => (Time(0.5), vec![ONE_LAG]),
         "area3" => {
             let two = "its constant is that of two equal lags";
-            (Time(0.5), vec![exempt("anything but two equal lags behind a hold", |d| !equal_lags(d), two)])
+            (Time(1.0), vec![exempt("anything but two equal lags behind a hold", |d| !equal_lags(d), two)])
         }
         other => panic!("{other} has no contract: say what it reads, and on which plants and inputs it need not"),
     }

@@ -168,6 +168,14 @@ impl Recipe {
         }
     }
 
+    /// Time constants as the poles and zeros that a zero-order hold samples: the same plant, for what its zeros are.
+    fn behind_hold(&self) -> Option<Self> {
+        let Kind::Lags { lags, zero } = &self.kind else { return None };
+        let real = |lag: &f64| Root::Real(-1.0 / lag);
+        let kind = Kind::Converted { poles: lags.iter().map(real).collect(), zeros: zero.iter().map(real).collect(), by: "zoh" };
+        Some(Self { kind, ..self.clone() })
+    }
+
     /// The record, or `None` where the conversion refuses the plant.
     pub(crate) fn record(&self) -> Option<Drawn> {
         let u = self.input.generate(self.seed);
@@ -185,15 +193,11 @@ impl Recipe {
         let first = h.iter().position(|v| v.abs() > ROUNDING * largest)?;
         let (degree, order, coefficients, outside) = match &self.kind {
             Kind::Copy => (0, 0, 1, false),
-            Kind::Lags { lags, zero } => {
-                let whole = self.is_whole();
-                let degree = usize::from(lags.len() > 1 || zero.is_none());
-                // Behind a hold: as many as poles, one more with a direct path, one more with a fraction.
-                (degree, lags.len(), lags.len() + 1 - degree + usize::from(!whole), false)
-            }
             _ => {
-                let plant = plant.as_ref()?;
-                let degree = if self.is_whole() { plant.relative_degree(0, 0)? } else { self.plant(0.0)?.relative_degree(0, 0)? };
+                let twin = self.behind_hold();
+                let twin = twin.as_ref().unwrap_or(self);
+                let plant = twin.plant(self.delay)?;
+                let degree = if self.is_whole() { plant.relative_degree(0, 0)? } else { twin.plant(0.0)?.relative_degree(0, 0)? };
                 let tf = plant.transfer_function(0, 0).ok()?.cancelled(1e-9);
                 let counts = |c: &[f64]| {
                     let largest = c.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
