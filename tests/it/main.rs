@@ -57,6 +57,7 @@ mod house;
 mod identify;
 #[cfg(feature = "cli")]
 mod identify_program;
+mod injected;
 #[cfg(feature = "cli")]
 mod isolability;
 #[cfg(feature = "cli")]

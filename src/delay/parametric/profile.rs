@@ -121,7 +121,8 @@ pub(super) fn profile<'a>(
         return without(Outcome::Flat, format!("{same} of {delays} delays fit equally well"));
     }
     // A search that ends at the edge of stability leaves no model; where the data allow another delay that has one, that one is the answer.
-    let converged = |nk: &usize| fits[*nk].as_ref().is_some_and(|fit| fit.stopped.converged());
+    // One that leaves nothing but rounding has nothing left to find.
+    let converged = |nk: &usize| fits[*nk].as_ref().is_some_and(|fit| fit.stopped.converged() || fit.loss <= floor);
     let Some(settled) = posterior.order[..posterior.set].iter().copied().find(converged) else {
         let (stopped, pole) = fits[best].as_ref().map_or((Stopped::Undefined, f64::NAN), |fit| (fit.stopped, largest_pole(&fit.f)));
         let note = format!(

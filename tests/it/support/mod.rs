@@ -5,6 +5,7 @@
 
 pub(crate) mod blind;
 pub(crate) mod compare;
+pub(crate) mod drawn;
 pub(crate) mod plants;
 #[cfg(feature = "cli")]
 pub(crate) mod program;
