@@ -137,7 +137,7 @@ struct Smoothed {
 }
 
 /// One step of the chain: stays, goes to a neighbour, or jumps anywhere; p and the result sum to 1.
-pub(super) fn step(p: &[f64], drift: f64, jump: f64, to: &mut [f64]) {
+pub(in crate::delay::track) fn step(p: &[f64], drift: f64, jump: f64, to: &mut [f64]) {
     let count = p.len();
     let anywhere = jump / count as f64;
     for (d, next) in to.iter_mut().enumerate() {
