@@ -114,8 +114,11 @@ fn first_change(u: &[f64], y: &[f64]) -> Option<(f64, f64)> {
     Some((behind.samples.start as f64 - 1.0, behind.delay as f64 - before.delay as f64))
 }
 
+/// Alarms, and whether anything was learnt.
+type Raised = (Vec<(usize, f64)>, bool);
+
 /// Every alarm of a machine that runs: its sample, and by how much the delay is said to change (not a number: the response changed).
-fn alarms(u: &[f64], y: &[f64]) -> Result<(Vec<(usize, f64)>, bool), Box<dyn Error>> {
+fn alarms(u: &[f64], y: &[f64]) -> Result<Raised, Box<dyn Error>> {
     let mut tracker = Tracker::new(SampleTime::new(TS)?, TrackerOptions::default())?;
     let (mut found, mut learnt) = (Vec::new(), false);
     for (k, (u, y)) in u.iter().zip(y).enumerate() {

@@ -81,6 +81,18 @@ def missing() -> tuple[str, np.ndarray]:
     return "time,pump [1],level [m]", np.column_stack([time, pump, level])
 
 
+def moving() -> tuple[str, np.ndarray]:
+    """0.1 s of dead time before 1/(0.12 s + 1) until 12.4 s, 0.3 s from then on."""
+    rng, step, samples, jump = np.random.default_rng(5), 0.02, 1200, 12.4
+    time = step * np.arange(samples)
+    command = binary(rng, samples, 4)
+    # Two plants whose inputs stop and begin at the jump: what acts from then on was commanded 0.3 s before.
+    before = np.where(time + 0.1 < jump, command, 0.0)
+    behind = np.where(time + 0.3 >= jump, command, 0.0)
+    speed = respond(time, time, before, 1 / 0.12, -1 / 0.12, 0.1) + respond(time, time, behind, 1 / 0.12, -1 / 0.12, 0.3)
+    return "time,command [1],speed [m/s]", np.column_stack([time, command, speed + 0.1 * rng.standard_normal(samples)])
+
+
 def text(header: str, rows: np.ndarray) -> str:
     out = io.StringIO()
     out.write(header + "\n")
@@ -94,7 +106,7 @@ def main() -> int:
     parser.add_argument("--check", action="store_true", help="compare with what is there and write nothing")
     check = parser.parse_args().check
     wrong = []
-    for make in (two_inputs, unstable_loop, irregular, missing):
+    for make in (two_inputs, unstable_loop, irregular, missing, moving):
         path, fresh = EXAMPLES / f"{make.__name__}.csv", text(*make())
         if not check:
             temporary = path.with_suffix(".tmp")

@@ -42,6 +42,7 @@ from .models import (
 )
 from .signals import Excitation, add_noise, excitations, excite
 from .studies import GateResult, Plan, Study, gate, plans, plants, read_study, study
+from .tracking import Alarm, Tracker, Tracking
 
 __all__ = ["DeadtimeError", "__version__", "blind", "bounds", "errors"]
 # Logs.
@@ -53,7 +54,7 @@ __all__ += ["Model", "StateSpace", "TransferFunction", "as_model", "as_system", 
 __all__ += ["impulse_response", "lsim", "simulate", "step_response", "to_control", "to_scipy", "uav"]
 # Dead time.
 __all__ += ["Estimate", "Estimates", "Method", "Pair", "Verdict", "estimate", "estimate_delay", "estimate_events", "estimate_impulse_response"]
-__all__ += ["methods", "predict_precision"]
+__all__ += ["Alarm", "Tracker", "Tracking", "methods", "predict_precision"]
 # Studies.
 __all__ += ["GateResult", "Plan", "Study", "gate", "plans", "plants", "read_study", "study"]
 # The gap.

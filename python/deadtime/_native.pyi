@@ -59,6 +59,15 @@ def _write_whole(path: str | os.PathLike[str], bytes: bytes) -> None: ...
 
 # --- delay
 
+@final
+class _Tracker:
+    def __new__(
+        cls, sample_time: float, max_delay: int, bias: int, na: int, nb: int, learn: int, forget: int, alarm: float
+    ) -> _Tracker: ...
+    def push(
+        self, u: float, y: float
+    ) -> tuple[float, float | None, list[float] | None, tuple[str, float | None, float | None, float] | None]: ...
+
 def _estimate(
     logs: Sequence[Log], model: Model | None, options: Mapping[str, Any], asked: Mapping[str, Any], threads: int | None
 ) -> tuple[str, dict[str, Any]]: ...

@@ -154,6 +154,10 @@ class Pair:
         What the record shows: feedback, coloured noise, …
     warning : str or None
         That the data hardly tell neighbouring delays apart, if so.
+    moving : dict or None
+        A delay that changes, as `deadtime/estimate@1` has it: its `kind`, `stretches`, `rate`, `quantiles_s`, `gain`; None where one delay describes the records.
+    track : dict or None
+        The dead time against time with its 95 % band, where it was asked for: lists `record`, `time_s`, `delay_s`, `low_s`, `high_s`.
     """
 
     input: str
@@ -162,6 +166,8 @@ class Pair:
     verdict: Verdict
     findings: tuple[Finding, ...]
     warning: str | None
+    moving: dict[str, Any] | None = None
+    track: dict[str, list[float]] | None = None
 
     def __getitem__(self, method: str) -> Estimate:
         """The answer of one method."""
@@ -316,7 +322,9 @@ class Estimates(FileResult):
             if pair.warning is not None:
                 parts.append(f"<p>{escape(pair.warning)}</p>")
             v = pair.verdict
-            if v.delay_s is None or v.ci95_s is None:
+            if pair.moving is not None:
+                parts.append(f"<p><b>{escape(v.why)}</b>.</p>")
+            elif v.delay_s is None or v.ci95_s is None:
                 parts.append(f"<p><b>Believe none of it</b>: {escape(v.why)}.</p>")
             else:
                 parts.append(f"<p><b>Believe a dead time of {v.delay_s:.6g} s</b> ({v.ci95_s[0]:.6g} to {v.ci95_s[1]:.6g} s): {escape(v.why)}.</p>")
@@ -364,6 +372,7 @@ def estimate(
     options: Options | None = None,
     resample: float | None = None,
     window: tuple[float | None, float | None] | None = None,
+    track: bool = False,
     threads: int | None = None,
 ) -> Estimates:
     """The dead time between inputs and outputs of a log, by one method or all, and what to believe.
@@ -392,6 +401,8 @@ def estimate(
         Put logs onto an even grid of this sample time first, s: inputs are held, outputs interpolated.
     window : (float or None, float or None), optional
         The part to use, s from each log's first sample.
+    track : bool
+        The dead time against time too: `pair.track`.
     threads : int, optional
         Threads to use; default all.
 
@@ -422,6 +433,7 @@ def estimate(
     """
     logs, asked = _asked(log, inputs, outputs, method, max_delay, detrend, degree_bias, loop, options, resample, window)
     plant = None if model is None else as_model(model)
+    asked["track"] = track
     file, beside = _native._estimate(logs, plant, _plain(options), asked, perhaps("threads", threads, 1))
     return Estimates(file, beside, logs, detrend)
 
@@ -795,7 +807,7 @@ def _asked(
     if resample is not None:
         logs = [one.resample(resample, held) for one in logs]
     asked = {"name": name, "inputs": held, "outputs": _names(outputs), "methods": chosen, "max_delay": max_delay}
-    asked |= {"degree_bias": perhaps("degree_bias", degree_bias, 0), "detrend": detrend, "loop": loop}
+    asked |= {"degree_bias": perhaps("degree_bias", degree_bias, 0), "detrend": detrend, "loop": loop, "track": False}
     return logs, asked
 
 
@@ -813,7 +825,7 @@ def _pair(pair: dict[str, Any], more: dict[str, Any]) -> Pair:
     ]
     v = pair["verdict"]
     verdict = Verdict(v["delay_s"], _interval(v["ci95_s"]), v["why"], more["method"])
-    return Pair(pair["input"], pair["output"], tuple(rows), verdict, tuple(more["findings"]), more["warning"])
+    return Pair(pair["input"], pair["output"], tuple(rows), verdict, tuple(more["findings"]), more["warning"], pair.get("moving"), pair.get("track"))
 
 
 def _interval(ends: list[float] | None) -> tuple[float, float] | None:

@@ -33,6 +33,7 @@ struct Asked {
     degree_bias: Option<usize>,
     detrend: String,
     r#loop: String,
+    track: bool,
 }
 
 impl Asked {
@@ -46,6 +47,7 @@ impl Asked {
             name: self.name,
             max_delay_s: self.max_delay,
             degree_bias: self.degree_bias,
+            track: self.track,
             ..Job::new(logs.iter().map(|log| log.0.clone()).collect(), self.inputs, self.outputs)
         })
     }

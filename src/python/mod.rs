@@ -17,6 +17,7 @@ mod signal;
 mod simulate;
 mod state_space;
 mod study;
+mod track;
 mod work;
 
 use pyo3::prelude::*;
@@ -39,6 +40,7 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     simulate::add(m)?;
     state_space::add(m)?;
     study::add(m)?;
+    track::add(m)?;
     work::add(m)?;
     // The list of names that `add` keeps is for `import *`, which nobody does here.
     m.delattr("__all__")

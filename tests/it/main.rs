@@ -65,6 +65,7 @@ mod log_files;
 #[cfg(feature = "cli")]
 mod machines;
 mod model_laws;
+mod moving;
 mod options;
 mod phase_and_area;
 mod predictor;

@@ -115,3 +115,34 @@ pub(super) fn pruned(path: &[usize], errors: &Errors<'_>, variance: &[f64], pric
 
 /// One in so many weak stretches goes at once.
 const AT_ONCE: usize = 10;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::delay::track::rows::Orders;
+    use crate::identify::Record;
+
+    /// Every path of so many rows over so many delays.
+    fn every(rows: usize, delays: usize) -> Vec<Vec<usize>> {
+        (0..delays.pow(rows as u32)).map(|n| (0..rows).map(|i| n / delays.pow(i as u32) % delays).collect()).collect()
+    }
+
+    #[test]
+    fn the_best_path_is_the_best_of_all() {
+        let wave = |k: f64, f: f64| (0..12).map(|t| (f * f64::from(t) + k).sin()).collect::<Vec<f64>>();
+        for (k, price) in [(0.1, 0.05), (0.7, 0.4), (1.9, 2.0)] {
+            let record = [Record::new(wave(k, 1.3), wave(2.0 * k, 0.9))];
+            let rows = Rows::new(&record, Orders { na: 1, nb: 2, delays: 3 });
+            let (shape, _) = rows.fit(|_| 1.0).unwrap();
+            let errors = rows.errors(&shape);
+            let variance: Vec<f64> = (0..rows.len()).map(|i| 0.1 + 0.05 * i as f64).collect();
+            let cost = |path: &Vec<usize>| -> f64 {
+                let moved = path.windows(2).filter(|w| w[0] != w[1]).count() as f64;
+                (0..rows.len()).map(|i| errors.whole(i, path[i]).powi(2) * 0.5 / variance[i]).sum::<f64>() + price * moved
+            };
+            let least = every(rows.len(), 3).iter().map(cost).fold(f64::INFINITY, f64::min);
+            let found = best_path(&rows, &errors, &variance, price);
+            assert!((cost(&found) - least).abs() < 1e-9, "price {price}: {} and {least}", cost(&found));
+        }
+    }
+}

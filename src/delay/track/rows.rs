@@ -29,10 +29,10 @@ impl Orders {
 
 /// What stays: the coefficients of the past outputs, of the input from its delay on, and the level.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Shape {
-    pub(super) a: Vec<f64>,
-    pub(super) b: Vec<f64>,
-    pub(super) level: f64,
+pub(in crate::delay::track) struct Shape {
+    pub(in crate::delay::track) a: Vec<f64>,
+    pub(in crate::delay::track) b: Vec<f64>,
+    pub(in crate::delay::track) level: f64,
 }
 
 /// Share of a column's own norm that is added to its diagonal: smooth inputs and outputs without noise make columns nearly alike.
@@ -148,7 +148,7 @@ pub(super) fn split(delay: f64) -> (usize, f64) {
 }
 
 /// θ of the normal equations in a Gram matrix of [regressors, target], columns scaled to norm 1, and the Σe² that it leaves.
-pub(super) fn solve(gram: &DMatrix<f64>) -> Option<(Vec<f64>, f64)> {
+pub(in crate::delay::track) fn solve(gram: &DMatrix<f64>) -> Option<(Vec<f64>, f64)> {
     let columns = gram.nrows() - 1;
     let scale: Vec<f64> = (0..columns).map(|i| gram[(i, i)].sqrt()).map(|s| if s > 0.0 { s.recip() } else { 0.0 }).collect();
     let normal = DMatrix::from_fn(columns, columns, |i, j| {

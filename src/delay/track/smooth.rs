@@ -137,7 +137,7 @@ struct Smoothed {
 }
 
 /// One step of the chain: stays, goes to a neighbour, or jumps anywhere; p and the result sum to 1.
-pub(super) fn step(p: &[f64], drift: f64, jump: f64, to: &mut [f64]) {
+pub(in crate::delay::track) fn step(p: &[f64], drift: f64, jump: f64, to: &mut [f64]) {
     let count = p.len();
     let anywhere = jump / count as f64;
     for (d, next) in to.iter_mut().enumerate() {
@@ -204,4 +204,42 @@ fn smoothed(n: usize, grid: &[f64], drift: f64, emission: &impl Fn(usize, &mut [
         step(&weighed, drift, jump, &mut beta);
     }
     Smoothed { mean, band, log_likelihood }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_of_the_chain_is_that_over_all_its_paths() {
+        let grid = [0.0, 0.5, 1.0];
+        let likelihood = [[0.7, 0.2, 0.4], [0.1, 0.9, 0.3], [0.5, 0.5, 0.2], [0.05, 0.3, 0.8]];
+        let emission = |i: usize, to: &mut [f64]| {
+            to.copy_from_slice(&likelihood[i]);
+            0.0
+        };
+        let drift = 0.1;
+        let transition = |from: usize, to: usize| {
+            let (mut p, mut next) = ([0.0; 3], [0.0; 3]);
+            p[from] = 1.0;
+            step(&p, drift, JUMPS / 4.0, &mut next);
+            next[to]
+        };
+        let (mut total, mut first) = (0.0, [0.0; 4]);
+        for n in 0..81usize {
+            let path = [n % 3, n / 3 % 3, n / 9 % 3, n / 27];
+            // The first row is one step from a uniform start, which stays uniform.
+            let mut p = 1.0 / 3.0;
+            for i in 0..4 {
+                p *= likelihood[i][path[i]] * if i > 0 { transition(path[i - 1], path[i]) } else { 1.0 };
+            }
+            total += p;
+            path.iter().zip(&mut first).for_each(|(d, f)| *f += p * grid[*d]);
+        }
+        let found = smoothed(4, &grid, drift, &emission);
+        assert!((found.log_likelihood - f64::ln(total)).abs() < 1e-12);
+        for (got, sum) in found.mean.iter().zip(first) {
+            assert!((got - sum / total).abs() < 1e-6, "{got} and {}", sum / total);
+        }
+    }
 }

@@ -64,7 +64,8 @@ impl Compose<'_, '_> {
             GapVerdict::Unknown => of(Vec::new()),
         };
         let decoded = begin.lost.is_some() || begin.effects.iter().any(|a| a.effect.leaves_residual());
-        let enough = judged.verdict == GapVerdict::Effects && judged.left_over.is_none();
+        // A single effect that leaves nothing above the noise has been tried with every second one; a pair with no third.
+        let enough = judged.verdict == GapVerdict::Effects && judged.left_over.is_none() && begin.effects.len() < 2;
         if !decoded && !enough {
             let composition = self.composition(&begin)?;
             // Where nothing was added, what was judged stays as it was fitted.
@@ -72,10 +73,13 @@ impl Compose<'_, '_> {
                 return self.judged(judged, &composition);
             }
         }
-        let hypothesis = Some(begin).filter(|e| !e.effects.is_empty());
-        let without = hypothesis.as_ref().map(|e| self.without(e)).unwrap_or_default();
-        let estimate = hypothesis.as_ref().and_then(|e| intervals::estimate(self.likelihood, e, self.scales));
-        Some(Composed { judged, hypothesis, stand_ins: vec![Vec::new(); without.len()], without, estimate })
+        if begin.effects.is_empty() {
+            return Some(Composed { judged, hypothesis: None, stand_ins: Vec::new(), without: Vec::new(), estimate: None });
+        }
+        let (hypothesis, without) = self.by_share(begin);
+        let estimate = intervals::estimate(self.likelihood, &hypothesis, self.scales);
+        let judged = Judged { found: Some(hypothesis.clone()), best: Some(hypothesis.clone()), ..judged };
+        Some(Composed { judged, hypothesis: Some(hypothesis), stand_ins: vec![Vec::new(); without.len()], without, estimate })
     }
 
     /// A small effect that is certain all the same.
@@ -115,14 +119,8 @@ impl Compose<'_, '_> {
     fn judged(&self, judged: Judged, composition: &Composition) -> Option<Composed> {
         let beside = self.likelihood.with_noise(noise_of(self.likelihood, (&composition.hypothesis).into(), self.smallest)?);
         let settled = self.settled(&beside, composition.hypothesis.clone())?;
-        // In the order of what each explains beside the others.
-        let without = self.without(&settled);
-        let error = |e: &Option<Hypothesis>| e.as_ref().and_then(|e| self.error_of(e)).unwrap_or(f64::INFINITY);
-        let place = |a: &Applied| settled.effects.iter().position(|e| e.key() == a.key()).unwrap_or(0);
-        let errors: Vec<f64> = without.iter().map(error).collect();
-        let hypothesis = settled.clone().ordered(|a| errors[place(a)]);
+        let (hypothesis, without) = self.by_share(settled);
         let stand_ins = hypothesis.effects.iter().map(|a| composition.stand_ins_of(a)).collect();
-        let without = hypothesis.effects.iter().map(|a| without[place(a)].clone()).collect();
 
         let (nothing, best) = (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
         let mut reached = judged.reached;
@@ -133,6 +131,17 @@ impl Compose<'_, '_> {
         let judged = Judged { verdict, found, best: Some(hypothesis.clone()), unknown, left_over, inexact: judged.inexact, floor, reached };
         let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
         Some(Composed { judged, hypothesis: Some(hypothesis), stand_ins, without, estimate })
+    }
+
+    /// In the order of what each effect explains beside the others; and per effect all the others without it.
+    fn by_share(&self, hypothesis: Hypothesis) -> (Hypothesis, Vec<Option<Hypothesis>>) {
+        let without = self.without(&hypothesis);
+        let error = |e: &Option<Hypothesis>| e.as_ref().and_then(|e| self.error_of(e)).unwrap_or(f64::INFINITY);
+        let errors: Vec<f64> = without.iter().map(error).collect();
+        let place = |a: &Applied| hypothesis.effects.iter().position(|e| e.key() == a.key()).unwrap_or(0);
+        let ordered = hypothesis.clone().ordered(|a| errors[place(a)]);
+        let without = ordered.effects.iter().map(|a| without[place(a)].clone()).collect();
+        (ordered, without)
     }
 
     /// The parameters under the noise of what is left, unless that makes the errors larger: under a colour that is another effect's, slow effects vanish.

@@ -26,7 +26,8 @@ const BLOCKS: usize = 10;
 pub(super) fn weak(likelihood: &Likelihood<'_>, found: &SearchResult, composer: &Composer<'_, '_>) -> Option<Hypothesis> {
     let (criteria, penalties) = (&likelihood.criteria, Penalties::of(likelihood));
     let plain: Vec<Hypothesis> = (found.singles.iter().filter(|e| e.fitted && !e.loses_commands()))
-        .filter(|e| !e.effects.iter().any(|a| a.effect.leaves_residual()))
+        // Every nominal parameter is a little off; what chance decides has no small size.
+        .filter(|e| !e.effects.iter().any(|a| a.effect.leaves_residual() || a.effect.corrects_model()))
         .cloned()
         .collect();
     let leader = penalties.leader(&plain)?;

@@ -1,0 +1,239 @@
+//! Following: the sums that compare every delay with the one believed, and the filter that gives the band.
+
+use nalgebra::DMatrix;
+
+use super::TrackerOptions;
+use super::past::Past;
+use super::rows::{accumulate, fill, inverse, leverage};
+use crate::delay::track::rows::{Shape, solve};
+use crate::delay::track::smooth::step;
+
+/// Samples between two solutions of the shape.
+const SOLVE_EVERY: usize = 50;
+/// Samples over which the least errors are averaged.
+const NEAR: f64 = 20.0;
+/// The most by which the gain of a growing noise may grow at once: an outlier is no change.
+const OUTLIER: f64 = 9.0;
+/// How many times the noise's variance is suspected to have grown, and what that must gain.
+const LOUDER: f64 = 4.0;
+const LOUDER_GAIN: f64 = 40.0;
+/// Probabilities of a step to a neighbour and of a jump, by sample, of the filter that gives the band.
+const STEP: f64 = 1e-4;
+const JUMP: f64 = 1e-5;
+/// Half of what a row may leave at the new delay, squared and over the noise's variance: a half on average, where the delay is the whole truth.
+const EXPLAINED: f64 = 1.25;
+/// By how much the new delay must be better than any other, in units of the logarithm of the likelihood, and the samples after which it is told in any case.
+const CLEAR: f64 = 3.0;
+const LONGEST_WAIT: usize = 20;
+
+/// An alarm in samples.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Event {
+    Delay { from: f64, to: f64, since: u64 },
+    Response(u64),
+}
+
+/// What is learnt, and the sums that watch it.
+#[derive(Debug, Clone)]
+pub(super) struct Following {
+    shape: Shape,
+    /// Variance of the errors at the delay believed.
+    variance: f64,
+    /// Mean square of the least errors of late.
+    near: f64,
+    /// Delay believed: the lag of the first coefficient.
+    delay: usize,
+    /// Coefficients before the first that acts.
+    pub(super) ahead: f64,
+    /// Σ bⱼ·u(t−j), the newest first.
+    drive: Past<f64>,
+    /// Gain of each delay over the one believed, and the samples since it began to grow.
+    gains: Vec<(f64, u64)>,
+    /// The same of noise that has grown.
+    louder: (f64, u64),
+    chances: Vec<f64>,
+    next: Vec<f64>,
+    errors: Vec<f64>,
+    /// Of the shape at the delay believed.
+    gram: DMatrix<f64>,
+    /// What says how far a row lies from all that the shape was learnt from.
+    inverse: DMatrix<f64>,
+    row: Vec<f64>,
+    other: Vec<f64>,
+    until_solved: usize,
+    /// Samples for which another delay has been so much better that it would be told.
+    waited: usize,
+    /// Squared errors of each delay since the change has passed, over twice their variance.
+    fresh: Vec<f64>,
+}
+
+/// What learning leaves beside the shape.
+pub(super) struct Start {
+    pub(super) variance: f64,
+    pub(super) delay: usize,
+    pub(super) ahead: f64,
+    pub(super) gram: DMatrix<f64>,
+    pub(super) inverse: DMatrix<f64>,
+}
+
+impl Following {
+    /// All that was learnt, and sums at rest.
+    pub(super) fn new(options: &TrackerOptions, shape: Shape, start: Start, u: &Past<f64>) -> Self {
+        let TrackerOptions { na, nb, max_delay, .. } = *options;
+        let Start { variance, delay, ahead, gram, inverse } = start;
+        let mut following = Self {
+            shape,
+            variance,
+            near: variance,
+            delay,
+            ahead,
+            drive: Past::new(max_delay + 1, 0.0),
+            gains: vec![(0.0, 0); max_delay + 1],
+            louder: (0.0, 0),
+            chances: vec![0.0; max_delay + 1],
+            next: vec![0.0; max_delay + 1],
+            errors: vec![0.0; max_delay + 1],
+            gram,
+            inverse,
+            row: vec![0.0; na + nb + 2],
+            other: vec![0.0; na + nb + 2],
+            until_solved: SOLVE_EVERY,
+            waited: 0,
+            fresh: vec![0.0; max_delay + 1],
+        };
+        following.chances[delay] = 1.0;
+        following.refill(u);
+        following
+    }
+
+    /// The drive of the whole window, with the shape as it is now.
+    fn refill(&mut self, u: &Past<f64>) {
+        for back in (0..self.drive.length()).rev() {
+            self.drive.push(self.shape.b.iter().enumerate().map(|(j, b)| b * u.at(back + j)).sum());
+        }
+    }
+
+    /// Mean and 95 % of the filter; half a sample on either side, as delays between whole ones are none of its states.
+    pub(super) fn believed(&self) -> [f64; 3] {
+        let mean = self.chances.iter().enumerate().map(|(d, p)| p * d as f64).sum();
+        let end = |share: f64| {
+            let mut sum = 0.0;
+            let at = self.chances.iter().position(|p| {
+                sum += p;
+                sum >= share
+            });
+            at.unwrap_or(self.chances.len() - 1) as f64
+        };
+        [mean, end(0.025) - 0.5, end(0.975) + 0.5]
+    }
+
+    /// One sample more.
+    pub(super) fn step(
+        &mut self,
+        options: &TrackerOptions,
+        u: &Past<f64>,
+        y: &Past<Option<f64>>,
+        now: Option<f64>,
+        count: u64,
+    ) -> Option<Event> {
+        self.drive.push(self.shape.b.iter().enumerate().map(|(j, b)| b * u.at(j)).sum());
+        step(&self.chances, STEP, JUMP, &mut self.next);
+        std::mem::swap(&mut self.chances, &mut self.next);
+        let lags = self.delay..self.delay + options.nb;
+        let now = now?;
+        if !fill(&mut self.row, u, y, now, options.na, lags) {
+            return None;
+        }
+        let left = now - self.shape.level - self.shape.a.iter().zip(&self.row).map(|(a, y)| a * y).sum::<f64>();
+        let mut least = f64::INFINITY;
+        for (d, e) in self.errors.iter_mut().enumerate() {
+            *e = (left - self.drive.at(d)).powi(2);
+            least = least.min(*e);
+        }
+        self.near += (least - self.near) / NEAR;
+        // A row unlike those that were learnt from, such as a frequency that is new, is predicted badly at any delay.
+        let nearest = self.errors.iter().position(|e| *e <= least).unwrap_or(self.delay);
+        fill(&mut self.other, u, y, now, options.na, nearest..nearest + options.nb);
+        let new = 1.0 + leverage(&self.inverse, &self.row).max(leverage(&self.inverse, &self.other));
+        let half = 0.5 / (new * self.variance.max(self.near)).max(f64::MIN_POSITIVE);
+        // The filter.
+        let mut total = 0.0;
+        for (p, e) in self.chances.iter_mut().zip(&self.errors) {
+            *p *= (half * (least - e)).exp();
+            total += *p;
+        }
+        let scale = total.max(f64::MIN_POSITIVE).recip();
+        self.chances.iter_mut().for_each(|p| *p *= scale);
+        // The sums.
+        let believed = self.errors[self.delay];
+        let mut best = (0.0, 0);
+        for (d, (gain, since)) in self.gains.iter_mut().enumerate() {
+            if *gain <= 0.0 {
+                *since = count;
+            }
+            *gain = (*gain + half * (believed - self.errors[d])).max(0.0);
+            if *gain > best.0 {
+                best = (*gain, d);
+            }
+        }
+        let ratio = (least / (new * self.variance).max(f64::MIN_POSITIVE)).min(OUTLIER * LOUDER);
+        if self.louder.0 <= 0.0 {
+            self.louder.1 = count;
+        }
+        self.louder.0 = (self.louder.0 + 0.5 * (ratio * (1.0 - LOUDER.recip()) - LOUDER.ln())).max(0.0);
+        // Around the change some coefficients act at one delay and some at the other: which delay it is shows in the rows behind them, and may take some.
+        if best.0 > options.alarm {
+            self.waited += 1;
+        } else {
+            self.waited = 0;
+            self.fresh.fill(0.0);
+        }
+        if self.waited > options.nb {
+            let half = 0.5 / (new * self.variance).max(f64::MIN_POSITIVE);
+            self.fresh.iter_mut().zip(&self.errors).for_each(|(f, e)| *f += half * e);
+            let (to, least) = self.fresh.iter().copied().enumerate().fold((0, f64::INFINITY), |m, f| if f.1 < m.1 { f } else { m });
+            let second = self.fresh.iter().enumerate().filter(|(d, _)| *d != to).map(|(_, f)| *f).fold(f64::INFINITY, f64::min);
+            if second - least > CLEAR || self.waited > options.nb + LONGEST_WAIT {
+                let (from, since) = (self.delay, self.gains[best.1].1);
+                let rows = (self.waited - options.nb) as f64;
+                self.waited = 0;
+                self.fresh.fill(0.0);
+                self.gains.iter_mut().for_each(|g| *g = (0.0, count));
+                // A delay that leaves much more than noise is none: the plant is moved as it never was while it was learnt.
+                if to != from && least < rows * EXPLAINED {
+                    self.delay = to;
+                    return Some(Event::Delay { from: from as f64 + self.ahead, to: to as f64 + self.ahead, since });
+                }
+            }
+        }
+        if self.louder.0 > LOUDER_GAIN {
+            return Some(Event::Response(self.louder.1));
+        }
+        // What is suspected to be another delay teaches nothing about this one.
+        if best.0 < 0.5 * options.alarm {
+            self.learn(options, u, believed);
+        }
+        None
+    }
+
+    fn learn(&mut self, options: &TrackerOptions, u: &Past<f64>, believed: f64) {
+        let forget = 1.0 - (options.forget as f64).recip();
+        accumulate(&mut self.gram, &self.row, forget);
+        self.variance += (1.0 - forget) * (believed.min(OUTLIER * self.variance) - self.variance);
+        self.until_solved -= 1;
+        if self.until_solved > 0 {
+            return;
+        }
+        self.until_solved = SOLVE_EVERY;
+        let mut gram = self.gram.clone();
+        gram.fill_lower_triangle_with_upper_triangle();
+        if let (Some((theta, _)), Some(inverse)) = (solve(&gram), inverse(&gram)) {
+            self.inverse = inverse;
+            let (na, nb) = (options.na, options.nb);
+            self.shape.a.copy_from_slice(&theta[..na]);
+            self.shape.b.copy_from_slice(&theta[na..na + nb]);
+            self.shape.level = theta[na + nb];
+            self.refill(u);
+        }
+    }
+}
