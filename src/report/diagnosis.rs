@@ -1,19 +1,30 @@
 //! The diagnosis in plain sentences.
 
-use crate::diagnose::{Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, Mode, RankedPair, RankingRow, Share, Strength};
+use crate::diagnose::{
+    CheckKind, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, Mode, RankedPair, RankingRow, Share, Strength,
+};
 use crate::report::text::{Table, estimate};
 
+/// First, what the checks say of signs, axes, units and clocks where one fails: no dynamics has to be named for what a remedy at the log or the model settles.
 /// Five sentences: how big the gap is, where it sits, what causes it and how sure that is, what else it could be, how far it shrinks; and one more where
 /// several effects contribute or something stays: how much each takes.
 #[must_use]
 pub fn summary(found: &Diagnosed) -> String {
     let d = &found.diagnosis;
-    let lines = [Some(size(d)), Some(place(d)), Some(cause(d)), budget(d), Some(rivals(d)), Some(shrink(d))];
+    let lines = [remedies(d), Some(size(d)), Some(place(d)), Some(cause(d)), budget(d), Some(rivals(d)), Some(shrink(d))];
     lines.into_iter().flatten().collect::<Vec<_>>().join("\n")
 }
 
 fn percent(share: f64) -> String {
     format!("{:.0} %", 100.0 * share)
+}
+
+/// The findings of checks that have a remedy, where one fails.
+fn remedies(d: &Diagnosis) -> Option<String> {
+    use CheckKind::{Axes, ClockOffset, ClockSkew, Sign, Unit};
+    let failed = d.checks.iter().filter(|c| c.ok == Some(false) && matches!(c.check, Sign | Axes | Unit | ClockOffset | ClockSkew));
+    let findings: Vec<&str> = failed.map(|c| c.finding.trim_end_matches('.')).collect();
+    (!findings.is_empty()).then(|| format!("First: {}. Mend that before the rest is believed.", findings.join("; ")))
 }
 
 fn size(d: &Diagnosis) -> String {

@@ -654,7 +654,10 @@ fn a_diagnosis_carries_the_checks_of_its_training_logs() {
     let mut columns = record(&plant, &document, &[], CLEAN, 9);
     values(&mut columns, "rate").iter_mut().for_each(|v| *v *= 57.29578);
     let logs = [log(&plant, &columns, "a.csv")];
-    let d = deadtime::diagnose::diagnose(&document, &logs, &[], &deadtime::diagnose::GapOptions::default(), &|_| ()).unwrap().diagnosis;
+    let found = deadtime::diagnose::diagnose(&document, &logs, &[], &deadtime::diagnose::GapOptions::default(), &|_| ()).unwrap();
+    let said = deadtime::report::diagnosis::summary(&found);
+    assert!(said.starts_with("First: ") && said.lines().next().unwrap().contains("deg/s"), "{said}");
+    let d = found.diagnosis;
     let unit = d.checks.iter().find(|c| c.check == CheckKind::Unit && c.ok == Some(false)).unwrap();
     // The check names the unit, the verdict stays the effect's.
     assert!(unit.channel == "rate" && unit.finding.contains("deg/s"), "{unit:?}");

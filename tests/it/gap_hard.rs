@@ -17,7 +17,7 @@ const TS: f64 = 0.02;
 const NOISE: f64 = 0.02;
 
 /// A stable second-order servo whose start is what `start` says, with `more` added to the derivative of its speed.
-fn servo(start: &str, more: &str) -> String {
+pub(crate) fn servo(start: &str, more: &str) -> String {
     format!(
         r#"
 format = "deadtime/model@1"
@@ -41,7 +41,7 @@ rate = "v"
     )
 }
 
-fn document(text: &str) -> ModelDocument {
+pub(crate) fn document(text: &str) -> ModelDocument {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.toml");
     std::fs::write(&path, text).unwrap();
@@ -62,7 +62,7 @@ fn commands(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
 }
 
 /// What a machine does: a model, effects with their values, and the seed of what is chance.
-fn log(machine: &ModelDocument, effects: &[(&str, &str, &[f64])], samples: usize, seed: u64, x0: &[f64]) -> Log {
+pub(crate) fn log(machine: &ModelDocument, effects: &[(&str, &str, &[f64])], samples: usize, seed: u64, x0: &[f64]) -> Log {
     let system = System::new(machine, |_| Ok(0.0)).unwrap();
     let list: Vec<Applied> = effects
         .iter()
@@ -95,7 +95,7 @@ fn as_log(name: &str, time_s: Vec<f64>, u: &[f64], outputs: &[Vec<f64>]) -> Log 
     Log::new(name, time_s, channels).unwrap()
 }
 
-fn diagnosed(model: &ModelDocument, logs: &[Log], held: &[Log]) -> Diagnosis {
+pub(crate) fn diagnosed(model: &ModelDocument, logs: &[Log], held: &[Log]) -> Diagnosis {
     let d = diagnose(model, logs, held, &GapOptions::default(), &|_| ()).unwrap().diagnosis;
     each_of_two_effects_is_more_than_nothing(model, &d);
     d

@@ -47,6 +47,7 @@ mod fuzz;
 mod gap;
 mod gap_coarse;
 mod gap_hard;
+mod gap_mixture;
 mod gate;
 mod golden;
 mod golden_effects;

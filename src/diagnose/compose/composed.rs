@@ -65,7 +65,9 @@ impl Compose<'_, '_> {
         };
         let decoded = begin.lost.is_some() || begin.effects.iter().any(|a| a.effect.leaves_residual());
         // A single effect that leaves nothing above the noise has been tried with every second one; a pair with no third.
-        let enough = judged.verdict == GapVerdict::Effects && judged.left_over.is_none() && begin.effects.len() < 2;
+        // Of a simulator that can only be called most laws cannot be tried, and what is left beside a named effect is taken by whatever can.
+        let alone = self.likelihood.system.is_black_box() || (judged.left_over.is_none() && begin.effects.len() < 2);
+        let enough = judged.verdict == GapVerdict::Effects && alone;
         if !decoded && !enough {
             let composition = self.composition(&begin)?;
             // Where nothing was added, what was judged stays as it was fitted.

@@ -1,0 +1,88 @@
+//! `deadtime gap` on machines with several causes at once, with a small one, and with a rest that is in no catalogue.
+
+use deadtime::diagnose::{Contribution, Diagnosis, Explained, Strength};
+use deadtime::model::ModelDocument;
+
+use super::gap_hard::{diagnosed, document, log, servo};
+
+fn model() -> ModelDocument {
+    document(&servo(", initial_std = 0.02", ""))
+}
+
+fn run(effects: &[(&str, &str, &[f64])], samples: usize, seed: u64) -> Diagnosis {
+    let machine = model();
+    let logged = |i: u64| log(&machine, effects, samples, seed + i, &[0.0, 0.0]);
+    diagnosed(&machine, &[logged(0), logged(1)], &[logged(2)])
+}
+
+fn key(c: &Contribution) -> String {
+    format!("{}:{}", c.effect, c.channel)
+}
+
+/// Shares of contributions and remainder add up to what is to be explained, and stand in order.
+fn adds_up(d: &Diagnosis) {
+    let cause = &d.cause;
+    let (rest, recalibrated) = (cause.remainder.as_ref().unwrap(), cause.recalibration.as_ref().unwrap().share);
+    for part in [|s: &deadtime::diagnose::Share| s.learnt, |s: &deadtime::diagnose::Share| s.held_out] {
+        let shares: f64 = cause.contributions.iter().filter_map(|c| part(&c.share)).sum();
+        let all = shares + part(&recalibrated).unwrap_or(0.0) + part(&rest.share).unwrap();
+        assert!((all - 1.0).abs() < 1e-9, "{all}: {:?}", cause.contributions);
+    }
+    assert!(cause.contributions.is_sorted_by(|a, b| a.share.learnt >= b.share.learnt), "{:?}", cause.contributions);
+}
+
+#[test]
+fn three_causes_are_found_together_with_their_values() {
+    let truth: [(&str, &str, &[f64]); 3] =
+        [("input_gain", "u", &[1.35]), ("output_delay", "rate", &[0.08]), ("coulomb_friction", "v", &[0.6])];
+    let d = run(&truth, 1500, 40);
+    adds_up(&d);
+    for (effect, channel, values) in truth {
+        let name = format!("{effect}:{channel}");
+        let found = d.cause.contributions.iter().find(|c| key(c) == name).unwrap_or_else(|| panic!("{name}: {:?}", d.cause.contributions));
+        let p = &found.parameters[0];
+        assert!((p.value.unwrap() / values[0] - 1.0).abs() < 0.05, "{p:?} is not {}", values[0]);
+        assert!(found.share.learnt.unwrap() > 0.0 && found.without_it.unwrap() > d.shrink.after.unwrap(), "{found:?}");
+    }
+    assert_eq!((d.cause.contributions.len(), d.cause.explained), (3, Some(Explained::All)), "{:?}", d.cause.contributions);
+    assert!(d.shrink.of_explainable.unwrap() > 0.98, "{:?}", d.shrink);
+}
+
+#[test]
+fn a_small_certain_cause_is_named_as_weak_and_nothing_is_named_where_nothing_acts() {
+    // Half a sample: the error hardly falls.
+    let d = run(&[("input_delay", "u", &[0.01])], 1500, 50);
+    let [only] = d.cause.contributions.as_slice() else { panic!("{:?}", d.cause.contributions) };
+    assert!(["input_delay:u", "output_delay:*", "clock_offset:*"].contains(&key(only).as_str()), "{only:?}");
+    assert_eq!(only.strength, Strength::Weak);
+    assert!((only.parameters[0].value.unwrap() - 0.01).abs() < 0.004, "{only:?}");
+    for seed in [60, 70, 80] {
+        let d = run(&[], 1500, seed);
+        assert_eq!((d.cause.verdict.as_str(), d.cause.contributions.len()), ("none", 0), "{:?}", d.cause.contributions);
+        assert_eq!(d.cause.explained, Some(Explained::Nothing));
+    }
+}
+
+#[test]
+fn bodies_that_exchange_heat_are_named_and_the_gain_is_that_of_the_exchange() {
+    let text = r#"
+format = "deadtime/model@1"
+name = "two bodies"
+kind = "lti"
+inputs = [{ name = "u", unit = "W" }]
+outputs = [{ name = "angle", unit = "rad" }, { name = "rate", unit = "rad/s" }]
+states = [{ name = "a", unit = "K" }, { name = "b", unit = "K" }]
+initial = [0.0, 0.0]
+initial_std = [0.02, 0.02]
+A = [[-0.5, 0.0], [0.0, -0.8]]
+B = [[1.0], [0.2]]
+C = [[1.0, 0.0], [0.0, 1.0]]
+D = [[0.0], [0.0]]
+"#;
+    let machine = document(text);
+    let effects: &[(&str, &str, &[f64])] = &[("exchange", "a<->b", &[0.3])];
+    let logged = |i: u64| log(&machine, effects, 1500, 90 + i, &[0.0, 0.0]);
+    let d = diagnosed(&machine, &[logged(0), logged(1)], &[logged(2)]);
+    assert_eq!((d.cause.verdict.as_str(), d.cause.channel.as_deref()), ("exchange", Some("a<->b")), "{:?}", d.cause.effects);
+    assert!((d.cause.effects[0].parameters[0].value.unwrap() / 0.3 - 1.0).abs() < 0.03, "{:?}", d.cause.effects);
+}
