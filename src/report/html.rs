@@ -223,7 +223,7 @@ fn cause(diagnosed: &Diagnosed) -> String {
     }
     if let Some(rest) = d.cause.remainder.as_ref().filter(|r| r.share.learnt.is_some() && !d.cause.contributions.is_empty()) {
         let times = rest.above_floor.map(|t| format!(", {t:.1} times the noise floor")).unwrap_or_default();
-        let (learnt, held) = (percent(rest.share.learnt), percent(rest.share.held_out));
+        let (learnt, held) = (escape(&percent(rest.share.learnt)), escape(&percent(rest.share.held_out)));
         let _ = writeln!(html, "<p>What stays: {learnt} of what was learnt from, {held} of held-out data{times}.</p>");
     }
     for class in &d.cause.indistinguishable {

@@ -301,10 +301,10 @@ fn what_cannot_be_compared_is_refused_with_the_remedy() {
     let default = Gate::default();
     let other = Study { plan: "q".to_owned(), ..study(1, vec![base.clone()]) };
     for (results, gate, words) in [
-        (other, default, vec!["plan `p`", "plan `q`", "--update"]),
-        (with("plant", json!("x")), default, vec!["none of the baseline's cells", "--update"]),
-        (with("truth", json!("raw")), default, vec!["truth = \"delay\"", "raw", "--update"]),
-        (with("definition", json!("e")), default, vec!["something else", "--update"]),
+        (other, default, vec!["plan `p`", "plan `q`", "`update`"]),
+        (with("plant", json!("x")), default, vec!["none of the baseline's cells", "`update`"]),
+        (with("truth", json!("raw")), default, vec!["truth = \"delay\"", "raw", "`update`"]),
+        (with("definition", json!("e")), default, vec!["something else", "`update`"]),
         (with("flagged", json!(9)), default, vec!["the results", "counts above its trials", "run the study again"]),
         (with("rms_samples", json!(-1.0)), default, vec!["out of range"]),
         (with("coverage95", json!(1.5)), default, vec!["out of range"]),

@@ -70,8 +70,8 @@ impl Compose<'_, '_> {
         let enough = judged.verdict == GapVerdict::Effects && alone;
         if !decoded && !enough {
             let composition = self.composition(&begin)?;
-            // Where nothing was added, what was judged stays as it was fitted.
-            if composition.hypothesis.effects.len() > begin.effects.len() {
+            // Where nothing changed, what was judged stays as it was fitted.
+            if !composition.hypothesis.effects.is_empty() && composition.hypothesis.key() != begin.key() {
                 return self.judged(judged, &composition);
             }
         }
@@ -125,10 +125,15 @@ impl Compose<'_, '_> {
         let stand_ins = hypothesis.effects.iter().map(|a| composition.stand_ins_of(a)).collect();
 
         let (nothing, best) = (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
-        let mut reached = judged.reached;
+        let mut reached = judged.reached.clone();
         reached.push((best.train.clone(), best.residuals.clone()));
         let (floor, Ruling { verdict, unknown, left_over }) =
             ruled(self.likelihood, [&nothing, &best], &reached, self.catalogue, self.scales, [true, false]);
+        // Of a simulator that can only be called most laws cannot be tried: what explains all of it may stand in for one of them.
+        let (verdict, unknown) = match self.likelihood.system.is_black_box() {
+            true => (judged.verdict, judged.unknown),
+            false => (verdict, unknown),
+        };
         let found = (verdict == GapVerdict::Effects).then(|| hypothesis.clone());
         let judged = Judged { verdict, found, best: Some(hypothesis.clone()), unknown, left_over, inexact: judged.inexact, floor, reached };
         let estimate = intervals::estimate(&beside, &hypothesis, self.scales);

@@ -65,14 +65,21 @@ impl<'a> Composer<'_, 'a> {
         let original = Original { train: errors(false), held: errors(true) };
         let hypothesis = Hypothesis { effects: from.to_vec(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
         let mut composition = Composition { stand_ins: vec![Vec::new(); from.len()], hypothesis };
+        // What was found before may be a law of many numbers in the place of a plain one.
+        if let Some((likelihood, present)) = self.renewed(&composition.hypothesis) {
+            let flexible = present.hypothesis.effects.iter().filter(|a| a.values.iter().filter(|v| v.is_finite()).count() > 1);
+            let flexible: Vec<Applied> = flexible.cloned().collect();
+            composition = self.backward(&likelihood, composition, present, flexible, &original);
+        }
         while composition.hypothesis.effects.len() < self.gate.criteria.most_causes as usize {
             let Some((likelihood, before)) = self.renewed(&composition.hypothesis) else { break };
             composition.hypothesis = before.hypothesis.clone();
             self.scales.peaks_hz = peaks_hz(likelihood.records, &before.residuals, likelihood.system.outputs.len());
-            let Some((next, stand_ins)) = self.best(&likelihood, &before, &original) else { break };
+            let Some((next, stand_ins)) = self.best(&likelihood, &before, &before.hypothesis, &original) else { break };
             let Some(added) = newest(&before.hypothesis, &next.hypothesis) else { break };
             composition = composition.with(&next.hypothesis, &added, stand_ins);
-            composition = self.backward(&likelihood, composition, next, &added, &original);
+            let earlier = next.hypothesis.effects.iter().filter(|a| a.key() != added.key()).cloned().collect();
+            composition = self.backward(&likelihood, composition, next, earlier, &original);
         }
         Some(composition)
     }
@@ -97,7 +104,7 @@ impl<'a> Composer<'_, 'a> {
     }
 
     /// Joint fits of a hypothesis with each of the candidates that promise most beside it.
-    fn additions(&self, likelihood: &Likelihood<'_>, present: &Hypothesis) -> Vec<Hypothesis> {
+    fn additions(&self, likelihood: &Likelihood<'_>, present: &Hypothesis, from: &Hypothesis) -> Vec<Hypothesis> {
         let Some(beside) = Beside::new(likelihood, present, &self.scales) else { return Vec::new() };
         let keys: Vec<String> = present.effects.iter().map(Applied::key).collect();
         let mut promising: Vec<(f64, Applied)> = self
@@ -116,7 +123,7 @@ impl<'a> Composer<'_, 'a> {
             fitted.sort_by(|a, b| b.gain.total_cmp(&a.gain));
             fitted
         };
-        let mut fitted = fits(promising.into_iter().map(|(_, candidate)| to_be_fitted(present, Some(candidate), None)).collect(), TRIAL);
+        let mut fitted = fits(promising.into_iter().map(|(_, candidate)| to_be_fitted(from, Some(candidate), None)).collect(), TRIAL);
         fitted.truncate(REFITTED[1]);
         let limited = |e: Hypothesis| e.with_missing_limits(likelihood, &self.scales, cost, likelihood.budget.steps);
         fits(fitted, likelihood.budget.steps).into_par_iter().map(limited).collect()
@@ -151,8 +158,15 @@ impl<'a> Composer<'_, 'a> {
 
     /// The best addition that is accepted, and what could stand in its place. What has fewer parameters leads where it could stand in the place of the best:
     /// a law of three numbers takes the shape of much that it is not. Of near equals the first in the table leads.
-    fn best(&self, likelihood: &Likelihood<'_>, before: &Standing, original: &Original) -> Option<(Standing, Vec<Applied>)> {
-        let trials = self.additions(likelihood, &before.hypothesis);
+    /// Fits begin `from` the values of the others there.
+    fn best(
+        &self,
+        likelihood: &Likelihood<'_>,
+        before: &Standing,
+        from: &Hypothesis,
+        original: &Original,
+    ) -> Option<(Standing, Vec<Applied>)> {
+        let trials = self.additions(likelihood, &before.hypothesis, from);
         let standings: Vec<Standing> = trials.into_par_iter().filter_map(|e| Standing::of(likelihood, e, &self.scales)).collect();
         let accepted: Vec<&Standing> = standings.iter().filter(|after| self.gate.accepts(before, after, original)).collect();
         let lowest = *accepted.iter().min_by(|a, b| a.error().total_cmp(&b.error()))?;
@@ -167,37 +181,35 @@ impl<'a> Composer<'_, 'a> {
         Some((winner.clone(), stand_ins))
     }
 
-    /// Takes out every earlier effect that the newest made needless, or puts in its place what explains more beside the newest.
+    /// Takes out every earlier effect that is needless now, or puts in its place what explains more beside the others, or as much with fewer parameters.
     fn backward(
         &self,
         likelihood: &Likelihood<'_>,
         mut composition: Composition,
         mut present: Standing,
-        added: &Applied,
+        earlier: Vec<Applied>,
         original: &Original,
     ) -> Composition {
         let cost = self.cost(likelihood);
-        let earlier: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| a.key() != added.key()).cloned().collect();
         for old in earlier {
-            let refitted = Hypothesis::refit(
-                likelihood,
-                to_be_fitted(&present.hypothesis, None, Some(&old)),
-                &self.scales,
-                cost,
-                likelihood.budget.steps,
-            );
+            // Fitted without it the others take what was its own, a friction down to nothing: what is tried in its place begins from where they stand with it.
+            let others = to_be_fitted(&present.hypothesis, None, Some(&old));
+            let refitted = Hypothesis::refit(likelihood, others.clone(), &self.scales, cost, likelihood.budget.steps);
             let Some(without) = refitted.and_then(|e| Standing::of(likelihood, e, &self.scales)) else { continue };
             if self.gate.needless(&without, &present) {
                 composition = composition.without(&without.hypothesis);
                 present = without;
                 continue;
             }
-            let Some((swapped, stand_ins)) = self.best(likelihood, &without, original) else { continue };
+            let Some((swapped, stand_ins)) = self.best(likelihood, &without, &others, original) else { continue };
             let Some(instead) = newest(&without.hypothesis, &swapped.hypothesis).filter(|a| a.key() != old.key()) else { continue };
-            let simple = swapped.hypothesis.free.len() <= present.hypothesis.free.len() + 1;
+            let (now, then) = (present.hypothesis.free.len(), swapped.hypothesis.free.len());
+            let simple = then <= now + 1;
+            // What does as well with fewer parameters takes the place of a law of many: a resonance takes the shape of a gain, a lag, a friction.
+            let plainer = then < now && self.gate.stands_in(&without, &present, &swapped);
             let better = Gate::fall(&present, &swapped) > self.gate.criteria.added_equals
                 && swapped.better_by_t(&present) >= self.gate.criteria.added_t;
-            if simple && better {
+            if plainer || (simple && better) {
                 composition = composition.with(&swapped.hypothesis, &instead, stand_ins);
                 present = swapped;
             }

@@ -26,11 +26,16 @@ const BLOCKS: usize = 10;
 pub(super) fn weak(likelihood: &Likelihood<'_>, found: &SearchResult, composer: &Composer<'_, '_>) -> Option<Hypothesis> {
     let (criteria, penalties) = (&likelihood.criteria, Penalties::of(likelihood));
     let plain: Vec<Hypothesis> = (found.singles.iter().filter(|e| e.fitted && !e.loses_commands()))
-        // Every nominal parameter is a little off; what chance decides has no small size.
-        .filter(|e| !e.effects.iter().any(|a| a.effect.leaves_residual() || a.effect.corrects_model()))
+        .filter(|e| !e.effects.iter().any(|a| a.effect.leaves_residual()))
         .cloned()
         .collect();
     let leader = penalties.leader(&plain)?;
+    // Every nominal parameter is a little off: where one explains as much, that is the simpler reason.
+    let parameter = |e: &&Hypothesis| e.effects.iter().any(|a| a.effect.corrects_model());
+    let most = plain.iter().filter(parameter).map(|e| penalties.gain(e)).fold(f64::NEG_INFINITY, f64::max);
+    if parameter(&leader) || most > penalties.gain(leader) - criteria.equals {
+        return None;
+    }
     let nominal = likelihood.whitened(NO_EFFECT)?;
     let cost = likelihood.inner(&nominal, &nominal);
     let hypothesis = Hypothesis::refit(likelihood, leader.clone(), &composer.scales, cost, likelihood.budget.steps)?;
