@@ -291,8 +291,8 @@ impl Answer<'_> {
             let residuals = trained(self.likelihood, e)?;
             overall(&Errors::of(self.likelihood.records, &residuals, |r| r.train).nrmse())
         };
-        let Judgement { composed: Composed { judged, stand_ins, estimate, .. }, sensitivities } = judgement;
-        let mut cause = cause(self.likelihood, judged, self.found, estimate.as_ref(), self.scales, sensitivities, stand_ins, after);
+        let Judgement { composed, sensitivities } = judgement;
+        let mut cause = cause(self.likelihood, composed, self.found, self.scales, sensitivities, after);
         cause.not_tried.clone_from(&self.left_out);
         cause
     }

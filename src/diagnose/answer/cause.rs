@@ -6,13 +6,12 @@ use super::alternatives::classes;
 use super::experiment::{self, experiment};
 use super::found_effects::found_effects;
 use super::probabilities::Probabilities;
+use crate::diagnose::compose::composed::Composed;
 use crate::diagnose::format::diagnosis::{Cause, RankedPair, RankedSingle, RankingRow};
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
-use crate::diagnose::judge::intervals::Estimate;
 use crate::diagnose::judge::prior_sensitivity::PriorSensitivity;
 use crate::diagnose::judge::rule::GapVerdict;
-use crate::diagnose::judge::verdict::Judged;
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::search::catalogue_search::SearchResult;
 use crate::effect::{Applied, Scales};
@@ -20,17 +19,17 @@ use crate::effect::{Applied, Scales};
 /// How many pairs the ranking lists.
 const PAIRS: usize = 5;
 
-/// The section `cause`, without its budget; `after` gives a hypothesis's training nrmse, `estimate` belongs to what was found, `stand_ins` to each of its effects.
+/// The section `cause`, without its budget; `after` gives a hypothesis's training nrmse.
 pub(in crate::diagnose) fn cause(
     likelihood: &Likelihood<'_>,
-    judged: &Judged,
+    composed: &Composed,
     found: &SearchResult,
-    estimate: Option<&Estimate>,
     scales: &Scales,
     sensitivities: &[PriorSensitivity],
-    stand_ins: &[Vec<Applied>],
     after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
 ) -> Cause {
+    let Composed { judged, stand_ins, estimate, .. } = composed;
+    let estimate = estimate.as_ref();
     let scale = Probabilities::new(judged, found, Penalties::of(likelihood));
     let several = judged.found.iter().filter(|e| e.effects.len() > 1 && found.pairs.iter().take(PAIRS).all(|p| p.key() != e.key()));
     let listed: Vec<&Hypothesis> = found.singles.iter().chain(found.pairs.iter().take(PAIRS)).chain(several).collect();
