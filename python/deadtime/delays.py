@@ -166,8 +166,8 @@ class Pair:
     verdict: Verdict
     findings: tuple[Finding, ...]
     warning: str | None
-    moving: dict[str, Any] | None = None
-    track: dict[str, list[float]] | None = None
+    moving: dict[str, Any] | None
+    track: dict[str, list[float]] | None
 
     def __getitem__(self, method: str) -> Estimate:
         """The answer of one method."""

@@ -89,7 +89,9 @@ fn _lsim<'py>(
     let system = system.0.clone();
     let response = long(py, None, move |_| {
         Ok(match (&system, &time_s) {
-            (Either::Continuous(sys), Some(time_s)) => lsim(sys, &u, Grid::of(time_s), &options)?,
+            // A stamp for every sample is asked for before stamps are looked at as a grid.
+            (Either::Continuous(sys), Some(time_s)) if time_s.len() == u.nrows() => lsim(sys, &u, Grid::of(time_s), &options)?,
+            (Either::Continuous(sys), Some(time_s)) => lsim(sys, &u, time_s.as_slice(), &options)?,
             (Either::Continuous(sys), None) => lsim(sys, &u, SampleTime::new(sample_time.unwrap_or(f64::NAN))?, &options)?,
             (Either::Sampled(sys), None) => {
                 if let Some(seconds) = sample_time {

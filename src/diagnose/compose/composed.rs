@@ -101,9 +101,13 @@ impl Compose<'_, '_> {
     }
 
     fn composer(&self, white: bool) -> Composer<'_, '_> {
+        // Each trial of a simulator that can only be called is a call: only what was fitted already, and one effect of it.
+        let called = self.likelihood.system.is_black_box();
+        let fitted = self.found.singles.iter().filter(|e| e.fitted).flat_map(|e| e.effects.clone());
         Composer {
             likelihood: self.likelihood,
-            candidates: self.catalogue.to_vec(),
+            candidates: if called { fitted.collect() } else { self.catalogue.to_vec() },
+            most: if called { 1 } else { self.likelihood.criteria.most_causes as usize },
             singles: &self.found.singles,
             scales: self.scales.clone(),
             smallest: self.smallest,
@@ -114,7 +118,11 @@ impl Compose<'_, '_> {
 
     fn composition(&self, begin: &Hypothesis) -> Option<Composition> {
         let composition = self.composer(true).compose(&begin.effects)?;
-        if composition.hypothesis.effects.is_empty() { self.composer(false).compose(&[]) } else { Some(composition) }
+        if composition.hypothesis.effects.is_empty() && !self.likelihood.system.is_black_box() {
+            self.composer(false).compose(&[])
+        } else {
+            Some(composition)
+        }
     }
 
     /// The verdict on a composition.

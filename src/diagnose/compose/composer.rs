@@ -51,6 +51,8 @@ pub(in crate::diagnose) struct Composer<'c, 'a> {
     /// Per output, what is no more than rounding.
     pub(in crate::diagnose) smallest: &'c [f64],
     pub(in crate::diagnose) gate: Gate,
+    /// So many effects at most.
+    pub(in crate::diagnose) most: usize,
     /// Under white weights, or beside the colour of what is left.
     pub(in crate::diagnose) white: bool,
 }
@@ -71,7 +73,7 @@ impl<'a> Composer<'_, 'a> {
             let flexible: Vec<Applied> = flexible.cloned().collect();
             composition = self.backward(&likelihood, composition, present, flexible, &original);
         }
-        while composition.hypothesis.effects.len() < self.gate.criteria.most_causes as usize {
+        while composition.hypothesis.effects.len() < self.most {
             let Some((likelihood, before)) = self.renewed(&composition.hypothesis) else { break };
             composition.hypothesis = before.hypothesis.clone();
             self.scales.peaks_hz = peaks_hz(likelihood.records, &before.residuals, likelihood.system.outputs.len());
