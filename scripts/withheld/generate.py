@@ -28,7 +28,7 @@ def plan(counts: dict[str, int], weak_share: float, rng) -> list[Wanted]:
 
     wanted = [Wanted("single", effect, rng.random() < weak_share) for effect in turns(EFFECTS, counts["single"])]
     wanted += [Wanted("unknown", kind, False) for kind in turns(KINDS, counts["unknown"])]
-    wanted += [Wanted(group, None, False) for group in ("none", "pair", "mixture") for _ in range(counts[group])]
+    wanted += [Wanted(group, None, False) for group in ("none", "pair", "mixture") for _ in range(counts.get(group, 0))]
     return [wanted[i] for i in rng.permutation(len(wanted))]
 
 
