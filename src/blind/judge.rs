@@ -10,6 +10,8 @@ use crate::diagnose::{Diagnosis, Explained, FoundEffect, RankingRow};
 
 /// How much worse than before a held-out error must be to count as harm: 2 %.
 const HARM: f64 = 1.02;
+/// The effect that is a number of the model.
+const NUMBER: &str = "parameter_error";
 /// The least true value that an error is taken relative to, as a share of the effect's largest true value of the same unit.
 const SMALL: f64 = 1e-3;
 /// The same where there is no such value.
@@ -189,6 +191,13 @@ fn mixture(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Name
         .collect();
     j.strongest = Some(named.first().zip(truth.first()).is_some_and(|((class, _), strongest)| class.contains(strongest)));
     let part = |some: f64, all: f64| (all > 0.0).then(|| some / all);
+    // The numbers of a recalibration are named, too, and share what the block takes.
+    let block = diagnosis.cause.recalibration.iter().filter(|r| r.accepted);
+    let numbers = block.flat_map(|r| {
+        let each = r.share.learnt.unwrap_or(0.0).max(0.0) / r.parameters.len().max(1) as f64;
+        r.parameters.iter().map(move |p| (vec![names.name(NUMBER, &p.name)], each))
+    });
+    let named: Vec<(Vec<String>, f64)> = named.into_iter().chain(numbers).collect();
     let found = |name: &String| named.iter().find(|(class, _)| class.contains(name));
     let rows = || truth.iter().zip(&label.shares);
     let recalled = rows().filter(|(name, _)| found(name).is_some()).map(|(_, share)| share).sum();

@@ -21,7 +21,6 @@ use crate::diagnose::baseline::runaway::must_not_explode;
 use crate::diagnose::checks::every::checks;
 use crate::diagnose::compose::composed::{Compose, Composed};
 use crate::diagnose::format::caveat::Caveat;
-use crate::diagnose::format::contributions::Recalibration;
 use crate::diagnose::format::diagnosis::{Cause, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, NotTried, Prediction};
 use crate::diagnose::format::error::GapError;
 use crate::diagnose::format::progress::Stage;
@@ -248,7 +247,7 @@ impl Answer<'_> {
         let shares: Vec<Option<f64>> = gap.outputs.iter().map(|o| o.share).collect();
         let predictor = likelihood.predictor;
         let budget = GapBudget { likelihood, composed, before: &before, after: &after, scales: self.scales, seed };
-        let (contributions, remainder) = budget.sections(composed.estimate.as_ref());
+        let (contributions, recalibration, remainder) = budget.sections(composed.estimate.as_ref());
         let diagnosis = Diagnosis {
             format: DiagnosisFormat::V2,
             model: self.subject.name().to_owned(),
@@ -261,7 +260,7 @@ impl Answer<'_> {
             cause: Cause {
                 explained: Some(explained(composed)),
                 contributions,
-                recalibration: Some(Recalibration::default()),
+                recalibration: Some(recalibration),
                 remainder: Some(remainder),
                 ..self.cause(&judgement)
             },

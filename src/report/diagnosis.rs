@@ -1,7 +1,8 @@
 //! The diagnosis in plain sentences.
 
 use crate::diagnose::{
-    CheckKind, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, Mode, RankedPair, RankingRow, Share, Strength,
+    CheckKind, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, Mode, RankedPair, RankingRow, Recalibration, Share,
+    Strength,
 };
 use crate::report::text::{Table, estimate};
 
@@ -85,7 +86,8 @@ fn same_pair(row: &RankedPair, found: &[FoundEffect]) -> bool {
 fn budget(d: &Diagnosis) -> Option<String> {
     let contributions = &d.cause.contributions;
     let weak = contributions.iter().any(|c| c.strength == Strength::Weak);
-    if contributions.is_empty() || (contributions.len() == 1 && !d.cause.effects.is_empty() && !weak) {
+    let block = d.cause.recalibration.as_ref().filter(|r| r.accepted);
+    if block.is_none() && (contributions.is_empty() || (contributions.len() == 1 && !d.cause.effects.is_empty() && !weak)) {
         return None;
     }
     let share = |share: &Share| {
@@ -104,7 +106,13 @@ fn budget(d: &Diagnosis) -> Option<String> {
         let times = r.above_floor.map(|t| format!(", {t:.1} times the noise floor")).unwrap_or_default();
         format!("; {} stays{times}", share(&r.share))
     });
-    let all: Vec<String> = contributions.iter().map(one).collect();
+    let numbers = |r: &Recalibration| {
+        let value = |p: &FoundParameter| format!("{} = {}", p.name, p.value.map_or_else(|| "–".to_owned(), |v| estimate(v, p.ci95).0));
+        let each: Vec<String> = r.parameters.iter().map(value).collect();
+        let alike = if r.directions.is_empty() { String::new() } else { format!(", {}", r.directions.join(", ")) };
+        format!("the model's own numbers ({}{alike}) take {}", each.join(", "), share(&r.share))
+    };
+    let all: Vec<String> = contributions.iter().map(one).chain(block.map(numbers)).collect();
     Some(format!("Budget: {}{}.", all.join("; "), stays.unwrap_or_default()))
 }
 

@@ -5,7 +5,7 @@ use std::fmt::{Display, Write as _};
 use super::chart::chart;
 use super::diagnosis::summary;
 use super::escape::escape;
-use crate::diagnose::{Diagnosed, Diagnosis, Mode, RankingRow, Strength, Trace};
+use crate::diagnose::{Diagnosed, Diagnosis, Mode, RankingRow, Recalibration, Strength, Trace};
 
 /// Logs that one picture shows: more are too narrow to read.
 const LOGS: usize = 40;
@@ -196,6 +196,19 @@ fn describe(d: &Diagnosis, output: usize) -> String {
     escape(&text)
 }
 
+/// The model's own numbers as a block.
+fn recalibration(block: &Recalibration) -> String {
+    let [learnt, held] = [percent(block.share.learnt), percent(block.share.held_out)];
+    let caption = format!("The model's own numbers, {learnt} of what was learnt from and {held} of held-out data");
+    let mut table = Table::new(&caption, &["number", "value", "95 % interval", "unit"], &[0, 3]);
+    for p in &block.parameters {
+        let interval = p.ci95.map_or_else(|| "–".to_owned(), |[l, u]| format!("{} to {}", number(Some(l)), number(Some(u))));
+        table.row(&[p.name.clone(), number(p.value), interval, p.unit.clone()]);
+    }
+    let directions: String = block.directions.iter().map(|d| format!("<p>Told apart: {}.</p>\n", escape(d))).collect();
+    table.end() + &directions
+}
+
 fn cause(diagnosed: &Diagnosed) -> String {
     let d = &diagnosed.diagnosis;
     let mut html = String::from("<h2>Cause</h2>\n");
@@ -220,6 +233,9 @@ fn cause(diagnosed: &Diagnosed) -> String {
             }
         }
         html += &table.end();
+    }
+    if let Some(block) = d.cause.recalibration.as_ref().filter(|r| r.accepted) {
+        html += &recalibration(block);
     }
     if let Some(rest) = d.cause.remainder.as_ref().filter(|r| r.share.learnt.is_some() && !d.cause.contributions.is_empty()) {
         let times = rest.above_floor.map(|t| format!(", {t:.1} times the noise floor")).unwrap_or_default();

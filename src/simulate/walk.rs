@@ -89,6 +89,38 @@ impl Group {
             (Some(&stamp_s), false) => plan.clock.commands_time_s(stamp_s) - self.delay_s,
         }
     }
+
+    /// Reads sample `k`, and corrects the plant's state by what was measured.
+    fn sample(
+        &self,
+        k: usize,
+        system: &mut impl Stepper,
+        (now, drive): (f64, &Drive),
+        plan: &Plan,
+        time_s: &[f64],
+        correction: Option<Correction<'_>>,
+        (run, y): (&mut Run, &mut [f64]),
+    ) -> Result<(), SimulateError> {
+        if self.outputs.is_empty() {
+            for (i, value) in system.plant_state().iter().enumerate() {
+                run.x[(k, i)] = *value;
+            }
+            return Ok(());
+        }
+        system.outputs(now, drive, y)?;
+        for &i in &self.outputs {
+            run.y[(k, i)] = plan.outputs[i].maps.iter().fold(y[i], |value, map| map(time_s[k], value));
+        }
+        let Some(correction) = correction else { return Ok(()) };
+        for &j in &self.outputs {
+            let Some(measured) = correction.measured.get(j).and_then(|m| m.get(k)) else { continue };
+            let innovation = (measured - run.y[(k, j)]) * plan.outputs[j].correction();
+            for (i, x) in system.plant_state().iter_mut().enumerate() {
+                *x += correction.gain[(i, j)] * innovation;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Outputs by the delay at which they are read.
@@ -162,29 +194,9 @@ pub(super) fn walk(
                 let before_start = group.due_s < -together;
                 group.next += 1;
                 group.look_ahead(plan, stamps);
-                if group.outputs.is_empty() {
-                    for (i, value) in system.plant_state().iter().enumerate() {
-                        run.x[(k, i)] = *value;
-                    }
-                    continue;
-                }
-                system.outputs(now, &drive, &mut y)?;
-                for &i in &group.outputs {
-                    let mut value = y[i];
-                    for map in &plan.outputs[i].maps {
-                        value = map(time_s[k], value);
-                    }
-                    run.y[(k, i)] = value;
-                }
                 // A sample from before the start tells nothing of the state now.
-                let Some(correction) = correction.filter(|_| !before_start) else { continue };
-                for &j in &group.outputs {
-                    let Some(measured) = correction.measured.get(j).and_then(|m| m.get(k)) else { continue };
-                    let innovation = (measured - run.y[(k, j)]) * plan.outputs[j].correction();
-                    for (i, x) in system.plant_state().iter_mut().enumerate() {
-                        *x += correction.gain[(i, j)] * innovation;
-                    }
-                }
+                let correction = correction.filter(|_| !before_start);
+                group.sample(k, system, (now, &drive), plan, time_s, correction, (&mut run, &mut y))?;
             }
         }
     }

@@ -119,33 +119,81 @@ pub(super) fn named<T: ?Sized>(
     Ok((entry, registry::options(words)?))
 }
 
+/// A plan's error.
+type Wrong<'w> = &'w dyn Fn(String) -> StudyError;
+
+/// The conversion that a key names; one that rounds delays takes whole ones only.
+fn conversion(key: &Key, sample_time: SampleTime, wrong: Wrong<'_>) -> crate::Result<Box<dyn Conversion>> {
+    let (entry, options) = named(CONVERSIONS, "conversion", &key.c2d)?;
+    let conversion = entry.with(options.clone())?;
+    // These two put a delay on the nearest sample unless told otherwise: what was injected would not be what acts.
+    let rounds = match entry.name {
+        "tustin" => serde_json::from_value::<Tustin>(options).is_ok_and(|t| t.fractional_delay_order == 0),
+        "matched" => true,
+        _ => false,
+    };
+    let fractional = match &key.delay {
+        Delay::Same(s) => sample_time.samples(*s)?.fraction != 0.0,
+        Delay::PerInput(all) => {
+            all.iter().map(|s| sample_time.samples(*s)).collect::<Result<Vec<_>, _>>()?.iter().any(|d| d.fraction != 0.0)
+        }
+        Delay::Drawn(d) => !d.whole,
+    };
+    if rounds && fractional {
+        let detail =
+            format!("`{}` puts a delay on the nearest sample: inject whole samples, or give tustin fractional_delay_order=3", key.c2d);
+        return Err(wrong(detail).into());
+    }
+    Ok(conversion)
+}
+
+/// The noise that a key names.
+fn colour(plan: &Plan, key: &Key, wrong: Wrong<'_>) -> crate::Result<Colour> {
+    let colour = match (key.noise.as_str(), plan.noises.get(&key.noise)) {
+        ("white", _) => Colour::default(),
+        (_, Some(colour)) => colour.clone(),
+        (name, None) => {
+            let known: Vec<&str> = plan.noises.keys().map(String::as_str).chain(["white"]).collect();
+            return Err(wrong(format!("there is no noise `{name}`; there are: {}", known.join(", "))).into());
+        }
+    };
+    if colour.innovation_std.is_some() && key.snr.is_finite() {
+        return Err(wrong(format!("noise `{}` has a level of its own (innovation_std): leave out `snr`", key.noise)).into());
+    }
+    Ok(colour)
+}
+
+/// The controller that a key names; `None`: none, or one that feeds back the states.
+fn controller(plan: &Plan, key: &Key, channels: (usize, usize), wrong: Wrong<'_>) -> crate::Result<Option<Controller>> {
+    let controller = match key.controller.as_deref() {
+        None | Some("dlqr") => None,
+        Some(name) => match plan.controllers.get(name) {
+            Some(controller) => Some(controller.clone()),
+            None => {
+                let known: Vec<&str> = plan.controllers.keys().map(String::as_str).chain(["dlqr"]).collect();
+                return Err(wrong(format!("there is no controller `{name}`; there are: {}", known.join(", "))).into());
+            }
+        },
+    };
+    if controller.is_some() && channels != (1, 1) {
+        return Err(wrong(format!(
+            "controller `{}` has one input and one output, {} has more",
+            key.controller.as_deref().unwrap_or(""),
+            key.plant
+        ))
+        .into());
+    }
+    Ok(controller)
+}
+
 impl Setting {
     /// Looks up what a key names.
     pub(super) fn new(plan: &Plan, number: usize, key: Key, max_delay: usize, states: bool) -> crate::Result<Self> {
         let grid: &Grid = &plan.grids[number];
-        let wrong = |detail: String| StudyError::Plan { plan: plan.name.clone(), detail };
+        let wrong: Wrong<'_> = &|detail| StudyError::Plan { plan: plan.name.clone(), detail };
         let (source, inputs, outputs) = source(&key.plant, &plan.folder)?;
-        let (entry, options) = named(CONVERSIONS, "conversion", &key.c2d)?;
-        let conversion = entry.with(options.clone())?;
-        // These two put a delay on the nearest sample unless told otherwise: what was injected would not be what acts.
-        let rounds = match entry.name {
-            "tustin" => serde_json::from_value::<Tustin>(options).is_ok_and(|t| t.fractional_delay_order == 0),
-            "matched" => true,
-            _ => false,
-        };
         let sample_time = SampleTime::new(key.sample_time_s)?;
-        let fractional = match &key.delay {
-            Delay::Same(s) => sample_time.samples(*s)?.fraction != 0.0,
-            Delay::PerInput(all) => {
-                all.iter().map(|s| sample_time.samples(*s)).collect::<Result<Vec<_>, _>>()?.iter().any(|d| d.fraction != 0.0)
-            }
-            Delay::Drawn(d) => !d.whole,
-        };
-        if rounds && fractional {
-            let detail =
-                format!("`{}` puts a delay on the nearest sample: inject whole samples, or give tustin fractional_delay_order=3", key.c2d);
-            return Err(wrong(detail).into());
-        }
+        let conversion = conversion(&key, sample_time, wrong)?;
         if let Delay::PerInput(all) = &key.delay
             && all.len() != inputs.len()
         {
@@ -159,35 +207,8 @@ impl Setting {
         let (entry, more) = named(EXCITATIONS, "excitation", &signal.signal)?;
         let mut options = signal.options;
         options.extend(more.as_object().cloned().unwrap_or_default());
-        let colour = match (key.noise.as_str(), plan.noises.get(&key.noise)) {
-            ("white", _) => Colour::default(),
-            (_, Some(colour)) => colour.clone(),
-            (name, None) => {
-                let known: Vec<&str> = plan.noises.keys().map(String::as_str).chain(["white"]).collect();
-                return Err(wrong(format!("there is no noise `{name}`; there are: {}", known.join(", "))).into());
-            }
-        };
-        if colour.innovation_std.is_some() && key.snr.is_finite() {
-            return Err(wrong(format!("noise `{}` has a level of its own (innovation_std): leave out `snr`", key.noise)).into());
-        }
-        let controller = match key.controller.as_deref() {
-            None | Some("dlqr") => None,
-            Some(name) => match plan.controllers.get(name) {
-                Some(controller) => Some(controller.clone()),
-                None => {
-                    let known: Vec<&str> = plan.controllers.keys().map(String::as_str).chain(["dlqr"]).collect();
-                    return Err(wrong(format!("there is no controller `{name}`; there are: {}", known.join(", "))).into());
-                }
-            },
-        };
-        if controller.is_some() && (inputs.len(), outputs.len()) != (1, 1) {
-            return Err(wrong(format!(
-                "controller `{}` has one input and one output, {} has more",
-                key.controller.as_deref().unwrap_or(""),
-                key.plant
-            ))
-            .into());
-        }
+        let colour = colour(plan, &key, wrong)?;
+        let controller = controller(plan, &key, (inputs.len(), outputs.len()), wrong)?;
         let mut setting = Self {
             grid: number,
             max_delay,

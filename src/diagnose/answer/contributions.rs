@@ -10,7 +10,8 @@ use super::found_effects::found_effects;
 use super::improvement::{bootstrap, held_out_blocks};
 use super::location::{locate, output_shares};
 use crate::diagnose::compose::composed::Composed;
-use crate::diagnose::format::contributions::{Contribution, Explained, Remainder, Share, Strength};
+use crate::diagnose::format::contributions::{Contribution, Explained, Recalibration, Remainder, Share, Strength};
+use crate::diagnose::format::found::{FoundEffect, FoundParameter};
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::judge::intervals::Estimate;
 use crate::diagnose::judge::rule::GapVerdict;
@@ -22,6 +23,9 @@ use crate::effect::{Applied, Scales};
 
 /// A nominal value that is further off than this factor is no value of the physics.
 const FAR: f64 = 10.0;
+
+/// Two numbers whose changes act alike by more than this correlation are hardly told apart: each alone is known 1/√(1 − r²) = 3.2 times worse.
+const TRADE: f64 = 0.95;
 
 /// What the budget is made of.
 pub(in crate::diagnose) struct GapBudget<'b, 'a> {
@@ -64,8 +68,8 @@ impl Squares {
 }
 
 impl GapBudget<'_, '_> {
-    /// Contributions, most first, and what stays.
-    pub(in crate::diagnose) fn sections(&self, estimate: Option<&Estimate>) -> (Vec<Contribution>, Remainder) {
+    /// Contributions, most first, the model's own numbers, and what stays.
+    pub(in crate::diagnose) fn sections(&self, estimate: Option<&Estimate>) -> (Vec<Contribution>, Recalibration, Remainder) {
         let without: Vec<Option<Vec<DMatrix<f64>>>> =
             self.composed.without.iter().map(|e| e.as_ref().and_then(|e| residuals(self.likelihood, e))).collect();
         // What cannot be simulated without an effect is as far off as the model as it came.
@@ -88,21 +92,55 @@ impl GapBudget<'_, '_> {
             held_out: number(&held),
             ci95: number(&held).and_then(|_| interval(number)),
         };
-        let found = self.composed.hypothesis.iter().flat_map(|e| found_effects(self.likelihood, e, estimate).into_iter().enumerate());
-        let contributions: Vec<Contribution> = found
-            .map(|(at, found)| Contribution {
-                effect: found.effect,
-                channel: found.channel,
-                parameters: found.parameters,
-                strength: self.strength(&all, at),
-                share: share(&|s: &Squares| s.share(at)),
-                without_it: without[at].as_ref().map(|_| learnt.without[at].sqrt()),
-                class: self.composed.stand_ins[at].iter().map(Applied::key).collect(),
-                surrogate: self.composed.hypothesis.as_ref().is_some_and(|e| self.is_surrogate(e, at)),
-            })
-            .collect();
+        let found: Vec<FoundEffect> = self.composed.hypothesis.iter().flat_map(|e| found_effects(self.likelihood, e, estimate)).collect();
+        let contribution = |(part, at): (usize, usize)| Contribution {
+            effect: found[at].effect.clone(),
+            channel: found[at].channel.clone(),
+            parameters: found[at].parameters.clone(),
+            strength: self.strength(&all, part),
+            share: share(&|s: &Squares| s.share(part)),
+            without_it: without[part].as_ref().map(|_| learnt.without[part].sqrt()),
+            class: self.composed.stand_ins[at].iter().map(Applied::key).collect(),
+            surrogate: self.composed.hypothesis.as_ref().is_some_and(|e| self.is_surrogate(e, at)),
+        };
+        let contributions: Vec<Contribution> = self.composed.singly().into_iter().enumerate().map(contribution).collect();
+        let recalibration = match self.composed.recalibration {
+            None => Recalibration::default(),
+            Some(size) => {
+                let numbers = self.composed.block();
+                let named = |at: &usize| FoundParameter { name: found[*at].channel.clone(), ..found[*at].parameters[0].clone() };
+                Recalibration {
+                    accepted: true,
+                    size,
+                    share: share(&|s: &Squares| s.share(contributions.len())),
+                    parameters: numbers.iter().map(named).collect(),
+                    directions: self.directions(&numbers),
+                }
+            }
+        };
         let left = share(&|s: &Squares| Some(1.0 - s.together()?));
-        (contributions, self.remainder(left, &learnt))
+        (contributions, recalibration, self.remainder(left, &learnt))
+    }
+
+    /// Pairs of the model's numbers that the data hardly tell apart, in words.
+    fn directions(&self, numbers: &[usize]) -> Vec<String> {
+        let Some(hypothesis) = &self.composed.hypothesis else { return Vec::new() };
+        let Some(slopes) = hypothesis.slopes(self.likelihood, self.scales) else { return Vec::new() };
+        let column = |at: usize| hypothesis.free.iter().position(|place| *place == (at, 0)).map(|c| &slopes.columns[c]);
+        let cosine = |a: usize, b: usize| {
+            let (a, b) = (column(a)?, column(b)?);
+            let product = |x, y| self.likelihood.inner(x, y);
+            Some(product(a, b) / (product(a, a) * product(b, b)).sqrt())
+        };
+        let name = |at: usize| &hypothesis.effects[at].channel;
+        let pairs = numbers.iter().enumerate().flat_map(|(k, a)| numbers[k + 1..].iter().map(move |b| (*a, *b)));
+        let told = pairs.filter_map(|(a, b)| Some((a, b, cosine(a, b)?))).filter(|(_, _, cosine)| cosine.abs() > TRADE);
+        told.map(|(a, b, cosine)| {
+            let relative = cosine * hypothesis.effects[a].values[0] * hypothesis.effects[b].values[0];
+            let what = if relative < 0.0 { "ratio" } else { "product" };
+            format!("{} and {} hardly but as their {what}", name(a), name(b))
+        })
+        .collect()
     }
 
     /// Weak: without it, no output's error is larger by the factor that an effect is asked for.

@@ -33,8 +33,10 @@ pub(in crate::diagnose) struct Composed {
     pub(in crate::diagnose) hypothesis: Option<Hypothesis>,
     /// Per effect of the hypothesis, what could stand in its place.
     pub(in crate::diagnose) stand_ins: Vec<Vec<Applied>>,
-    /// Per effect, all the others refitted without it; `None` where they cannot be simulated.
+    /// Per effect, all the others refitted without it; the model's numbers that are one block come last, and go together. `None`: cannot be simulated.
     pub(in crate::diagnose) without: Vec<Option<Hypothesis>>,
+    /// The relative size of the model's own errors, where its numbers are one block.
+    pub(in crate::diagnose) recalibration: Option<f64>,
     /// Standard deviations of its parameters.
     pub(in crate::diagnose) estimate: Option<Estimate>,
 }
@@ -50,13 +52,38 @@ pub(in crate::diagnose) struct Compose<'c, 'a> {
     pub(in crate::diagnose) smallest: &'c [f64],
 }
 
+impl Composed {
+    /// Places of the effects that have a share of their own.
+    pub(in crate::diagnose) fn singly(&self) -> Vec<usize> {
+        let Some(hypothesis) = &self.hypothesis else { return Vec::new() };
+        (0..hypothesis.effects.len()).filter(|&at| !in_block(self.recalibration, &hypothesis.effects[at])).collect()
+    }
+
+    /// Places of the model's numbers that are one block.
+    pub(in crate::diagnose) fn block(&self) -> Vec<usize> {
+        let Some(hypothesis) = &self.hypothesis else { return Vec::new() };
+        (0..hypothesis.effects.len()).filter(|&at| in_block(self.recalibration, &hypothesis.effects[at])).collect()
+    }
+}
+
+fn in_block(recalibration: Option<f64>, applied: &Applied) -> bool {
+    recalibration.is_some() && applied.effect.corrects_model()
+}
+
 impl Compose<'_, '_> {
     /// What acts beside, or instead of, what the search named; `None` where the model cannot be simulated.
     pub(in crate::diagnose) fn from(&self, judged: Judged) -> Option<Composed> {
         let begin = match judged.verdict {
             GapVerdict::None => {
                 return match self.weak() {
-                    None => Some(Composed { judged, hypothesis: None, stand_ins: Vec::new(), without: Vec::new(), estimate: None }),
+                    None => Some(Composed {
+                        judged,
+                        hypothesis: None,
+                        stand_ins: Vec::new(),
+                        without: Vec::new(),
+                        recalibration: None,
+                        estimate: None,
+                    }),
                     Some(weak) => self.judged_weak(judged, weak),
                 };
             }
@@ -66,7 +93,8 @@ impl Compose<'_, '_> {
         let decoded = begin.lost.is_some() || begin.effects.iter().any(|a| a.effect.leaves_residual());
         // A single effect that leaves nothing above the noise has been tried with every second one; a pair with no third.
         // Of a simulator that can only be called most laws cannot be tried, and what is left beside a named effect is taken by whatever can.
-        let alone = self.likelihood.system.is_black_box() || (judged.left_over.is_none() && begin.effects.len() < 2);
+        let all_taken = || self.share_taken(&begin, &judged).is_none_or(|share| share >= self.likelihood.criteria.one_explains);
+        let alone = self.likelihood.system.is_black_box() || (judged.left_over.is_none() && begin.effects.len() < 2 && all_taken());
         let enough = judged.verdict == GapVerdict::Effects && alone;
         if !decoded && !enough {
             let composition = self.composition(&begin)?;
@@ -76,12 +104,35 @@ impl Compose<'_, '_> {
             }
         }
         if begin.effects.is_empty() {
-            return Some(Composed { judged, hypothesis: None, stand_ins: Vec::new(), without: Vec::new(), estimate: None });
+            return Some(Composed {
+                judged,
+                hypothesis: None,
+                stand_ins: Vec::new(),
+                without: Vec::new(),
+                recalibration: None,
+                estimate: None,
+            });
         }
-        let (hypothesis, without) = self.by_share(begin);
+        let (hypothesis, without) = self.by_share(begin, None);
         let estimate = intervals::estimate(self.likelihood, &hypothesis, self.scales);
         let judged = Judged { found: Some(hypothesis.clone()), best: Some(hypothesis.clone()), ..judged };
-        Some(Composed { judged, hypothesis: Some(hypothesis), stand_ins: vec![Vec::new(); without.len()], without, estimate })
+        Some(Composed {
+            judged,
+            hypothesis: Some(hypothesis),
+            stand_ins: vec![Vec::new(); without.len()],
+            without,
+            recalibration: None,
+            estimate,
+        })
+    }
+
+    /// The part of before² − floor² that a hypothesis takes on what was learnt from; `None` where there is nothing to take.
+    fn share_taken(&self, hypothesis: &Hypothesis, judged: &Judged) -> Option<f64> {
+        let nothing = Level::of(self.likelihood, None)?;
+        let [before, floor] =
+            [nothing.train.nrmse(), nothing.train.relative(&judged.floor.floor)].map(|each| overall(&each).map(|e| e * e));
+        let (before, floor, after) = (before?, floor?, self.error_of(hypothesis)?.powi(2));
+        (before > floor).then(|| (before - after) / (before - floor))
     }
 
     /// A small effect that is certain all the same.
@@ -95,9 +146,16 @@ impl Compose<'_, '_> {
     fn judged_weak(&self, judged: Judged, weak: Hypothesis) -> Option<Composed> {
         let beside = self.likelihood.with_noise(noise_of(self.likelihood, (&weak).into(), self.smallest)?);
         let estimate = intervals::estimate(&beside, &weak, self.scales);
-        let without = self.without(&weak);
+        let without = self.without(&weak, &[vec![0]]);
         let judged = Judged { verdict: GapVerdict::Effects, found: Some(weak.clone()), best: Some(weak.clone()), ..judged };
-        Some(Composed { judged, hypothesis: Some(weak), stand_ins: vec![Vec::new(); without.len()], without, estimate })
+        Some(Composed {
+            judged,
+            hypothesis: Some(weak),
+            stand_ins: vec![Vec::new(); without.len()],
+            without,
+            recalibration: None,
+            estimate,
+        })
     }
 
     fn composer(&self, white: bool) -> Composer<'_, '_> {
@@ -109,10 +167,13 @@ impl Compose<'_, '_> {
             candidates: if called { fitted.collect() } else { self.catalogue.to_vec() },
             most: if called { 1 } else { self.likelihood.criteria.most_causes as usize },
             singles: &self.found.singles,
+            pairs: &self.found.pairs,
             scales: self.scales.clone(),
             smallest: self.smallest,
             gate: Gate { criteria: self.likelihood.criteria },
             white,
+            shrinkage: None,
+            shortlist: Vec::new(),
         }
     }
 
@@ -127,9 +188,11 @@ impl Compose<'_, '_> {
 
     /// The verdict on a composition.
     fn judged(&self, judged: Judged, composition: &Composition) -> Option<Composed> {
-        let beside = self.likelihood.with_noise(noise_of(self.likelihood, (&composition.hypothesis).into(), self.smallest)?);
-        let settled = self.settled(&beside, composition.hypothesis.clone())?;
-        let (hypothesis, without) = self.by_share(settled);
+        let shrunk = composition.recalibration.map(|size| self.likelihood.with_shrinkage(size));
+        let shrunk = Compose { likelihood: shrunk.as_ref().unwrap_or(self.likelihood), ..*self };
+        let beside = shrunk.likelihood.with_noise(noise_of(shrunk.likelihood, (&composition.hypothesis).into(), self.smallest)?);
+        let settled = shrunk.settled(&beside, composition.hypothesis.clone())?;
+        let (hypothesis, without) = shrunk.by_share(settled, composition.recalibration);
         let stand_ins = hypothesis.effects.iter().map(|a| composition.stand_ins_of(a)).collect();
 
         let (nothing, best) = (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
@@ -145,18 +208,25 @@ impl Compose<'_, '_> {
         let found = (verdict == GapVerdict::Effects).then(|| hypothesis.clone());
         let judged = Judged { verdict, found, best: Some(hypothesis.clone()), unknown, left_over, inexact: judged.inexact, floor, reached };
         let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
-        Some(Composed { judged, hypothesis: Some(hypothesis), stand_ins, without, estimate })
+        Some(Composed { judged, hypothesis: Some(hypothesis), stand_ins, without, recalibration: composition.recalibration, estimate })
     }
 
-    /// In the order of what each effect explains beside the others; and per effect all the others without it.
-    fn by_share(&self, hypothesis: Hypothesis) -> (Hypothesis, Vec<Option<Hypothesis>>) {
-        let without = self.without(&hypothesis);
+    /// In the order of what each effect explains beside the others, the block of the model's numbers last; and all the others without each.
+    fn by_share(&self, hypothesis: Hypothesis, recalibration: Option<f64>) -> (Hypothesis, Vec<Option<Hypothesis>>) {
+        let (block, singly): (Vec<usize>, Vec<usize>) =
+            (0..hypothesis.effects.len()).partition(|&at| in_block(recalibration, &hypothesis.effects[at]));
+        let mut parts: Vec<Vec<usize>> = singly.into_iter().map(|at| vec![at]).collect();
+        parts.extend((!block.is_empty()).then_some(block));
+        let without = self.without(&hypothesis, &parts);
         let error = |e: &Option<Hypothesis>| e.as_ref().and_then(|e| self.error_of(e)).unwrap_or(f64::INFINITY);
         let errors: Vec<f64> = without.iter().map(error).collect();
         let place = |a: &Applied| hypothesis.effects.iter().position(|e| e.key() == a.key()).unwrap_or(0);
-        let ordered = hypothesis.clone().ordered(|a| errors[place(a)]);
-        let without = ordered.effects.iter().map(|a| without[place(a)].clone()).collect();
-        (ordered, without)
+        let part = |a: &Applied| parts.iter().position(|p| p.contains(&place(a))).unwrap_or(0);
+        let rank = |a: &Applied| if in_block(recalibration, a) { f64::NEG_INFINITY } else { errors[part(a)] };
+        let ordered = hypothesis.clone().ordered(rank);
+        let mut sorted: Vec<usize> = ordered.effects.iter().map(part).collect();
+        sorted.dedup();
+        (ordered, sorted.into_iter().map(|p| without[p].clone()).collect())
     }
 
     /// The parameters under the noise of what is left, unless that makes the errors larger: under a colour that is another effect's, slow effects vanish.
@@ -174,19 +244,19 @@ impl Compose<'_, '_> {
         overall(&Level::of(self.likelihood, Some(hypothesis))?.train.nrmse())
     }
 
-    /// Per effect, all the others refitted without it, under white weights as large as what is left by all.
-    fn without(&self, hypothesis: &Hypothesis) -> Vec<Option<Hypothesis>> {
-        let Some(left) = residuals(self.likelihood, hypothesis) else { return vec![None; hypothesis.effects.len()] };
+    /// Per part, all the others refitted without it, under white weights as large as what is left by all.
+    fn without(&self, hypothesis: &Hypothesis, parts: &[Vec<usize>]) -> Vec<Option<Hypothesis>> {
+        let Some(left) = residuals(self.likelihood, hypothesis) else { return vec![None; parts.len()] };
         let rms = Errors::of(self.likelihood.records, &left, |r| r.train).rms();
         let std: Vec<f64> = rms.iter().zip(self.smallest).map(|(r, s)| r.max(*s)).collect();
         let white = self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);
-        let one = |place: usize| {
+        let one = |part: &Vec<usize>| {
             let others: Vec<Applied> =
-                hypothesis.effects.iter().enumerate().filter(|(at, _)| *at != place).map(|(_, a)| a.clone()).collect();
+                hypothesis.effects.iter().enumerate().filter(|(at, _)| !part.contains(at)).map(|(_, a)| a.clone()).collect();
             let lost = hypothesis.lost.clone().filter(|_| others.iter().any(|a| a.effect.loses_commands()));
             Hypothesis::refit(&white, Hypothesis { lost, ..of(others) }, self.scales, cost(&white)?, white.budget.steps)
         };
-        (0..hypothesis.effects.len()).into_par_iter().map(one).collect()
+        parts.par_iter().map(one).collect()
     }
 }
 

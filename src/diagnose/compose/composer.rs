@@ -26,9 +26,13 @@ use crate::diagnose::search::catalogue_search::noise_of;
 use crate::effect::{Applied, Scales, row};
 
 /// Candidates that are refitted together with everything else at a step; and how many of them to the end.
-const REFITTED: [usize; 2] = [10, 5];
+const REFITTED: [usize; 2] = [14, 8];
 /// Steps of the first fits.
 const TRIAL: usize = 4;
+/// Pairs that may begin where no single effect is accepted.
+const PAIRS: usize = 5;
+/// So many of the most promising candidates of every step are tried in the place of earlier effects.
+const SHORTLIST: usize = 20;
 /// First guesses of a candidate that are looked at beside what is found already.
 const GUESSES: usize = 12;
 
@@ -39,6 +43,8 @@ pub(in crate::diagnose) struct Composition {
     pub(in crate::diagnose) hypothesis: Hypothesis,
     /// Per effect.
     pub(in crate::diagnose) stand_ins: Vec<Vec<Applied>>,
+    /// The relative size of the model's own errors, where its numbers were freed as one block.
+    pub(in crate::diagnose) recalibration: Option<f64>,
 }
 
 /// The search.
@@ -47,6 +53,8 @@ pub(in crate::diagnose) struct Composer<'c, 'a> {
     pub(in crate::diagnose) candidates: Vec<Applied>,
     /// Single effects as they were fitted alone: first guesses.
     pub(in crate::diagnose) singles: &'c [Hypothesis],
+    /// Pairs as the search fitted them, the best first.
+    pub(in crate::diagnose) pairs: &'c [Hypothesis],
     pub(in crate::diagnose) scales: Scales,
     /// Per output, what is no more than rounding.
     pub(in crate::diagnose) smallest: &'c [f64],
@@ -55,6 +63,10 @@ pub(in crate::diagnose) struct Composer<'c, 'a> {
     pub(in crate::diagnose) most: usize,
     /// Under white weights, or beside the colour of what is left.
     pub(in crate::diagnose) white: bool,
+    /// The relative size of the model's own errors, once its numbers are freed as one block.
+    pub(in crate::diagnose) shrinkage: Option<f64>,
+    /// Names of candidates that were promising at some step.
+    pub(in crate::diagnose) shortlist: Vec<String>,
 }
 
 impl<'a> Composer<'_, 'a> {
@@ -66,28 +78,91 @@ impl<'a> Composer<'_, 'a> {
         let errors = |held: bool| Errors::of(self.likelihood.records, &before, |r| if held { r.held } else { r.train });
         let original = Original { train: errors(false), held: errors(true) };
         let hypothesis = Hypothesis { effects: from.to_vec(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
-        let mut composition = Composition { stand_ins: vec![Vec::new(); from.len()], hypothesis };
+        let mut composition = Composition { stand_ins: vec![Vec::new(); from.len()], hypothesis, recalibration: None };
         // What was found before may be a law of many numbers in the place of a plain one.
         if let Some((likelihood, present)) = self.renewed(&composition.hypothesis) {
             let flexible = present.hypothesis.effects.iter().filter(|a| a.values.iter().filter(|v| v.is_finite()).count() > 1);
             let flexible: Vec<Applied> = flexible.cloned().collect();
             composition = self.backward(&likelihood, composition, present, flexible, &original);
         }
-        while composition.hypothesis.effects.len() < self.most {
-            let Some((likelihood, before)) = self.renewed(&composition.hypothesis) else { break };
-            composition.hypothesis = before.hypothesis.clone();
-            self.scales.peaks_hz = peaks_hz(likelihood.records, &before.residuals, likelihood.system.outputs.len());
-            let Some((next, stand_ins)) = self.best(&likelihood, &before, &before.hypothesis, &original) else { break };
-            let Some(added) = newest(&before.hypothesis, &next.hypothesis) else { break };
-            composition = composition.with(&next.hypothesis, &added, stand_ins);
-            let earlier = next.hypothesis.effects.iter().filter(|a| a.key() != added.key()).cloned().collect();
-            composition = self.backward(&likelihood, composition, next, earlier, &original);
+        composition = self.forward(composition, &original);
+        if composition.hypothesis.effects.is_empty()
+            && let Some(pair) = self.together(&original)
+        {
+            composition = self.forward(pair, &original);
+        }
+        if !self.likelihood.system.is_black_box()
+            && let Some((released, size)) = self.recalibrated(&composition, &original)
+        {
+            self.shrinkage = Some(size);
+            composition = self.forward(self.pruned(released), &original);
+            composition.recalibration = Some(size);
         }
         Some(composition)
     }
 
+    /// The best of the pairs that the search fitted, where the gate lets it in: two effects may hide each other, so that neither helps alone.
+    fn together(&self, original: &Original) -> Option<Composition> {
+        let nothing = Hypothesis { effects: Vec::new(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
+        let (likelihood, before) = self.renewed(&nothing)?;
+        let cost = self.cost(&likelihood);
+        let known = |e: &&Hypothesis| e.effects.iter().all(|a| self.candidates.iter().any(|c| c.key() == a.key()));
+        let fitted = self.pairs.iter().filter(known).take(PAIRS).filter_map(|pair| {
+            let from = Hypothesis { lost: None, ..pair.clone() };
+            let refitted = Hypothesis::refit(&likelihood, from, &self.scales, cost, likelihood.budget.steps)?;
+            Standing::of(&likelihood, refitted, &self.scales).filter(|after| self.gate.accepts(&before, after, original))
+        });
+        let best = fitted.min_by(|a, b| a.error().total_cmp(&b.error()))?;
+        Some(Composition { stand_ins: vec![Vec::new(); best.hypothesis.effects.len()], hypothesis: best.hypothesis, recalibration: None })
+    }
+
+    /// Adds one effect after the other for as long as one is accepted.
+    fn forward(&mut self, mut composition: Composition, original: &Original) -> Composition {
+        while self.effects_of(&composition.hypothesis) < self.most {
+            let Some((likelihood, before)) = self.renewed(&composition.hypothesis) else { break };
+            composition.hypothesis = before.hypothesis.clone();
+            self.scales.peaks_hz = peaks_hz(likelihood.records, &before.residuals, likelihood.system.outputs.len());
+            let all: Vec<&Applied> = self.candidates.iter().collect();
+            let promising = self.promising(&likelihood, &before.hypothesis, &all);
+            let listed = promising.iter().take(SHORTLIST).map(Applied::key).filter(|key| !self.shortlist.contains(key));
+            self.shortlist.extend(listed.collect::<Vec<_>>());
+            let Some((next, stand_ins)) = self.best(&likelihood, &before, &before.hypothesis, promising, original) else { break };
+            let Some(added) = newest(&before.hypothesis, &next.hypothesis) else { break };
+            composition = composition.with(&next.hypothesis, &added, stand_ins);
+            let earlier = next.hypothesis.effects.iter().filter(|a| a.key() != added.key() && !self.in_block(a)).cloned().collect();
+            composition = self.backward(&likelihood, composition, next, earlier, original);
+        }
+        composition
+    }
+
+    /// Effects aside from the model's numbers where these are one block.
+    fn effects_of(&self, hypothesis: &Hypothesis) -> usize {
+        hypothesis.effects.iter().filter(|a| !self.in_block(a)).count()
+    }
+
+    fn in_block(&self, applied: &Applied) -> bool {
+        self.shrinkage.is_some() && applied.effect.corrects_model()
+    }
+
+    /// Without the effects that stood in for the model's numbers.
+    fn pruned(&self, mut composition: Composition) -> Composition {
+        let Some((likelihood, mut present)) = self.renewed(&composition.hypothesis) else { return composition };
+        let cost = self.cost(&likelihood);
+        let effects: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| !self.in_block(a)).cloned().collect();
+        for old in effects {
+            let others = to_be_fitted(&present.hypothesis, None, Some(&old));
+            let refitted = Hypothesis::refit(&likelihood, others, &self.scales, cost, likelihood.budget.steps);
+            let Some(without) = refitted.and_then(|e| Standing::of(&likelihood, e, &self.scales)) else { continue };
+            if self.gate.needless(&without, &present) {
+                composition = composition.without(&without.hypothesis);
+                present = without;
+            }
+        }
+        composition
+    }
+
     /// The likelihood with white weights as large as what a hypothesis leaves, and how the hypothesis stands under them, fitted anew.
-    fn renewed(&self, hypothesis: &Hypothesis) -> Option<(Likelihood<'a>, Standing)> {
+    pub(super) fn renewed(&self, hypothesis: &Hypothesis) -> Option<(Likelihood<'a>, Standing)> {
         let left = residuals(self.likelihood, hypothesis)?;
         let rms = Errors::of(self.likelihood.records, &left, |r| r.train).rms();
         let std: Vec<f64> = rms.iter().zip(self.smallest).map(|(r, s)| r.max(*s)).collect();
@@ -96,27 +171,32 @@ impl<'a> Composer<'_, 'a> {
             false => noise_of(self.likelihood, hypothesis.into(), self.smallest)?,
         };
         let likelihood = self.likelihood.with_noise(noise);
+        let likelihood = self.shrinkage.map_or_else(|| likelihood.clone(), |size| likelihood.with_shrinkage(size));
         let refitted = Hypothesis::refit(&likelihood, hypothesis.clone(), &self.scales, self.cost(&likelihood), likelihood.budget.steps)?;
         let standing = Standing::of(&likelihood, refitted, &self.scales)?;
         Some((likelihood, standing))
     }
 
-    fn cost(&self, likelihood: &Likelihood<'_>) -> f64 {
+    pub(super) fn cost(&self, likelihood: &Likelihood<'_>) -> f64 {
         likelihood.whitened(NO_EFFECT).map_or(0.0, |w| likelihood.inner(&w, &w))
     }
 
-    /// Joint fits of a hypothesis with each of the candidates that promise most beside it.
-    fn additions(&self, likelihood: &Likelihood<'_>, present: &Hypothesis, from: &Hypothesis) -> Vec<Hypothesis> {
+    /// Candidates that promise something beside a hypothesis, each with its best guess; those that promise most first.
+    fn promising(&self, likelihood: &Likelihood<'_>, present: &Hypothesis, candidates: &[&Applied]) -> Vec<Applied> {
         let Some(beside) = Beside::new(likelihood, present, &self.scales) else { return Vec::new() };
         let keys: Vec<String> = present.effects.iter().map(Applied::key).collect();
-        let mut promising: Vec<(f64, Applied)> = self
-            .candidates
+        let mut promising: Vec<(f64, Applied)> = candidates
             .par_iter()
             .filter(|a| !keys.contains(&a.key()))
             .filter_map(|candidate| self.promise(likelihood, &beside, candidate))
             .filter(|(promise, _)| *promise > self.gate.criteria.added_falls * beside.cost)
             .collect();
         promising.sort_by(|a, b| b.0.total_cmp(&a.0));
+        promising.into_iter().map(|(_, candidate)| candidate).collect()
+    }
+
+    /// Joint fits of a hypothesis with each of the candidates that promise most beside it.
+    fn additions(&self, likelihood: &Likelihood<'_>, from: &Hypothesis, mut promising: Vec<Applied>) -> Vec<Hypothesis> {
         promising.truncate(REFITTED[0]);
         let cost = self.cost(likelihood);
         let fits = |hypotheses: Vec<Hypothesis>, steps: usize| -> Vec<Hypothesis> {
@@ -125,7 +205,7 @@ impl<'a> Composer<'_, 'a> {
             fitted.sort_by(|a, b| b.gain.total_cmp(&a.gain));
             fitted
         };
-        let mut fitted = fits(promising.into_iter().map(|(_, candidate)| to_be_fitted(from, Some(candidate), None)).collect(), TRIAL);
+        let mut fitted = fits(promising.into_iter().map(|candidate| to_be_fitted(from, Some(candidate), None)).collect(), TRIAL);
         fitted.truncate(REFITTED[1]);
         let limited = |e: Hypothesis| e.with_missing_limits(likelihood, &self.scales, cost, likelihood.budget.steps);
         fits(fitted, likelihood.budget.steps).into_par_iter().map(limited).collect()
@@ -166,9 +246,10 @@ impl<'a> Composer<'_, 'a> {
         likelihood: &Likelihood<'_>,
         before: &Standing,
         from: &Hypothesis,
+        promising: Vec<Applied>,
         original: &Original,
     ) -> Option<(Standing, Vec<Applied>)> {
-        let trials = self.additions(likelihood, &before.hypothesis, from);
+        let trials = self.additions(likelihood, from, promising);
         let standings: Vec<Standing> = trials.into_par_iter().filter_map(|e| Standing::of(likelihood, e, &self.scales)).collect();
         let accepted: Vec<&Standing> = standings.iter().filter(|after| self.gate.accepts(before, after, original)).collect();
         let lowest = *accepted.iter().min_by(|a, b| a.error().total_cmp(&b.error()))?;
@@ -203,7 +284,11 @@ impl<'a> Composer<'_, 'a> {
                 present = without;
                 continue;
             }
-            let Some((swapped, stand_ins)) = self.best(likelihood, &without, &others, original) else { continue };
+            // What could explain as much was among the most promising at some step.
+            let listed: Vec<&Applied> =
+                self.candidates.iter().filter(|a| self.shortlist.contains(&a.key()) || a.key() == old.key()).collect();
+            let promising = self.promising(likelihood, &without.hypothesis, &listed);
+            let Some((swapped, stand_ins)) = self.best(likelihood, &without, &others, promising, original) else { continue };
             let Some(instead) = newest(&without.hypothesis, &swapped.hypothesis).filter(|a| a.key() != old.key()) else { continue };
             let (now, then) = (present.hypothesis.free.len(), swapped.hypothesis.free.len());
             let simple = then <= now + 1;
@@ -224,12 +309,12 @@ impl Composition {
     /// Another hypothesis, with what could stand in the place of its newest effect; the others keep theirs.
     fn with(&self, hypothesis: &Hypothesis, newest: &Applied, stand_ins: Vec<Applied>) -> Self {
         let of = |a: &Applied| if a.key() == newest.key() { stand_ins.clone() } else { self.stand_ins_of(a) };
-        Self { stand_ins: hypothesis.effects.iter().map(of).collect(), hypothesis: hypothesis.clone() }
+        Self { stand_ins: hypothesis.effects.iter().map(of).collect(), hypothesis: hypothesis.clone(), ..*self }
     }
 
     /// A hypothesis with fewer effects.
-    fn without(&self, hypothesis: &Hypothesis) -> Self {
-        Self { stand_ins: hypothesis.effects.iter().map(|a| self.stand_ins_of(a)).collect(), hypothesis: hypothesis.clone() }
+    pub(super) fn without(&self, hypothesis: &Hypothesis) -> Self {
+        Self { stand_ins: hypothesis.effects.iter().map(|a| self.stand_ins_of(a)).collect(), hypothesis: hypothesis.clone(), ..*self }
     }
 
     pub(super) fn stand_ins_of(&self, effect: &Applied) -> Vec<Applied> {
@@ -241,9 +326,14 @@ impl Composition {
 /// A hypothesis with one effect more or less, in the order of the table, to be fitted.
 fn to_be_fitted(present: &Hypothesis, more: Option<Applied>, less: Option<&Applied>) -> Hypothesis {
     let kept = present.effects.iter().filter(|a| less.is_none_or(|l| l.key() != a.key())).cloned();
-    let mut effects: Vec<Applied> = kept.chain(more).collect();
+    Hypothesis { effects: in_order(kept.chain(more)), free: Vec::new(), gain: 0.0, fitted: false, lost: None }
+}
+
+/// Effects in the order of the table.
+pub(super) fn in_order(effects: impl Iterator<Item = Applied>) -> Vec<Applied> {
+    let mut effects: Vec<Applied> = effects.collect();
     effects.sort_by_key(|a| row(a.effect));
-    Hypothesis { effects, free: Vec::new(), gain: 0.0, fitted: false, lost: None }
+    effects
 }
 
 /// The effect that one hypothesis has and another has not.

@@ -32,7 +32,7 @@ impl Gate {
         let held = 1.0 - after.held.over(&before.held);
         let taken = [(&before.train, &after.train, &original.train), (&before.held, &after.held, &original.held)];
         fall >= limits.added_falls
-            && (mostly || after.better_by_t(before) >= limits.added_t)
+            && (mostly || after.better_by_t(before) >= limits.added_t || fall.min(held) >= limits.added_plainly)
             && before.train.log_ratio(&after.train) >= limits.added_gains
             && held >= limits.added_held_out.max(limits.added_generalises * fall)
             && taken.iter().all(|(before, after, original)| before.over(original) - after.over(original) >= limits.added_matters)

@@ -3,5 +3,6 @@
 pub(in crate::diagnose) mod composed;
 mod composer;
 mod gate;
+mod recalibration;
 mod standing;
 mod weak;

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::likelihood::errors::Errors;
-use crate::diagnose::likelihood::gaussian::Likelihood;
+use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::effect::Scales;
 
@@ -17,6 +17,8 @@ pub(super) struct Standing {
     pub(super) blocks: Vec<f64>,
     pub(super) train: Errors,
     pub(super) held: Errors,
+    /// The information matrix of the free parameters, their prior's included.
+    information: DMatrix<f64>,
 }
 
 impl Standing {
@@ -24,10 +26,11 @@ impl Standing {
     pub(super) fn of(likelihood: &Likelihood<'_>, hypothesis: Hypothesis, scales: &Scales) -> Option<Self> {
         let residuals = residuals(likelihood, &hypothesis)?;
         let slopes = hypothesis.slopes(likelihood, scales)?;
-        let blocks = likelihood.left_out(&slopes.residual, &slopes.columns, &[])?;
+        let blocks = likelihood.left_out(&slopes.residual, &slopes.columns, &hypothesis.prior(likelihood))?;
         let train = Errors::of(likelihood.records, &residuals, |r| r.train);
         let held = Errors::of(likelihood.records, &residuals, |r| r.held);
-        Some(Self { hypothesis, residuals, blocks, train, held })
+        let information = information(likelihood, &slopes.columns, &hypothesis.prior(likelihood));
+        Some(Self { hypothesis, residuals, blocks, train, held, information })
     }
 
     /// The squared error over all blocks.
@@ -35,10 +38,25 @@ impl Standing {
         self.blocks.iter().sum()
     }
 
+    /// Standard deviations of the free parameters; `None` where the data and the prior leave one open.
+    pub(super) fn spread(&self) -> Option<Vec<f64>> {
+        let covariance = self.information.clone().cholesky()?.inverse();
+        Some(covariance.diagonal().iter().map(|v| v.sqrt()).collect())
+    }
+
     /// By how much this is better than another, block by block: Student's t of the mean difference.
     pub(super) fn better_by_t(&self, than: &Self) -> f64 {
         t_of(&than.blocks.iter().zip(&self.blocks).map(|(theirs, own)| theirs - own).collect::<Vec<_>>())
     }
+}
+
+fn information(likelihood: &Likelihood<'_>, columns: &[Whitened], prior: &[(f64, f64)]) -> DMatrix<f64> {
+    let all: Vec<&Whitened> = columns.iter().collect();
+    let mut information = likelihood.inner_of_all(&all);
+    for (at, (precision, _)) in prior.iter().enumerate() {
+        information[(at, at)] += precision;
+    }
+    information
 }
 
 /// Student's t of a mean of 0; 0 where nothing differs.

@@ -66,13 +66,14 @@ impl Hypothesis {
             let there = placed(effects, &free, &in_units(values));
             let active = active.with(&there);
             let residual = likelihood.whitened(active)?;
-            let cost = likelihood.inner(&residual, &residual);
+            let cost = likelihood.inner(&residual, &residual) + prior_cost(likelihood, &there, &free);
             // Where the cost does not fall, nobody asks which way it falls.
             if cost >= lowest {
                 let k = free.len();
                 return Some(Normal { cost, gradient: DVector::zeros(k), information: DMatrix::zeros(k, k) });
             }
-            let normal = normal(likelihood, &slopes(likelihood, active, residual, &free, scales, &mut steps)?);
+            let mut normal = normal(likelihood, &slopes(likelihood, active, residual, &free, scales, &mut steps)?);
+            add_prior(likelihood, &there, &free, &mut normal);
             lowest = cost;
             Some(in_own_units(normal, &unit))
         });
@@ -86,7 +87,8 @@ impl Hypothesis {
         for &(e, i) in free.iter().filter(|&&(e, i)| effects[e].parameters[i].nominal.is_infinite()) {
             let mut without = best.clone();
             without[e].values[i] = effects[e].parameters[i].nominal;
-            if likelihood.whitened(active.with(&without)).is_some_and(|w| (likelihood.inner(&w, &w) - cost).abs() <= 1e-9 * cost) {
+            let told = prior_cost(likelihood, &best, &free);
+            if likelihood.whitened(active.with(&without)).is_some_and(|w| (likelihood.inner(&w, &w) + told - cost).abs() <= 1e-9 * cost) {
                 best = without;
                 kept.retain(|&at| at != (e, i));
             }
@@ -111,6 +113,35 @@ impl Hypothesis {
         let (lower, upper) = self.effects[e].range(i, scales);
         let value = self.effects[e].values[i];
         value <= lower || value >= upper
+    }
+}
+
+impl Hypothesis {
+    /// Per free parameter the precision of its prior, and how far it stands from the prior's mean; 0 where it is free.
+    pub(in crate::diagnose) fn prior(&self, likelihood: &Likelihood<'_>) -> Vec<(f64, f64)> {
+        priors(likelihood, &self.effects, &self.free).map(|known| known.map_or((0.0, 0.0), |(off, std)| (std.powi(-2), off))).collect()
+    }
+}
+
+/// Per free parameter how far it stands from its prior's mean, and the prior's standard deviation.
+fn priors<'p>(
+    likelihood: &'p Likelihood<'_>,
+    effects: &'p [Applied],
+    free: &'p [(usize, usize)],
+) -> impl Iterator<Item = Option<(f64, f64)>> + 'p {
+    free.iter().map(|&(e, i)| likelihood.prior_of(&effects[e], i).map(|(mean, std)| (effects[e].values[i] - mean, std)))
+}
+
+fn prior_cost(likelihood: &Likelihood<'_>, effects: &[Applied], free: &[(usize, usize)]) -> f64 {
+    priors(likelihood, effects, free).flatten().map(|(off, std)| (off / std).powi(2)).sum()
+}
+
+fn add_prior(likelihood: &Likelihood<'_>, effects: &[Applied], free: &[(usize, usize)], normal: &mut Normal) {
+    for (at, prior) in priors(likelihood, effects, free).enumerate() {
+        let Some((off, std)) = prior else { continue };
+        normal.cost += (off / std).powi(2);
+        normal.gradient[at] += off / (std * std);
+        normal.information[(at, at)] += std.powi(-2);
     }
 }
 

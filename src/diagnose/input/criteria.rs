@@ -98,6 +98,8 @@ pub struct Criteria {
     pub added_t: f64,
     /// Where the logarithms of the blocks' errors are compared instead, this part of the blocks must improve: friction acts at times only; 1. Chosen.
     pub added_blocks: f64,
+    /// A cause that lowers both, over the blocks and on held-out data, by this part need not do so in most blocks: a limit acts in few of them; 1. Chosen.
+    pub added_plainly: f64,
     /// Twice the log-likelihood that a further cause must gain. Null: as `selection_penalty`.
     pub added_gains: f64,
     /// The part by which it must lower the squared error of held-out data; 1. Chosen.
@@ -172,6 +174,7 @@ impl Default for Criteria {
             added_falls: 0.02,
             added_t: 1.8,
             added_blocks: 0.7,
+            added_plainly: 0.25,
             added_gains: 30.0,
             added_held_out: 0.01,
             added_generalises: 0.2,

@@ -49,6 +49,7 @@ fn nominal_columns(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, residua
 pub(in crate::diagnose) fn estimate(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, scales: &Scales) -> Option<Estimate> {
     let slopes = hypothesis.slopes(likelihood, scales)?;
     let own = slopes.columns.len();
+    let prior = hypothesis.prior(likelihood);
     let mut columns = slopes.columns;
     let (nominal, more): (Vec<Applied>, Vec<Whitened>) = nominal_columns(likelihood, hypothesis, &slopes.residual).into_iter().unzip();
     columns.extend(more);
@@ -69,7 +70,7 @@ pub(in crate::diagnose) fn estimate(likelihood: &Likelihood<'_>, hypothesis: &Hy
         let mut determinant = 0.0;
         for i in 0..all {
             information[(i, i)] += if i < own {
-                1e-12
+                1e-12 + prior[i].0 / (length[i] * length[i])
             } else if size > 0.0 && length[i] > 0.0 {
                 let spread = size * length[i];
                 determinant += 2.0 * spread.ln();

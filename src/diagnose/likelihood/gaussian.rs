@@ -54,6 +54,8 @@ pub(in crate::diagnose) struct Likelihood<'a> {
     step_limits: Vec<usize>,
     /// Per output of a black box, what is no more than rounding.
     resolution: Vec<f64>,
+    /// The relative standard deviation of every number of the model about the value that came; `None`: numbers that are fitted are free.
+    shrinkage: Option<f64>,
     stop: Stop,
 }
 
@@ -92,6 +94,7 @@ impl<'a> Likelihood<'a> {
             nuisances: Vec::new(),
             step_limits: Vec::new(),
             resolution,
+            shrinkage: None,
             stop,
         };
         for (at, record) in records.iter().enumerate() {
@@ -122,6 +125,18 @@ impl<'a> Likelihood<'a> {
     pub(in crate::diagnose) fn with_prior(&self, prior: Vec<f64>) -> Self {
         let nuisances = self.nuisances.iter().map(|nuisances| nuisances.with_prior(&prior)).collect();
         Self { prior, nuisances, ..self.clone() }
+    }
+
+    /// With a normal prior on every number of the model that is fitted: about the value that came, of this relative standard deviation.
+    pub(in crate::diagnose) fn with_shrinkage(&self, size: f64) -> Self {
+        Self { shrinkage: Some(size), ..self.clone() }
+    }
+
+    /// Mean and standard deviation of the prior on an effect's parameter; `None`: it is free.
+    pub(in crate::diagnose) fn prior_of(&self, applied: &Applied, parameter: usize) -> Option<(f64, f64)> {
+        let nominal = applied.parameters[parameter].nominal;
+        let std = self.shrinkage? * nominal.abs();
+        (applied.effect.corrects_model() && std > 0.0 && std.is_finite()).then_some((nominal, std))
     }
 
     /// To try the effect a black box must be called: what comes after it costs nothing.

@@ -46,6 +46,61 @@ fn table(nf: usize) -> Vec<Vec<f64>> {
 /// Slope and relative step at which a minimum is found.
 const TIGHT: f64 = 1e-9;
 
+/// Searches from one more start; keeps what is lower than the best so far.
+fn improve(problem: &mut Problem<'_>, search: &LevenbergMarquardt, best: &mut Option<Fit>, start: &[f64]) {
+    let known = best.as_ref().filter(|fit| fit.stopped.converged());
+    // A second start is worth a search only where it does not lead to the same minimum at once.
+    if known.is_some_and(|fit| fit.parameters.iter().zip(start).all(|(a, b)| (a - b).abs() <= 1e-6)) {
+        return;
+    }
+    let (mut returned, mut lowest) = (false, f64::INFINITY);
+    let fit = search.minimise(start, |f| {
+        let mut normal = problem.evaluate(f, lowest)?;
+        lowest = lowest.min(normal.cost);
+        if known.is_some_and(|known| is_same_minimum(f, &normal, known)) {
+            returned = true;
+            normal.gradient.fill(0.0);
+        }
+        Some(normal)
+    });
+    let lower = || best.as_ref().is_none_or(|b| fit.normal.cost < b.normal.cost * (1.0 - 1e-12));
+    if !returned && fit.stopped != Stopped::Undefined && lower() {
+        *best = Some(fit);
+    }
+}
+
+/// Second derivatives stop at the edge of stability; the product of first ones still creeps along it.
+fn creep(problem: &mut Problem<'_>, search: &LevenbergMarquardt, best: &mut [Option<Fit>], seeds: &[Vec<Vec<f64>>]) {
+    problem.exact = false;
+    for (nk, best) in best.iter_mut().enumerate() {
+        problem.nk = nk;
+        let Some(stuck) = best.as_ref().filter(|fit| !fit.stopped.converged()) else { continue };
+        let starts = std::iter::once(stuck.parameters.clone()).chain(seeds[nk].iter().cloned());
+        let crept: Vec<Fit> = starts.map(|start| search.minimise(&start, |f| problem.evaluate(f, f64::INFINITY))).collect();
+        let defined = best.take().into_iter().chain(crept).filter(|f| f.stopped != Stopped::Undefined);
+        *best = defined.min_by(|a, b| a.normal.cost.total_cmp(&b.normal.cost));
+    }
+    problem.exact = true;
+}
+
+/// The search only finds the valley; the minimum in it is Newton's, and where curvature does not let it, that of a search with tight tolerances.
+fn settle(problem: &mut Problem<'_>, search: &LevenbergMarquardt, mut fit: Fit, exact: bool) -> Fit {
+    if fit.stopped == Stopped::Cost {
+        return fit;
+    }
+    let mut evaluate = |f: &[f64]| problem.evaluate(f, f64::INFINITY);
+    if exact {
+        fit = polish_exact(fit, &mut evaluate);
+    }
+    fit = polish(fit, &mut evaluate);
+    if fit.normal.slope(&vec![true; fit.parameters.len()]) <= TIGHT {
+        return fit;
+    }
+    let tight = LevenbergMarquardt { gradient_tolerance: TIGHT, step_tolerance: TIGHT, ..search.clone() };
+    let found = tight.minimise(&fit.parameters, &mut evaluate);
+    polish(found, &mut evaluate)
+}
+
 impl OutputError {
     /// The best model for nk = 0 … `max_delay`; `None` for a delay whose model cannot be evaluated (the input is zero, say).
     ///
@@ -68,7 +123,7 @@ impl OutputError {
             ..LevenbergMarquardt::default()
         };
         let seeds = self.seeds(&mut problem, max_delay, stop);
-        let mut best: Vec<Option<crate::fit::Fit>> = vec![None; max_delay + 1];
+        let mut best: Vec<Option<Fit>> = vec![None; max_delay + 1];
         // Twice: what one neighbour found on the way down may help the next on the way up.
         for (sweep, upwards) in [true, false, true, false].into_iter().enumerate() {
             for step in 0..=max_delay {
@@ -77,82 +132,28 @@ impl OutputError {
                 }
                 let nk = if upwards { step } else { max_delay - step };
                 problem.nk = nk;
-                let mut starts: Vec<&[f64]> = Vec::new();
                 if sweep == 0 {
-                    starts.extend(seeds[nk].iter().map(Vec::as_slice));
+                    seeds[nk].iter().for_each(|start| improve(&mut problem, &search, &mut best[nk], start));
                 }
                 let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1).filter(|&n| n <= max_delay) };
-                let neighbour = neighbour.and_then(|n| best[n].as_ref()).map(|fit| fit.parameters.clone());
-                starts.extend(neighbour.as_deref());
-                for start in starts {
-                    // A second start is worth a search only where it does not lead to the same minimum at once.
-                    let known = best[nk]
-                        .as_ref()
-                        .is_some_and(|fit| fit.stopped.converged() && fit.parameters.iter().zip(start).all(|(a, b)| (a - b).abs() <= 1e-6));
-                    if known {
-                        continue;
-                    }
-                    let known = best[nk].as_ref().filter(|fit| fit.stopped.converged());
-                    let (mut returned, mut lowest) = (false, f64::INFINITY);
-                    let fit = search.minimise(start, |f| {
-                        let mut normal = problem.evaluate(f, lowest)?;
-                        lowest = lowest.min(normal.cost);
-                        if known.is_some_and(|known| is_same_minimum(f, &normal, known)) {
-                            returned = true;
-                            normal.gradient.fill(0.0);
-                        }
-                        Some(normal)
-                    });
-                    if returned {
-                        continue;
-                    }
-                    if fit.stopped != Stopped::Undefined
-                        && best[nk].as_ref().is_none_or(|b| fit.normal.cost < b.normal.cost * (1.0 - 1e-12))
-                    {
-                        best[nk] = Some(fit);
-                    }
+                if let Some(start) = neighbour.and_then(|n| best[n].as_ref()).map(|fit| fit.parameters.clone()) {
+                    improve(&mut problem, &search, &mut best[nk], &start);
                 }
             }
         }
-        // Second derivatives stop at the edge of stability; the product of first ones still creeps along it.
-        problem.exact = false;
-        for nk in (0..=max_delay).filter(|_| exact) {
-            problem.nk = nk;
-            let Some(stuck) = best[nk].as_ref().filter(|fit| !fit.stopped.converged()) else { continue };
-            let starts = std::iter::once(stuck.parameters.clone()).chain(seeds[nk].iter().cloned());
-            let crept = starts.map(|start| search.minimise(&start, |f| problem.evaluate(f, f64::INFINITY)));
-            best[nk] = best[nk]
-                .take()
-                .into_iter()
-                .chain(crept)
-                .filter(|f| f.stopped != Stopped::Undefined)
-                .min_by(|a, b| a.normal.cost.total_cmp(&b.normal.cost));
+        if exact {
+            creep(&mut problem, &search, &mut best, &seeds);
         }
-        problem.exact = true;
         let samples = count(records);
-        best.into_iter()
-            .enumerate()
-            .map(|(nk, fit)| {
-                let mut fit = fit.filter(|_| !stop.is_set())?;
-                problem.nk = nk;
-                // The search only finds the valley; the minimum in it is Newton's, and where curvature does not let it, that of a search with tight tolerances.
-                if fit.stopped != Stopped::Cost {
-                    if exact {
-                        fit = polish_exact(fit, |f| problem.evaluate(f, f64::INFINITY));
-                    }
-                    fit = polish(fit, |f| problem.evaluate(f, f64::INFINITY));
-                    if fit.normal.slope(&vec![true; fit.parameters.len()]) > TIGHT {
-                        let tight = LevenbergMarquardt { gradient_tolerance: TIGHT, step_tolerance: TIGHT, ..search.clone() };
-                        fit = polish(tight.minimise(&fit.parameters, |f| problem.evaluate(f, f64::INFINITY)), |f| {
-                            problem.evaluate(f, f64::INFINITY)
-                        });
-                    }
-                }
-                problem.cost(&fit.parameters)?;
-                let b = problem.linear.iter().take(self.nb).copied().collect();
-                Some(OeFit { loss: fit.normal.cost / samples, b, f: fit.parameters, stopped: fit.stopped })
-            })
-            .collect()
+        let settled = |(nk, fit): (usize, Option<Fit>)| {
+            problem.nk = nk;
+            let fit = fit.filter(|_| !stop.is_set())?;
+            let fit = settle(&mut problem, &search, fit, exact);
+            problem.cost(&fit.parameters)?;
+            let b = problem.linear.iter().take(self.nb).copied().collect();
+            Some(OeFit { loss: fit.normal.cost / samples, b, f: fit.parameters, stopped: fit.stopped })
+        };
+        best.into_iter().enumerate().map(settled).collect()
     }
 
     /// Σ e²/samples for each of the given denominators and nk = 0 … `max_delay`, the numerator the best; good to rounding of the output's power, NaN where there is none.

@@ -199,9 +199,8 @@ impl Settings {
         Ok(())
     }
 
-    fn identify(&self, method: &'static str, weight: Option<Weight>, recordings: &Recordings) -> Result<Identified, IdentifyError> {
-        self.check()?;
-        let scales = recordings.scales()?;
+    /// Samples of the past window: as asked for, or by Akaike's criterion as far as the rows carry it.
+    fn past_window(&self, weight: Option<Weight>, recordings: &Recordings, scales: &Scales) -> Result<usize, IdentifyError> {
         let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
         // Thrice the regressors of one output; projections look as far ahead as back.
         let double = if weight.is_some() { 2 } else { 1 };
@@ -214,11 +213,18 @@ impl Settings {
             return Err(IdentifyError::TooFewRows { past: wanted, needed: needed(wanted), got, longest });
         }
         let least = self.order.map_or(8, |n| n.div_ceil(l) + 2);
-        let past = self.past.unwrap_or_else(|| {
+        Ok(self.past.unwrap_or_else(|| {
             let searched = (longest.min(LONGEST) as f64 / BEYOND_AKAIKE) as usize;
-            let akaike = pbsidopt::past_by_akaike(recordings, &scales, searched.max(1), least);
+            let akaike = pbsidopt::past_by_akaike(recordings, scales, searched.max(1), least);
             ((BEYOND_AKAIKE * akaike as f64).ceil() as usize).min(longest)
-        });
+        }))
+    }
+
+    fn identify(&self, method: &'static str, weight: Option<Weight>, recordings: &Recordings) -> Result<Identified, IdentifyError> {
+        self.check()?;
+        let scales = recordings.scales()?;
+        let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
+        let past = self.past_window(weight, recordings, &scales)?;
         let factor = recordings.factor(past, &scales);
         let orders = factor.excitation(&recordings.inputs)?;
         let most = (past * l).min(past * (m + l));

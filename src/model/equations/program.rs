@@ -152,46 +152,7 @@ impl Program {
     }
 
     fn lay_out(steps: &[(Operation, Place, Place)], roots: &[Place], sizes: Sizes) -> Self {
-        // Folding leaves steps behind that nothing needs.
-        let mut needed = vec![false; steps.len()];
-        let mark = |p: Place, needed: &mut Vec<bool>| {
-            if let Place::Step(i) = p {
-                needed[i] = true;
-            }
-        };
-        roots.iter().for_each(|&r| mark(r, &mut needed));
-        for i in (0..steps.len()).rev().collect::<Vec<_>>() {
-            if needed[i] {
-                mark(steps[i].1, &mut needed);
-                mark(steps[i].2, &mut needed);
-            }
-        }
-        let mut early = vec![false; steps.len()];
-        for (i, (_, a, b)) in steps.iter().enumerate() {
-            early[i] = [a, b].into_iter().all(|p| match p {
-                Place::Constant(_) | Place::Leaf(Leaf::Parameter(_)) => true,
-                Place::Leaf(_) => false,
-                Place::Step(i) => early[*i],
-            });
-        }
-        let mut order: Vec<usize> = (0..steps.len()).filter(|&i| needed[i] && early[i]).collect();
-        let prepared = order.len();
-        order.extend((0..steps.len()).filter(|&i| needed[i] && !early[i]));
-        for k in 0..order.len() {
-            let partner = match steps[order[k]].0 {
-                Operation::Sin => Operation::Cos,
-                Operation::Cos => Operation::Sin,
-                _ => continue,
-            };
-            let angle = steps[order[k]].1;
-            if let Some(at) = (k + 1..order.len()).find(|&at| steps[order[at]].0 == partner && steps[order[at]].1 == angle) {
-                // The sine first, the cosine right behind it: both need nothing but the angle.
-                order[k + 1..=at].rotate_right(1);
-                if partner == Operation::Sin {
-                    order.swap(k, k + 1);
-                }
-            }
-        }
+        let (order, prepared) = Self::order(steps, roots);
         let mut numbers: HashMap<u64, u32> = HashMap::new();
         let mut constants = Vec::new();
         for p in order.iter().flat_map(|&i| [steps[i].1, steps[i].2]).chain(roots.iter().copied()) {
@@ -229,6 +190,37 @@ impl Program {
             Self { sizes, constants, steps, paired, prepared, roots: roots.iter().map(|&r| number(r)).collect(), fingerprint: 0 };
         program.fingerprint = program.hash();
         program
+    }
+
+    /// The steps that are needed, those of parameters and constants first; so many of them are.
+    fn order(steps: &[(Operation, Place, Place)], roots: &[Place]) -> (Vec<usize>, usize) {
+        // Folding leaves steps behind that nothing needs.
+        let mut needed = vec![false; steps.len()];
+        let mark = |p: Place, needed: &mut Vec<bool>| {
+            if let Place::Step(i) = p {
+                needed[i] = true;
+            }
+        };
+        roots.iter().for_each(|&r| mark(r, &mut needed));
+        for i in (0..steps.len()).rev() {
+            if needed[i] {
+                mark(steps[i].1, &mut needed);
+                mark(steps[i].2, &mut needed);
+            }
+        }
+        let mut early = vec![false; steps.len()];
+        for (i, (_, a, b)) in steps.iter().enumerate() {
+            early[i] = [a, b].into_iter().all(|p| match p {
+                Place::Constant(_) | Place::Leaf(Leaf::Parameter(_)) => true,
+                Place::Leaf(_) => false,
+                Place::Step(i) => early[*i],
+            });
+        }
+        let mut order: Vec<usize> = (0..steps.len()).filter(|&i| needed[i] && early[i]).collect();
+        let prepared = order.len();
+        order.extend((0..steps.len()).filter(|&i| needed[i] && !early[i]));
+        pair_up(&mut order, steps);
+        (order, prepared)
     }
 
     /// Tells programs apart, so that registers of one are never taken for those of another.
@@ -386,4 +378,22 @@ impl Program {
 /// Registers are counted by expressions of bounded length: far below 2³².
 fn register(at: usize) -> u32 {
     at as u32
+}
+
+/// Puts the cosine of an angle right behind its sine: both need nothing but the angle.
+fn pair_up(order: &mut [usize], steps: &[(Operation, Place, Place)]) {
+    for k in 0..order.len() {
+        let partner = match steps[order[k]].0 {
+            Operation::Sin => Operation::Cos,
+            Operation::Cos => Operation::Sin,
+            _ => continue,
+        };
+        let angle = steps[order[k]].1;
+        if let Some(at) = (k + 1..order.len()).find(|&at| steps[order[at]].0 == partner && steps[order[at]].1 == angle) {
+            order[k + 1..=at].rotate_right(1);
+            if partner == Operation::Sin {
+                order.swap(k, k + 1);
+            }
+        }
+    }
 }

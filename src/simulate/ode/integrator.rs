@@ -200,29 +200,11 @@ impl Integrator {
         x: &mut [f64],
         mut event: Option<Event<'_>>,
     ) -> Result<Option<f64>, SimulateError> {
-        let same = std::mem::take(&mut self.same);
-        if x.len() != self.n || rhs.dim() != self.n {
-            return Err(SimulateError::InitialState { needed: self.n, got: if x.len() == self.n { rhs.dim() } else { x.len() } });
-        }
-        if t0 == t1 {
+        let begun = self.begin(rhs, (t0, t1), x)?;
+        if !begun {
             return Ok(None);
         }
-        if !(t1 > t0 && (t1 - t0).is_finite()) {
-            return Err(SimulateError::Backwards { from_s: t0, to_s: t1 });
-        }
         let mut t = t0;
-        self.broken = None;
-        if same && self.end == t0 && *x == self.next[..] {
-            self.explicit.advance();
-        } else {
-            rhs.eval(t, x, self.explicit.first());
-        }
-        self.end = f64::NAN;
-        if !finite(self.explicit.first()) {
-            self.broken = Some(t);
-            self.broken_x.copy_from_slice(x);
-            return Err(SimulateError::Undefined { time_s: t });
-        }
         if self.h == 0.0 {
             self.h = self.first_step(rhs, t, t1, x);
         }
@@ -255,12 +237,11 @@ impl Integrator {
             let error = self.step(rhs, t, h, x);
             let (order, growth) = if self.method == Method::Explicit { (5.0, 10.0) } else { (4.0, 6.0) };
             if error > 1.0 || error.is_nan() {
-                self.rejected += 1;
                 after_rejection = true;
-                self.h = if error.is_finite() { h * (SAFETY * error.powf(-1.0 / order)).max(0.1) } else { 0.1 * h };
                 if !error.is_finite() {
                     broken_h = Some(h);
                 }
+                self.reject(h, error, order);
                 if self.h < smallest {
                     if self.method == Method::Rosenbrock {
                         return Err(self.failure(rhs, t, x, smallest, broken_h));
@@ -296,6 +277,39 @@ impl Integrator {
             t = end;
             self.explicit.advance();
         }
+    }
+
+    /// Finds the slope where a call begins, or takes it from where the last one ended; `false`: there is nothing to integrate.
+    fn begin<R: Rhs + ?Sized>(&mut self, rhs: &mut R, (t0, t1): (f64, f64), x: &[f64]) -> Result<bool, SimulateError> {
+        let same = std::mem::take(&mut self.same);
+        if x.len() != self.n || rhs.dim() != self.n {
+            return Err(SimulateError::InitialState { needed: self.n, got: if x.len() == self.n { rhs.dim() } else { x.len() } });
+        }
+        if t0 == t1 {
+            return Ok(false);
+        }
+        if !(t1 > t0 && (t1 - t0).is_finite()) {
+            return Err(SimulateError::Backwards { from_s: t0, to_s: t1 });
+        }
+        self.broken = None;
+        if same && self.end == t0 && *x == self.next[..] {
+            self.explicit.advance();
+        } else {
+            rhs.eval(t0, x, self.explicit.first());
+        }
+        self.end = f64::NAN;
+        if !finite(self.explicit.first()) {
+            self.broken = Some(t0);
+            self.broken_x.copy_from_slice(x);
+            return Err(SimulateError::Undefined { time_s: t0 });
+        }
+        Ok(true)
+    }
+
+    /// The step to try after one whose error was too large or not finite.
+    fn reject(&mut self, h: f64, error: f64, order: f64) {
+        self.rejected += 1;
+        self.h = if error.is_finite() { h * (SAFETY * error.powf(-1.0 / order)).max(0.1) } else { 0.1 * h };
     }
 
     /// Tries a step into `next`; the error over the tolerance.

@@ -1,0 +1,90 @@
+//! All numbers of the model at once, each a little off: one block whose size the data choose.
+//!
+//! How it can be wrong: tried first it eats the structure (a friction, a coupling, a lag), so it comes after effects were looked for, and never alone. With as
+//! many numbers as a model has, a fit describes the training logs; so all have a normal prior about the value that came, of one relative size, and the size is
+//! that which predicts blocks of time left out best. Numbers that the data do not see stay where they were and are taken out again.
+
+use super::composer::{Composer, Composition, in_order};
+use super::gate::Original;
+use super::standing::Standing;
+use crate::diagnose::hypothesis::effects::Hypothesis;
+use crate::diagnose::likelihood::gaussian::Likelihood;
+use crate::effect::Applied;
+
+/// Relative standard deviations that are tried.
+const SIZES: [f64; 6] = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5];
+/// So many numbers at most: each is a simulation for every step of the fit.
+const MOST: usize = 40;
+/// One number is an effect like any other.
+const FEWEST: usize = 2;
+/// A number that moved by less than this many standard deviations of what the data leave open stays where it was.
+const MOVED: f64 = 1.0;
+
+impl Composer<'_, '_> {
+    /// The composition with the model's numbers freed as a block, where the gate lets it in; and the size of the block.
+    pub(super) fn recalibrated(&self, composition: &Composition, original: &Original) -> Option<(Composition, f64)> {
+        if composition.hypothesis.effects.is_empty() {
+            return None;
+        }
+        let (likelihood, before) = self.renewed(&composition.hypothesis)?;
+        let freed = self.freed(&likelihood, &before)?;
+        let size = self.size(&likelihood, &freed)?;
+        let shrunk = likelihood.with_shrinkage(size);
+        let full = self.fitted(&shrunk, freed)?;
+        let block = self.fitted(&shrunk, moved(&full)?)?;
+        let after = if block.better_by_t(&full) >= -self.gate.criteria.dropped_t { block } else { full };
+        let numbers = after.hypothesis.effects.iter().filter(|a| a.effect.corrects_model()).count();
+        if numbers < FEWEST || !self.gate.accepts(&before, &after, original) {
+            return None;
+        }
+        Some((composition.without(&after.hypothesis), size))
+    }
+
+    /// The effects as they stand, and every other number of the model at its nominal value.
+    fn freed(&self, likelihood: &Likelihood<'_>, before: &Standing) -> Option<Hypothesis> {
+        let present: Vec<String> = before.hypothesis.effects.iter().map(Applied::key).collect();
+        let number = |a: &&Applied| a.effect.corrects_model() && a.parameters.iter().all(|p| p.nominal != 0.0 && p.nominal.is_finite());
+        let mut others: Vec<Applied> = self.candidates.iter().filter(number).filter(|a| !present.contains(&a.key())).cloned().collect();
+        if others.is_empty() || others.len() > MOST {
+            return None;
+        }
+        for applied in &mut others {
+            applied.values = applied.parameters.iter().map(|p| p.nominal).collect();
+        }
+        let effects = in_order(before.hypothesis.effects.iter().cloned().chain(others));
+        let place =
+            |e: usize, a: &Applied| (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i)).collect::<Vec<_>>();
+        let free = effects.iter().enumerate().flat_map(|(e, a)| place(e, a)).collect();
+        let freed = Hypothesis { effects, free, gain: 0.0, fitted: false, lost: None };
+        likelihood.whitened(&freed).is_some().then_some(freed)
+    }
+
+    /// The size under which blocks of time left out are predicted best.
+    fn size(&self, likelihood: &Likelihood<'_>, freed: &Hypothesis) -> Option<f64> {
+        let slopes = freed.slopes(likelihood, &self.scales)?;
+        let error = |size: f64| {
+            let prior = freed.prior(&likelihood.with_shrinkage(size));
+            Some(likelihood.left_out(&slopes.residual, &slopes.columns, &prior)?.iter().sum::<f64>())
+        };
+        let tried = SIZES.iter().filter_map(|&size| Some((size, error(size)?)));
+        tried.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(size, _)| size)
+    }
+
+    fn fitted(&self, likelihood: &Likelihood<'_>, hypothesis: Hypothesis) -> Option<Standing> {
+        let refitted = Hypothesis::refit(likelihood, hypothesis, &self.scales, self.cost(likelihood), likelihood.budget.steps)?;
+        Standing::of(likelihood, refitted, &self.scales)
+    }
+}
+
+/// Without the numbers that hardly moved.
+fn moved(full: &Standing) -> Option<Hypothesis> {
+    let spread = full.spread()?;
+    let hypothesis = &full.hypothesis;
+    let stays = |e: usize, a: &Applied| {
+        let place = hypothesis.free.iter().position(|at| *at == (e, 0));
+        let far = |at: usize| (a.values[0] - a.parameters[0].nominal).abs() >= MOVED * spread[at];
+        !a.effect.corrects_model() || place.is_some_and(far)
+    };
+    let effects = hypothesis.effects.iter().enumerate().filter(|(e, a)| stays(*e, a)).map(|(_, a)| a.clone()).collect();
+    Some(Hypothesis { effects, free: Vec::new(), gain: 0.0, fitted: false, lost: None })
+}
