@@ -86,3 +86,45 @@ D = [[0.0], [0.0]]
     assert_eq!((d.cause.verdict.as_str(), d.cause.channel.as_deref()), ("exchange", Some("a<->b")), "{:?}", d.cause.effects);
     assert!((d.cause.effects[0].parameters[0].value.unwrap() / 0.3 - 1.0).abs() < 0.03, "{:?}", d.cause.effects);
 }
+
+#[test]
+fn numbers_of_the_model_that_are_off_are_told_as_a_set_beside_the_cause() {
+    let text = r#"
+format = "deadtime/model@1"
+name = "three bodies"
+kind = "lti"
+inputs = [{ name = "u", unit = "V" }]
+outputs = [{ name = "angle", unit = "rad" }, { name = "rate", unit = "rad/s" }]
+states = [{ name = "a", unit = "K" }, { name = "b", unit = "K" }, { name = "c", unit = "K" }]
+initial = [0.0, 0.0, 0.0]
+initial_std = [0.02, 0.02, 0.02]
+A = [[-1.5, 0.7, 0.0], [0.9, -2.0, 0.6], [0.0, 0.5, -0.8]]
+B = [[1.0], [0.0], [0.4]]
+C = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+D = [[0.0], [0.0]]
+"#;
+    let machine = document(text);
+    let numbers: [(&str, f64); 4] = [("A[a,a]", -1.8), ("A[b,b]", -1.6), ("A[c,b]", 0.65), ("A[c,c]", -0.95)];
+    let values: Vec<[f64; 1]> = numbers.iter().map(|n| [n.1]).collect();
+    let mut effects: Vec<(&str, &str, &[f64])> =
+        numbers.iter().zip(&values).map(|((name, _), value)| ("parameter_error", *name, value.as_slice())).collect();
+    effects.push(("input_delay", "u", &[0.3]));
+    let logged = |i: u64| log(&machine, &effects, 1500, 90 + i, &[0.0; 3]);
+    let d = diagnosed(&machine, &[logged(0), logged(1)], &[logged(2)]);
+    adds_up(&d);
+    let block = d.cause.recalibration.as_ref().unwrap();
+    assert!(block.accepted && block.size >= 0.05, "{block:?} {:?}", d.cause.contributions);
+    let delay = d.cause.contributions.iter().find(|c| ["input_delay:u", "output_delay:*", "clock_offset:*"].contains(&key(c).as_str()));
+    assert!((delay.unwrap().parameters[0].value.unwrap().abs() - 0.3).abs() < 0.03, "{:?}", d.cause.contributions);
+    assert!(d.cause.contributions.iter().all(|c| c.effect != "parameter_error"), "{:?}", d.cause.contributions);
+    // What is told of a number holds: its interval, made wider by what the prior draws it towards the value that came, has the true value.
+    for p in &block.parameters {
+        let model = [("A[a,a]", -1.5), ("A[a,b]", 0.7), ("A[b,a]", 0.9), ("A[b,b]", -2.0), ("A[b,c]", 0.6), ("A[c,b]", 0.5), ("A[c,c]", -0.8)];
+        let came = model.iter().chain(&[("B[a,u]", 1.0), ("B[c,u]", 0.4)]).find(|m| m.0 == p.name).unwrap().1;
+        let truth = numbers.iter().find(|n| n.0 == p.name).map_or(came, |n| n.1);
+        let [lower, upper] = p.ci95.unwrap();
+        let drawn = (truth - came).abs();
+        assert!(truth > lower - drawn && truth < upper + drawn, "{p:?} is not {truth}");
+    }
+    assert!(d.shrink.of_explainable.unwrap() > 0.97, "{:?}", d.shrink);
+}
