@@ -39,6 +39,7 @@ use crate::diagnose::likelihood::gaussian::{Likelihood, Terms};
 use crate::diagnose::likelihood::residuals::{residuals, trained};
 use crate::diagnose::search::catalogue::{Catalogue, catalogue};
 use crate::diagnose::search::catalogue_search::{SearchResult, Searched, search};
+use crate::diagnose::search::moving::{moves, typical};
 use crate::effect::{Applied, Scales};
 use crate::error::Result;
 use crate::log::Log;
@@ -116,7 +117,8 @@ pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &
         let baseline = Baseline::of(&simulator, &inputs, options)?;
         let likelihood = baseline.likelihood(&simulator, &inputs, options)?;
         let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
-        let scales = baseline.motion.scales(&simulator.system, &inputs.records, &before, inputs.longest_delay_s);
+        let mut scales = baseline.motion.scales(&simulator.system, &inputs.records, &before, inputs.longest_delay_s);
+        scales.moves = typical(simulator.system.inputs.len(), &scales);
         let candidates = catalogue(&simulator.system, inputs.probed.as_ref()).candidates;
         let names = Names { model: subject.name(), logs: logs.iter().map(|l| l.source().to_owned()).collect() };
         isolability_of::isolability(&likelihood, candidates, &scales, &baseline.noise_std, names).ok_or_else(|| not_finite(&inputs.records))
@@ -198,7 +200,8 @@ fn in_stages(
     let likelihood = baseline.likelihood(simulator, &inputs, options)?;
     let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
     must_not_explode(system, &inputs.records, &before)?;
-    let scales = baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
+    let mut scales = baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
+    scales.moves = moves(&likelihood, &scales);
 
     let Catalogue { candidates, left_out } = catalogue(system, inputs.probed.as_ref());
     let Searched { likelihood, found } =
