@@ -10,7 +10,8 @@ use std::path::Path;
 use nalgebra::DMatrix;
 
 use crate::diagnose::answer::cause::cause;
-use crate::diagnose::answer::contributions::{GapBudget, explained, handed_over};
+use crate::diagnose::answer::contributions::{GapBudget, explained};
+use crate::diagnose::answer::handed::in_a_form_that_helps;
 use crate::diagnose::answer::improvement::improvement;
 use crate::diagnose::answer::isolability::{self as isolability_of, Isolability, Names};
 use crate::diagnose::answer::location::{locate, output_shares};
@@ -33,7 +34,7 @@ use crate::diagnose::input::subject::Subject;
 use crate::diagnose::judge::prior_sensitivity::{PriorSensitivity, prior_sensitivities};
 use crate::diagnose::judge::rule::GapVerdict;
 use crate::diagnose::judge::verdict::{Judged, judge};
-use crate::diagnose::likelihood::active_effects::NO_EFFECT;
+use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::gaussian::{Likelihood, Terms};
 use crate::diagnose::likelihood::residuals::{residuals, trained};
@@ -50,10 +51,12 @@ use crate::model::ModelDocument;
 pub struct Diagnosed {
     /// The diagnosis.
     pub diagnosis: Diagnosis,
-    /// The model with what was found added to its effects; `None` for a simulator without a model file.
+    /// The model with what was found added to its effects, in the form that helps a simulation; `None` for a simulator without a model file.
     pub model: Option<ModelDocument>,
     /// What was found to act.
     pub effects: Vec<Applied>,
+    /// The same in the form that the model carries: nothing that is random, nothing that makes held-out data worse.
+    pub handed_over: Vec<Applied>,
     /// What was measured and predicted, by output and then by log.
     pub traces: Vec<Trace>,
     /// What a reader has to know of the data.
@@ -239,7 +242,8 @@ impl Answer<'_> {
     fn sections(self, judgement: Judgement, logs: &[Log], seed: u64) -> Option<Diagnosed> {
         let (system, records, likelihood) = (&self.simulator.system, &self.inputs.records, self.likelihood);
         let composed = &judgement.composed;
-        let active = handed_over(composed.hypothesis.as_ref());
+        let handed = in_a_form_that_helps(likelihood, composed.hypothesis.as_ref(), self.scales);
+        let active = ActiveEffects::from(&handed.effects);
         let before = residuals(likelihood, NO_EFFECT)?;
         let after = residuals(likelihood, active)?;
         let decoded = match composed.hypothesis.as_ref().filter(|e| e.lost.is_some()) {
@@ -272,9 +276,10 @@ impl Answer<'_> {
         };
         let effects: Vec<Applied> = composed.hypothesis.iter().flat_map(|e| e.effects.clone()).collect();
         let traces = traces(likelihood, Some(active).filter(|_| !effects.is_empty()), &floor.floor);
-        let caveats = self.caveats(&composed.judged);
-        let model = self.subject.with(effects.iter().map(Applied::to_entry));
-        Some(Diagnosed { diagnosis, model, effects, traces, caveats, calls: None })
+        let mut caveats = self.caveats(&composed.judged);
+        caveats.extend(handed.caveat);
+        let model = self.subject.with(handed.effects.iter().map(Applied::to_entry));
+        Some(Diagnosed { diagnosis, model, effects, handed_over: handed.effects, traces, caveats, calls: None })
     }
 
     /// As it follows from the simulator, whatever was asked for.

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::late::beside_lost;
 use super::screen::screen;
 use super::several::pairs;
 use super::singles::{fit_first, frugal};
@@ -82,6 +83,8 @@ pub(in crate::diagnose) fn search<'a>(
             hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         }
     }
+    beside_lost(&likelihood, &mut found.singles);
+    beside_lost(&likelihood, &mut found.pairs);
     Some(Searched { likelihood, found })
 }
 

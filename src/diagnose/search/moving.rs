@@ -140,14 +140,14 @@ impl Grid {
 /// The best periods and phases of a slower loop that is as late on average as a fixed delay.
 fn slower(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, applied: &Applied, delay_s: f64) -> Vec<Vec<f64>> {
     let cost = likelihood.inner(nominal, nominal);
-    let step_s = 0.5 * scales.sample_time_s;
+    let step_s = scales.sample_time_s;
     let [shortest, longest] = PERIODS.map(|times| (times * delay_s / step_s).round() as usize);
-    let periods: Vec<usize> = (shortest.max(3)..=longest.max(6)).collect();
+    let periods: Vec<usize> = (shortest.max(2)..=longest.max(4)).collect();
     let (tried, phases) = if likelihood.calls(applied) { (TRIED / 4, PHASES / 3) } else { (TRIED, PHASES) };
     let every = periods.len().div_ceil(tried).max(1);
     let guesses: Vec<Vec<f64>> = (periods.into_iter().step_by(every))
-        .flat_map(|halves| {
-            let period_s = halves as f64 * step_s;
+        .flat_map(|samples| {
+            let period_s = samples as f64 * step_s;
             (0..phases).map(move |at| vec![period_s, (at as f64 + 0.5) / phases as f64 * period_s])
         })
         .collect();
