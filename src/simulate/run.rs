@@ -231,3 +231,25 @@ impl System {
         Ok(z)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Commands so far apart that none overtakes another: their edges are their delays.
+    #[test]
+    fn random_delays_have_the_mean_and_the_standard_deviation_that_are_asked_for() {
+        let count = 20_000;
+        let time_s: Vec<f64> = (0..count).map(|k| 10.0 * f64::from(k)).collect();
+        let values: Vec<f64> = (0..count).map(f64::from).collect();
+        let late = Late { delay_s: 0.3, spread_s: 0.12, ordered: false, seed: Some(4) };
+        let heard = arrive_late(&late, &time_s, &values);
+        let delays: Vec<f64> = heard.pieces().iter().map(|p| p.start_s - 10.0 * p.value).collect();
+        assert!(delays.len() == count as usize && delays[0] == 0.0 && delays[1..].iter().all(|d| *d > 0.0));
+        let size = (delays.len() - 1) as f64;
+        let mean = delays[1..].iter().sum::<f64>() / size;
+        let std = (delays[1..].iter().map(|d| (d - mean).powi(2)).sum::<f64>() / size).sqrt();
+        // Four standard deviations of either estimate.
+        assert!((mean - 0.3).abs() < 4.0 * 0.12 / size.sqrt() && (std - 0.12).abs() < 4.0 * 0.12 / size.sqrt(), "{mean} ± {std}");
+    }
+}
