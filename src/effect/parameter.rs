@@ -7,6 +7,8 @@ use super::Scales;
 pub enum Role {
     /// A dead time, s.
     Delay,
+    /// The period of something that is late by half of it on average, s.
+    Period,
     /// The time constant of a lag, s.
     TimeConstant,
     /// A difference between clocks, s, of either sign.
@@ -37,7 +39,7 @@ impl Role {
     /// A time that can only be told as finely as samples allow, s.
     #[must_use]
     pub fn is_time(self) -> bool {
-        matches!(self, Self::Delay | Self::TimeConstant | Self::Clock)
+        matches!(self, Self::Delay | Self::Period | Self::TimeConstant | Self::Clock)
     }
 }
 
@@ -67,6 +69,7 @@ impl Parameter {
             Role::Frequency => (0.2 / scales.duration_s, 0.45 / scales.sample_time_s),
             Role::Damping => (1e-3, 2.0),
             Role::Delay => (0.0, scales.longest_delay_s),
+            Role::Period => (0.0, 2.0 * scales.longest_delay_s),
             Role::TimeConstant => (0.0, 0.25 * scales.duration_s),
             Role::Instant => (0.0, scales.duration_s),
             Role::Clock => (-scales.longest_delay_s, scales.longest_delay_s),

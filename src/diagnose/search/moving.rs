@@ -12,8 +12,9 @@ use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::{Applied, Moves, Scales, find};
 
-/// Delays of the grid, beside none.
-const DELAYS: usize = 24;
+/// Short delays of the grid, all of them; and so many of the longer ones. Beside none.
+const SHORT: usize = 12;
+const LONG: usize = 14;
 /// Stretches of time at whose edges a change is looked for.
 const BINS: usize = 240;
 /// A change is looked for no closer than this part of the logs to their ends.
@@ -55,8 +56,10 @@ fn of_input(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, ch
     let applied = |effect: &str| Applied::nominal(likelihood.system, find(effect).ok()?, channel).ok();
     let delay = applied("input_delay")?;
     let guesses = likelihood.first_guesses(&delay, scales);
-    let every = guesses.len().div_ceil(DELAYS).max(1);
-    let chosen: Vec<f64> = guesses.into_iter().step_by(every).filter_map(|g| g.first().copied()).collect();
+    let (short, long) = guesses.split_at(SHORT.min(guesses.len()));
+    let every = long.len().div_ceil(LONG).max(1);
+    // The last one stands for all that are longer.
+    let chosen: Vec<f64> = short.iter().chain(long.iter().rev().step_by(every).rev()).filter_map(|g| g.first().copied()).collect();
     let errors = |delay_s: &f64| Some((*delay_s, likelihood.whitened(&[with(&delay, &[*delay_s])])?));
     let errors: Vec<(f64, Whitened)> =
         if likelihood.calls(&delay) { chosen.iter().filter_map(errors).collect() } else { chosen.par_iter().filter_map(errors).collect() };

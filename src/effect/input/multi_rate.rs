@@ -27,8 +27,10 @@ impl Effect for MultiRate {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         channel::input(self, system, channel)?;
-        let phase = Parameter { role: Role::Clock, ..channel::free("phase", "s".to_owned(), 0.0) };
-        Ok(vec![channel::delay("period"), phase])
+        let period = Parameter { role: Role::Period, ..channel::delay("period") };
+        // Any whole number of periods more is the same.
+        let phase = Parameter { role: Role::Shape, ..channel::free("phase", "s".to_owned(), 0.0) };
+        Ok(vec![period, phase])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
