@@ -204,9 +204,9 @@ fn in_stages(
     let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
     must_not_explode(system, &inputs.records, &before)?;
     let mut scales = baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
-    scales.moves = moves(&likelihood, &scales);
 
     let Catalogue { candidates, left_out } = catalogue(system, inputs.probed.as_ref());
+    scales.moves = moves(&likelihood, &candidates, &scales);
     let Searched { likelihood, found } =
         search(likelihood, candidates.clone(), &scales, &baseline.motion.smallest, progress).ok_or_else(|| not_finite(&inputs.records))?;
     let longer_s = f64::min(options.criteria.longer * inputs.longest_delay_s, 0.5 * inputs.limit_s);

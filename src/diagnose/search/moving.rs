@@ -12,6 +12,8 @@ use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::{Applied, Moves, Scales, find};
 
+/// The effect of the grid.
+const FIXED: &str = "input_delay";
 /// Short delays of the grid, all of them; and so many of the longer ones. Beside none.
 const SHORT: usize = 12;
 const LONG: usize = 14;
@@ -27,9 +29,12 @@ const PHASES: usize = 6;
 const KEPT: usize = 3;
 
 /// What a scan of every input's delay suggests; empty for an input whose delay seems to stand still.
-pub(in crate::diagnose) fn moves(likelihood: &Likelihood<'_>, scales: &Scales) -> Vec<Moves> {
+pub(in crate::diagnose) fn moves(likelihood: &Likelihood<'_>, candidates: &[Applied], scales: &Scales) -> Vec<Moves> {
     let Some(nominal) = likelihood.whitened(NO_EFFECT) else { return Vec::new() };
-    likelihood.system.inputs.iter().map(|port| of_input(likelihood, scales, &nominal, &port.name).unwrap_or_default()).collect()
+    // An input on which nothing is tried is not looked at.
+    let tried = |name: &str| candidates.iter().any(|a| a.effect.name() == FIXED && a.channel == name);
+    let one = |name: &str| if tried(name) { of_input(likelihood, scales, &nominal, name).unwrap_or_default() } else { Moves::default() };
+    likelihood.system.inputs.iter().map(|port| one(&port.name)).collect()
 }
 
 /// Guesses that only say what such effects are like, of the size of a few samples: for what is never fitted.
@@ -54,7 +59,7 @@ struct Grid {
 
 fn of_input(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, channel: &str) -> Option<Moves> {
     let applied = |effect: &str| Applied::nominal(likelihood.system, find(effect).ok()?, channel).ok();
-    let delay = applied("input_delay")?;
+    let delay = applied(FIXED)?;
     let guesses = likelihood.first_guesses(&delay, scales);
     let (short, long) = guesses.split_at(SHORT.min(guesses.len()));
     let every = long.len().div_ceil(LONG).max(1);
