@@ -568,7 +568,7 @@ def simulate(
     snr : float, optional
         Add white noise to every simulated signal, at this ratio of variances.
     seed : int
-        Of all chance: the noise, and the losses of `dropped_commands`.
+        Of all chance: the noise, the losses of `dropped_commands` and the delays of `delay_jitter`.
 
     Raises
     ------

@@ -130,6 +130,18 @@ def effects(stored: dict | None) -> dict:
     cases.append(_case("lti_stribeck_friction_1", CRAFT, [stribeck], 701, starts["lti"]))
     cases.append(_case("lti_stribeck_friction_2", CRAFT, [stribeck, _one("input_delay", "roll", delay=0.0233)], 702, uneven=True))
     cases.append(_case("equations_stribeck_friction_1", ARM, [_one("stribeck_friction", "speed", level=0.6, extra=0.9, velocity=0.25)], 703, starts["equations"]))
+    moving = [
+        [_one("delay_jump", "roll", delay=0.0213, time=0.71, later=0.0831)], [_one("delay_jump", "roll", delay=0.0831, time=0.6213, later=0.0113)],
+        [_one("delay_drift", "roll", delay=0.0113, rate=0.043)], [_one("delay_drift", "roll", delay=0.061, rate=-0.09)],
+        [_one("multi_rate", "roll", period=0.0713, phase=0.0231)], [_one("delay_jitter", "roll", delay=0.0437, spread=0.0, ordered=1.0)],
+        [_one("multi_rate", "roll", period=0.0577, phase=0.0117), _one("input_delay", "roll", delay=0.0143), _one("delay_jump", "roll", delay=0.0, time=0.5, later=0.037),
+         _one("delay_drift", "roll", delay=0.0091, rate=0.02), _one("gain_fade", "roll", rate=0.2), _one("backlash", "roll", width=0.05)],
+    ]
+    renamed = {"lti": "roll", "equations": "torque", "sampled": "pitch"}
+    for kind, model in models.items():
+        for number, items in enumerate(moving, start=1):
+            own = [{**item, "channel": renamed[kind]} for item in items]
+            cases.append(_case(f"{kind}_moving_{number}", model, own, 800 + number, starts[kind], uneven=number == 5 and kind != "sampled"))
     for case in cases:
         _assert_no_tie(case)
     return {"tool": TOOL, "tolerance": {"default": 1e-12, "y": LIMIT}, "cases": cases}

@@ -12,6 +12,8 @@ Nothing here shares code with the crate. What FORMATS.md leaves open is fixed as
 - A sample stamped s was taken at t = (s - offset)/ratio - delay of the commands' clock, at 0 if that is negative; the drift counts stamps.
 - A sampled model receives the mean of the effective input over [t_k, t_k+1), its D the effective input at t_k; between samples
   its outputs run linearly. Dynamics effects on it are refused.
+- A command that a delay which jumps or drifts brings is that of t - delay(t), heard again where the delay grew; random delays are gamma draws, the first command has none; a slower loop reads
+  before the fixed delay, and its first reading may come after the start.
 - Friction adds -level*sign(x) while x != 0 and holds x at exactly 0 while the rest of the derivative is no larger than the level.
   Friction that falls with speed is held at rest by level + extra.
 """

@@ -63,6 +63,8 @@ def parameter_scales(scales: Scales, effects: list[dict]) -> list[float]:
         elif name in ("lower", "upper"):
             j = (scales.names.inputs if item["effect"] == "saturation" else scales.names.outputs).index(item["channel"])
             typical = 0.3 * (scales.u if item["effect"] == "saturation" else scales.y)[j]
+        elif item["effect"] == "delay_drift":
+            typical = item["parameters"][name]
         result.append(max(abs(typical), 0.05 * abs(item["parameters"][name])))
     return result
 

@@ -229,6 +229,8 @@ class Case:
         self._tuned(make)
         self.effects = self.effects[:1]
 
+    _draw_moving = _draw_single
+
     def _draw_pair(self) -> None:
         ex = self.experiment
         possible = [e for e in EFFECTS if real_channels(ex.nominal, e, ex.plant)]
@@ -372,6 +374,9 @@ class Case:
         if self.wanted.group == "mixture":
             # Rivals of each effect in its place are judged by the diagnosis' own classes: beside several others, a search for all of them takes minutes.
             return [[] for _ in self.effects]
+        if self.wanted.group == "moving" and self.wanted.effect != "delay_drift":
+            # What stands still does not do what a jump, a slower loop or chance does; a drift may be a clock's.
+            return [f"{self.effects[0]['effect']}:{self.effects[0]['channel']}"]
         full, short = self.problem((0, 1), False), self.problem((0,), False, SHORT)
         classes = alias_classes(short, full, self.experiment.scales, self.effects)
         return classes if len(classes) > 1 else classes[0]
@@ -419,7 +424,7 @@ class Case:
         verdict = self.effects[0]["effect"] if self.effects else self.wanted.group
         mixed = {} if self.shares is None else {"shares": self.shares, "outside": self.outside.kind if self.outside else None}
         return {
-            "group": self.wanted.group, "verdict": verdict, "effects": self.effects, "alias_class": aliases, **self._where(),
+            "group": "single" if self.wanted.group == "moving" else self.wanted.group, "verdict": verdict, "effects": self.effects, "alias_class": aliases, **self._where(),
             "before": before, "oracle_after": after, **mixed,
         }
 

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from .system import DYNAMICS, Names
+from .system import DYNAMICS, MOVING, Names
 
 BOUNDS = {
-    "delay": (0.0, math.inf), "width": (0.0, math.inf), "time_constant": (1e-6, math.inf), "damping": (0.003, 1.5), "level+": (0.0, math.inf),
+    "delay": (0.0, math.inf), "later": (0.0, math.inf), "time": (0.0, math.inf), "period": (1e-6, math.inf), "width": (0.0, math.inf), "time_constant": (1e-6, math.inf), "damping": (0.003, 1.5), "level+": (0.0, math.inf),
     "rate+": (1e-12, math.inf), "step": (1e-12, math.inf), "frequency": (1e-6, math.inf), "ratio": (0.5, 2.0),
     "extra": (0.0, math.inf), "velocity": (1e-9, math.inf),
 }
@@ -127,6 +127,8 @@ def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float,
             "rate_limit": {"rate": u / (size * s.settling)}, "actuator_lag": {"time_constant": size * s.settling},
             "dropped_commands": {"probability": min(0.05 + 0.4 * size, 0.6)},
         }
+        if effect in MOVING:
+            return made(**_moving(s, effect, size * s.settling, sign, shape))
         if effect in simple:
             return made(**simple[effect])
     frequency = min(10 ** (a * 1.3 - 0.6) / (2 * math.pi * s.settling), 0.3 / s.step)
@@ -170,6 +172,21 @@ def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float,
         "sensor_saturation": {"lower": s.middle_y[j] - reach if b < 0.75 else None, "upper": s.middle_y[j] + reach * (0.8 + 0.2 * a) if b > 0.25 else None},
         "sensor_quantisation": {"step": min(0.6 * size, 1.2) * y},
     }[effect])
+
+
+def _moving(s: Scales, effect: str, late: float, sign: float, shape: tuple[float, float, float]) -> dict:
+    """A delay of at most about `late` seconds that moves; a change comes within the first half of the first log, so that every log has it."""
+    a, b, c = shape
+    few, many = 0.5 * a * late, late
+    if effect == "delay_jump":
+        return {"delay": few if sign > 0 else many, "time": (0.2 + 0.25 * b) * s.span, "later": many if sign > 0 else few}
+    if effect == "delay_drift":
+        return {"delay": few if sign > 0 else many, "rate": sign * (many - few) / s.span}
+    if effect == "multi_rate":
+        period = max(2.0 * late, 2.0 * s.step)
+        period = s.step * round(period / s.step) if c < 0.6 else period
+        return {"period": period, "phase": b * period}
+    return {"delay": late, "spread": (0.2 + 0.4 * a) * late, "ordered": float(c < 0.7)}
 
 
 def bounds(effect: str, parameter: str) -> tuple[float, float]:

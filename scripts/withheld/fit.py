@@ -92,7 +92,7 @@ def _replaced(effects: list[dict], free: list[tuple[int, str]], values) -> list[
 def free_parameters(effects: list[dict]) -> list[tuple[int, str]]:
     return [
         (i, name) for i, item in enumerate(effects) for name, value in item["parameters"].items()
-        if value is not None and item["effect"] != "dropped_commands"
+        if value is not None and item["effect"] not in ("dropped_commands", "delay_jitter", "multi_rate") and name != "time"
     ]
 
 

@@ -117,6 +117,21 @@ def static_maps():
     close(passed(effect("rate_limit", "u", rate=3.0)), expected, 1e-13, "rate limit")
     grid = passed(effect("sensor_quantisation", "y", step=0.25))
     close(grid, 0.25 * np.sign(v) * np.floor(np.abs(v) / 0.25 + 0.5), 1e-15, "quantisation")
+    # Whole samples and a bit, so that no rounding decides which side of an edge a sample sees.
+    index, late = np.arange(len(v)), 1e-6
+
+    def behind(samples):
+        return v[np.maximum(index - samples, 0)]
+
+    jump = int(round(0.8 / TS))
+    for before, after in ((3, 9), (9, 3)):
+        close(passed(effect("delay_jump", "u", delay=before * TS - late, time=jump * TS - late, later=after * TS - late)),
+              np.where(index < jump, behind(before), behind(after)), 0.0, "jump of the delay")
+    drift = passed(effect("delay_drift", "u", delay=2.5 * TS, rate=0.013))
+    close(drift, v[np.maximum(np.floor(index - 2.5 - 0.013 * index), 0).astype(int)], 0.0, "drift of the delay")
+    close(passed(effect("multi_rate", "u", period=6 * TS, phase=2 * TS)), v[np.where(index < 2, 0, index - (index - 2) % 6)], 0.0, "slower loop")
+    waits = passed(effect("delay_jitter", "u", delay=5 * TS, spread=2 * TS, ordered=1.0))
+    assert np.any(waits != v) and np.any(waits != behind(5)), "random delays are neither none nor all alike"
     drops = np.random.default_rng(5).random((len(TIME), 1)) < 0.5
     expected = [v[0]]
     for k in range(1, len(v)):

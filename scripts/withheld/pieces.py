@@ -3,9 +3,12 @@
 A piece is (start, end, value, slope): value + slope*(t - start) for start <= t < end, times in s of log time.
 """
 
+import bisect
 import math
 
 import numpy as np
+
+from .system import MOVING
 
 Piece = tuple[float, float, float, float]
 INFINITE = math.inf
@@ -118,11 +121,46 @@ class RateLimit:
         return result
 
 
-class InputChain:
-    """One input's effects up to the rate limit. `parameters`: {effect: {name: value}}; `delay`: the total, s."""
+class Arrivals:
+    """When commands arrive. In this order: late by a random delay of their own, held by a slower loop, late by a fixed delay, by one that jumps, by one that drifts."""
 
-    def __init__(self, parameters: dict[str, dict[str, float]], delay: float):
-        self.delay = delay
+    def __init__(self, parameters: dict[str, dict[str, float]], delay: float, seed: int):
+        self.fixed, self.rng, self.sent, self.latest = delay, np.random.default_rng(seed), 0, -INFINITE
+        self.jump, self.drift = parameters.get("delay_jump"), parameters.get("delay_drift")
+        self.jitter, self.slower = parameters.get("delay_jitter"), parameters.get("multi_rate")
+
+    def _drawn(self) -> float:
+        """A draw of a gamma distribution; the first command is there from the start."""
+        mean, spread = self.jitter["delay"], self.jitter["spread"]
+        draw = self.rng.gamma((mean / spread) ** 2, spread**2 / mean) if mean > 0 and spread > 0 else mean
+        return draw if self.sent else 0.0
+
+    def of(self, time: float) -> list[float]:
+        """The times at which a command sent at `time` takes effect: one, or two where it is heard again after a delay jumped."""
+        if self.jitter:
+            time += self._drawn()
+            if self.jitter["ordered"] >= 0.5:
+                self.latest = time = max(time, self.latest)
+        if self.slower and self.sent:
+            period, phase = self.slower["period"], self.slower["phase"]
+            time = max(time, phase + math.ceil((time - phase) / period - 1e-9) * period)
+        self.sent += 1
+        time += self.fixed
+        times = [time]
+        if self.jump:
+            before, after = time + self.jump["delay"], time + self.jump["later"]
+            times = [*([before] if before < self.jump["time"] else []), max(after, self.jump["time"])]
+        if self.drift:
+            times = [max(t, (t + self.drift["delay"]) / (1.0 - self.drift["rate"])) for t in times]
+        return times
+
+
+class InputChain:
+    """One input's effects up to the rate limit. `parameters`: {effect: {name: value}}; `delay`: the total, s; `seed`: of random delays."""
+
+    def __init__(self, parameters: dict[str, dict[str, float]], delay: float, seed: int = 0):
+        self.arrivals = Arrivals(parameters, delay, seed)
+        self.delay = delay if not MOVING & set(parameters) else None
         self.gain = parameters.get("input_gain", {}).get("gain", 1.0)
         self.quadratic = parameters.get("input_curve", {}).get("quadratic", 0.0)
         self.fade = parameters.get("gain_fade", {}).get("rate", 0.0)
@@ -143,11 +181,24 @@ class InputChain:
         """A command that was sent at `time`, s of log time."""
         if self.current is None:
             self.current = command
-        self.edges.append((time + self.delay, command))
+        for arrives in self.arrivals.of(time):
+            self._insert(arrives, command)
+
+    def _insert(self, time: float, command: float) -> None:
+        """Edges are in order; of several at one time the last one sent acts."""
+        at = bisect.bisect_right(self.edges, time, key=lambda edge: edge[0])
+        if at and self.edges[at - 1][0] == time:
+            self.edges[at - 1] = (time, command)
+        else:
+            self.edges.insert(at, (time, command))
 
     def push_all(self, times: np.ndarray, commands: np.ndarray) -> None:
         self.current = float(commands[0])
-        self.edges = list(zip((times + self.delay).tolist(), commands.tolist()))
+        if self.delay is not None:
+            self.edges = list(zip((times + self.delay).tolist(), commands.tolist()))
+            return
+        for time, command in zip(times.tolist(), commands.tolist()):
+            self.push(time, command)
 
     def at_once(self, start: float, end: float, closeness: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The same as `pieces` for many edges: starts, values and slopes of the pieces. What holds still goes through static stages as a whole."""

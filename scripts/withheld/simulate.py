@@ -1,5 +1,6 @@
 """`simulate`: the outputs that a model with effects would log, in open loop, in a closed loop, or one step ahead."""
 
+import zlib
 from collections.abc import Callable
 
 import numpy as np
@@ -41,7 +42,9 @@ class Simulator:
         self.chains = []
         for name, delay in zip(names.inputs, names.input_delay):
             own = {effect: channels[name] for effect, channels in found.items() if name in channels}
-            self.chains.append(InputChain(own, delay + own.get("input_delay", {}).get("delay", 0.0)))
+            # Random delays are a log's own, and the same whenever it is simulated.
+            seed = zlib.crc32(np.round(self.stamps, 9).tobytes())
+            self.chains.append(InputChain(own, delay + own.get("input_delay", {}).get("delay", 0.0), seed))
         if names.sample_time:
             if refused := set(found) & DYNAMICS:
                 raise ValueError(f"a sampled model takes no {', '.join(sorted(refused))}")

@@ -16,6 +16,7 @@ INPUT = {
     "input_delay", "input_gain", "input_curve", "gain_fade", "input_offset", "deadband", "backlash", "saturation",
     "rate_limit", "actuator_lag", "dropped_commands",
 }
+MOVING = {"delay_jump", "delay_drift", "delay_jitter", "multi_rate"}  # delays of an input that move: a group of cases of their own
 DYNAMICS = {
     "parameter_error", "cross_coupling", "exchange", "coulomb_friction", "stribeck_friction", "quadratic_drag", "cubic_stiffness", "unmodelled_mode",
     "constant_disturbance", "periodic_disturbance",
@@ -54,9 +55,9 @@ def sort_effects(names: Names, effects: list[dict]) -> dict[str, dict[str, dict]
     found: dict[str, dict[str, dict]] = {}
     for item in effects:
         effect, channel = item["effect"], item["channel"]
-        if effect not in INPUT | DYNAMICS | OUTPUT | CLOCK:
+        if effect not in INPUT | MOVING | DYNAMICS | OUTPUT | CLOCK:
             raise ValueError(f"unknown effect {effect!r}")
-        allowed = {**dict.fromkeys(INPUT, names.inputs), **dict.fromkeys(CLOCK, ["*"])}.get(effect)
+        allowed = {**dict.fromkeys(INPUT | MOVING, names.inputs), **dict.fromkeys(CLOCK, ["*"])}.get(effect)
         if effect in OUTPUT - {"misalignment"}:
             allowed = names.outputs + (["*"] if effect in ("output_delay", "sensor_lag", "sensor_gain") else [])
         if allowed is not None and channel not in allowed:

@@ -30,7 +30,7 @@ pub(super) struct Simulate {
     /// Add white noise to every written signal, at this ratio of variances (signal to noise)
     #[arg(long, value_name = "RATIO")]
     snr: Option<f64>,
-    /// Seed of all chance: the noise, and the losses of dropped_commands
+    /// Seed of all chance: the noise, the losses of dropped_commands and the delays of delay_jitter
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// File to write

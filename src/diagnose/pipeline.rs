@@ -10,7 +10,8 @@ use std::path::Path;
 use nalgebra::DMatrix;
 
 use crate::diagnose::answer::cause::cause;
-use crate::diagnose::answer::contributions::{GapBudget, explained, handed_over};
+use crate::diagnose::answer::contributions::{GapBudget, explained};
+use crate::diagnose::answer::handed::in_a_form_that_helps;
 use crate::diagnose::answer::improvement::improvement;
 use crate::diagnose::answer::isolability::{self as isolability_of, Isolability, Names};
 use crate::diagnose::answer::location::{locate, output_shares};
@@ -32,12 +33,13 @@ use crate::diagnose::input::subject::Subject;
 use crate::diagnose::judge::prior_sensitivity::{PriorSensitivity, prior_sensitivities};
 use crate::diagnose::judge::rule::GapVerdict;
 use crate::diagnose::judge::verdict::{Judged, judge};
-use crate::diagnose::likelihood::active_effects::NO_EFFECT;
+use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::gaussian::{Likelihood, Terms};
 use crate::diagnose::likelihood::residuals::{residuals, trained};
 use crate::diagnose::search::catalogue::{Catalogue, catalogue};
 use crate::diagnose::search::catalogue_search::{SearchResult, Searched, search};
+use crate::diagnose::search::moving::{moves, typical};
 use crate::effect::{Applied, Scales};
 use crate::error::Result;
 use crate::log::Log;
@@ -48,10 +50,12 @@ use crate::model::ModelDocument;
 pub struct Diagnosed {
     /// The diagnosis.
     pub diagnosis: Diagnosis,
-    /// The model with what was found added to its effects; `None` for a simulator without a model file.
+    /// The model with what was found added to its effects, in the form that helps a simulation; `None` for a simulator without a model file.
     pub model: Option<ModelDocument>,
     /// What was found to act.
     pub effects: Vec<Applied>,
+    /// The same in the form that the model carries: nothing that is random, nothing that makes held-out data worse.
+    pub handed_over: Vec<Applied>,
     /// What was measured and predicted, by output and then by log.
     pub traces: Vec<Trace>,
     /// What a reader has to know of the data.
@@ -115,7 +119,8 @@ pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &
         let baseline = Baseline::of(&simulator, &inputs, options)?;
         let likelihood = baseline.likelihood(&simulator, &inputs, options)?;
         let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
-        let scales = baseline.motion.scales(&simulator.system, &inputs.records, &before, inputs.longest_delay_s);
+        let mut scales = baseline.motion.scales(&simulator.system, &inputs.records, &before, inputs.longest_delay_s);
+        scales.moves = typical(simulator.system.inputs.len(), &scales);
         let candidates = catalogue(&simulator.system, inputs.probed.as_ref()).candidates;
         let names = Names { model: subject.name(), logs: logs.iter().map(|l| l.source().to_owned()).collect() };
         isolability_of::isolability(&likelihood, candidates, &scales, &baseline.noise_std, names).ok_or_else(|| not_finite(&inputs.records))
@@ -197,9 +202,10 @@ fn in_stages(
     let likelihood = baseline.likelihood(simulator, &inputs, options)?;
     let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
     must_not_explode(system, &inputs.records, &before)?;
-    let scales = baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
+    let mut scales = baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
 
     let Catalogue { candidates, left_out } = catalogue(system, inputs.probed.as_ref());
+    scales.moves = moves(&likelihood, &candidates, &scales);
     let Searched { likelihood, found } =
         search(likelihood, candidates.clone(), &scales, &baseline.motion.smallest, progress).ok_or_else(|| not_finite(&inputs.records))?;
     let longer_s = f64::min(options.criteria.longer * inputs.longest_delay_s, 0.5 * inputs.limit_s);
@@ -235,7 +241,8 @@ impl Answer<'_> {
     fn sections(self, judgement: Judgement, logs: &[Log], seed: u64) -> Option<Diagnosed> {
         let (system, records, likelihood) = (&self.simulator.system, &self.inputs.records, self.likelihood);
         let composed = &judgement.composed;
-        let active = handed_over(composed.hypothesis.as_ref());
+        let handed = in_a_form_that_helps(likelihood, composed.hypothesis.as_ref(), self.scales);
+        let active = ActiveEffects::from(&handed.effects);
         let before = residuals(likelihood, NO_EFFECT)?;
         let after = residuals(likelihood, active)?;
         let decoded = match composed.hypothesis.as_ref().filter(|e| e.lost.is_some()) {
@@ -268,9 +275,10 @@ impl Answer<'_> {
         };
         let effects: Vec<Applied> = composed.hypothesis.iter().flat_map(|e| e.effects.clone()).collect();
         let traces = traces(likelihood, Some(active).filter(|_| !effects.is_empty()), &floor.floor);
-        let caveats = self.caveats(&composed.judged);
-        let model = self.subject.with(effects.iter().map(Applied::to_entry));
-        Some(Diagnosed { diagnosis, model, effects, traces, caveats, calls: None })
+        let mut caveats = self.caveats(&composed.judged);
+        caveats.extend(handed.caveat);
+        let model = self.subject.with(handed.effects.iter().map(Applied::to_entry));
+        Some(Diagnosed { diagnosis, model, effects, handed_over: handed.effects, traces, caveats, calls: None })
     }
 
     /// As it follows from the simulator, whatever was asked for.

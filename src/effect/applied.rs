@@ -2,7 +2,7 @@
 
 use super::{EFFECTS, Effect, EffectError, Parameter, Scales, find};
 use crate::model::EffectEntry;
-use crate::simulate::{Drops, Plan, System};
+use crate::simulate::{Drops, Late, Plan, System};
 
 /// No size of a parameter is beyond this.
 const BOUNDLESS: f64 = 1e50;
@@ -14,7 +14,7 @@ pub enum Chance<'a> {
     Mean,
     /// A draw from this seed.
     Seed(u64),
-    /// What happened, one sequence per input: which commands were lost.
+    /// What happened, one sequence per input: in which samples the command that was sent was not yet or never there.
     Known(&'a [Option<Vec<bool>>]),
 }
 
@@ -150,10 +150,22 @@ impl Applied {
             }
         }
         for (i, path) in plan.inputs.iter_mut().enumerate() {
+            let seed_of = |seed: u64| seed.wrapping_add(i as u64);
+            if let Some(late) = path.late {
+                match chance {
+                    Chance::Mean => {}
+                    Chance::Seed(seed) => path.late = Some(Late { seed: Some(seed_of(seed)), ..late }),
+                    Chance::Known(sequences) => {
+                        if let Some(sequence) = sequences.get(i).cloned().flatten() {
+                            (path.drops, path.late) = (Some(Drops::Sequence(sequence)), None);
+                        }
+                    }
+                }
+            }
             let Some(Drops::Mean(probability)) = path.drops else { continue };
             match chance {
                 Chance::Mean => {}
-                Chance::Seed(seed) => path.drops = Some(Drops::Random { probability, seed: seed.wrapping_add(i as u64) }),
+                Chance::Seed(seed) => path.drops = Some(Drops::Random { probability, seed: seed_of(seed) }),
                 Chance::Known(sequences) => {
                     path.drops = sequences.get(i).cloned().flatten().map(Drops::Sequence).or(Some(Drops::Mean(probability)))
                 }

@@ -69,6 +69,19 @@ pub struct Scales {
     pub outputs: Vec<Spread>,
     /// Frequencies at which the residual is strong, Hz.
     pub peaks_hz: Vec<f64>,
+    /// Per input, how its delay seems to move; empty where nothing moves.
+    pub moves: Vec<Moves>,
+}
+
+/// First guesses of delays that move, of one input: full sets of the parameters of the effect.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Moves {
+    /// Of `delay_jump`: delay, time, later, seconds.
+    pub jumps: Vec<Vec<f64>>,
+    /// Of `delay_drift`: delay, seconds, and rate.
+    pub drifts: Vec<Vec<f64>>,
+    /// Of `multi_rate`: period and phase, seconds.
+    pub slower: Vec<Vec<f64>>,
 }
 
 /// How far a signal goes.
@@ -144,7 +157,7 @@ pub trait Effect: Sync {
     fn leaves_residual(&self) -> bool {
         false
     }
-    /// What it does to single samples is a hidden sequence of lost commands, which outputs reveal.
+    /// What it does to single samples is a hidden sequence of lost or late commands, which outputs reveal.
     fn loses_commands(&self) -> bool {
         false
     }
@@ -168,8 +181,11 @@ pub trait Effect: Sync {
 }
 
 /// All effects, in the order of the format's table: of equals the first one leads.
-pub static EFFECTS: [&dyn Effect; 31] = [
+pub static EFFECTS: [&dyn Effect; 35] = [
     &input::delay::InputDelay,
+    &input::delay_jump::DelayJump,
+    &input::delay_drift::DelayDrift,
+    &input::multi_rate::MultiRate,
     &input::gain::InputGain,
     &input::curve::InputCurve,
     &input::gain_fade::GainFade,
@@ -180,6 +196,7 @@ pub static EFFECTS: [&dyn Effect; 31] = [
     &input::rate_limit::RateLimit,
     &input::actuator_lag::ActuatorLag,
     &input::dropped_commands::DroppedCommands,
+    &input::delay_jitter::DelayJitter,
     &dynamics::parameter_error::ParameterError,
     &dynamics::cross_coupling::CrossCoupling,
     &dynamics::exchange::Exchange,

@@ -7,10 +7,14 @@ use super::Scales;
 pub enum Role {
     /// A dead time, s.
     Delay,
+    /// The period of something that is late by half of it on average, s.
+    Period,
     /// The time constant of a lag, s.
     TimeConstant,
     /// A difference between clocks, s, of either sign.
     Clock,
+    /// A time of the log at which something changes, s.
+    Instant,
     /// A frequency, Hz.
     Frequency,
     /// A damping ratio, 1.
@@ -29,13 +33,13 @@ impl Role {
     /// It says what an effect is like, not how large it is: as an effect fades, it keeps its value.
     #[must_use]
     pub fn is_shape(self) -> bool {
-        matches!(self, Self::Frequency | Self::Damping | Self::Phase | Self::Shape)
+        matches!(self, Self::Instant | Self::Frequency | Self::Damping | Self::Phase | Self::Shape)
     }
 
     /// A time that can only be told as finely as samples allow, s.
     #[must_use]
     pub fn is_time(self) -> bool {
-        matches!(self, Self::Delay | Self::TimeConstant | Self::Clock)
+        matches!(self, Self::Delay | Self::Period | Self::TimeConstant | Self::Clock)
     }
 }
 
@@ -65,7 +69,9 @@ impl Parameter {
             Role::Frequency => (0.2 / scales.duration_s, 0.45 / scales.sample_time_s),
             Role::Damping => (1e-3, 2.0),
             Role::Delay => (0.0, scales.longest_delay_s),
+            Role::Period => (0.0, 2.0 * scales.longest_delay_s),
             Role::TimeConstant => (0.0, 0.25 * scales.duration_s),
+            Role::Instant => (0.0, scales.duration_s),
             Role::Clock => (-scales.longest_delay_s, scales.longest_delay_s),
             Role::Phase | Role::Limit | Role::Shape | Role::Size => (self.lower, self.upper),
         };
@@ -81,6 +87,10 @@ impl Parameter {
     #[must_use]
     pub fn derivative_step(&self, value: f64, scales: &Scales) -> f64 {
         let least = if self.role.is_time() { 0.01 * scales.sample_time_s } else { 1e-6 * value.abs() };
+        if self.role == Role::Instant {
+            // A command that is held hides where in between the change was.
+            return if value + scales.sample_time_s > self.upper { -scales.sample_time_s } else { scales.sample_time_s };
+        }
         let step = (1e-4 * self.distance(value)).max(1e-4 * least).max(1e-12);
         if value + step > self.upper { -step } else { step }
     }
@@ -96,6 +106,10 @@ impl Parameter {
     /// A step to either side that may lead into another minimum of the cost.
     #[must_use]
     pub fn leap(&self, value: f64, scales: &Scales) -> f64 {
-        if self.role.is_time() { 0.5 * scales.sample_time_s } else { 0.1 * self.distance(value) }
+        match self.role {
+            Role::Instant => 8.0 * scales.sample_time_s,
+            role if role.is_time() => 0.5 * scales.sample_time_s,
+            _ => 0.1 * self.distance(value),
+        }
     }
 }

@@ -375,7 +375,7 @@ fn _gap(
     };
     let found = raised.over(py, long(py, threads, work))?;
     let simulator = match subject.cast::<PySimulator>() {
-        Ok(simulator) => Some(Py::new(py, simulator.get().with(py, &found.effects))?),
+        Ok(simulator) => Some(Py::new(py, simulator.get().with(py, &found.handed_over))?),
         Err(_) => None,
     };
     Ok(PyDiagnosed { found, simulator })

@@ -161,7 +161,7 @@ fn shrink(d: &Diagnosis) -> String {
     let s = &d.shrink;
     match (s.before, s.after, s.floor, s.fraction) {
         (Some(before), Some(after), Some(floor), Some(fraction)) if !d.cause.contributions.is_empty() => {
-            let decoded = s.decoded.map(|known| format!("; once it is known which commands were lost, to {}", percent(known)));
+            let decoded = s.decoded.map(|known| format!("; once it is known which commands were lost or late, to {}", percent(known)));
             let interval = s.ci95.map(|[l, u]| format!(" (95 %: {} to {})", percent(l), percent(u))).unwrap_or_default();
             format!(
                 "Shrink: on held-out data the error falls from {} to {} of the spread, by {}{interval}{}; the floor there is {}.",

@@ -21,7 +21,7 @@ mod walk;
 pub use black_box::{Face, Remembered, Simulator, Start};
 pub use lsim::{Grid, Options, Prehistory, Responds, Response, lsim};
 pub use piecewise::{Piece, Piecewise};
-pub use plan::{Drops, Mode, Plan, Source, Term, Tolerance, Wanted};
+pub use plan::{Drops, Late, Mode, Plan, Source, Term, Tolerance, Wanted};
 pub use response::{impulse_response, impulse_response_sampled, step_response, step_response_sampled};
 pub use run::Commands;
 pub use system::{Dynamics, Matrices, Port, System};

@@ -141,6 +141,78 @@ impl Piecewise {
         self
     }
 
+    /// Values from their times of arrival on, in order of time; of several at one time the last.
+    #[must_use]
+    pub(super) fn arriving(arrivals: &[(f64, f64)]) -> Self {
+        let mut pieces: Vec<Piece> = Vec::with_capacity(arrivals.len());
+        for &(start_s, value) in arrivals {
+            if pieces.last().is_some_and(|before| before.start_s == start_s) {
+                pieces.pop();
+            }
+            if pieces.last().is_none_or(|before| before.value != value) {
+                pieces.push(Piece { start_s, value, slope: 0.0 });
+            }
+        }
+        Self { pieces }
+    }
+
+    /// The signal later by `before_s` until `time_s`, by `later_s` from then on.
+    #[must_use]
+    pub fn delayed_until(self, before_s: f64, time_s: f64, later_s: f64) -> Self {
+        let later = self.clone().delayed(later_s);
+        let mut pieces = self.delayed(before_s).pieces;
+        let Some(start_s) = pieces.first().map(|p| p.start_s) else { return later };
+        if time_s <= start_s {
+            return later;
+        }
+        pieces.truncate(pieces.partition_point(|p| p.start_s < time_s));
+        let next = later.pieces.partition_point(|p| p.start_s <= time_s);
+        let held = |p: &Piece| Piece { start_s: time_s, value: p.at(time_s), slope: p.slope };
+        pieces.extend(next.checked_sub(1).and_then(|at| later.pieces.get(at)).map(held));
+        pieces.extend_from_slice(&later.pieces[next..]);
+        Self { pieces }
+    }
+
+    /// At t what the signal was at t − (delay_s + rate·t), and no later than at t; what it was at the start holds until then. The rate is below 1.
+    #[must_use]
+    pub fn drifting(mut self, delay_s: f64, rate: f64) -> Self {
+        let Some(start_s) = self.pieces.first().map(|p| p.start_s) else { return self };
+        for piece in &mut self.pieces {
+            let late_s = (piece.start_s + delay_s) / (1.0 - rate);
+            // Its own time runs at this rate where the delay acts.
+            let pace = if late_s > piece.start_s { 1.0 - rate } else { 1.0 };
+            (piece.start_s, piece.slope) = (late_s.max(piece.start_s), pace * piece.slope);
+        }
+        let first = &mut self.pieces[0];
+        if first.slope == 0.0 {
+            first.start_s = start_s;
+        } else if first.start_s > start_s {
+            let value = first.value;
+            self.pieces.insert(0, Piece { start_s, value, slope: 0.0 });
+        }
+        self
+    }
+
+    /// What the signal is at phase + n·period, held until the next of these times; what it is at the start holds until the first of them.
+    #[must_use]
+    pub fn passed_at(&self, period_s: f64, phase_s: f64) -> Self {
+        if period_s <= 0.0 {
+            return self.clone();
+        }
+        let mut pieces: Vec<Piece> = Vec::with_capacity(self.pieces.len());
+        for (k, piece) in self.pieces.iter().enumerate() {
+            // A command that is there at a passing time passes, whatever rounding says.
+            let turn = ((piece.start_s - phase_s) / period_s - TOGETHER).ceil();
+            let passes_s = if k == 0 { piece.start_s } else { phase_s + turn * period_s };
+            // What another command has replaced before it could pass never does.
+            while k > 0 && pieces.len() > 1 && pieces.last().is_some_and(|before| before.start_s >= passes_s) {
+                pieces.pop();
+            }
+            pieces.push(Piece { start_s: passes_s.max(piece.start_s), value: piece.value, slope: 0.0 });
+        }
+        Self { pieces }
+    }
+
     /// Every value replaced; slopes are multiplied by what `f` returns beside the value. For maps that are straight on each piece.
     #[must_use]
     pub fn map(mut self, f: impl Fn(&Piece) -> (f64, f64)) -> Self {

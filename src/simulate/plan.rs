@@ -1,6 +1,6 @@
 //! What is put around and into a simulator before it runs: hooks on the way in, in the dynamics, on the way out and on the clock.
 //!
-//! A fresh plan adds nothing. The order in which a signal meets the hooks is fixed here and nowhere else: on the way in `drops`, `delay_s`, `gain` and
+//! A fresh plan adds nothing. The order in which a signal meets the hooks is fixed here and nowhere else: on the way in `drops`, `late`, `passing`, `delay_s`, `gain` and
 //! `quadratic`, `maps` in the order pushed, `lags`, `modes`; on the way out modes, `mixing`, `lag_s`, `delay_s` and the clock, `maps`.
 
 use std::sync::Arc;
@@ -29,11 +29,28 @@ pub enum Drops {
     Mean(f64),
 }
 
+/// Commands that arrive late, each by a delay of its own: draws of a gamma distribution. The first sample has always arrived.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Late {
+    /// Mean delay, seconds.
+    pub delay_s: f64,
+    /// Standard deviation of the delay, seconds.
+    pub spread_s: f64,
+    /// No command overtakes another: it waits for those sent before it. Else the last to arrive acts.
+    pub ordered: bool,
+    /// Seed of the delays; `None`: every delay is the mean, which is what a fit can predict.
+    pub seed: Option<u64>,
+}
+
 /// The way of one input from the log to the plant.
 #[derive(Clone, Default)]
 pub struct InputPath {
     /// Commands that are lost.
     pub drops: Option<Drops>,
+    /// Commands that arrive late, each by a delay of its own.
+    pub late: Option<Late>,
+    /// Period and phase, seconds: commands pass at phase + n·period only, and are held.
+    pub passing: Option<(f64, f64)>,
     /// Delay, seconds.
     pub delay_s: f64,
     /// Static curve gain·v + quadratic·v·|v|; `None`: v.

@@ -4,13 +4,14 @@ use nalgebra::DMatrix;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, Gamma};
 
 use super::assembly::Assembly;
 use super::linear::Linear;
 use super::nonlinear::Nonlinear;
 use super::ode::Integrator;
 use super::piecewise::Piecewise;
-use super::plan::{Drops, InputPath, Plan, Term};
+use super::plan::{Drops, InputPath, Late, Plan, Term};
 use super::sampled;
 use super::system::{Dynamics, System};
 use super::walk::{Correction, Run, walk};
@@ -120,11 +121,16 @@ fn check(system: &System, commands: Commands<'_>, x0: &[f64]) -> Result<(), Simu
 
 /// The signal at the end of an input's path, before its lags and modes.
 fn arrive(path: &InputPath, time_s: &[f64], values: &[f64]) -> Result<Piecewise, SimulateError> {
-    let held = match &path.drops {
+    let passed = path.drops.as_ref().map(|drops| passed_on(drops, values)).transpose()?;
+    let values = passed.as_deref().unwrap_or(values);
+    let mut signal = match &path.late {
+        Some(late) => arrive_late(late, time_s, values),
         None => Piecewise::held(time_s, values.iter().copied()),
-        Some(drops) => Piecewise::held(time_s, passed_on(drops, values)?),
     };
-    let mut signal = held.delayed(path.delay_s);
+    if let Some((period_s, phase_s)) = path.passing {
+        signal = signal.passed_at(period_s, phase_s);
+    }
+    signal = signal.delayed(path.delay_s);
     if let Some(curve) = path.curve {
         signal = signal.map(|p| (curve.gain * p.value + curve.quadratic * p.value * p.value.abs(), 0.0));
     }
@@ -133,10 +139,34 @@ fn arrive(path: &InputPath, time_s: &[f64], values: &[f64]) -> Result<Piecewise,
 
 /// The same of commands that straight lines join.
 fn arrive_joined(input: usize, path: &InputPath, time_s: &[f64], values: &[f64]) -> Result<Piecewise, SimulateError> {
-    if path.drops.is_some() || path.curve.is_some() || !path.maps.is_empty() {
+    let held = path.drops.is_some() || path.late.is_some() || path.passing.is_some();
+    if held || path.curve.is_some() || !path.maps.is_empty() {
         return Err(SimulateError::Joined { input });
     }
     Ok(Piecewise::joined(time_s, values).delayed(path.delay_s))
+}
+
+/// Commands as they arrive, each late by a delay of its own.
+fn arrive_late(late: &Late, time_s: &[f64], values: &[f64]) -> Piecewise {
+    let (mean, spread) = (late.delay_s, late.spread_s);
+    // Shape and scale of a gamma distribution with this mean and standard deviation.
+    let drawn = late.seed.filter(|_| mean > 0.0 && spread > 0.0);
+    let Some((seed, delays)) = drawn.and_then(|seed| Some((seed, Gamma::new((mean / spread).powi(2), spread * spread / mean).ok()?)))
+    else {
+        return Piecewise::held(time_s, values.iter().copied()).delayed(mean);
+    };
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut latest_s = f64::NEG_INFINITY;
+    let arrival = |(k, (&sent_s, &value)): (usize, (&f64, &f64))| {
+        // The first command holds from the start.
+        let delay_s = if k == 0 { 0.0 } else { delays.sample(&mut rng) };
+        latest_s = if late.ordered { latest_s.max(sent_s + delay_s) } else { sent_s + delay_s };
+        (latest_s, value)
+    };
+    let mut arrivals: Vec<(f64, f64)> = time_s.iter().zip(values).enumerate().map(arrival).collect();
+    // Stable: of commands that arrive together the last one sent acts.
+    arrivals.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Piecewise::arriving(&arrivals)
 }
 
 /// The commands that are passed on.
@@ -199,5 +229,27 @@ impl System {
             }
         }
         Ok(z)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Commands so far apart that none overtakes another: their edges are their delays.
+    #[test]
+    fn random_delays_have_the_mean_and_the_standard_deviation_that_are_asked_for() {
+        let count = 20_000;
+        let time_s: Vec<f64> = (0..count).map(|k| 10.0 * f64::from(k)).collect();
+        let values: Vec<f64> = (0..count).map(f64::from).collect();
+        let late = Late { delay_s: 0.3, spread_s: 0.12, ordered: false, seed: Some(4) };
+        let heard = arrive_late(&late, &time_s, &values);
+        let delays: Vec<f64> = heard.pieces().iter().map(|p| p.start_s - 10.0 * p.value).collect();
+        assert!(delays.len() == count as usize && delays[0] == 0.0 && delays[1..].iter().all(|d| *d > 0.0));
+        let size = (delays.len() - 1) as f64;
+        let mean = delays[1..].iter().sum::<f64>() / size;
+        let std = (delays[1..].iter().map(|d| (d - mean).powi(2)).sum::<f64>() / size).sqrt();
+        // Four standard deviations of either estimate.
+        assert!((mean - 0.3).abs() < 4.0 * 0.12 / size.sqrt() && (std - 0.12).abs() < 4.0 * 0.12 / size.sqrt(), "{mean} ± {std}");
     }
 }

@@ -100,7 +100,7 @@ fn one_seed_draws_the_lost_commands() {
 
 #[test]
 fn an_unknown_effect_lists_those_there_are() {
-    refused(&effect("input_dely", "force", "delay = 0.1"), &["no effect `input_dely`", "input_delay, input_gain", "clock_offset"]);
+    refused(&effect("input_dely", "force", "delay = 0.1"), &["no effect `input_dely`", "input_delay, delay_jump", "clock_offset"]);
 }
 
 #[test]

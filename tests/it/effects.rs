@@ -432,3 +432,66 @@ fn dropped_commands_follow_their_seed_and_average_to_their_mean() {
     let fit = run(&system, &flight, &effect).y;
     assert!(distance(&mean, &fit) < 4.0 * spread / f64::from(draws).sqrt(), "{} against {spread}", distance(&mean, &fit));
 }
+
+/// The command as the plant receives it, sample by sample: a direct path alone.
+fn received(effects: &[(&str, &[f64])], chance: Chance<'_>, sent: &[f64]) -> Vec<f64> {
+    let passes = r#"
+format = "deadtime/model@1"
+name = "direct"
+kind = "lti"
+inputs = [{ name = "u" }]
+states = [{ name = "x" }]
+outputs = [{ name = "y" }]
+A = [[-1.0]]
+B = [[0.0]]
+C = [[0.0]]
+D = [[1.0]]
+"#;
+    let system = system(passes);
+    let list: Vec<Applied> = effects.iter().map(|(name, values)| with(&system, name, "u", values)).collect();
+    let plan = Applied::plan(&system, &list, chance).unwrap();
+    let time_s: Vec<f64> = (0..sent.len()).map(|k| k as f64 * 0.1).collect();
+    let inputs = [sent.to_vec()];
+    system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &[0.0], None).unwrap().y.column(0).iter().copied().collect()
+}
+
+#[test]
+fn delays_that_move_are_what_their_definitions_say() {
+    let sent: Vec<f64> = (0..30).map(f64::from).collect();
+    let mean = |effects: &[(&str, &[f64])]| received(effects, Chance::Mean, &sent);
+    let at = |k: usize, delay: usize| sent[k.saturating_sub(delay)];
+    // Between the samples, so that no rounding decides which side of an edge a sample sees.
+    let jumped = mean(&[("delay_jump", &[0.15, 1.23, 0.45])]);
+    assert_eq!(jumped, (0..30).map(|k| at(k, if k <= 12 { 2 } else { 5 })).collect::<Vec<_>>());
+    let back = mean(&[("delay_jump", &[0.45, 1.23, 0.15])]);
+    assert_eq!(back, (0..30).map(|k| at(k, if k <= 12 { 5 } else { 2 })).collect::<Vec<_>>());
+    // u(t − d(t)): at 0.1·k the delay is 0.05 + 0.011·k.
+    let drifted = mean(&[("delay_drift", &[0.05, 0.11])]);
+    let expected = |k: usize| sent[(k as f64 - (0.5 + 0.11 * k as f64)).floor().max(0.0) as usize];
+    assert_eq!(drifted, (0..30).map(expected).collect::<Vec<_>>());
+    // A delay that has shrunk to nothing stays nothing.
+    let shrunk = mean(&[("delay_drift", &[0.25, -0.2])]);
+    assert_eq!(shrunk[20..], sent[20..]);
+    // At 0.13, 0.48, 0.83 …: seen at the samples behind them.
+    let held = mean(&[("multi_rate", &[0.35, 0.13])]);
+    let passes = |k: usize| {
+        let turns = ((0.1 * k as f64 - 0.13) / 0.35).floor();
+        if turns < 0.0 { 0.0 } else { sent[((0.13 + 0.35 * turns) / 0.1).floor() as usize] }
+    };
+    assert_eq!(held, (0..30).map(passes).collect::<Vec<_>>());
+    // The slower loop reads, then the delay holds back.
+    assert_eq!(mean(&[("input_delay", &[0.2001]), ("multi_rate", &[0.35, 0.13])])[10], passes(7));
+    assert_eq!(mean(&[("delay_jitter", &[0.25, 0.1, 1.0])]), mean(&[("input_delay", &[0.25])]));
+}
+
+#[test]
+fn random_delays_follow_their_seed_and_their_order() {
+    // Every second sample is a new step: how late it is heard is its delay, to a sample.
+    let sent: Vec<f64> = (0..4000).map(|k| f64::from(k / 20)).collect();
+    let draw = |seed: u64, ordered: f64| received(&[("delay_jitter", &[0.6, 0.2, ordered])], Chance::Seed(seed), &sent);
+    assert_eq!(draw(3, 1.0), draw(3, 1.0));
+    assert_ne!(draw(3, 1.0), draw(4, 1.0));
+    let ordered = draw(3, 1.0);
+    assert!(ordered.windows(2).all(|w| w[1] >= w[0]), "a command overtook another");
+    assert!(draw(3, 0.0).windows(2).any(|w| w[1] < w[0]), "no command overtook another");
+}

@@ -49,7 +49,7 @@ pub(crate) fn document(text: &str) -> ModelDocument {
 }
 
 /// Steps of many heights and lengths.
-fn commands(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
+pub(crate) fn commands(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let (mut level, mut left) = (0.0, 0);
     let mut next = || {
         if left == 0 {
@@ -80,13 +80,13 @@ pub(crate) fn log(machine: &ModelDocument, effects: &[(&str, &str, &[f64])], sam
     as_log(&format!("log{seed}.csv"), time_s, &u[0], &outputs)
 }
 
-fn noisy(clean: Vec<f64>, rng: &mut ChaCha8Rng) -> Vec<f64> {
+pub(crate) fn noisy(clean: Vec<f64>, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let mean = clean.iter().sum::<f64>() / clean.len() as f64;
     let spread = (clean.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / clean.len() as f64).sqrt();
     clean.iter().map(|v| v + NOISE * spread * rng.sample::<f64, _>(StandardNormal)).collect()
 }
 
-fn as_log(name: &str, time_s: Vec<f64>, u: &[f64], outputs: &[Vec<f64>]) -> Log {
+pub(crate) fn as_log(name: &str, time_s: Vec<f64>, u: &[f64], outputs: &[Vec<f64>]) -> Log {
     let channels = vec![
         Channel::new("u", Some("V"), u.to_vec()),
         Channel::new("angle", Some("rad"), outputs[0].clone()),

@@ -48,6 +48,8 @@ mod gap;
 mod gap_coarse;
 mod gap_hard;
 mod gap_mixture;
+#[cfg(feature = "cli")]
+mod gap_moving;
 mod gate;
 mod golden;
 mod golden_effects;

@@ -15,7 +15,6 @@ use crate::diagnose::format::found::{FoundEffect, FoundParameter};
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::judge::intervals::Estimate;
 use crate::diagnose::judge::rule::GapVerdict;
-use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
@@ -184,9 +183,4 @@ pub(in crate::diagnose) fn explained(composed: &Composed) -> Explained {
         (_, Some(_)) => Explained::Part,
         (_, None) => Explained::Nothing,
     }
-}
-
-/// The model as it is handed over: nothing is decoded from the outputs.
-pub(in crate::diagnose) fn handed_over(hypothesis: Option<&Hypothesis>) -> ActiveEffects<'_> {
-    ActiveEffects { effects: hypothesis.map_or(&[], |e| e.effects.as_slice()), lost: None }
 }

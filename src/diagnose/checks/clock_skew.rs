@@ -21,7 +21,8 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let agree = |best: &Timing| known.iter().all(|t| (t.growth - best.growth).abs() <= SURE * t.growth_std.hypot(best.growth_std));
     if let Some(t) = best.filter(|t| grows(t) && agree(t)) {
         let finding = format!(
-            "outputs drift against the commands by {} ms per s (± {}), {} s over the log: the two clocks run at different rates; put both on one clock",
+            "outputs drift against the commands by {} ms per s (± {}), {} s over the log: the two clocks run at different rates, or a queue between them fills; put both on one \
+             clock, and look for what queues",
             short(1e3 * t.growth),
             short(2e3 * t.growth_std),
             short(t.growth * t.length * e.view.sample_time_s())

@@ -114,6 +114,23 @@ pub enum Caveat {
         /// The output on which the verdict was decided.
         output: String,
     },
+    /// A hidden sequence that no simulation knows ahead.
+    #[error(
+        "which commands were lost or late is known of these logs only, so the model that is written carries {instead} in place of {effects}: \
+         what it does on average. To try a controller against chance, draw from {effects} with the parameters given"
+    )]
+    HandedOver {
+        /// What was found.
+        effects: String,
+        /// What the model carries.
+        instead: String,
+    },
+    /// What was found makes a simulation of held-out data no better.
+    #[error("{effects} explains the logs, but a simulation of held-out data is no better with it: the model that is written leaves it out")]
+    LeftOut {
+        /// What was found.
+        effects: String,
+    },
     /// An output without a sample in what is held out.
     #[error("`{output}` has no sample in what is held out: how far its gap shrinks is not known")]
     NothingHeldOut {

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use super::effects::{Dropouts, Hypothesis};
 use super::sequence::{Path, search};
+use super::waits::Wait;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::gaussian::Likelihood;
@@ -39,6 +40,7 @@ pub(in crate::diagnose) fn decoded(
         let mut lost = Dropouts {
             sequences: vec![vec![None; likelihood.system.inputs.len()]; likelihood.records.len()],
             price: 0.0,
+            waits: vec![Vec::new(); likelihood.system.inputs.len()],
             std: vec![None; likelihood.system.inputs.len()],
         };
         for &e in &losing {
@@ -72,12 +74,25 @@ fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Drop
     let paths: Vec<(Path, f64)> = likelihood.records.par_iter().enumerate().map(decode).collect::<Option<_>>()?;
     for (at, (path, energy)) in paths.into_iter().enumerate() {
         let counts = if likelihood.records[at].train.is_some() { path.decisions.as_slice() } else { &[] };
+        let record = &likelihood.records[at];
+        let (mut wait, mut sent): (usize, Option<usize>) = (0, None);
         for decision in counts {
             lost.price -= 2.0 * if decision.lost { probability.ln() } else { (1.0 - probability).ln() };
-            if decision.difference.powi(2) * energy > likelihood.criteria.decided.powi(2) {
+            let shows = decision.difference.powi(2) * energy > likelihood.criteria.decided.powi(2);
+            if shows {
                 decided += 1.0;
                 held += if decision.lost { 1.0 } else { 0.0 };
             }
+            if shows && decision.lost {
+                sent = sent.or(Some(decision.sample));
+                wait += 1;
+                continue;
+            }
+            if shows {
+                let sent_s = record.time_s[sent.unwrap_or(decision.sample)];
+                lost.waits[input].push(Wait { sent_s, samples: wait, sample_time_s: record.sample_time_s });
+            }
+            (wait, sent) = (0, None);
         }
         lost.sequences[at][input] = Some(path.lost);
     }

@@ -1,5 +1,6 @@
 //! One or more effects that together explain a gap.
 
+use super::waits::Wait;
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, LostCommands};
 use crate::effect::Applied;
 
@@ -25,6 +26,8 @@ pub(in crate::diagnose) struct Dropouts {
     pub(in crate::diagnose) sequences: Vec<LostCommands>,
     /// Twice the negative log-probability of the decisions on the training logs.
     pub(in crate::diagnose) price: f64,
+    /// Per input, the waits of commands that show on the training logs.
+    pub(in crate::diagnose) waits: Vec<Vec<Wait>>,
     /// Standard deviation of each input's probability, where one could be estimated.
     pub(in crate::diagnose) std: Vec<Option<f64>>,
 }

@@ -8,3 +8,4 @@ pub(in crate::diagnose) mod penalised_gain;
 pub(in crate::diagnose) mod refine;
 pub(in crate::diagnose) mod sequence;
 pub(in crate::diagnose) mod slopes;
+pub(in crate::diagnose) mod waits;

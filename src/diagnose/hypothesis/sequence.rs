@@ -7,6 +7,8 @@ use nalgebra::DMatrix;
 /// One command that differs from the one in force.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::diagnose) struct Decision {
+    /// The sample at which it was decided.
+    pub(in crate::diagnose) sample: usize,
     pub(in crate::diagnose) lost: bool,
     /// Between the command and the one in force, behind the maps.
     pub(in crate::diagnose) difference: f64,
@@ -14,6 +16,7 @@ pub(in crate::diagnose) struct Decision {
 
 pub(in crate::diagnose) struct Path {
     pub(in crate::diagnose) lost: Vec<bool>,
+    /// In the order of time.
     pub(in crate::diagnose) decisions: Vec<Decision>,
 }
 
@@ -53,7 +56,7 @@ pub(in crate::diagnose) fn search(
             }
             let difference = through(h.held) - arrived;
             let mut decide = |lost: bool| {
-                all.push((h.last, k, Decision { lost, difference }));
+                all.push((h.last, k, Decision { sample: k, lost, difference }));
                 Some(all.len() - 1)
             };
             let (passed, missed) = (decide(false), decide(true));
@@ -88,6 +91,7 @@ pub(in crate::diagnose) fn search(
         path.decisions.push(*decision);
         at = *before;
     }
+    path.decisions.reverse();
     path
 }
 

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::late::beside_lost;
 use super::screen::screen;
 use super::several::pairs;
 use super::singles::{fit_first, frugal};
@@ -82,6 +83,8 @@ pub(in crate::diagnose) fn search<'a>(
             hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         }
     }
+    beside_lost(&likelihood, &mut found.singles);
+    beside_lost(&likelihood, &mut found.pairs);
     Some(Searched { likelihood, found })
 }
 
@@ -98,11 +101,14 @@ fn give_up_what_breaks(likelihood: &Likelihood<'_>, hypotheses: &mut [Hypothesis
 impl SearchResult {
     /// A delay that explains a good part of the gap stands at the longest that was looked for.
     pub(in crate::diagnose) fn wants_longer_delays(&self, scales: &Scales, criteria: &Criteria) -> bool {
-        let best = self.singles.iter().filter(|e| e.fitted).map(|e| e.gain).fold(0.0, f64::max);
+        // A hidden sequence gains much by what it is free to do.
+        let best = self.singles.iter().filter(|e| e.fitted && e.lost.is_none()).map(|e| e.gain).fold(0.0, f64::max);
         let at_edge = |e: &Hypothesis| {
             e.free.iter().any(|&(at, i)| {
                 let p = &e.effects[at].parameters[i];
-                matches!(p.role, Role::Delay | Role::Clock) && e.effects[at].values[i] > p.nominal && e.at_bound((at, i), scales)
+                matches!(p.role, Role::Delay | Role::Period | Role::Clock)
+                    && e.effects[at].values[i] > p.nominal
+                    && e.at_bound((at, i), scales)
             })
         };
         self.singles.iter().any(|e| e.fitted && e.gain > criteria.selection_penalty.max(criteria.much * best) && at_edge(e))

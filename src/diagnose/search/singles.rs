@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::screen::Screened;
+use super::slower_loop::from_waits;
 use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::hypothesis::dropouts::decoded;
 use crate::diagnose::hypothesis::effects::Hypothesis;
@@ -61,7 +62,7 @@ pub(in crate::diagnose) fn fit_first(
         .collect();
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let on = frugal(likelihood, singles.iter().take(likelihood.budget.on).map(|e| e.effects.as_slice()));
-    singles.par_iter_mut().zip(on).filter(|(_, on)| *on).for_each(|(single, _)| {
+    singles.par_iter_mut().zip(on).filter(|(e, on)| *on && e.gain.is_finite()).for_each(|(single, _)| {
         let better = if single.loses_commands() && single.gain > likelihood.criteria.selection_penalty {
             decoded(likelihood, single.clone(), scales, cost, likelihood.budget.steps)
         } else {
@@ -71,6 +72,7 @@ pub(in crate::diagnose) fn fit_first(
             *single = better;
         }
     });
+    from_waits(likelihood, &mut singles, scales, cost);
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     singles
 }

@@ -1,0 +1,142 @@
+//! Lost or late: what the waits of commands, decoded from the outputs, speak for.
+//!
+//! A command that is not there for so many samples may have been lost so often, each time as likely as before, or in bursts; or it came late by a delay of
+//! its own. All of them tell the same trajectories, and differ in how probable they make the waits. Each pays for its freedom in the same coin: twice the
+//! negative log-probability of all waits, and half a log of their number per parameter (Schwarz 1978, doi:10.1214/aos/1176344136); a distribution of delays
+//! of any shape pays as it learns (Krichevsky and Trofimov 1981, doi:10.1109/TIT.1981.1056331).
+//!
+//! How it can be wrong: a command that changes again before it arrives hides its wait, and one that hardly shows decides nothing; neither is counted. Few
+//! waits tell little: then the hypotheses differ by less than what tells nothing, and stand in one class.
+
+use statrs::distribution::{ContinuousCDF, Normal};
+
+/// A command that shows, from when it was sent until it was there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::diagnose) struct Wait {
+    /// When it was sent, seconds of its log.
+    pub(in crate::diagnose) sent_s: f64,
+    /// For so many samples it was not there.
+    pub(in crate::diagnose) samples: usize,
+    /// The log's sample time, seconds.
+    pub(in crate::diagnose) sample_time_s: f64,
+}
+
+/// No distribution of delays is narrower than this, in samples: a wait is known to a sample only.
+const NARROWEST: f64 = 0.3;
+/// No wait is less probable than this.
+const IMPROBABLE: f64 = 1e-12;
+
+/// Twice the negative log-probability of the waits where each sample is lost as likely as any other, or as the one before it was.
+pub(in crate::diagnose) fn as_lost(waits: &[Wait]) -> f64 {
+    as_lost_alone(waits).min(in_bursts(waits))
+}
+
+/// The same where every command has a delay of its own: of a normal distribution, or of any.
+pub(in crate::diagnose) fn as_late(waits: &[Wait]) -> f64 {
+    normal(waits).min(any(waits))
+}
+
+/// Mean and standard deviation of the waits, seconds.
+pub(in crate::diagnose) fn delay_and_spread(waits: &[Wait]) -> [f64; 2] {
+    let seconds = || waits.iter().map(|w| w.samples as f64 * w.sample_time_s);
+    moments(seconds, waits.len())
+}
+
+fn moments<I: Iterator<Item = f64>>(values: impl Fn() -> I, count: usize) -> [f64; 2] {
+    let count = count.max(1) as f64;
+    let mean = values().sum::<f64>() / count;
+    [mean, (values().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt()]
+}
+
+fn parameters(count: usize, waits: &[Wait]) -> f64 {
+    count as f64 * (waits.len().max(2) as f64).ln()
+}
+
+/// Independent losses: a geometric distribution. Laplace's rule keeps the probability off its edges.
+pub(in crate::diagnose) fn as_lost_alone(waits: &[Wait]) -> f64 {
+    let lost: f64 = waits.iter().map(|w| w.samples as f64).sum();
+    let passed = waits.len() as f64;
+    binary(lost, passed) + parameters(1, waits)
+}
+
+/// Losses with a memory (Gilbert 1960, doi:10.1002/j.1538-7305.1960.tb03959.x): one probability that a loss begins, another that it goes on.
+fn in_bursts(waits: &[Wait]) -> f64 {
+    let begun = waits.iter().filter(|w| w.samples > 0).count() as f64;
+    let further: f64 = waits.iter().map(|w| w.samples.saturating_sub(1) as f64).sum();
+    binary(begun, waits.len() as f64 - begun) + binary(further, begun) + parameters(2, waits)
+}
+
+/// Twice the negative log-likelihood of so many losses and passes.
+fn binary(lost: f64, passed: f64) -> f64 {
+    let p = (lost + 0.5) / (lost + passed + 1.0);
+    -2.0 * (lost * p.ln() + passed * (1.0 - p).ln())
+}
+
+/// Whole samples of a normal distribution; what would come before it was sent comes at once.
+fn normal(waits: &[Wait]) -> f64 {
+    let [mean, spread] = moments(|| waits.iter().map(|w| w.samples as f64), waits.len());
+    let spread = spread.max(NARROWEST);
+    let standard = Normal::standard();
+    let below = |samples: f64| standard.cdf((samples - mean) / spread);
+    let probability = |w: &Wait| {
+        let k = w.samples as f64;
+        let before = if w.samples == 0 { 0.0 } else { below(k - 0.5) };
+        (below(k + 0.5) - before).max(IMPROBABLE)
+    };
+    -2.0 * waits.iter().map(|w| probability(w).ln()).sum::<f64>() + parameters(2, waits)
+}
+
+/// Each wait as often as those before it say.
+fn any(waits: &[Wait]) -> f64 {
+    let kinds = waits.iter().map(|w| w.samples).max().map_or(1, |most| most + 1);
+    let mut seen = vec![0.5; kinds];
+    let mut price = 0.0;
+    for (count, wait) in waits.iter().enumerate() {
+        price -= 2.0 * (seen[wait.samples] / (count as f64 + 0.5 * kinds as f64)).ln();
+        seen[wait.samples] += 1.0;
+    }
+    price
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::RngExt;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
+    use rand_distr::StandardNormal;
+
+    fn waits(samples: impl IntoIterator<Item = usize>) -> Vec<Wait> {
+        samples.into_iter().map(|samples| Wait { sent_s: 0.0, samples, sample_time_s: 0.02 }).collect()
+    }
+
+    fn drawn(seed: u64, draw: impl Fn(&mut ChaCha8Rng) -> usize) -> Vec<Wait> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        waits((0..60).map(|_| draw(&mut rng)).collect::<Vec<_>>())
+    }
+
+    /// Sixty waits of each kind, over draws: the kind that made them is the cheaper one.
+    #[test]
+    fn the_kind_that_made_the_waits_is_the_cheaper_one() {
+        let losses = |p: f64| move |rng: &mut ChaCha8Rng| (0..200).take_while(|_| rng.random::<f64>() < p).count();
+        let bursts = |rng: &mut ChaCha8Rng| if rng.random::<f64>() < 0.8 { 0 } else { 1 + losses(0.75)(rng) };
+        let late = |mean: f64, spread: f64| {
+            move |rng: &mut ChaCha8Rng| (mean + spread * rng.sample::<f64, _>(StandardNormal)).round().max(0.0) as usize
+        };
+        let jumps = |rng: &mut ChaCha8Rng| if rng.random::<f64>() < 0.5 { 5 } else { 15 };
+        for seed in 0..20 {
+            for lost in [drawn(seed, losses(0.2)), drawn(seed, losses(0.5)), drawn(seed, losses(0.8)), drawn(seed, bursts)] {
+                assert!(as_lost(&lost) < as_late(&lost), "seed {seed}: {} as lost, {} as late", as_lost(&lost), as_late(&lost));
+            }
+            for late in [drawn(seed, late(5.0, 1.0)), drawn(seed, late(8.0, 3.0)), drawn(seed, jumps)] {
+                assert!(as_late(&late) < as_lost(&late), "seed {seed}: {} as late, {} as lost", as_late(&late), as_lost(&late));
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_is_known_of_no_waits() {
+        assert!(as_lost(&[]).is_finite() && as_late(&[]).is_finite());
+        assert_eq!(delay_and_spread(&[]), [0.0, 0.0]);
+    }
+}

@@ -1,0 +1,52 @@
+//! Commands that were late instead of lost: the same sequence under another reason for it.
+
+use crate::diagnose::hypothesis::direction::with;
+use crate::diagnose::hypothesis::effects::{Dropouts, Hypothesis};
+use crate::diagnose::hypothesis::waits;
+use crate::diagnose::likelihood::gaussian::Likelihood;
+use crate::effect::{Applied, find};
+
+/// The effect that loses commands, and the one whose commands come late.
+const LOST: &str = "dropped_commands";
+const LATE: &str = "delay_jitter";
+
+/// Adds to every hypothesis that loses commands the one whose commands are late, with the same trajectory; both pay for the waits of commands alike.
+pub(in crate::diagnose) fn beside_lost(likelihood: &Likelihood<'_>, hypotheses: &mut Vec<Hypothesis>) {
+    let twins: Vec<Hypothesis> = hypotheses.iter_mut().filter(|e| e.fitted).filter_map(|e| priced_with_twin(likelihood, e)).collect();
+    for twin in twins {
+        hypotheses.retain(|e| e.key() != twin.key());
+        hypotheses.push(twin);
+    }
+    hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+}
+
+fn priced_with_twin(likelihood: &Likelihood<'_>, hypothesis: &mut Hypothesis) -> Option<Hypothesis> {
+    let place = hypothesis.effects.iter().position(|a| a.effect.name() == LOST)?;
+    let channel = hypothesis.effects[place].channel.clone();
+    let input = likelihood.system.inputs.iter().position(|p| p.name == channel)?;
+    let own = hypothesis.lost.as_ref()?.waits.get(input)?.clone();
+    let late = Applied::nominal(likelihood.system, find(LATE).ok()?, &channel).ok()?;
+    let [delay_s, spread_s] = waits::delay_and_spread(&own);
+    let as_lost = waits::as_lost(&own);
+    let mut twin = hypothesis.clone();
+    repriced(hypothesis, as_lost - waits::as_lost_alone(&own));
+    repriced(&mut twin, waits::as_late(&own) - waits::as_lost_alone(&own));
+    twin.effects[place] = with(&late, &[delay_s, spread_s, 1.0]);
+    if let Some(Dropouts { std, .. }) = &mut twin.lost {
+        std[input] = (own.len() > 1).then(|| spread_s / (own.len() as f64).sqrt());
+    }
+    twin.effects.sort_by_key(|a| crate::effect::row(a.effect));
+    // None of a hidden sequence's numbers is free; those of the others keep their places.
+    let places: Vec<usize> = hypothesis.effects.iter().enumerate().filter(|(at, _)| *at != place).map(|(at, _)| at).collect();
+    let moved = |at: usize| twin.effects.iter().position(|a| places.contains(&at) && a.key() == hypothesis.effects[at].key());
+    twin.free = hypothesis.free.iter().filter_map(|&(at, i)| Some((moved(at)?, i))).collect();
+    Some(twin)
+}
+
+/// Pays more for its sequence, or less.
+fn repriced(hypothesis: &mut Hypothesis, by: f64) {
+    hypothesis.gain -= by;
+    if let Some(lost) = &mut hypothesis.lost {
+        lost.price += by;
+    }
+}

@@ -1,0 +1,171 @@
+//! First guesses of delays that move, from fixed delays: how well each of a grid of delays does at every time of the logs says when another does better.
+//!
+//! Where one delay holds until a time and another from then on, the sum of the best prefix and the best suffix of squared errors is lowest at that time (a
+//! change-point scan with two segments; Hinkley 1970, doi:10.1093/biomet/57.1.1). A drift is the straight line through the grid along which the errors are
+//! lowest, a slower loop a period about twice the best fixed delay. How it can be wrong: a plant that remembers smears the time over its own memory, and
+//! the grid is coarse; so these are first guesses, which are fitted and compared as all others are.
+
+use rayon::prelude::*;
+
+use crate::diagnose::hypothesis::direction::with;
+use crate::diagnose::likelihood::active_effects::NO_EFFECT;
+use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
+use crate::effect::{Applied, Moves, Scales, find};
+
+/// The effect of the grid.
+const FIXED: &str = "input_delay";
+/// Short delays of the grid, all of them; and so many of the longer ones. Beside none.
+const SHORT: usize = 12;
+const LONG: usize = 14;
+/// Stretches of time at whose edges a change is looked for.
+const BINS: usize = 240;
+/// A change is looked for no closer than this part of the logs to their ends.
+const MARGIN: f64 = 0.03;
+/// Periods of a slower loop, in units of the best fixed delay; and so many at most, with so many phases each.
+const PERIODS: [f64; 2] = [1.2, 3.2];
+const TRIED: usize = 16;
+const PHASES: usize = 6;
+/// First guesses of a slower loop that are handed on.
+const KEPT: usize = 3;
+
+/// What a scan of every input's delay suggests; empty for an input whose delay seems to stand still.
+pub(in crate::diagnose) fn moves(likelihood: &Likelihood<'_>, candidates: &[Applied], scales: &Scales) -> Vec<Moves> {
+    let Some(nominal) = likelihood.whitened(NO_EFFECT) else { return Vec::new() };
+    // An input on which nothing is tried is not looked at.
+    let tried = |name: &str| candidates.iter().any(|a| a.effect.name() == FIXED && a.channel == name);
+    let one = |name: &str| if tried(name) { of_input(likelihood, scales, &nominal, name).unwrap_or_default() } else { Moves::default() };
+    likelihood.system.inputs.iter().map(|port| one(&port.name)).collect()
+}
+
+/// Guesses that only say what such effects are like, of the size of a few samples: for what is never fitted.
+pub(in crate::diagnose) fn typical(inputs: usize, scales: &Scales) -> Vec<Moves> {
+    let few_s = (4.0 * scales.sample_time_s).min(0.5 * scales.longest_delay_s);
+    let one = Moves {
+        jumps: vec![vec![0.5 * few_s, 0.5 * scales.duration_s, 1.5 * few_s]],
+        drifts: vec![vec![0.5 * few_s, few_s / scales.duration_s.max(f64::MIN_POSITIVE)]],
+        slower: vec![vec![few_s, 0.0]],
+    };
+    vec![one; inputs]
+}
+
+/// The squared errors of a grid of delays, by stretch of time.
+struct Grid {
+    delays_s: Vec<f64>,
+    /// Per delay and stretch.
+    squares: Vec<Vec<f64>>,
+    /// The length of a stretch, seconds.
+    bin_s: f64,
+}
+
+fn of_input(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, channel: &str) -> Option<Moves> {
+    let applied = |effect: &str| Applied::nominal(likelihood.system, find(effect).ok()?, channel).ok();
+    let delay = applied(FIXED)?;
+    let guesses = likelihood.first_guesses(&delay, scales);
+    let (short, long) = guesses.split_at(SHORT.min(guesses.len()));
+    let every = long.len().div_ceil(LONG).max(1);
+    // The last one stands for all that are longer.
+    let chosen: Vec<f64> = short.iter().chain(long.iter().rev().step_by(every).rev()).filter_map(|g| g.first().copied()).collect();
+    let errors = |delay_s: &f64| Some((*delay_s, likelihood.whitened(&[with(&delay, &[*delay_s])])?));
+    let errors: Vec<(f64, Whitened)> =
+        if likelihood.calls(&delay) { chosen.iter().filter_map(errors).collect() } else { chosen.par_iter().filter_map(errors).collect() };
+    let bin_s = scales.duration_s / BINS as f64;
+    let mut grid = Grid { delays_s: vec![0.0], squares: vec![binned(likelihood, nominal, bin_s)], bin_s };
+    for (delay_s, whitened) in &errors {
+        grid.delays_s.push(*delay_s);
+        grid.squares.push(binned(likelihood, whitened, bin_s));
+    }
+    let sums: Vec<f64> = grid.squares.iter().map(|s| s.iter().sum()).collect();
+    let best = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b]))?;
+    let least = likelihood.criteria.selection_penalty;
+    let worth = |(cost, start): (f64, Vec<f64>)| (sums[best] - cost > least).then_some(start);
+    let mut moves = Moves {
+        jumps: grid.jump().and_then(worth).into_iter().collect(),
+        drifts: grid.drift().and_then(worth).into_iter().collect(),
+        slower: Vec::new(),
+    };
+    // A slower loop is late on average: where no fixed delay helps it is none.
+    if grid.delays_s[best] > 0.0 && sums[0] - sums[best] > least {
+        moves.slower = slower(likelihood, scales, nominal, &applied("multi_rate")?, grid.delays_s[best]);
+    }
+    Some(moves)
+}
+
+/// Squared whitened errors by stretch of time, all training records together.
+fn binned(likelihood: &Likelihood<'_>, whitened: &Whitened, bin_s: f64) -> Vec<f64> {
+    let mut bins = vec![0.0; BINS];
+    for (record, errors) in likelihood.records.iter().zip(whitened) {
+        let samples = record.time_s.len();
+        for (at, error) in errors.iter().enumerate() {
+            let bin = (record.time_s[at % samples] / bin_s) as usize;
+            bins[bin.min(BINS - 1)] += error * error;
+        }
+    }
+    bins
+}
+
+impl Grid {
+    /// The lowest cost with one delay before a time and one behind it, and both with the time.
+    fn jump(&self) -> Option<(f64, Vec<f64>)> {
+        let whole: Vec<f64> = self.squares.iter().map(|s| s.iter().sum()).collect();
+        let mut before = vec![0.0; self.squares.len()];
+        let mut best: Option<(f64, Vec<f64>)> = None;
+        for bin in 0..BINS {
+            let place = bin as f64 / BINS as f64;
+            if (MARGIN..1.0 - MARGIN).contains(&place) {
+                let lowest = |cost: &dyn Fn(usize) -> f64| (0..before.len()).min_by(|&a, &b| cost(a).total_cmp(&cost(b)));
+                let (behind, first) = (|d: usize| whole[d] - before[d], lowest(&|d| before[d])?);
+                let second = lowest(&behind)?;
+                let cost = before[first] + behind(second);
+                if first != second && best.as_ref().is_none_or(|(lowest, _)| cost < *lowest) {
+                    best = Some((cost, vec![self.delays_s[first], bin as f64 * self.bin_s, self.delays_s[second]]));
+                }
+            }
+            for (sum, squares) in before.iter_mut().zip(&self.squares) {
+                *sum += squares[bin];
+            }
+        }
+        best
+    }
+
+    /// The lowest cost along a straight line from one delay to another, and the delay at the start with its rate.
+    fn drift(&self) -> Option<(f64, Vec<f64>)> {
+        let nearest = |delay_s: f64| {
+            let above = self.delays_s.partition_point(|d| *d < delay_s).min(self.delays_s.len() - 1);
+            let below = above.saturating_sub(1);
+            if delay_s - self.delays_s[below] < self.delays_s[above] - delay_s { below } else { above }
+        };
+        let last_s = self.bin_s * BINS as f64;
+        let along = |(from, to): (f64, f64)| {
+            let at = |bin: usize| from + (to - from) * (bin as f64 + 0.5) / BINS as f64;
+            let cost = (0..BINS).map(|bin| self.squares[nearest(at(bin))][bin]).sum::<f64>();
+            (cost, vec![from, (to - from) / last_s])
+        };
+        let ends = self.delays_s.iter().flat_map(|&from| self.delays_s.iter().map(move |&to| (from, to))).filter(|(from, to)| from != to);
+        ends.map(along).min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+}
+
+/// The best periods and phases of a slower loop that is as late on average as a fixed delay.
+fn slower(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, applied: &Applied, delay_s: f64) -> Vec<Vec<f64>> {
+    let cost = likelihood.inner(nominal, nominal);
+    let step_s = scales.sample_time_s;
+    let [shortest, longest] = PERIODS.map(|times| (times * delay_s / step_s).round() as usize);
+    let periods: Vec<usize> = (shortest.max(2)..=longest.max(4)).collect();
+    let (tried, phases) = if likelihood.calls(applied) { (TRIED / 4, PHASES / 3) } else { (TRIED, PHASES) };
+    let every = periods.len().div_ceil(tried).max(1);
+    let guesses: Vec<Vec<f64>> = (periods.into_iter().step_by(every))
+        .flat_map(|samples| {
+            let period_s = samples as f64 * step_s;
+            (0..phases).map(move |at| vec![period_s, (at as f64 + 0.5) / phases as f64 * period_s])
+        })
+        .collect();
+    let gain = |guess: &Vec<f64>| {
+        let there = likelihood.whitened(&[with(applied, guess)])?;
+        Some((cost - likelihood.inner(&there, &there), guess.clone()))
+    };
+    let mut gains: Vec<(f64, Vec<f64>)> =
+        if likelihood.calls(applied) { guesses.iter().filter_map(gain).collect() } else { guesses.par_iter().filter_map(gain).collect() };
+    gains.retain(|(gain, _)| *gain > likelihood.criteria.selection_penalty);
+    gains.sort_by(|a, b| b.0.total_cmp(&a.0));
+    gains.into_iter().take(KEPT).map(|(_, guess)| guess).collect()
+}

@@ -1,0 +1,59 @@
+//! Every command arrives late by a delay of its own, drawn at random: its mean, its standard deviation, and whether commands keep their order.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
+use crate::simulate::{Late, Plan, System};
+
+/// From this value on commands keep their order.
+const ORDERED: f64 = 0.5;
+
+/// Each logged command's delay is a draw of a gamma distribution; a plan holds the mean until a seed draws them.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct DelayJitter;
+
+impl Effect for DelayJitter {
+    fn name(&self) -> &'static str {
+        "delay_jitter"
+    }
+
+    fn summary(&self) -> &'static str {
+        "every command arrives late by a random delay of its own"
+    }
+
+    fn site(&self) -> Site {
+        Site::Input
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.inputs)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        channel::input(self, system, channel)?;
+        let ordered = Parameter { role: Role::Shape, upper: 1.0, ..channel::not_negative("ordered", "1".to_owned(), 0.0) };
+        Ok(vec![channel::delay("delay"), channel::not_negative("spread", "s".to_owned(), 0.0), ordered])
+    }
+
+    /// None: its mean is a plain delay's, and what tells it is the sequence that was found for lost commands.
+    fn starts(&self, _: &System, _: &str, _: &Scales) -> Vec<Vec<f64>> {
+        Vec::new()
+    }
+
+    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
+        values[0] == 0.0
+    }
+
+    fn loses_commands(&self) -> bool {
+        true
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Bandwidth)
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let late = Late { delay_s: values[0], spread_s: values[1], ordered: values[2] >= ORDERED, seed: None };
+        plan.inputs[channel::input(self, system, channel)?].late = Some(late);
+        Ok(())
+    }
+}

@@ -1,0 +1,54 @@
+//! The delay of a command changes at a time: u(t − delay) until then, u(t − later) from then on.
+
+use std::sync::Arc;
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
+use crate::simulate::{Plan, System};
+
+/// A dead time that jumps, at the same time in every log.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct DelayJump;
+
+impl Effect for DelayJump {
+    fn name(&self) -> &'static str {
+        "delay_jump"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the command arrives late, from a time on by another delay"
+    }
+
+    fn site(&self) -> Site {
+        Site::Input
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.inputs)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        channel::input(self, system, channel)?;
+        let time = Parameter { role: Role::Instant, ..channel::not_negative("time", "s".to_owned(), 0.0) };
+        Ok(vec![channel::delay("delay"), time, channel::delay("later")])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        channel::moves(self, system, channel, scales).map(|m| m.jumps.clone()).unwrap_or_default()
+    }
+
+    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
+        values[0] == 0.0 && values[2] == 0.0
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Bandwidth)
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let (before_s, time_s, later_s) = (values[0], values[1], values[2]);
+        let jumped = move |signal: crate::simulate::Piecewise| signal.delayed_until(before_s, time_s, later_s);
+        plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(jumped));
+        Ok(())
+    }
+}

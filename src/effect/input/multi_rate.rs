@@ -1,0 +1,58 @@
+//! Commands pass at certain times only and are held between them, as through a slower loop: at phase, phase + period, phase + 2·period and so on.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
+use crate::simulate::{Plan, System};
+
+/// A slower loop on the way of the commands.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct MultiRate;
+
+impl Effect for MultiRate {
+    fn name(&self) -> &'static str {
+        "multi_rate"
+    }
+
+    fn summary(&self) -> &'static str {
+        "commands pass at the times of a slower loop only"
+    }
+
+    fn site(&self) -> Site {
+        Site::Input
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.inputs)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        channel::input(self, system, channel)?;
+        let period = Parameter { role: Role::Period, ..channel::delay("period") };
+        // Any whole number of periods more is the same.
+        let phase = Parameter { role: Role::Shape, ..channel::free("phase", "s".to_owned(), 0.0) };
+        Ok(vec![period, phase])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        channel::moves(self, system, channel, scales).map(|m| m.slower.clone()).unwrap_or_default()
+    }
+
+    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
+        values[0] == 0.0
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Bandwidth)
+    }
+
+    /// The first passing time at or after the log's first sample.
+    fn canonical(&self, values: Vec<f64>) -> Vec<f64> {
+        let (period, phase) = (values[0], values[1]);
+        if period > 0.0 && !(0.0..period).contains(&phase) { vec![period, phase.rem_euclid(period)] } else { values }
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        plan.inputs[channel::input(self, system, channel)?].passing = Some((values[0], values[1]));
+        Ok(())
+    }
+}

@@ -1,0 +1,193 @@
+//! `deadtime gap` on machines whose delay moves. What the machine hears is made from what was sent sample by sample, not by the effects themselves.
+
+use deadtime::diagnose::{Diagnosed, GapOptions, RankingRow, diagnose};
+use deadtime::effect::OnLog;
+use deadtime::log::Log;
+use deadtime::model::ModelDocument;
+use deadtime::simulate::{Commands, Plan, System};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::StandardNormal;
+
+use super::gap_hard::{as_log, commands, document, noisy, servo};
+
+const TS: f64 = 0.02;
+
+/// What the machine hears of what was sent.
+type Heard<'a> = &'a dyn Fn(&[f64], &mut ChaCha8Rng) -> Vec<f64>;
+
+fn model() -> ModelDocument {
+    document(&servo(", initial_std = 0.02", ""))
+}
+
+/// A log of what was sent, by a machine that hears something else.
+fn logged(samples: usize, seed: u64, heard: Heard<'_>) -> Log {
+    let system = System::new(&model(), |_| Ok(0.0)).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let sent = commands(samples, &mut rng);
+    let inputs = [heard(&sent, &mut rng)];
+    let time_s: Vec<f64> = (0..samples).map(|k| TS * k as f64).collect();
+    let run = system.simulate(&Plan::new(&system), Commands { time_s: &time_s, inputs: &inputs }, &[0.0, 0.0], None).unwrap();
+    let outputs: Vec<Vec<f64>> = run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
+    as_log(&format!("log{seed}.csv"), time_s, &sent, &outputs)
+}
+
+/// Two logs to learn from and one held out; and how far off the model is there as it came and as it is handed over, run as a user would.
+fn diagnosed(seed: u64, heard: Heard<'_>) -> (Diagnosed, [f64; 2]) {
+    let nominal = model();
+    let logs = [logged(1500, seed, heard), logged(1200, seed + 1, heard)];
+    let held = logged(1200, seed + 2, heard);
+    let found = diagnose(&nominal, &logs, std::slice::from_ref(&held), &GapOptions::default(), &|_| ()).unwrap();
+    let nrmse = |model: &ModelDocument| {
+        let run = OnLog::new(model, &held).unwrap();
+        let each = run.nrmse(&run.response().unwrap()).unwrap();
+        (each.iter().map(|(_, e)| e.unwrap().powi(2)).sum::<f64>() / each.len() as f64).sqrt()
+    };
+    let errors = [nrmse(&nominal), nrmse(found.model.as_ref().unwrap())];
+    (found, errors)
+}
+
+/// u(t − d(k)) in whole samples.
+fn late_by(delay: impl Fn(usize) -> usize) -> impl Fn(&[f64], &mut ChaCha8Rng) -> Vec<f64> {
+    move |sent, _| (0..sent.len()).map(|k| sent[k.saturating_sub(delay(k))]).collect()
+}
+
+fn keys(found: &Diagnosed) -> Vec<String> {
+    found.diagnosis.cause.effects.iter().map(|e| format!("{}:{}", e.effect, e.channel)).collect()
+}
+
+fn value(found: &Diagnosed, name: &str) -> f64 {
+    let parameters = &found.diagnosis.cause.effects[0].parameters;
+    parameters.iter().find(|p| p.name == name).unwrap_or_else(|| panic!("no {name}: {parameters:?}")).value.unwrap()
+}
+
+/// The probability of lost commands, alone or beside something else.
+fn lost(found: &Diagnosed) -> f64 {
+    let row = |row: &RankingRow| match row {
+        RankingRow::Single(r) if r.effect == "dropped_commands" => r.probability,
+        RankingRow::Pair(r) if r.effects.iter().any(|e| e[0] == "dropped_commands") => r.probability,
+        _ => 0.0,
+    };
+    found.diagnosis.cause.ranking.iter().map(row).sum()
+}
+
+#[test]
+fn a_delay_that_jumps_is_named_with_both_delays_and_its_time() {
+    // 0.1 s until 14 s, 0.3 s from then on; and one that ends.
+    for (seed, before, behind) in [(700, 5, 15), (720, 8, 0)] {
+        let (found, [nominal, handed]) = diagnosed(seed, &late_by(|k| if k < 700 { before } else { behind }));
+        assert_eq!(keys(&found), ["delay_jump:u"]);
+        for (name, truth) in [("delay", TS * before as f64), ("later", TS * behind as f64)] {
+            assert!((value(&found, name) - truth).abs() < 0.1 * TS, "{name} {} is not {truth}", value(&found, name));
+        }
+        // A command that is held hides where in between the change was.
+        assert!((value(&found, "time") - 14.0).abs() < 0.6, "{}", value(&found, "time"));
+        assert!(handed < 0.1 * nominal && found.caveats.is_empty(), "{nominal} to {handed}: {:?}", found.caveats);
+    }
+}
+
+#[test]
+fn a_delay_that_drifts_is_named_with_its_rate() {
+    // From 0.05 s by 10 ms a second, in steps of a sample.
+    let (found, [nominal, handed]) = diagnosed(730, &late_by(|k| (2.5 + 0.01 * k as f64).round() as usize));
+    assert_eq!(keys(&found), ["delay_drift:u"]);
+    assert!((value(&found, "rate") - 0.01).abs() < 5e-4 && (value(&found, "delay") - 0.05).abs() < 0.5 * TS, "{:?}", found.diagnosis.cause);
+    assert!(handed < 0.15 * nominal, "{nominal} to {handed}");
+}
+
+#[test]
+fn a_slower_loop_is_named_with_its_period() {
+    let (every, first) = (7, 3);
+    let (found, [nominal, handed]) = diagnosed(740, &late_by(|k| if k < first { k } else { (k - first) % every }));
+    assert_eq!(keys(&found), ["multi_rate:u"]);
+    assert!((value(&found, "period") - TS * every as f64).abs() < 1e-3, "{}", value(&found, "period"));
+    assert!(handed < 0.15 * nominal, "{nominal} to {handed}");
+}
+
+#[test]
+fn random_delays_are_not_called_lost_commands_and_their_mean_is_handed_over() {
+    // In order; a change of the command comes late by a delay of its own.
+    let jitter = |sent: &[f64], rng: &mut ChaCha8Rng| {
+        let mut heard = Vec::with_capacity(sent.len());
+        let (mut due, mut latest) = (std::collections::VecDeque::new(), 0.0_f64);
+        let mut held = sent[0];
+        for k in 0..sent.len() {
+            if k > 0 && sent[k] != sent[k - 1] {
+                latest = latest.max(k as f64 + (7.0 + 2.0 * rng.sample::<f64, _>(StandardNormal)).max(0.0));
+                due.push_back((latest.round() as usize, sent[k]));
+            }
+            while due.front().is_some_and(|(at, _)| *at <= k) {
+                held = due.pop_front().unwrap().1;
+            }
+            heard.push(held);
+        }
+        heard
+    };
+    let (found, [nominal, handed]) = diagnosed(760, &jitter);
+    assert!(lost(&found) < 0.5, "{:?}", found.diagnosis.cause.ranking);
+    assert_eq!(keys(&found), ["delay_jitter:u"]);
+    assert!((value(&found, "delay") - 0.14).abs() < 0.02, "{}", value(&found, "delay"));
+    assert!((value(&found, "spread") - 0.04).abs() < 0.02, "{}", value(&found, "spread"));
+    // The file carries no chance, and it helps.
+    let carried: Vec<String> = found.handed_over.iter().map(deadtime::effect::Applied::key).collect();
+    assert_eq!(carried, ["input_delay:u"]);
+    assert!(handed < 0.5 * nominal, "{nominal} to {handed}");
+    assert!((handed / found.diagnosis.shrink.after.unwrap() - 1.0).abs() < 0.1, "{handed} is not {:?}", found.diagnosis.shrink);
+    let told: Vec<String> = found.caveats.iter().map(ToString::to_string).collect();
+    assert!(told.iter().any(|c| c.contains("input_delay:u") && c.contains("in place of delay_jitter:u")), "{told:?}");
+}
+
+#[test]
+fn lost_commands_are_still_called_lost_and_the_written_model_is_not_worse() {
+    let alone = |p: f64| {
+        move |sent: &[f64], rng: &mut ChaCha8Rng| {
+            let mut held = sent[0];
+            let pass = |value: &f64| {
+                if rng.random::<f64>() >= p {
+                    held = *value;
+                }
+                held
+            };
+            sent.iter().map(pass).collect::<Vec<f64>>()
+        }
+    };
+    // Losses that go on once they began.
+    let bursts = |sent: &[f64], rng: &mut ChaCha8Rng| {
+        let (mut held, mut losing) = (sent[0], false);
+        let pass = |value: &f64| {
+            losing = rng.random::<f64>() < if losing { 0.85 } else { 0.05 };
+            if !losing {
+                held = *value;
+            }
+            held
+        };
+        sent.iter().map(pass).collect::<Vec<f64>>()
+    };
+    let cases: [(u64, Heard<'_>); 2] = [(790, &alone(0.6)), (800, &bursts)];
+    for (seed, heard) in cases {
+        let (found, [nominal, handed]) = diagnosed(seed, heard);
+        assert_eq!(keys(&found), ["dropped_commands:u"], "seed {seed}");
+        assert!(found.handed_over.iter().all(|a| a.effect.name() != "dropped_commands"), "{:?}", found.handed_over);
+        assert!(handed <= 1.01 * nominal, "seed {seed}: {nominal} to {handed}");
+    }
+}
+
+#[test]
+fn a_jump_that_each_log_has_at_its_own_time_makes_no_model_that_is_worse() {
+    let own = |sent: &[f64], rng: &mut ChaCha8Rng| {
+        let at = rng.random_range(sent.len() / 4..3 * sent.len() / 4);
+        (0..sent.len()).map(|k| sent[k.saturating_sub(if k < at { 4 } else { 14 })]).collect()
+    };
+    let (found, [nominal, handed]) = diagnosed(810, &own);
+    assert!(lost(&found) < 0.5, "{:?}", found.diagnosis.cause.ranking);
+    assert!(handed < nominal, "{nominal} to {handed}: {:?}", found.handed_over);
+}
+
+#[test]
+fn a_delay_that_stands_still_is_named_as_before() {
+    let (found, _) = diagnosed(830, &late_by(|_| 6));
+    assert_eq!(keys(&found), ["input_delay:u"]);
+    assert!((value(&found, "delay") - 0.12).abs() < 0.1 * TS, "{}", value(&found, "delay"));
+    assert!(lost(&found) < 0.01, "{:?}", found.diagnosis.cause.ranking);
+}
