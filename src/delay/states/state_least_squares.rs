@@ -390,6 +390,7 @@ impl Found {
             raw_delay_s: Some(ts.to_seconds(raw)),
             degree_bias_samples: 0.0,
             contradicted: false,
+            open_part: false,
             note: Some(note),
         }
         .noting(apart)
