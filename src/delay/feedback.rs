@@ -15,6 +15,10 @@ const FUTURE: usize = 5;
 const FEEDS_BACK: f64 = 0.03;
 /// Share of what a causal free response leaves that later inputs explain, where the innovations show them too: what an open-loop model takes for response.
 const ACAUSAL: f64 = 0.1;
+/// The same for an input that is held for several samples, whose changes are seldom news.
+const ACAUSAL_HELD: f64 = 0.03;
+/// Share of the output's innovations that a direct path must explain.
+const DIRECT: f64 = 0.005;
 /// Share of the output's innovations that goes with those of the input of the same sample.
 const SAME_SAMPLE: f64 = 0.015;
 /// Share of the response within the sample that what follows must reach for its sign to say anything.
@@ -128,7 +132,8 @@ fn later(records: &[Record<'_>], na: usize, lags: usize) -> Option<f64> {
         Some(explained(less, more, FUTURE, rows - na - lags - FUTURE))
     };
     let (share, chance) = by(na)?;
-    let small = || chance < HARDLY && by(0).is_some_and(|(level, _)| level > ACAUSAL);
+    let least = if held_for(records) > 1 { ACAUSAL_HELD } else { ACAUSAL };
+    let small = || chance < HARDLY && by(0).is_some_and(|(level, _)| level > least);
     (chance < BY_CHANCE && (share > FEEDS_BACK || small())).then_some(share)
 }
 
@@ -150,7 +155,7 @@ fn same_sample(records: &[Record<'_>], na: usize, lags: usize) -> Option<(f64, b
     let first = *response.first()?;
     let main = response[1..].iter().fold(0.0, |m: f64, h| if h.abs() > f64::abs(m) { *h } else { m });
     let correlation = first.signum() * share.max(0.0).sqrt();
-    let sure = chance < BY_CHANCE && correlation.is_finite();
+    let sure = chance < BY_CHANCE && share > DIRECT && correlation.is_finite();
     Some((if sure { correlation } else { 0.0 }, first * main < 0.0 && main.abs() > FOLLOWS * first.abs(), sure))
 }
 
@@ -241,8 +246,8 @@ pub fn held_for(records: &[Record<'_>]) -> usize {
     }
     waits.sort_unstable();
     let (low, high) = (waits[waits.len() / 20], waits[waits.len() - 1 - waits.len() / 20]);
-    // A binary signal waits for any multiple of its clock.
-    if low >= 2 && high <= low + 1 { waits[waits.len() / 2] } else { 1 }
+    // A binary signal waits for any multiple of its clock; a clock of its own falls between samples.
+    if low >= 2 && high < 2 * low { waits[waits.len() / 2] } else { 1 }
 }
 
 /// Changes of an input from which its waits say something.

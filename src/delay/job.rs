@@ -266,6 +266,7 @@ impl Job {
                     // A controller that answers within the sample would pass for a plant that does.
                     search.min_delay = bias;
                 }
+                let ts = experiment.sample_time();
                 let open = if closed { open_experiment(&seen.one, search.max_delay, bias)? } else { None };
                 let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
                 // What has no prediction has none; why it cannot be used at all each method says itself.
@@ -288,12 +289,12 @@ impl Job {
                 };
                 let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
                 self.stop.check()?;
-                let ts = experiment.sample_time();
-                let held = held_for(&records);
-                let grounds = Grounds { early_s: self.early_s().max(ts.to_seconds(held as f64 - 1.0)), direct: looped.direct };
+                let held = if closed && self.feedback == Feedback::Auto { held_for(&records) } else { 1 };
+                let held_s = ts.to_seconds(held as f64 - 1.0);
+                let grounds = Grounds { early_s: self.early_s().max(held_s), direct: looped.direct };
                 let mut pair = pair(input, output, &answers, findings, ts, &grounds);
                 if held > 1 {
-                    pair.verdict.why.push_str(&held_note(input, held, ts));
+                    pair.verdict = held_verdict(pair.verdict, input, held, ts);
                 }
                 // Between interpolated samples every jump stands off.
                 if self.early_s() == 0.0 {
@@ -458,11 +459,22 @@ fn lead_note(input: &str, output: &str, by_s: f64, closed: bool) -> String {
     format!("`{output}` leads `{input}` by about {by_s:.2e} s: exchange them, what moves first is the input{else_}")
 }
 
-fn held_note(input: &str, samples: usize, ts: SampleTime) -> String {
-    format!(
-        "; `{input}` changes every {samples} samples only: where it was logged more seldom than it was given, a response looks up to {:.2e} s too early, and the interval ends that much later",
-        ts.to_seconds(samples as f64 - 1.0)
-    )
+/// The verdict on an input that is held for several samples while what it does later shows in the output: it was logged more seldom than it was given, so that the delay may be
+/// that much longer. Where that is all of it, no number is given.
+fn held_verdict(verdict: Verdict, input: &str, samples: usize, ts: SampleTime) -> Verdict {
+    let by_s = ts.to_seconds(samples as f64 - 1.0);
+    let held = format!(
+        "`{input}` changes every {samples} samples only while the output reacts sooner: it was logged more seldom than it was given, or the output drives it; what was logged too seldom makes a response look up to {by_s:.2e} s too early"
+    );
+    match (verdict.delay_s, verdict.ci95_s) {
+        (Some(delay_s), Some([from, to])) if delay_s < by_s => none(format!(
+            "{held}, and no more than that is seen: anything from {from:.2e} to {to:.2e} s fits; log `{input}` at every sample ({} s), then estimate again ({})",
+            ts.seconds(),
+            verdict.why
+        )),
+        (Some(_), _) => Verdict { why: format!("{}; {held}, and the interval ends that much later", verdict.why), ..verdict },
+        (None, _) => Verdict { why: format!("{}; {held}", verdict.why), ..verdict },
+    }
 }
 
 /// What is to be expected of each method for one pair.

@@ -39,7 +39,7 @@ pub use frequency::{Arxdap, Firdap, Oedap, PhaseSlope};
 pub use higher_order::Bispectrum;
 pub use job::{EventsJob, Expected, Feedback, Job, Ready, chosen, impulse_response};
 pub use laguerre::{Fischer, Lagudap};
-pub use method::{Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start, method};
+pub use method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start, method};
 pub use parametric::{
     Armaxstruc, Arxstruc, Center, Cost, Delayest, Elnaggar, Ivstruc, Met1struc, OePosterior, Oestruc, Others, SamplingZero, TwoStep,
 };

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::conditions::Finding;
 use super::posterior::RESOLUTION;
-use super::{Class, Condition, DelayEstimate, Method, Outcome};
+use super::{Basis, Class, Condition, DelayEstimate, Method, Outcome};
 use crate::signal::stats::NORMAL_95;
 use crate::time::SampleTime;
 
@@ -52,7 +52,7 @@ pub(super) const EXPERIMENT: &str = "move the set point, or add a random binary 
 ///
 /// Methods that do not withstand what the record shows are not counted, nor answers that are contradicted by what they leave over, unless no other has answered; under
 /// feedback not even then. Where most say that the output reacts sooner than the plant can, and the record shows no direct path, those are not counted. Each class of methods has one vote, shared by those of its
-/// methods that found a delay ([`Class::vote_weight`]); an answer weighs its share of the vote over its standard deviation (no method is taken for more certain than a sample
+/// methods that found a delay ([`Class::vote_weight`]), and those that read the same intermediate result ([`Basis`]) share one part of it; an answer weighs its share of the vote over its standard deviation (no method is taken for more certain than a sample
 /// allows, nor than the data let expect before it ran, because a model that is too small is wrong by more than it says).
 ///
 /// The delay that most votes hold inside their intervals gathers a group; the number is the group's weighted median. The interval is that of the whole group, as no method
@@ -241,6 +241,7 @@ fn by_reason<'a>(found: &[Found<'a>]) -> BTreeMap<Vec<Condition>, Vec<&'a str>> 
 struct Found<'a> {
     method: &'a str,
     class: Class,
+    basis: Basis,
     delay_s: f64,
     /// Standard deviation, s, at least a sample and at least what was to be expected.
     std_s: f64,
@@ -261,6 +262,7 @@ impl<'a> Found<'a> {
         Some(Self {
             method: method.entry.name,
             class: method.class,
+            basis: method.basis,
             delay_s,
             std_s: estimate.std_s.unwrap_or(f64::INFINITY).max(predicted_s.unwrap_or(0.0)).max(sample_time.seconds()),
             interval_s,
@@ -277,9 +279,17 @@ impl<'a> Found<'a> {
     }
 }
 
-/// The vote of each class, shared by its methods.
+/// The vote of each class, shared by what its methods read their answers from; and the part of each such basis shared by all methods that read it, of other classes too.
 fn vote_weights(found: &[&Found<'_>]) -> Vec<f64> {
-    found.iter().map(|f| f.class.vote_weight() / found.iter().filter(|g| g.class == f.class).count() as f64).collect()
+    let same = |f: &Found<'_>, g: &Found<'_>| if f.basis == Basis::Own { f.method == g.method } else { f.basis == g.basis };
+    let weight = |f: &&Found<'_>| {
+        let class: Vec<&&Found<'_>> = found.iter().filter(|g| g.class == f.class).collect();
+        // The first of its basis stands for all.
+        let bases = class.iter().enumerate().filter(|(i, g)| class[..*i].iter().all(|h| !same(g, h))).count();
+        let sharing = found.iter().filter(|g| same(f, g)).count();
+        f.class.vote_weight() / (bases * sharing) as f64
+    };
+    found.iter().map(weight).collect()
 }
 
 #[cfg(test)]
@@ -324,6 +334,16 @@ mod tests {
         let v = of(&[("oestruc", &sharp), ("threshold", &early), ("threshold_step", &early_too)], &[]);
         assert_eq!(v.delay_s, Some(2.0), "two thresholds on one response are one vote: {}", v.why);
         assert!(v.why.contains("threshold says 1.0000 s; threshold_step says 1.0000 s"), "{}", v.why);
+    }
+
+    #[test]
+    fn methods_of_two_classes_that_read_one_model_share_their_vote() {
+        let (wrong, right) = (answer(1.0, 0.1), answer(2.0, 0.1));
+        // arxdap reads the polynomials of the scan that arxstruc reads the losses of: together half of the class's vote, as much as p2d has on its own is more.
+        let v = of(&[("arxstruc", &wrong), ("delayest", &wrong), ("arxdap", &wrong), ("p2d", &right)], &[]);
+        assert_eq!(v.delay_s, Some(2.0), "{}", v.why);
+        let v = of(&[("arxstruc", &wrong), ("oestruc", &wrong), ("lagudap", &wrong), ("p2d", &right)], &[]);
+        assert_eq!(v.delay_s, Some(1.0), "models of their own have votes of their own: {}", v.why);
     }
 
     #[test]

@@ -88,3 +88,4 @@ mod study_thesis;
 mod thresholds;
 mod transfer_files;
 mod verdicts;
+mod verdicts_loop;
