@@ -216,7 +216,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 let bent = rng.random_bool(0.5);
                 let (u, y) = open(name, bent, &mut rng)?;
                 let record = [Record::new(without_mean(&u), without_mean(&y))];
-                Some((bent, in_loop(&record, WINDOW, 1).closed(), lead(&record, WINDOW).is_some()))
+                Some((bent, in_loop(&record, WINDOW, 1).closed(), lead(&record, WINDOW, 1).is_some()))
             })
             .collect();
         let count = |f: &dyn Fn(&(bool, bool, bool)) -> bool| seen.iter().filter(|s| f(s)).count();

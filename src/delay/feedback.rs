@@ -21,8 +21,12 @@ const ACAUSAL_HELD: f64 = 0.03;
 const DIRECT: f64 = 0.005;
 /// Share of the output's innovations that goes with those of the input of the same sample.
 const SAME_SAMPLE: f64 = 0.015;
-/// Share of the response within the sample that what follows must reach for its sign to say anything.
-const FOLLOWS: f64 = 0.2;
+/// Standard deviations by which what follows must stand out, summed over so many lags, for its sign to say anything.
+const FOLLOWS: f64 = 3.5;
+/// Lags over which the response is summed.
+const SUMS: [usize; 6] = [1, 2, 4, 8, 16, 32];
+/// The probability of later inputs by chance where both channels go together within the sample.
+const ALSO: f64 = 0.01;
 /// The probability that as much is explained by chance.
 const BY_CHANCE: f64 = 1e-4;
 /// The same where the share of the innovations is small: in a long record a bend of the plant is significant too.
@@ -69,7 +73,7 @@ impl InLoop {
             evidence.push(format!("later inputs explain {:.1} % of the output's innovations", 100.0 * share));
         }
         if let Some(correlation) = self.same_sample {
-            evidence.push(format!("innovations of both go together within the sample by {correlation:.2}, against the response's sign"));
+            evidence.push(format!("innovations of both go together within the sample by {correlation:.2}, and the plant is not the cause"));
         }
         (!evidence.is_empty()).then(|| Finding { condition: Condition::Feedback, evidence: evidence.join("; ") })
     }
@@ -89,14 +93,14 @@ impl InLoop {
 pub fn in_loop(records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop {
     let na = Arxstruc::default().na;
     let lags = lags(records, max_delay).max(na + 2);
-    let later = later(records, na, lags);
+    let (later, chance) = later(records, na, lags).unwrap_or((None, 1.0));
     let mut seen = InLoop { later, tied: tied(records, bias), ..InLoop::default() };
     if bias > 0
-        && let Some((correlation, opposite, sure)) = same_sample(records, na, lags)
+        && let Some(same) = same_sample(records, na, lags)
     {
-        let matters = correlation.powi(2) > SAME_SAMPLE;
-        seen.same_sample = (matters && (opposite || later.is_some() || seen.tied)).then_some(correlation);
-        seen.direct = sure && !seen.closed();
+        let matters = same.correlation.powi(2) > SAME_SAMPLE;
+        seen.same_sample = (matters && (same.against || chance < ALSO || seen.tied)).then_some(same.correlation);
+        seen.direct = same.along && !seen.closed();
     }
     seen
 }
@@ -121,7 +125,8 @@ fn explained(without: f64, with: f64, more: usize, freedom: usize) -> (f64, f64)
     (share, FisherSnedecor::new(more as f64, freedom as f64).map_or(1.0, |f| f.sf(ratio)))
 }
 
-fn later(records: &[Record<'_>], na: usize, lags: usize) -> Option<f64> {
+/// The share of the output's innovations that later inputs explain, if that says anything, and the probability that chance explains as much.
+fn later(records: &[Record<'_>], na: usize, lags: usize) -> Option<(Option<f64>, f64)> {
     let long: Vec<&Record<'_>> = records.iter().filter(|r| r.len() > 2 * FUTURE + lags).collect();
     // The same rows: with the input advanced by FUTURE samples the first of its lags lie after the output.
     let with: Vec<Record<'_>> = long.iter().map(|r| r.part(FUTURE, 0, r.len() - FUTURE)).collect();
@@ -134,29 +139,59 @@ fn later(records: &[Record<'_>], na: usize, lags: usize) -> Option<f64> {
     let (share, chance) = by(na)?;
     let least = if held_for(records) > 1 { ACAUSAL_HELD } else { ACAUSAL };
     let small = || chance < HARDLY && by(0).is_some_and(|(level, _)| level > least);
-    (chance < BY_CHANCE && (share > FEEDS_BACK || small())).then_some(share)
+    Some(((chance < BY_CHANCE && (share > FEEDS_BACK || small())).then_some(share), chance))
 }
 
-/// The correlation of the innovations of both channels within the sample, whether the response at lag 0 goes against what follows, and whether it is more than chance.
-fn same_sample(records: &[Record<'_>], na: usize, lags: usize) -> Option<(f64, bool, bool)> {
+/// That the innovations of both channels go together within the sample.
+struct SameSample {
+    correlation: f64,
+    /// The response at lag 0 goes against what follows.
+    against: bool,
+    /// It goes with it.
+    along: bool,
+}
+
+/// Whether the innovations of both channels go together within the sample by more than chance.
+fn same_sample(records: &[Record<'_>], na: usize, lags: usize) -> Option<SameSample> {
     let with = Regression { na, lags };
-    let (more, rows) = residual(with, records)?;
+    let triangle = with.factor(records);
+    let (last, rows) = (with.columns(), triangle.rows);
+    if rows <= 2 * last {
+        return None;
+    }
     let later: Vec<Record<'_>> = records.iter().filter(|r| r.len() > lags).map(|r| r.ahead(1)).collect();
     let (less, _) = residual(Regression { na, lags: lags - 1 }, &later)?;
-    let (share, chance) = explained(less, more, 1, rows - na - lags);
-    let solution = with.factor(records).solve()?;
+    let (share, chance) = explained(less, triangle.r[(last, last)].powi(2), 1, rows - na - lags);
+    let solution = triangle.solve()?;
     let coefficients: Vec<f64> = solution.coefficients.iter().copied().collect();
     let (past, input) = coefficients.split_at(na);
-    let mut response: Vec<f64> = Vec::with_capacity(lags);
-    for k in 0..lags {
-        let before: f64 = past.iter().take(k).enumerate().map(|(i, a)| a * response[k - 1 - i]).sum();
-        response.push(input[k] + before);
+    // The response to the input, and that of noise to its innovations, whose squares widen what is known of a coefficient.
+    let (mut response, mut noise): (Vec<f64>, Vec<f64>) = (Vec::with_capacity(lags), Vec::with_capacity(lags));
+    for (k, b) in input.iter().enumerate() {
+        let before = |x: &[f64]| past.iter().take(k).enumerate().map(|(i, a)| a * x[k - 1 - i]).sum::<f64>();
+        let (next, echo) = (b + before(&response), if k == 0 { 1.0 } else { before(&noise) });
+        response.push(next);
+        noise.push(echo);
     }
     let first = *response.first()?;
-    let main = response[1..].iter().fold(0.0, |m: f64, h| if h.abs() > f64::abs(m) { *h } else { m });
+    let std = (solution.variance * solution.inverse[(na, na)]).sqrt();
+    let mut follows = 0.0_f64;
+    for count in SUMS.into_iter().filter(|c| *c < lags) {
+        let sum: f64 = response[1..=count].iter().sum();
+        let (mut step, mut squares) = (0.0, 0.0);
+        for echo in &noise[..count] {
+            step += echo;
+            squares += f64::powi(step, 2);
+        }
+        let score = sum / (std * squares.sqrt()).max(f64::MIN_POSITIVE);
+        if score.abs() > follows.abs() && score.is_finite() {
+            follows = score;
+        }
+    }
     let correlation = first.signum() * share.max(0.0).sqrt();
     let sure = chance < BY_CHANCE && share > DIRECT && correlation.is_finite();
-    Some((if sure { correlation } else { 0.0 }, first * main < 0.0 && main.abs() > FOLLOWS * first.abs(), sure))
+    let clear = follows.abs() > FOLLOWS;
+    sure.then_some(SameSample { correlation, against: clear && first * follows < 0.0, along: clear && first * follows > 0.0 })
 }
 
 /// Nothing but the output moves the input.
@@ -261,9 +296,9 @@ const LEFT: f64 = 0.7;
 /// By how many samples the output leads the input, where what the input does later explains the output better than what it did before.
 ///
 /// Free responses over the search window to either side; the lag is that of the largest cross-correlation. A loop whose noise moves the input more than its reference
-/// looks alike: there, too, what is called the input is the answer.
+/// looks alike, but there past inputs help to predict the output; where the channels may be two copies (`bias` of 0) that says nothing, as an echo does the same.
 #[must_use]
-pub fn lead(records: &[Record<'_>], max_delay: usize) -> Option<usize> {
+pub fn lead(records: &[Record<'_>], max_delay: usize, bias: usize) -> Option<usize> {
     let samples: usize = records.iter().map(Record::len).sum();
     let window = max_delay.min(samples / 8);
     let long = || records.iter().filter(|r| r.len() > 3 * window);
@@ -276,9 +311,24 @@ pub fn lead(records: &[Record<'_>], max_delay: usize) -> Option<usize> {
     if window == 0 || causal < LEADS * acausal || acausal > LEFT * all {
         return None;
     }
+    if bias > 0 && follows(records, max_delay) {
+        return None;
+    }
     let like = |lead: usize| {
         let products = long().flat_map(|r| r.u[lead..].iter().zip(r.y.iter()).map(|(u, y)| u * y));
         products.sum::<f64>().abs()
     };
     (1..=window).map(|lead| (lead, like(lead))).max_by(|a, b| a.1.total_cmp(&b.1)).map(|(lead, _)| lead)
+}
+
+/// Past inputs help to predict the output beyond its own past.
+fn follows(records: &[Record<'_>], max_delay: usize) -> bool {
+    let na = Arxstruc::default().na;
+    let lags = lags(records, max_delay).max(na + 2);
+    let later: Vec<Record<'_>> = records.iter().filter(|r| r.len() > lags).map(|r| r.ahead(1)).collect();
+    let alone = residual(Regression { na, lags: 0 }, &later);
+    let both = residual(Regression { na, lags }, &later);
+    alone.zip(both).is_some_and(|((alone, more), (both, rows))| {
+        explained(alone * rows as f64 / more as f64, both, lags, rows - na - lags).1 < BY_CHANCE
+    })
 }

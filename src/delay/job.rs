@@ -300,11 +300,11 @@ impl Job {
                 if self.early_s() == 0.0 {
                     pair.standing_off = standing_off(&seen.one.pair(0, 0)?);
                 }
-                let lead = if self.feedback == Feedback::Auto { lead(&records, search.max_delay) } else { None };
+                let lead = if self.feedback == Feedback::Auto { lead(&records, search.max_delay, bias) } else { None };
                 if looped.tied {
                     pair.verdict = none(tied_note(input, output));
                 } else if let Some(samples) = lead {
-                    pair.verdict = none(lead_note(input, output, ts.to_seconds(samples as f64), closed));
+                    pair.verdict = none(lead_note(input, output, samples, ts));
                 } else {
                     watched::tell(&mut pair, &seen.one, &search, &methods, &watched::Asked { track: self.track, grounds })?;
                 }
@@ -454,9 +454,17 @@ fn tied_note(input: &str, output: &str) -> String {
     )
 }
 
-fn lead_note(input: &str, output: &str, by_s: f64, closed: bool) -> String {
-    let else_ = if closed { format!("; if a controller makes `{input}` from `{output}`, {EXPERIMENT}") } else { String::new() };
-    format!("`{output}` leads `{input}` by about {by_s:.2e} s: exchange them, what moves first is the input{else_}")
+fn lead_note(input: &str, output: &str, samples: usize, ts: SampleTime) -> String {
+    let by_s = digits(ts.to_seconds(samples as f64), ts);
+    format!(
+        "`{output}` leads `{input}` by about {by_s} s: exchange them, what moves first is the input; or, if a controller makes `{input}` from `{output}`, {EXPERIMENT}"
+    )
+}
+
+/// Seconds to a tenth of a sample.
+fn digits(seconds: f64, ts: SampleTime) -> String {
+    let places = (1.0 - ts.seconds().log10()).ceil().clamp(0.0, 9.0) as usize;
+    format!("{seconds:.places$}")
 }
 
 /// The verdict on an input that is held for several samples while what it does later shows in the output: it was logged more seldom than it was given, so that the delay may be
@@ -464,11 +472,14 @@ fn lead_note(input: &str, output: &str, by_s: f64, closed: bool) -> String {
 fn held_verdict(verdict: Verdict, input: &str, samples: usize, ts: SampleTime) -> Verdict {
     let by_s = ts.to_seconds(samples as f64 - 1.0);
     let held = format!(
-        "`{input}` changes every {samples} samples only while the output reacts sooner: it was logged more seldom than it was given, or the output drives it; what was logged too seldom makes a response look up to {by_s:.2e} s too early"
+        "`{input}` changes every {samples} samples only while the output reacts sooner: it was logged more seldom than it was given, or the output drives it; what was logged too seldom makes a response look up to {} s too early",
+        digits(by_s, ts)
     );
     match (verdict.delay_s, verdict.ci95_s) {
         (Some(delay_s), Some([from, to])) if delay_s < by_s => none(format!(
-            "{held}, and no more than that is seen: anything from {from:.2e} to {to:.2e} s fits; log `{input}` at every sample ({} s), then estimate again ({})",
+            "{held}, and no more than that is seen: anything from {} to {} s fits; log `{input}` at every sample ({} s), then estimate again ({})",
+            digits(from, ts),
+            digits(to, ts),
             ts.seconds(),
             verdict.why
         )),

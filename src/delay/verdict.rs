@@ -63,7 +63,9 @@ pub(super) const EXPERIMENT: &str = "move the set point, or add a random binary 
 pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTime, grounds: &Grounds) -> Verdict {
     let found: Vec<Found<'_>> = answers.iter().filter_map(|answer| Found::new(answer, findings, sample_time)).collect();
     if found.is_empty() {
-        let why = format!("no method found a delay to believe ({})", outcomes(answers, |_| true));
+        let looped = findings.iter().any(|f| f.condition == Condition::Feedback);
+        let advice = if looped { format!("; {EXPERIMENT}") } else { String::new() };
+        let why = format!("no method found a delay to believe ({}){advice}", outcomes(answers, |_| true));
         return Verdict { delay_s: None, ci95_s: None, why, method: None };
     }
     if let Some(judges) = unseen(answers) {

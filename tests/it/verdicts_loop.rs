@@ -113,7 +113,11 @@ fn the_interval_of_a_loop_that_a_reference_moves_holds_the_dead_time() {
         .filter_map(|seed| {
             let reference = if seed % 3 == 0 { coloured(1200, 0.9, 900 + seed) } else { rbs(1200, 1.0, 900 + seed) };
             let d = looped(seed, Some(&reference), [0.3, 1.0][(seed / 8 % 2) as usize]);
-            Some((d.delay, answered(&d.u, &d.y, None).verdict.ci95_s?))
+            let pair = answered(&d.u, &d.y, None);
+            if !pair.verdict.ci95_s.is_some_and(|[from, to]| from <= d.delay && d.delay <= to) {
+                println!("{seed}: {:.2} in {:?}? {:?}: {}", d.delay, pair.verdict.ci95_s, pair.findings, pair.verdict.why);
+            }
+            Some((d.delay, pair.verdict.ci95_s?))
         })
         .collect();
     let held = told.iter().filter(|(delay, [from, to])| (from - 1e-9..=to + 1e-9).contains(delay)).count();
