@@ -26,7 +26,7 @@ const FOLLOWS: f64 = 3.5;
 /// Lags over which the response is summed.
 const SUMS: [usize; 6] = [1, 2, 4, 8, 16, 32];
 /// The probability of later inputs by chance where both channels go together within the sample.
-const ALSO: f64 = 0.01;
+const ALSO: f64 = 1e-3;
 /// The probability that as much is explained by chance.
 const BY_CHANCE: f64 = 1e-4;
 /// The same where the share of the innovations is small: in a long record a bend of the plant is significant too.

@@ -258,7 +258,7 @@ impl Job {
                 let records = seen.one.pair(0, 0)?;
                 let looped = self.looped(&records, search.max_delay, bias);
                 let mut findings = of_the_plant(&records, search.max_delay);
-                findings.extend(looped.finding().or_else(|| self.feedback.said()));
+                findings.extend(self.feedback.said().or_else(|| looped.finding()));
                 findings.extend(moving_together(&seen.together, search.max_delay));
                 self.stop.check()?;
                 let closed = findings.iter().any(|f| f.condition == Condition::Feedback);
