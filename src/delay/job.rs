@@ -639,6 +639,10 @@ fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, s
 /// Where the data hardly tell neighbouring delays apart, the best that is to be expected of a method that knows neither gain nor poles and whose answer counts (of any such
 /// method where none does), s: the number that stands in that method's line.
 fn poor(answers: &[Answer], findings: &[Finding]) -> Option<f64> {
+    // The predictions are of stable plants in open loop.
+    if findings.iter().any(|f| matches!(f.condition, Condition::Feedback | Condition::UnstablePlant)) {
+        return None;
+    }
     let counts = |a: &Answer| {
         a.estimate.outcome == Outcome::Found && !a.estimate.contradicted && distrust(a.method, &a.estimate, findings).is_empty()
     };
