@@ -1,8 +1,7 @@
 //! What makes one method trustworthy on a record and another not: feedback, an unstable plant, coloured noise, a plant with a lag of its own, missing samples.
 
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
-
-use super::{Arxstruc, Condition, Experiment};
+use super::feedback::{in_loop, lags, residual};
+use super::{Arxstruc, Condition, Experiment, Search};
 use crate::identify::{Record, Regression, arx_scan, largest_pole};
 
 /// A complication that a record shows, and what shows it.
@@ -14,15 +13,8 @@ pub struct Finding {
     pub evidence: String,
 }
 
-/// Coefficients of the response that noise colour and feedback are judged beyond; as many as the threshold methods estimate.
+/// Coefficients after which a response that lasts is cut off.
 const LAGS: usize = 71;
-/// Input samples after the output's that open-loop data have no use for.
-const FUTURE: usize = 5;
-/// Share of the innovations' variance that later inputs explain in a record with feedback: below a twentieth the bias of an open-loop method is small, and
-/// a plant that is not quite linear reaches a few hundredths with smooth inputs.
-const FEEDS_BACK: f64 = 0.05;
-/// The probability that as much is explained by chance.
-const BY_CHANCE: f64 = 1e-4;
 /// How much less the innovations must be than the residuals of the free response for the noise to count as coloured.
 const COLOURED: f64 = 1.25;
 /// Samples between the first reaction and the centre of the response that make a lag; a copy that is delayed by a fraction of a sample has half a sample.
@@ -32,15 +24,21 @@ const BEGUN: f64 = 0.1;
 
 /// What the records of one pair show, judged by ARX models of the orders of [`Arxstruc`] over the same window.
 ///
-/// * Feedback: later inputs explain innovations of the output (Sims, 1972, Am. Econ. Rev. 62(4), 540-552: the causality test with the input's future, which stays
-///   valid for inputs that are no random process).
+/// * Feedback: see [`in_loop`], for a plant that is strictly proper.
 /// * Unstable plant: a pole outside the unit circle by more than 3/N, three times the rate at which an estimate of a pole at 1 converges.
 /// * Coloured noise: past outputs predict what the free response leaves.
 /// * Dynamics: the response's centre lies later than its beginning.
 ///
-/// Each can be wrong: strong nonlinearity can pass for feedback, a response longer than 71 samples for coloured noise. Too short a record shows nothing.
+/// Each can be wrong: a response longer than 71 samples can pass for coloured noise. Too short a record shows nothing.
 #[must_use]
 pub fn conditions(records: &[Record], max_delay: usize) -> Vec<Finding> {
+    let mut found = of_the_plant(records, max_delay);
+    found.extend(in_loop(records, max_delay, Search::default().default_bias).finding());
+    found
+}
+
+/// The same without feedback.
+pub(super) fn of_the_plant(records: &[Record], max_delay: usize) -> Vec<Finding> {
     let mut found = Vec::new();
     let missing: usize = records.iter().filter_map(|r| r.present.as_ref()).map(|p| p.iter().filter(|p| !**p).count()).sum();
     if missing > 0 {
@@ -62,7 +60,6 @@ pub fn conditions(records: &[Record], max_delay: usize) -> Vec<Finding> {
         found.push(Finding { condition: Condition::Dynamics, evidence: format!("the response lasts {lag:.1} samples on average") });
     }
     found.extend(colour(records, na, max_delay));
-    found.extend(feedback(records, na, max_delay));
     found
 }
 
@@ -138,19 +135,6 @@ fn lag(a: &[f64], b: &[f64]) -> f64 {
     if total > 0.0 { moment / total } else { 0.0 }
 }
 
-/// Lags that a record of this length can carry.
-fn lags(records: &[Record], max_delay: usize) -> usize {
-    let samples: usize = records.iter().map(Record::len).sum();
-    LAGS.max(max_delay + 1).min(samples / 6)
-}
-
-/// Σ e² and rows of a regression over all its columns.
-fn residual(regression: Regression, records: &[Record]) -> Option<(f64, usize)> {
-    let triangle = regression.factor(records);
-    let last = regression.columns();
-    (triangle.rows > 2 * last).then(|| (triangle.r[(last, last)].powi(2), triangle.rows))
-}
-
 fn colour(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
     let lags = lags(records, max_delay);
     let (free, rows) = residual(Regression { na: 0, lags }, records)?;
@@ -159,23 +143,5 @@ fn colour(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
     (ratio > COLOURED && ratio.is_finite()).then(|| Finding {
         condition: Condition::ColouredNoise,
         evidence: format!("past outputs lower the error of {lags} free coefficients {ratio:.1} times"),
-    })
-}
-
-fn feedback(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
-    let lags = lags(records, max_delay).max(na + 1);
-    let long: Vec<&Record<'_>> = records.iter().filter(|r| r.len() > 2 * FUTURE + lags).collect();
-    // The same rows: with the input advanced by FUTURE samples the first of its lags lie after the output.
-    let with: Vec<Record> = long.iter().map(|r| r.part(FUTURE, 0, r.len() - FUTURE)).collect();
-    let without: Vec<Record> = long.iter().map(|r| r.part(FUTURE, FUTURE, r.len() - 2 * FUTURE)).collect();
-    let (more, rows) = residual(Regression { na, lags: lags + FUTURE }, &with)?;
-    let (less, _) = residual(Regression { na, lags }, &without)?;
-    let freedom = (rows - na - lags - FUTURE) as f64;
-    let share = 1.0 - more / less.max(f64::MIN_POSITIVE);
-    let ratio = (less - more).max(0.0) / FUTURE as f64 / (more / freedom).max(f64::MIN_POSITIVE);
-    let chance = FisherSnedecor::new(FUTURE as f64, freedom).map_or(1.0, |f| f.sf(ratio));
-    (share > FEEDS_BACK && chance < BY_CHANCE).then(|| Finding {
-        condition: Condition::Feedback,
-        evidence: format!("later inputs explain {:.0} % of the output's innovations", 100.0 * share),
     })
 }

@@ -66,6 +66,8 @@ pub struct DelayEstimate {
     pub note: Option<String>,
     /// What the method leaves over shows that its own model is not that of the data: its interval then says less than it seems to.
     pub contradicted: bool,
+    /// It was read from the part of the input that the output did not cause ([`super::open_part`]).
+    pub open_part: bool,
 }
 
 impl DelayEstimate {
@@ -81,6 +83,7 @@ impl DelayEstimate {
             degree_bias_samples: 0.0,
             note: Some(note.into()),
             contradicted: false,
+            open_part: false,
         }
     }
 
@@ -106,6 +109,7 @@ impl DelayEstimate {
             raw_delay_s: Some(sample_time.to_seconds(raw)),
             degree_bias_samples: off,
             contradicted: false,
+            open_part: false,
             note: at_edge.then(|| "the best delay is the longest searched: give a longer `max_delay`".to_owned()),
         }
     }
@@ -126,6 +130,13 @@ impl DelayEstimate {
     pub(super) fn contradicted(mut self, why: Option<String>) -> Self {
         self.contradicted |= why.is_some();
         self.noting(why)
+    }
+
+    /// Marks the answer as read from the part of the input that the output did not cause.
+    #[must_use]
+    pub(super) fn of_open_part(mut self) -> Self {
+        self.open_part = true;
+        self.noting(Some("from the part of the input that the output did not cause".to_owned()))
     }
 
     /// Adds a sentence to the note.

@@ -7,12 +7,15 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 use serde_json::Value;
 
+use super::conditions::of_the_plant;
 use super::experiment::recordings;
 use super::process::rough;
 use super::report::{Bias, Estimate, FORMAT, Pair, Report, Response, Searched};
+use super::verdict::EXPERIMENT;
 use super::{
-    Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Events, Experiment, Finding, Information, METHODS, Method, Outcome,
-    PlantModel, Richness, Scope, Search, Start, Threshold, conditions, moving_together, richness, standing_off, verdict, watched,
+    Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Events, Experiment, Finding, Grounds, InLoop, Information, METHODS,
+    Method, Outcome, PlantModel, Record, Recording, Richness, Scope, Search, Series, Start, Threshold, Verdict, distrust, held_for,
+    in_loop, lead, moving_together, open_part, richness, standing_off, verdict, watched,
 };
 use crate::error::Result;
 use crate::identify::fir;
@@ -36,6 +39,14 @@ pub enum Feedback {
     Open,
     /// It does.
     Closed,
+}
+
+impl Feedback {
+    /// What the user says of the log, as a finding.
+    fn said(self) -> Option<Finding> {
+        let evidence = "the log is said to be of a closed loop".to_owned();
+        (self == Self::Closed).then_some(Finding { condition: Condition::Feedback, evidence })
+    }
 }
 
 /// A method, ready to run.
@@ -242,14 +253,21 @@ impl Job {
             for (i, input) in self.inputs.iter().enumerate() {
                 self.stop.check()?;
                 let seen = self.seen(logged, experiment, search, (i, o))?;
-                let mut findings = self.findings(&seen.one, &seen.search)?;
+                let mut search = seen.search.clone();
+                let bias = search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
+                let records = seen.one.pair(0, 0)?;
+                let looped = self.looped(&records, search.max_delay, bias);
+                let mut findings = of_the_plant(&records, search.max_delay);
+                findings.extend(self.feedback.said().or_else(|| looped.finding()));
                 findings.extend(moving_together(&seen.together, search.max_delay));
                 self.stop.check()?;
-                let mut search = seen.search.clone();
-                if findings.iter().any(|f| f.condition == Condition::Feedback) {
+                let closed = findings.iter().any(|f| f.condition == Condition::Feedback);
+                if closed {
                     // A controller that answers within the sample would pass for a plant that does.
-                    search.min_delay = search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
+                    search.min_delay = bias;
                 }
+                let ts = experiment.sample_time();
+                let open = if closed { open_experiment(&seen.one, search.max_delay, bias)? } else { None };
                 let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
                 // What has no prediction has none; why it cannot be used at all each method says itself.
                 let predicted = richness(seen.by_start(Start::Rest), &search, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
@@ -258,7 +276,10 @@ impl Job {
                     let clock = Instant::now();
                     // What a method cannot do with this log is its answer; the others go on.
                     let sees = if ready.estimator.is_joint() { &seen.together } else { seen.by_start(ready.method.start) };
-                    let estimate = match ready.estimator.estimate(sees, &search) {
+                    // What does not withstand feedback sees what is free of it.
+                    let freed = open.as_ref().filter(|_| !ready.method.withstands(Condition::Feedback));
+                    let estimate = match ready.estimator.estimate(freed.unwrap_or(sees), &search) {
+                        Ok(estimate) if freed.is_some() => estimate.of_open_part(),
                         Ok(estimate) => estimate,
                         // What was typed wrong stops the work.
                         Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => return Err(e.into()),
@@ -268,12 +289,25 @@ impl Job {
                 };
                 let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
                 self.stop.check()?;
-                let mut pair = pair(input, output, &answers, findings, experiment.sample_time(), self.early_s());
+                let held = if closed && self.feedback == Feedback::Auto { held_for(&records) } else { 1 };
+                let held_s = ts.to_seconds(held as f64 - 1.0);
+                let grounds = Grounds { early_s: self.early_s().max(held_s), direct: looped.direct };
+                let mut pair = pair(input, output, &answers, findings, ts, &grounds);
+                if held > 1 {
+                    pair.verdict = held_verdict(pair.verdict, input, held, ts);
+                }
                 // Between interpolated samples every jump stands off.
                 if self.early_s() == 0.0 {
                     pair.standing_off = standing_off(&seen.one.pair(0, 0)?);
                 }
-                watched::tell(&mut pair, &seen.one, &search, &methods, &watched::Asked { track: self.track, early_s: self.early_s() })?;
+                let lead = if self.feedback == Feedback::Auto { lead(&records, search.max_delay, bias) } else { None };
+                if looped.tied {
+                    pair.verdict = none(tied_note(input, output));
+                } else if let Some(samples) = lead {
+                    pair.verdict = none(lead_note(input, output, samples, ts));
+                } else {
+                    watched::tell(&mut pair, &seen.one, &search, &methods, &watched::Asked { track: self.track, grounds })?;
+                }
                 pairs.push(pair);
             }
         }
@@ -312,16 +346,13 @@ impl Job {
         Ok(best.1)
     }
 
-    /// What the record shows, corrected by what the user knows of its loop.
-    fn findings(&self, one: &Experiment<'_>, search: &Search) -> Result<Vec<Finding>> {
-        let mut findings = conditions(&one.pair(0, 0)?, search.max_delay);
-        if self.feedback != Feedback::Auto {
-            findings.retain(|f| f.condition != Condition::Feedback);
+    /// What the record shows of a loop, as far as the user does not know it.
+    fn looped(&self, records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop {
+        let seen = in_loop(records, max_delay, bias);
+        match self.feedback {
+            Feedback::Open => InLoop { direct: seen.direct || seen.same_sample.is_some(), ..InLoop::default() },
+            Feedback::Auto | Feedback::Closed => seen,
         }
-        if self.feedback == Feedback::Closed {
-            findings.push(Finding { condition: Condition::Feedback, evidence: "the log is said to be of a closed loop".to_owned() });
-        }
-        Ok(findings)
     }
 
     /// Every input of the model by every method that looks at the states.
@@ -342,7 +373,7 @@ impl Job {
                     Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                 };
                 let answer = Answer { method: ready.method, estimate, predicted: None, time_s };
-                pairs.push(pair(&input.name, "*", &[answer], Vec::new(), ts, self.early_s()));
+                pairs.push(pair(&input.name, "*", &[answer], Vec::new(), ts, &Grounds { early_s: self.early_s(), direct: false }));
             }
         }
         Ok(pairs)
@@ -398,6 +429,62 @@ impl<'a> Seen<'a> {
             Start::Rest => self.rested.as_ref().unwrap_or(&self.one),
             Start::Any => &self.one,
         }
+    }
+}
+
+/// A pair with the part of the input that the output did not cause, where there is enough of it.
+fn open_experiment<'a>(one: &Experiment<'_>, max_delay: usize, bias: usize) -> Result<Option<Experiment<'a>>> {
+    let Some(records) = open_part(&one.pair(0, 0)?, max_delay, bias) else { return Ok(None) };
+    let recordings = records.into_iter().map(|r| Recording {
+        inputs: vec![r.u],
+        outputs: vec![Series { values: r.y, present: None }],
+        states: Vec::new(),
+    });
+    Ok(Some(one.with_recordings(recordings.collect())))
+}
+
+/// Nothing to believe, and why.
+fn none(why: String) -> Verdict {
+    Verdict { delay_s: None, ci95_s: None, why, method: None }
+}
+
+fn tied_note(input: &str, output: &str) -> String {
+    format!(
+        "`{input}` is a function of `{output}` and of nothing else: the controller and the plant are one equation here, and no method can tell a dead time from it; {EXPERIMENT}"
+    )
+}
+
+fn lead_note(input: &str, output: &str, samples: usize, ts: SampleTime) -> String {
+    let by_s = digits(ts.to_seconds(samples as f64), ts);
+    format!(
+        "`{output}` leads `{input}` by about {by_s} s: exchange them, what moves first is the input; or, if a controller makes `{input}` from `{output}`, {EXPERIMENT}"
+    )
+}
+
+/// Seconds to a tenth of a sample.
+fn digits(seconds: f64, ts: SampleTime) -> String {
+    let places = (1.0 - ts.seconds().log10()).ceil().clamp(0.0, 9.0) as usize;
+    format!("{seconds:.places$}")
+}
+
+/// The verdict on an input that is held for several samples while what it does later shows in the output: it was logged more seldom than it was given, so that the delay may be
+/// that much longer. Where that is all of it, no number is given.
+fn held_verdict(verdict: Verdict, input: &str, samples: usize, ts: SampleTime) -> Verdict {
+    let by_s = ts.to_seconds(samples as f64 - 1.0);
+    let held = format!(
+        "`{input}` changes every {samples} samples only while the output reacts sooner: it was logged more seldom than it was given, or the output drives it; what was logged too seldom makes a response look up to {} s too early",
+        digits(by_s, ts)
+    );
+    match (verdict.delay_s, verdict.ci95_s) {
+        (Some(delay_s), Some([from, to])) if delay_s < by_s => none(format!(
+            "{held}, and no more than that is seen: anything from {} to {} s fits; log `{input}` at every sample ({} s), then estimate again ({})",
+            digits(from, ts),
+            digits(to, ts),
+            ts.seconds(),
+            verdict.why
+        )),
+        (Some(_), _) => Verdict { why: format!("{}; {held}, and the interval ends that much later", verdict.why), ..verdict },
+        (None, _) => Verdict { why: format!("{}; {held}", verdict.why), ..verdict },
     }
 }
 
@@ -517,7 +604,7 @@ impl EventsJob {
             answers.push(Answer { method: ready.method, estimate, predicted: None, time_s: clock.elapsed().as_secs_f64() });
         }
         let max_delay_s = step.to_seconds(max_delay as f64);
-        let pairs = vec![pair(a, b, &answers, Vec::new(), step, 0.0)];
+        let pairs = vec![pair(a, b, &answers, Vec::new(), step, &Grounds::default())];
         let searched = Searched::Events { counts, interval_s };
         Ok(Report { format: FORMAT, log: name.clone(), sample_time_s: step.seconds(), max_delay_s, pairs, searched })
     }
@@ -531,7 +618,7 @@ struct Answer {
     time_s: f64,
 }
 
-fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, sample_time: SampleTime, early_s: f64) -> Pair {
+fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, sample_time: SampleTime, grounds: &Grounds) -> Pair {
     let by_trust: Vec<_> = answers.iter().map(|a| (a.method, &a.estimate, a.predicted.map(|p| p.std_s))).collect();
     Pair {
         input: input.to_owned(),
@@ -540,20 +627,31 @@ fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, s
             .iter()
             .map(|a| Estimate::new(a.method, &a.estimate, a.predicted.map(|p| p.std_s), a.time_s, &findings))
             .collect(),
-        poor_std_s: poor(answers),
+        poor_std_s: poor(answers, &findings),
         standing_off: 0,
-        verdict: verdict(&by_trust, &findings, sample_time, early_s),
+        verdict: verdict(&by_trust, &findings, sample_time, grounds),
         moving: None,
         track: None,
         findings,
     }
 }
 
-/// Where the data hardly tell neighbouring delays apart, the best that is to be expected of a method that knows neither gain nor poles, s.
-fn poor(answers: &[Answer]) -> Option<f64> {
-    let expected = answers.iter().filter(|a| matches!(a.method.information, Information::Poles(_))).filter_map(|a| a.predicted);
-    let best = expected.max_by(|a, b| a.separation.total_cmp(&b.separation)).filter(|p| p.separation < TOLD_APART)?;
-    Some(best.data_std_s)
+/// Where the data hardly tell neighbouring delays apart, the best that is to be expected of a method that knows neither gain nor poles and whose answer counts (of any such
+/// method where none does), s: the number that stands in that method's line.
+fn poor(answers: &[Answer], findings: &[Finding]) -> Option<f64> {
+    // The predictions are of stable plants in open loop.
+    if findings.iter().any(|f| matches!(f.condition, Condition::Feedback | Condition::UnstablePlant)) {
+        return None;
+    }
+    let counts = |a: &Answer| {
+        a.estimate.outcome == Outcome::Found && !a.estimate.contradicted && distrust(a.method, &a.estimate, findings).is_empty()
+    };
+    let of_poles = |a: &&Answer| matches!(a.method.information, Information::Poles(_));
+    let best = |which: &dyn Fn(&Answer) -> bool| {
+        let expected = answers.iter().filter(of_poles).filter(|a| which(a)).filter_map(|a| a.predicted);
+        expected.max_by(|a, b| a.separation.total_cmp(&b.separation))
+    };
+    best(&counts).or_else(|| best(&|_| true)).filter(|p| p.separation < TOLD_APART).map(|p| p.std_s)
 }
 
 /// Half the distance between two responses, in standard deviations of the noise, from which they are seldom taken for each other.

@@ -167,6 +167,22 @@ pub enum Information {
     Events,
 }
 
+/// What a method reads its answer from: those that read the same intermediate result err together, and have one vote.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Basis {
+    /// The losses or the polynomials of an ARX scan.
+    Arx,
+    /// The losses or the polynomials of an output-error scan.
+    OutputError,
+    /// A plain finite impulse response.
+    FiniteResponse,
+    /// The cross-spectrum of the two channels.
+    CrossSpectrum,
+    /// Something that no other method uses.
+    Own,
+}
+
 /// A law that an estimator may promise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -199,6 +215,8 @@ pub struct Method {
     pub reference: ReferenceExperiment,
     /// What bounds its uncertainty from below.
     pub information: Information,
+    /// What it shares with other methods.
+    pub basis: Basis,
     /// Samples to which it keeps the laws it promises, and within which its answer lies on its reference experiment (1 % noise).
     pub tolerance: f64,
     /// Complications that it withstands.

@@ -8,6 +8,7 @@ mod error;
 mod estimate;
 mod events;
 mod experiment;
+mod feedback;
 mod frequency;
 mod higher_order;
 mod job;
@@ -33,11 +34,12 @@ pub use events::{
     EventAverageDifference, EventCorrelation, EventDelayVariance, EventQuadraticDifference, EventVarianceDifference, Events, Units,
 };
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
+pub use feedback::{InLoop, held_for, in_loop, lead, open_part};
 pub use frequency::{Arxdap, Firdap, Oedap, PhaseSlope};
 pub use higher_order::Bispectrum;
 pub use job::{EventsJob, Expected, Feedback, Job, Ready, chosen, impulse_response};
 pub use laguerre::{Fischer, Lagudap};
-pub use method::{Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start, method};
+pub use method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start, method};
 pub use parametric::{
     Armaxstruc, Arxstruc, Center, Cost, Delayest, Elnaggar, Ivstruc, Met1struc, OePosterior, Oestruc, Others, SamplingZero, TwoStep,
 };
@@ -45,7 +47,7 @@ pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel,
 pub use richness::{Richness, richness};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Cusum, CusumStep, Impulseest, Prewindow, Records, Step, Threshold};
-pub use verdict::{Said, Verdict, distrust, verdict};
+pub use verdict::{Grounds, Said, Verdict, distrust, verdict};
 
 pub use crate::identify::{Initial, Record};
 

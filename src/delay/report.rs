@@ -56,7 +56,7 @@ impl Estimate {
             predicted_std_s,
             time_s,
             class: method.class,
-            distrust: distrust(method, findings),
+            distrust: distrust(method, estimate, findings),
             contradicted: estimate.contradicted,
         }
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::conditions::Finding;
 use super::posterior::RESOLUTION;
-use super::{Class, Condition, DelayEstimate, Method, Outcome};
+use super::{Basis, Class, Condition, DelayEstimate, Method, Outcome};
 use crate::signal::stats::NORMAL_95;
 use crate::time::SampleTime;
 
@@ -25,19 +25,34 @@ pub struct Verdict {
     pub method: Option<String>,
 }
 
-/// What the record shows that this method does not withstand; empty where its answer may be counted.
-#[must_use]
-pub fn distrust(method: &Method, findings: &[Finding]) -> Vec<Condition> {
-    findings.iter().map(|f| f.condition).filter(|c| !method.withstands(*c)).collect()
+/// What is known of the record besides what each method says of it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Grounds {
+    /// By how much a response may look too early, because the log was put onto another grid than its own or its input was logged more seldom than its output, s.
+    pub early_s: f64,
+    /// The record shows that the output reacts to the input within the sample.
+    pub direct: bool,
 }
 
-/// Weighs answers for one pair. `answers` are (method, answer, standard deviation that was to be expected of it, s), within a class the most trusted first; `findings` is what the record shows; `early_s` is how much too
-/// early a response may look, because the log was put onto another grid than its own.
+/// What the record shows that this answer does not withstand; empty where it may be counted. An answer from the part of the input that the output did not cause withstands
+/// feedback with any method, but what disturbs the output is then all that the loop adds to it, which is never white.
+#[must_use]
+pub fn distrust(method: &Method, estimate: &DelayEstimate, findings: &[Finding]) -> Vec<Condition> {
+    let shown = findings.iter().map(|f| f.condition).filter(|c| !(estimate.open_part && *c == Condition::Feedback));
+    let coloured = estimate.open_part && findings.iter().all(|f| f.condition != Condition::ColouredNoise);
+    shown.chain(coloured.then_some(Condition::ColouredNoise)).filter(|c| !method.withstands(*c)).collect()
+}
+
+/// The experiment that tells a plant from the loop around it.
+pub(super) const EXPERIMENT: &str = "move the set point, or add a random binary signal to the command, by as much as noise moves it at least, log that signal and estimate with it as the input";
+
+/// Weighs answers for one pair. `answers` are (method, answer, standard deviation that was to be expected of it, s), within a class the most trusted first; `findings` is what the record shows.
 ///
 /// Nothing is believed where no method found a delay, nor where those that withstand every noise and feedback looked and saw no response.
 ///
-/// Methods that do not withstand what the record shows are not counted, nor answers that are contradicted by what they leave over, unless no other has answered. Each class of methods has one vote, shared by those of its
-/// methods that found a delay ([`Class::vote_weight`]); an answer weighs its share of the vote over its standard deviation (no method is taken for more certain than a sample
+/// Methods that do not withstand what the record shows are not counted, nor answers that are contradicted by what they leave over, unless no other has answered; under
+/// feedback not even then. Where most say that the output reacts sooner than the plant can, and the record shows no direct path, those are not counted. Each class of methods has one vote, shared by those of its
+/// methods that found a delay ([`Class::vote_weight`]), and those that read the same intermediate result ([`Basis`]) share one part of it; an answer weighs its share of the vote over its standard deviation (no method is taken for more certain than a sample
 /// allows, nor than the data let expect before it ran, because a model that is too small is wrong by more than it says).
 ///
 /// The delay that most votes hold inside their intervals gathers a group; the number is the group's weighted median. The interval is that of the whole group, as no method
@@ -45,40 +60,49 @@ pub fn distrust(method: &Method, findings: &[Finding]) -> Vec<Condition> {
 /// Source: Gaba, Tsetlin and Winkler (2017), Decision Analysis 14(1), 1-20, doi:10.1287/deca.2016.0340, for trimming the ends of many intervals. How much is left to the
 /// user there; tests/verdicts.rs measures how often what 15 % leave holds an injected dead time.
 #[must_use]
-pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTime, early_s: f64) -> Verdict {
+pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTime, grounds: &Grounds) -> Verdict {
     let found: Vec<Found<'_>> = answers.iter().filter_map(|answer| Found::new(answer, findings, sample_time)).collect();
     if found.is_empty() {
-        let why = format!("no method found a delay to believe ({})", outcomes(answers, |_| true));
+        let looped = findings.iter().any(|f| f.condition == Condition::Feedback);
+        let advice = if looped { format!("; {EXPERIMENT}") } else { String::new() };
+        let why = format!("no method found a delay to believe ({}){advice}", outcomes(answers, |_| true));
         return Verdict { delay_s: None, ci95_s: None, why, method: None };
     }
     if let Some(judges) = unseen(answers) {
-        let heard: Vec<String> = found.iter().take(MOST_NAMED).map(|f| format!("{} says {:.4} s", f.method, f.delay_s)).collect();
         let why = format!(
             "{} withstand noise of any colour and feedback, and see no response; what others see is likely to be noise: {}",
             judges.join(", "),
-            heard.join("; ")
+            named(&found)
         );
         return Verdict { delay_s: None, ci95_s: None, why, method: None };
     }
     let trusted: Vec<&Found<'_>> = found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
     let nobody = trusted.is_empty();
-    let counted: Vec<&Found<'_>> = if nobody { found.iter().collect() } else { trusted };
-    let vote_weights = vote_weights(&counted);
-    let support = |at: &Found<'_>| -> f64 { counted.iter().zip(&vote_weights).filter(|(f, _)| f.holds(at.delay_s)).map(|(_, v)| v).sum() };
-    // Ties go to the most trusted method: the order is that of the list.
-    let mut lead = counted[0];
-    for f in &counted[1..] {
-        if support(f) > support(lead) + 1e-9 {
-            lead = f;
-        }
+    if nobody && findings.iter().any(|f| f.condition == Condition::Feedback) {
+        let why = format!("no method that answered withstands what the record shows beside feedback ({}): {EXPERIMENT}", named(&found));
+        return Verdict { delay_s: None, ci95_s: None, why, method: None };
     }
-    let of_all = counted.iter().zip(&vote_weights).map(|(f, weight)| (*f, weight / f.std_s));
-    let (agree, differ): (Vec<_>, Vec<_>) = of_all.partition(|(f, _)| f.holds(lead.delay_s));
+    let mut counted: Vec<&Found<'_>> = if nobody { found.iter().collect() } else { trusted };
+    let mut group = Group::of(&counted);
+    // A plant that needs a sample to respond does not respond within it, unless the record shows that it does.
+    let implausible = !grounds.direct && group.within() > 0.5;
+    if implausible {
+        counted.retain(|f| !f.within);
+        if counted.is_empty() {
+            let why = format!(
+                "what is seen comes within the sample of the command, sooner than a strictly proper plant answers, and the record shows no direct path: feedback, clocks that differ, or a command logged too seldom ({}); give the relative degree 0 if there is a direct path, else {EXPERIMENT}",
+                named(&found)
+            );
+            return Verdict { delay_s: None, ci95_s: None, why, method: None };
+        }
+        group = Group::of(&counted);
+    }
+    let Group { lead, agree, differ } = group;
     let middle = quantile(agree.iter().map(|(f, w)| (f.delay_s, *w)), 0.5);
     let chosen = agree.iter().find(|(f, _)| f.delay_s == middle).map_or(lead, |(f, _)| *f);
     let first = quantile(agree.iter().map(|(f, w)| (f.interval_s[0], *w)), BEYOND);
     let last = -quantile(agree.iter().map(|(f, w)| (-f.interval_s[1], *w)), BEYOND);
-    let interval_s = [first.min(chosen.delay_s), last.max(chosen.delay_s) + early_s];
+    let interval_s = [first.min(chosen.delay_s), last.max(chosen.delay_s) + grounds.early_s];
     let others: Vec<&str> = agree.iter().filter(|(f, _)| f.method != chosen.method).map(|(f, _)| f.method).collect();
     let mut why = match others.len() {
         0 => format!("{} alone", chosen.method),
@@ -98,6 +122,16 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     for (conditions, methods) in by_reason(&found).iter().filter(|_| !nobody) {
         why.push_str(&format!("; not counted because of {}: {}", joined(conditions.iter().map(|c| c.words())), methods.join(", ")));
     }
+    if chosen.delay_s == 0.0 && grounds.direct {
+        why.push_str("; the output reacts within the sample: a direct path, and no dead time");
+    }
+    if implausible {
+        let within: Vec<&str> = found.iter().filter(|f| f.within && f.distrust.is_empty() && !f.contradicted).map(|f| f.method).collect();
+        why.push_str(&format!(
+            "; not counted because they answer within the sample, where the record shows no direct path: {}",
+            within.join(", ")
+        ));
+    }
     let contradicted: Vec<&str> = found.iter().filter(|f| f.contradicted && f.distrust.is_empty()).map(|f| f.method).collect();
     if !(nobody || contradicted.is_empty()) {
         why.push_str(&format!("; not counted because the data contradict their model: {}", contradicted.join(", ")));
@@ -111,6 +145,43 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
         why.push_str("; the methods disagree: check excitation, feedback and the search window before using the number");
     }
     Verdict { delay_s: Some(chosen.delay_s), ci95_s: Some(interval_s), why, method: Some(chosen.method.to_owned()) }
+}
+
+/// The answers that are counted, by whether they hold the delay that most votes hold.
+struct Group<'a, 'b> {
+    lead: &'b Found<'a>,
+    agree: Vec<(&'b Found<'a>, f64)>,
+    differ: Vec<(&'b Found<'a>, f64)>,
+}
+
+impl<'a, 'b> Group<'a, 'b> {
+    /// `counted` has one answer at least.
+    fn of(counted: &[&'b Found<'a>]) -> Self {
+        let vote_weights = vote_weights(counted);
+        let support =
+            |at: &Found<'_>| -> f64 { counted.iter().zip(&vote_weights).filter(|(f, _)| f.holds(at.delay_s)).map(|(_, v)| v).sum() };
+        // Ties go to the most trusted method: the order is that of the list.
+        let mut lead = counted[0];
+        for f in &counted[1..] {
+            if support(f) > support(lead) + 1e-9 {
+                lead = f;
+            }
+        }
+        let of_all = counted.iter().zip(&vote_weights).map(|(f, weight)| (*f, weight / f.std_s));
+        let (agree, differ) = of_all.partition(|(f, _)| f.holds(lead.delay_s));
+        Self { lead, agree, differ }
+    }
+
+    /// The share of those who agree that answers within the sample.
+    fn within(&self) -> f64 {
+        let all: f64 = self.agree.iter().map(|(_, w)| w).sum();
+        self.agree.iter().filter(|(f, _)| f.within).map(|(_, w)| w).sum::<f64>() / all.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// What the first few say.
+fn named(found: &[Found<'_>]) -> String {
+    found.iter().take(MOST_NAMED).map(|f| format!("{} says {:.4} s", f.method, f.delay_s)).collect::<Vec<_>>().join("; ")
 }
 
 /// The methods that can tell a response from slow noise, resonant noise and feedback alike, if two or more of them looked and none saw one. The others test against noise that
@@ -172,6 +243,7 @@ fn by_reason<'a>(found: &[Found<'a>]) -> BTreeMap<Vec<Condition>, Vec<&'a str>> 
 struct Found<'a> {
     method: &'a str,
     class: Class,
+    basis: Basis,
     delay_s: f64,
     /// Standard deviation, s, at least a sample and at least what was to be expected.
     std_s: f64,
@@ -180,6 +252,8 @@ struct Found<'a> {
     open_s: [f64; 2],
     distrust: Vec<Condition>,
     contradicted: bool,
+    /// It answers sooner than the plant can respond.
+    within: bool,
 }
 
 impl<'a> Found<'a> {
@@ -190,12 +264,14 @@ impl<'a> Found<'a> {
         Some(Self {
             method: method.entry.name,
             class: method.class,
+            basis: method.basis,
             delay_s,
             std_s: estimate.std_s.unwrap_or(f64::INFINITY).max(predicted_s.unwrap_or(0.0)).max(sample_time.seconds()),
             interval_s,
             open_s: [interval_s[0].min(delay_s - NORMAL_95 * resolution_s), interval_s[1].max(delay_s + NORMAL_95 * resolution_s)],
-            distrust: distrust(method, findings),
+            distrust: distrust(method, estimate, findings),
             contradicted: estimate.contradicted,
+            within: estimate.raw_delay_s.is_some_and(|raw| raw < sample_time.to_seconds(estimate.degree_bias_samples - 0.5)),
         })
     }
 
@@ -205,9 +281,17 @@ impl<'a> Found<'a> {
     }
 }
 
-/// The vote of each class, shared by its methods.
+/// The vote of each class, shared by what its methods read their answers from; and the part of each such basis shared by all methods that read it, of other classes too.
 fn vote_weights(found: &[&Found<'_>]) -> Vec<f64> {
-    found.iter().map(|f| f.class.vote_weight() / found.iter().filter(|g| g.class == f.class).count() as f64).collect()
+    let same = |f: &Found<'_>, g: &Found<'_>| if f.basis == Basis::Own { f.method == g.method } else { f.basis == g.basis };
+    let weight = |f: &&Found<'_>| {
+        let class: Vec<&&Found<'_>> = found.iter().filter(|g| g.class == f.class).collect();
+        // The first of its basis stands for all.
+        let bases = class.iter().enumerate().filter(|(i, g)| class[..*i].iter().all(|h| !same(g, h))).count();
+        let sharing = found.iter().filter(|g| same(f, g)).count();
+        f.class.vote_weight() / (bases * sharing) as f64
+    };
+    found.iter().map(weight).collect()
 }
 
 #[cfg(test)]
@@ -227,7 +311,7 @@ mod tests {
 
     fn of(answers: &[(&str, &DelayEstimate)], findings: &[Finding]) -> Verdict {
         let answers: Vec<Said<'_>> = answers.iter().map(|(m, e)| (method(m).unwrap(), *e, None)).collect();
-        verdict(&answers, findings, SampleTime::new(0.01).unwrap(), 0.0)
+        verdict(&answers, findings, SampleTime::new(0.01).unwrap(), &Grounds::default())
     }
 
     fn shows(condition: Condition) -> Vec<Finding> {
@@ -255,6 +339,16 @@ mod tests {
     }
 
     #[test]
+    fn methods_of_two_classes_that_read_one_model_share_their_vote() {
+        let (wrong, right) = (answer(1.0, 0.1), answer(2.0, 0.1));
+        // arxdap reads the polynomials of the scan that arxstruc reads the losses of: together half of the class's vote, as much as p2d has on its own is more.
+        let v = of(&[("arxstruc", &wrong), ("delayest", &wrong), ("arxdap", &wrong), ("p2d", &right)], &[]);
+        assert_eq!(v.delay_s, Some(2.0), "{}", v.why);
+        let v = of(&[("arxstruc", &wrong), ("oestruc", &wrong), ("lagudap", &wrong), ("p2d", &right)], &[]);
+        assert_eq!(v.delay_s, Some(1.0), "models of their own have votes of their own: {}", v.why);
+    }
+
+    #[test]
     fn a_vague_answer_does_not_move_the_median() {
         let (vague, sharp, late) = (answer(0.0, 8.0), answer(2.0, 0.5), answer(12.0, 4.0));
         let v = of(&[("threshold", &vague), ("oestruc", &sharp), ("state_least_squares", &late)], &[]);
@@ -267,7 +361,7 @@ mod tests {
         let (p2d, oestruc, arxdap) = (method("p2d").unwrap(), method("oestruc").unwrap(), method("arxdap").unwrap());
         let weighed = |expected: Option<f64>| {
             let answers = [(p2d, &bold, expected), (oestruc, &plain, expected), (arxdap, &other, expected)];
-            verdict(&answers, &[], SampleTime::new(0.01).unwrap(), 0.0)
+            verdict(&answers, &[], SampleTime::new(0.01).unwrap(), &Grounds::default())
         };
         assert_eq!(weighed(None).delay_s, Some(5.0));
         assert_eq!(weighed(Some(2.0)).delay_s, Some(7.0));
@@ -286,7 +380,7 @@ mod tests {
     #[test]
     fn what_another_grid_made_early_is_inside_the_interval() {
         let (at, method) = (answer(2.0, 0.1), method("oestruc").unwrap());
-        let v = verdict(&[(method, &at, None)], &[], SampleTime::new(0.1).unwrap(), 0.3);
+        let v = verdict(&[(method, &at, None)], &[], SampleTime::new(0.1).unwrap(), &Grounds { early_s: 0.3, direct: false });
         assert_eq!((v.delay_s, v.ci95_s), (Some(2.0), Some([1.8, 2.5])));
     }
 
@@ -297,8 +391,32 @@ mod tests {
         assert_eq!(v.delay_s, Some(2.0));
         assert!(v.why.contains("not counted because of feedback: oestruc, threshold"), "{}", v.why);
         let v = of(&[("oestruc", &open), ("threshold", &open)], &shows(Condition::Feedback));
+        assert_eq!(v.delay_s, None, "a loop makes sharp answers wrong");
+        assert!(v.why.contains("add a random binary signal to the command"), "{}", v.why);
+        let v = of(&[("threshold", &open)], &shows(Condition::ColouredNoise));
         assert_eq!(v.delay_s, Some(1.0), "better a guess than nothing, and said");
         assert!(v.why.contains("this is a guess"), "{}", v.why);
+        let freed = DelayEstimate { open_part: true, ..open };
+        let v = of(&[("oestruc", &freed), ("threshold", &freed)], &shows(Condition::Feedback));
+        assert_eq!(v.delay_s, Some(1.0), "what the output did not cause is free of feedback");
+        assert!(v.why.starts_with("oestruc alone") && v.why.contains("not counted because of coloured noise: threshold"), "{}", v.why);
+    }
+
+    #[test]
+    fn an_answer_within_the_sample_counts_where_the_record_shows_a_direct_path() {
+        let within = DelayEstimate { raw_delay_s: Some(0.0), degree_bias_samples: 1.0, ..answer(0.0, 0.001) };
+        let later = DelayEstimate { raw_delay_s: Some(0.04), degree_bias_samples: 1.0, ..answer(0.03, 0.005) };
+        let said = [("oestruc", &within), ("arxdap", &within), ("p2d", &later)].map(|(m, e)| (method(m).unwrap(), e, None));
+        let v = |direct| verdict(&said, &[], SampleTime::new(0.01).unwrap(), &Grounds { early_s: 0.0, direct });
+        assert_eq!((v(true).delay_s, v(false).delay_s), (Some(0.0), Some(0.03)));
+        assert!(v(true).why.contains("a direct path, and no dead time"), "{}", v(true).why);
+        assert!(
+            v(false).why.contains("answer within the sample, where the record shows no direct path: oestruc, arxdap"),
+            "{}",
+            v(false).why
+        );
+        let alone = verdict(&said[..2], &[], SampleTime::new(0.01).unwrap(), &Grounds::default());
+        assert!(alone.delay_s.is_none() && alone.why.contains("sooner than a strictly proper plant answers"), "{}", alone.why);
     }
 
     #[test]

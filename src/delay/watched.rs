@@ -2,15 +2,15 @@
 
 use super::report::Pair;
 use super::track::{Anchor, AtOneDelay, Kind, Moving, Watch, tracked};
-use super::{DelayError, DelayEstimate, Experiment, Outcome, Ready, Recording, Search, Series, Verdict, verdict};
+use super::{DelayError, DelayEstimate, Experiment, Grounds, Outcome, Ready, Recording, Search, Series, Verdict, verdict};
 use crate::time::SampleTime;
 
 /// What is wanted beside the test.
 pub(super) struct Asked {
     /// The delay against time, also where one delay describes the records.
     pub(super) track: bool,
-    /// By how much a response may look too early, s.
-    pub(super) early_s: f64,
+    /// What is known of the record.
+    pub(super) grounds: Grounds,
 }
 
 /// Methods that say what the delay is once its changes are taken out of the record; without any of them those that were asked for.
@@ -86,7 +86,7 @@ fn straight_verdict(
         });
     }
     let said: Vec<_> = ask.iter().zip(&answers).map(|(r, a)| (r.method, a, None)).collect();
-    Ok(verdict(&said, &pair.findings, straight.sample_time(), asked.early_s))
+    Ok(verdict(&said, &pair.findings, straight.sample_time(), &asked.grounds))
 }
 
 /// `One delay does not describe this record: 0.10 s until 12.4 s, 0.30 s from then on`.

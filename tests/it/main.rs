@@ -90,3 +90,4 @@ mod study_thesis;
 mod thresholds;
 mod transfer_files;
 mod verdicts;
+mod verdicts_loop;

@@ -118,6 +118,16 @@ fn the_real_servo_lags_its_authors_simulation_by_about_a_sample() {
 }
 
 #[test]
+fn a_rate_loop_whose_set_point_was_logged_too_seldom_is_not_said_to_react_at_once() {
+    let methods = ["oestruc", "arxstruc", "delayest", "met1struc", "oe_posterior", "p2d", "arxdap"];
+    let mut more = vec!["--resample", "0.0045"];
+    methods.iter().for_each(|m| more.extend(["--method", *m]));
+    let Some(answer) = Answer::of("px4_logs/px4_fmu_v6c.csv.gz", "roll_rate_sp", "gyro_x", &more) else { return };
+    let delay_s = answer.verdict_s();
+    assert!(delay_s.is_none_or(|d| (0.01..0.05).contains(&d)), "{delay_s:?}");
+}
+
+#[test]
 fn every_other_log_is_answered_with_an_outcome() {
     for (name, input, output, more) in [
         ("emps/train.csv.gz", "motor_force_N", "pos_meas_m", &["--to", "5"][..]),

@@ -4,8 +4,8 @@
 
 use super::{Area, BEYOND, Lags, Reading, TOLD, answer, area};
 use crate::delay::{
-    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope, Search,
-    Start, one_pair, posterior,
+    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::identify::Record;
 use crate::registry::entry;
@@ -73,6 +73,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Rest,
     reference: ReferenceExperiment::Steps,
     information: Information::Poles(1),
+    basis: Basis::Own,
     tolerance: 2.0,
     withstands: &[],
     needs: "steps that are held until the response is over, a plant of one lag that rests before them",

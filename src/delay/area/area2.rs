@@ -4,8 +4,8 @@
 
 use super::{Lags, answer, by_areas, pulse_response};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair,
 };
 use crate::identify::Record;
 use crate::registry::entry;
@@ -63,6 +63,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Poles(1),
+    basis: Basis::Own,
     tolerance: 2.0,
     withstands: &[Condition::MissingOutputs],
     needs: "a plant of one lag, a response that dies out within the taps, an input that excites them all",

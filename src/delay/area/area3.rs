@@ -4,8 +4,8 @@
 
 use super::{Lags, answer, by_areas, pulse_response};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair,
 };
 use crate::identify::Record;
 use crate::registry::entry;
@@ -64,6 +64,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
+    basis: Basis::Own,
     tolerance: 1.5,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "a plant of two equal lags, a response that dies out within the taps, an input that excites them all",

@@ -4,7 +4,8 @@
 
 use super::{Line, generalised};
 use crate::delay::{
-    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope, Search, Start,
+    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope, Search,
+    Start,
 };
 use crate::registry::entry;
 
@@ -48,6 +49,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Copy,
     information: Information::TwoSensors,
+    basis: Basis::CrossSpectrum,
     tolerance: 0.05,
     withstands: super::WITHSTANDS,
     needs: super::NEEDS,

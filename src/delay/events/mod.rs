@@ -385,6 +385,7 @@ fn combined(answers: &[Answer], window: f64) -> DelayEstimate {
         raw_delay_s: Some(raw),
         degree_bias_samples: 0.0,
         contradicted: false,
+        open_part: false,
         note: None,
     };
     let refused = answers.len() - found.len();

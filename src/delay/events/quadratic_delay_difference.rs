@@ -4,7 +4,7 @@
 
 use super::{NO_MAGNITUDES, Paired, Units, by_offset, mean};
 use crate::delay::{
-    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, ReferenceExperiment, Scope, Search, Start,
+    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, ReferenceExperiment, Scope, Search, Start,
 };
 use crate::registry::entry;
 
@@ -51,6 +51,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Events,
     information: Information::Events,
+    basis: Basis::Own,
     tolerance: 0.01,
     withstands: &[],
     needs: "times of the same events at two places, at intervals that vary",

@@ -4,8 +4,8 @@
 
 use super::all_pass::all_pass;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{Record, Regression, fir_or_rank};
 use crate::registry::entry;
@@ -64,6 +64,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
+    basis: Basis::Arx,
     tolerance: 0.25,
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "noise that an AR filter of its order whitens, a gain at frequency 0",

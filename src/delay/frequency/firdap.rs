@@ -4,8 +4,8 @@
 
 use super::all_pass::all_pass;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{Record, fir_or_rank};
 use crate::registry::entry;
@@ -66,6 +66,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Response,
+    basis: Basis::FiniteResponse,
     tolerance: 0.25,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "an input that excites every coefficient, a response that dies out within them, a gain at frequency 0",

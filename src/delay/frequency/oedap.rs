@@ -4,8 +4,8 @@
 
 use super::all_pass::all_pass;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{MAX_OE_ORDER, ManyZeros, Record, fir_or_rank};
 use crate::registry::entry;
@@ -65,6 +65,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Rest,
     reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
+    basis: Basis::OutputError,
     tolerance: 0.25,
     withstands: &[Condition::Dynamics],
     needs: "open loop, a stable plant of low order that rests at the start, a gain at frequency 0",

@@ -11,8 +11,8 @@ use crate::delay::correlation::{
     Alike, Centred, LATE, NEEDS, WITHSTANDS, alike, enough, hannan_thomson, independent_lines, segment_length,
 };
 use crate::delay::{
-    Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::registry::entry;
 use crate::signal::HANN_LINES;
@@ -65,6 +65,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Copy,
     information: Information::TwoSensors,
+    basis: Basis::CrossSpectrum,
     tolerance: 0.05,
     withstands: WITHSTANDS,
     needs: NEEDS,

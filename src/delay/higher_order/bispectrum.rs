@@ -11,7 +11,7 @@ use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use crate::delay::correlation::{Alike, Centred, Interpolant, LATE, real};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record,
     ReferenceExperiment, Scope, Search, Start, one_pair,
 };
 use crate::registry::entry;
@@ -81,6 +81,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Skewed,
     information: Information::TwoSensors,
+    basis: Basis::Own,
     tolerance: 0.05,
     withstands: &[Condition::ColouredNoise, Condition::MissingOutputs],
     needs: "a skewed input, an output that is a delayed copy of it, noise of a symmetric distribution",

@@ -6,8 +6,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{Initial, OutputError, Record, laguerre_spectra};
 use crate::registry::entry;
@@ -71,6 +71,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Rest,
     reference: ReferenceExperiment::Steps,
     information: Information::Poles(POLES),
+    basis: Basis::Own,
     tolerance: WHOLE,
     withstands: &[Condition::Dynamics],
     needs: "open loop, a stable plant of low order that rests at the start, steps or other slow input",

@@ -6,8 +6,8 @@
 
 use crate::delay::frequency::all_pass::all_pass;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{Laguerre, Record, laguerre};
 use crate::registry::entry;
@@ -80,6 +80,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Rest,
     reference: ReferenceExperiment::Plant,
     information: Information::Response,
+    basis: Basis::Own,
     tolerance: 2.5,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "open loop, a stable plant without resonance that rests at the start, a gain at frequency 0",

@@ -5,8 +5,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{Armax, ArmaxFit, MAX_OE_ORDER, Record};
 use crate::registry::entry;
@@ -89,6 +89,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
+    basis: Basis::Own,
     tolerance: WHOLE,
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "the input that the plant received; plant and noise of low order",

@@ -5,8 +5,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, joint_inputs, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, joint_inputs, one_pair, posterior,
 };
 use crate::identify::{ArxScan, JointArx, Record, arx_scan, beside};
 use crate::registry::entry;
@@ -83,6 +83,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
+    basis: Basis::Arx,
     tolerance: WHOLE,
     withstands: &[
         Condition::UnstablePlant,

@@ -5,7 +5,8 @@
 use super::Arxstruc;
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, ReferenceExperiment, Scope, Search, Start,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, ReferenceExperiment, Scope,
+    Search, Start,
 };
 use crate::registry::entry;
 
@@ -59,6 +60,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
+    basis: Basis::Arx,
     tolerance: WHOLE,
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "a plant of two poles with little noise at the sensor",

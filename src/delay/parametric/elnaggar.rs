@@ -4,8 +4,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{Record, arx_scan};
 use crate::registry::entry;
@@ -72,6 +72,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Response,
+    basis: Basis::Own,
     tolerance: WHOLE,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "a white input, a response that rises fastest at its start",

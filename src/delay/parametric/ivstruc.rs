@@ -5,8 +5,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{MAX_OE_ORDER, Record, RefinedIv};
 use crate::registry::entry;
@@ -74,6 +74,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Rest,
     reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
+    basis: Basis::Own,
     tolerance: WHOLE,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics],
     needs: "open loop, a stable plant of low order that rests at the start, no missing sample",

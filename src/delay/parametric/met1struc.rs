@@ -5,8 +5,8 @@
 
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{MAX_OE_ORDER, Record, Subspace, arx_scan, prefiltered};
 use crate::registry::entry;
@@ -78,6 +78,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
+    basis: Basis::Own,
     tolerance: WHOLE,
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics],
     needs: "the input that the plant received; a record of at least some hundred samples",

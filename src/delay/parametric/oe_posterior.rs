@@ -7,8 +7,8 @@ use super::Oestruc;
 use super::profile::{Profile, Weighing, check, profile};
 use crate::delay::posterior::{RESOLUTION, first_coefficient};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope, Search,
-    Start, one_pair,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope,
+    Search, Start, one_pair,
 };
 use crate::identify::{Initial, OutputError};
 use crate::registry::entry;
@@ -90,6 +90,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Rest,
     reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
+    basis: Basis::OutputError,
     // Of the mean of two neighbours of which the second has a probability of 5 %, the most that a 95 % set leaves out.
     tolerance: 0.05,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],

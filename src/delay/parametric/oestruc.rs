@@ -5,8 +5,8 @@
 use super::profile::{Profile, Weighing, check, profile, shortened};
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, ReferenceExperiment, Scope, Search,
-    Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
 };
 use crate::identify::{Initial, OeFit, OutputError, Record};
 use crate::registry::entry;
@@ -71,6 +71,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Rest,
     reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
+    basis: Basis::OutputError,
     tolerance: WHOLE,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "open loop, a stable plant of low order that rests at the start",

@@ -6,8 +6,8 @@ use nalgebra::DVector;
 
 use super::profile::{Profile, Weighing, check, profile};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{Initial, OeFit, OutputError};
 use crate::registry::entry;
@@ -73,6 +73,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Rest,
     reference: ReferenceExperiment::Process { poles: 1, zero: false },
     information: Information::Poles(1),
+    basis: Basis::OutputError,
     tolerance: 0.1,
     withstands: &[Condition::ColouredNoise, Condition::MissingOutputs],
     needs: "one lag longer than a sample, a held input, open loop, rest at the start",

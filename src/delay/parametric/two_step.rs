@@ -5,8 +5,8 @@
 
 use super::profile::shortened;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{Initial, OeFit, OutputError, Record, filtered, largest_pole, power};
 use crate::registry::entry;
@@ -68,6 +68,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Rest,
     reference: ReferenceExperiment::Plant,
     information: Information::Poles(2),
+    basis: Basis::Own,
     tolerance: 0.2,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "open loop, a stable plant of low order that rests at the start",

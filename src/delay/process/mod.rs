@@ -14,8 +14,8 @@ use self::chain::Shape;
 use self::fit::{Found, Place, Problem};
 use super::method::WHOLE;
 use super::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{Initial, Record};
 use crate::registry::entry;
@@ -105,6 +105,7 @@ macro_rules! process {
             start: Start::Rest,
             reference: ReferenceExperiment::Process { poles: $poles, zero: $zero },
             information: Information::Poles($poles),
+            basis: Basis::Own,
             tolerance: $tolerance,
             withstands: $withstands,
             needs: "open loop, a held input, a stable plant of its order that rests at the start",

@@ -7,8 +7,8 @@ use std::borrow::Cow;
 use nalgebra::{DMatrix, DVector};
 
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PlantModel, Prewindow,
-    Recording, ReferenceExperiment, Scope, Search, Start, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PlantModel,
+    Prewindow, Recording, ReferenceExperiment, Scope, Search, Start, posterior,
 };
 use crate::identify::lag_matrix;
 use crate::model::c2d::{Hold, transition};
@@ -72,6 +72,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::States,
     information: Information::KnownModel,
+    basis: Basis::Own,
     tolerance: 0.05,
     withstands: &[Condition::UnstablePlant, Condition::Feedback, Condition::Dynamics],
     needs: "the model, and a measured channel for each of its states",
@@ -390,6 +391,7 @@ impl Found {
             raw_delay_s: Some(ts.to_seconds(raw)),
             degree_bias_samples: 0.0,
             contradicted: false,
+            open_part: false,
             note: Some(note),
         }
         .noting(apart)

@@ -10,8 +10,8 @@ use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
 use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::registry::entry;
 
@@ -76,6 +76,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Response,
+    basis: Basis::FiniteResponse,
     tolerance: crate::delay::method::WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "as `threshold`",

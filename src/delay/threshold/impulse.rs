@@ -7,8 +7,8 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::registry::entry;
 
@@ -68,6 +68,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Response,
+    basis: Basis::FiniteResponse,
     tolerance: WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "an input that excites every tap, a response that dies out within them",

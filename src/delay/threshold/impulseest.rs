@@ -6,8 +6,8 @@
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
 };
 use crate::identify::{Evidence, Record};
 use crate::registry::entry;
@@ -72,6 +72,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Response,
+    basis: Basis::Own,
     tolerance: crate::delay::method::WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "a response that dies out smoothly within its taps, white noise",

@@ -4,8 +4,8 @@ use super::Threshold;
 use super::response::Kind;
 use crate::delay::method::WHOLE;
 use crate::delay::{
-    Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope, Search,
-    Start,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope,
+    Search, Start,
 };
 use crate::registry::entry;
 
@@ -25,6 +25,7 @@ pub(in crate::delay) const METHOD: Method = Method {
     start: Start::Any,
     reference: ReferenceExperiment::Plant,
     information: Information::Response,
+    basis: Basis::FiniteResponse,
     tolerance: WHOLE,
     withstands: &[Condition::Dynamics, Condition::MissingOutputs],
     needs: "as `threshold`",
