@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 use serde_json::Value;
 
+use super::Out;
 use super::source::{Needed, Source};
 use super::words::in_options;
-use super::write_json;
 use crate::delay::report::Report;
 use crate::delay::{Detrend, EventsJob, Feedback, Job, Scope, chosen};
 use crate::file::write_atomic;
@@ -18,6 +18,11 @@ use crate::report::picture::{Shown, svg};
 
 /// Estimate the dead time between inputs and outputs of a log, by one method or all, and say what to believe
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime estimate flight.csv --input rudder --output yaw_rate
+  deadtime estimate flight.csv --input rudder --output yaw_rate --brief --json answer.json
+  deadtime estimate flight.csv --input rudder --output yaw_rate --method oestruc --method arxstruc --max-delay 1
+  deadtime estimate gates.csv --events entry,exit")]
 pub(super) struct Estimate {
     #[command(flatten)]
     source: Source,
@@ -54,7 +59,10 @@ pub(super) struct Estimate {
     /// Also print the dead time against time with its band; --json has every sample of it
     #[arg(long, conflicts_with = "events")]
     track: bool,
-    /// Show every method in the tables, also those whose answers do not count
+    /// Only the answer: two lines a pair
+    #[arg(long, conflicts_with = "full")]
+    brief: bool,
+    /// Every method with every number, also those whose answers do not count, in wide tables
     #[arg(long)]
     full: bool,
     /// Also draw the answers and the impulse responses, as SVG
@@ -64,7 +72,7 @@ pub(super) struct Estimate {
 
 impl Estimate {
     /// Prints the estimates; as JSON they are deadtime/estimate@1.
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let (report, job) = match &self.events {
             Some(columns) => (self.of_events(columns)?, None),
             None => {
@@ -73,12 +81,15 @@ impl Estimate {
             }
         };
         // The files first: whoever closes the pipe still gets them.
-        write_json(json, &report)?;
+        to.json(&report)?;
         if let (Some(path), Some(job)) = (&self.plot, job) {
             draw(&job, &report, path)?;
         }
-        say!("{}\n{}", report.preamble(), report.text(self.full).trim_end());
-        Ok(())
+        match (self.brief, self.full) {
+            (true, _) => to.styled(&report.brief()),
+            (_, true) => to.line(report.full().trim_end()),
+            _ => to.styled(&report.short()),
+        }
     }
 
     fn job(&self) -> anyhow::Result<Job> {

@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::io::{IsTerminal, Write, stderr};
 
+use super::Out;
 use crate::text::shown;
 
 /// Cells of the bar.
@@ -15,8 +16,8 @@ pub(super) struct Bar {
 }
 
 impl Bar {
-    pub(super) fn new() -> Self {
-        Self { seen: stderr().is_terminal() }
+    pub(super) fn new(to: &Out<'_>) -> Self {
+        Self { seen: to.tells_progress() && stderr().is_terminal() }
     }
 
     /// The part that is done, 0 to 1, and what is being done now. A terminal that cannot be written to stops nothing.

@@ -23,6 +23,20 @@ pub struct Verdict {
     /// The method whose answer it is.
     #[serde(skip)]
     pub method: Option<String>,
+    /// Who of those that count says what.
+    #[serde(skip)]
+    pub grounds: Grounds,
+}
+
+/// What speaks for a verdict and against it, of the answers that count.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Grounds {
+    /// Methods whose intervals hold the delay, the one whose answer it is first.
+    pub agree: Vec<String>,
+    /// The others, with the delay that each says, s.
+    pub differ: Vec<(String, f64)>,
+    /// Why the number may be none to use.
+    pub doubts: Vec<String>,
 }
 
 /// What the record shows that this method does not withstand; empty where its answer may be counted.
@@ -49,7 +63,7 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     let found: Vec<Found<'_>> = answers.iter().filter_map(|answer| Found::new(answer, findings, sample_time)).collect();
     if found.is_empty() {
         let why = format!("no method found a delay to believe ({})", outcomes(answers, |_| true));
-        return Verdict { delay_s: None, ci95_s: None, why, method: None };
+        return Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
     }
     if let Some(judges) = unseen(answers) {
         let heard: Vec<String> = found.iter().take(MOST_NAMED).map(|f| format!("{} says {:.4} s", f.method, f.delay_s)).collect();
@@ -58,7 +72,7 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
             judges.join(", "),
             heard.join("; ")
         );
-        return Verdict { delay_s: None, ci95_s: None, why, method: None };
+        return Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
     }
     let trusted: Vec<&Found<'_>> = found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
     let nobody = trusted.is_empty();
@@ -92,8 +106,17 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     if differ.len() > MOST_NAMED {
         why.push_str(&format!("; {} more say otherwise", differ.len() - MOST_NAMED));
     }
+    let mut grounds = Grounds {
+        agree: std::iter::once(chosen.method).chain(others.iter().copied()).map(str::to_owned).collect(),
+        differ: differ.iter().map(|(f, _)| (f.method.to_owned(), f.delay_s)).collect(),
+        doubts: Vec::new(),
+    };
+    let mut doubt = |why: &mut String, words: &str| {
+        why.push_str(&format!("; {words}"));
+        grounds.doubts.push(words.to_owned());
+    };
     if nobody {
-        why.push_str("; no method is made for what the record shows, or the data contradict its model, so this is a guess");
+        doubt(&mut why, "no method is made for what the record shows, or the data contradict its model, so this is a guess");
     }
     for (conditions, methods) in by_reason(&found).iter().filter(|_| !nobody) {
         why.push_str(&format!("; not counted because of {}: {}", joined(conditions.iter().map(|c| c.words())), methods.join(", ")));
@@ -108,9 +131,9 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     }
     let total = |side: &[(&Found<'_>, f64)]| side.iter().map(|(_, w)| w).sum::<f64>();
     if total(&differ) >= total(&agree) {
-        why.push_str("; the methods disagree: check excitation, feedback and the search window before using the number");
+        doubt(&mut why, "the methods disagree: check excitation, feedback and the search window before using the number");
     }
-    Verdict { delay_s: Some(chosen.delay_s), ci95_s: Some(interval_s), why, method: Some(chosen.method.to_owned()) }
+    Verdict { delay_s: Some(chosen.delay_s), ci95_s: Some(interval_s), why, method: Some(chosen.method.to_owned()), grounds }
 }
 
 /// The methods that can tell a response from slow noise, resonant noise and feedback alike, if two or more of them looked and none saw one. The others test against noise that

@@ -2,7 +2,7 @@
 
 use super::report::Pair;
 use super::track::{Anchor, AtOneDelay, Kind, Moving, Watch, tracked};
-use super::{DelayError, DelayEstimate, Experiment, Outcome, Ready, Recording, Search, Series, Verdict, verdict};
+use super::{DelayError, DelayEstimate, Experiment, Grounds, Outcome, Ready, Recording, Search, Series, Verdict, verdict};
 use crate::time::SampleTime;
 
 /// What is wanted beside the test.
@@ -61,7 +61,8 @@ pub(super) fn tell(pair: &mut Pair, one: &Experiment<'_>, search: &Search, metho
         let drift = seen.drift(&track, watch.price);
         let lengths: Vec<usize> = records.iter().map(super::Record::len).collect();
         let moving = Moving::new(&seen, &track, drift, &anchor, &lengths, bias, ts);
-        pair.verdict = Verdict { delay_s: None, ci95_s: None, why: sentence(&moving, lengths.len(), ts), method: None };
+        pair.verdict =
+            Verdict { delay_s: None, ci95_s: None, why: sentence(&moving, lengths.len(), ts), method: None, grounds: Grounds::default() };
         pair.moving = Some(moving);
     }
     Ok(())

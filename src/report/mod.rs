@@ -18,6 +18,7 @@ pub mod methods;
 pub mod picture;
 pub mod structured;
 pub mod study;
+pub mod terminal;
 mod text;
 
 pub use folder::save;

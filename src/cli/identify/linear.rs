@@ -6,8 +6,8 @@ use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
 use super::Common;
+use crate::cli::Out;
 use crate::cli::source::Needed;
-use crate::cli::write_json;
 use crate::delay::{Detrend, Feedback, Job, Scope, chosen};
 use crate::identify::subspace::{Direct, Identified, Recordings, identifier};
 use crate::log::Log;
@@ -59,7 +59,7 @@ const NEARLY_WHOLE: f64 = 0.1;
 const WORSE: f64 = 6.0;
 
 impl Linear {
-    pub(super) fn run(&self, common: &Common, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, common: &Common, to: &Out<'_>) -> anyhow::Result<()> {
         let Some(out) = &common.out else { bail!("--out FILE is missing: where the model is to be written") };
         let logs = self.read(common, &common.logs)?;
         let all = Recordings::from_logs(&logs, &self.input, &self.output)?;
@@ -90,10 +90,10 @@ impl Linear {
             checks: identified.check(&judged),
         };
         file.write(out)?;
-        if json.is_some() {
-            write_json(json, &report.data()?)?;
+        if to.wants_json() {
+            to.json(&report.data()?)?;
         }
-        say!("{}\nwritten to {}", report.text().trim_end(), out.display());
+        say!(to, "{}\nwritten to {}", report.text().trim_end(), out.display());
         Ok(())
     }
 
