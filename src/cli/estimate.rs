@@ -14,6 +14,7 @@ use crate::delay::{Detrend, EventsJob, Feedback, Job, Scope, chosen};
 use crate::file::write_atomic;
 use crate::model::ModelFile;
 use crate::registry;
+use crate::report::page;
 use crate::report::picture::{Shown, svg};
 
 /// Estimate the dead time between inputs and outputs of a log, by one method or all, and say what to believe
@@ -22,6 +23,7 @@ use crate::report::picture::{Shown, svg};
   deadtime estimate flight.csv --input rudder --output yaw_rate
   deadtime estimate flight.csv --input rudder --output yaw_rate --brief --json answer.json
   deadtime estimate flight.csv --input rudder --output yaw_rate --method oestruc --method arxstruc --max-delay 1
+  deadtime estimate flight.csv --input rudder --output yaw_rate --html answer.html
   deadtime estimate gates.csv --events entry,exit")]
 pub(super) struct Estimate {
     #[command(flatten)]
@@ -68,6 +70,9 @@ pub(super) struct Estimate {
     /// Also draw the answers and the impulse responses, as SVG
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
+    /// Also write a page with input and output over time, zoomable, and every method's answer: one HTML file that needs no network
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
 }
 
 impl Estimate {
@@ -82,8 +87,14 @@ impl Estimate {
         };
         // The files first: whoever closes the pipe still gets them.
         to.json(&report)?;
-        if let (Some(path), Some(job)) = (&self.plot, job) {
-            draw(&job, &report, path)?;
+        if let (Some(path), Some(job)) = (&self.plot, &job) {
+            draw(job, &report, path)?;
+        }
+        if let Some(path) = &self.html {
+            let responses = job.as_ref().map(|job| job.responses(&report)).transpose()?.unwrap_or_default();
+            let logs = job.as_ref().map(|job| job.logs.as_slice()).unwrap_or_default();
+            let text = page::estimate(&report, logs, &responses);
+            write_atomic(path, |out| out.write_all(text.as_bytes()))?;
         }
         match (self.brief, self.full) {
             (true, _) => to.styled(&report.brief()),

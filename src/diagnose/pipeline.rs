@@ -14,7 +14,7 @@ use crate::diagnose::answer::contributions::{GapBudget, explained, handed_over};
 use crate::diagnose::answer::improvement::improvement;
 use crate::diagnose::answer::isolability::{self as isolability_of, Isolability, Names};
 use crate::diagnose::answer::location::{locate, output_shares};
-use crate::diagnose::answer::traces::{Trace, traces};
+use crate::diagnose::answer::traces::{CommandTrace, Trace, command_traces, traces};
 use crate::diagnose::baseline::motion::Motion;
 use crate::diagnose::baseline::predictor::Predictor;
 use crate::diagnose::baseline::runaway::must_not_explode;
@@ -55,6 +55,8 @@ pub struct Diagnosed {
     pub effects: Vec<Applied>,
     /// What was measured and predicted, by output and then by log.
     pub traces: Vec<Trace>,
+    /// What was commanded, by log and then by input.
+    pub commands: Vec<CommandTrace>,
     /// What a reader has to know of the data.
     pub caveats: Vec<Caveat>,
     /// How often a simulator that can only be called was called; `None` for a model file.
@@ -271,7 +273,8 @@ impl Answer<'_> {
         let traces = traces(likelihood, Some(active).filter(|_| !effects.is_empty()), &floor.floor);
         let caveats = self.caveats(&composed.judged);
         let model = self.subject.with(effects.iter().map(Applied::to_entry));
-        Some(Diagnosed { diagnosis, model, effects, traces, caveats, calls: None })
+        let commands = command_traces(likelihood);
+        Some(Diagnosed { diagnosis, model, effects, traces, commands, caveats, calls: None })
     }
 
     /// As it follows from the simulator, whatever was asked for.

@@ -389,7 +389,7 @@ fn many_methods_fold_to_those_that_count_and_full_shows_all() {
     let (folded, full) = (said(&[]), said(&["--full"]));
     let pairs = METHODS.iter().filter(|m| m.scope == Scope::Pair);
     assert!(rows(&folded, " yes") == rows(&full, " yes ") && rows(&folded, "not visible") == 0, "{folded}");
-    assert!(folded.contains("No answer: ") && folded.contains("17 not visible") && folded.contains("1 not rich enough"), "{folded}");
+    assert!(folded.contains(&format!("No answer: {} not visible", rows(&full, " not visible "))), "what is folded is counted: {folded}");
     for method in pairs {
         assert!(full.contains(&format!("  {} ", method.entry.name)), "{full}");
     }

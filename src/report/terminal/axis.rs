@@ -2,7 +2,7 @@
 
 /// A stretch of numbers that so many characters show.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Axis {
+pub(in crate::report) struct Axis {
     from: f64,
     to: f64,
     cells: usize,
@@ -13,7 +13,7 @@ const REACH: f64 = 8.0;
 
 impl Axis {
     /// An axis around an answer and its interval that holds the others' intervals where they are not far off; `None` without a finite stretch.
-    pub(super) fn around(answer: f64, interval: [f64; 2], others: impl Iterator<Item = [f64; 2]>, cells: usize) -> Option<Self> {
+    pub(in crate::report) fn around(answer: f64, interval: [f64; 2], others: impl Iterator<Item = [f64; 2]>, cells: usize) -> Option<Self> {
         let half = (interval[1] - answer).max(answer - interval[0]);
         let (lowest, highest) = (answer - REACH * half, answer + REACH * half);
         let [from, to] = others.fold(interval, |[from, to], [a, b]| [from.min(a.max(lowest)), to.max(b.min(highest))]);
@@ -21,19 +21,24 @@ impl Axis {
     }
 
     /// An axis over all of these intervals.
-    pub(super) fn over(intervals: impl Iterator<Item = [f64; 2]>, cells: usize) -> Option<Self> {
+    pub(in crate::report) fn over(intervals: impl Iterator<Item = [f64; 2]>, cells: usize) -> Option<Self> {
         let [from, to] = intervals.fold([f64::INFINITY, f64::NEG_INFINITY], |[from, to], [a, b]| [from.min(a), to.max(b)]);
         (from.is_finite() && to.is_finite() && to > from && cells > 2).then_some(Self { from, to, cells })
     }
 
     /// Its ends.
-    pub(super) fn ends(self) -> [f64; 2] {
+    pub(in crate::report) fn ends(self) -> [f64; 2] {
         [self.from, self.to]
+    }
+
+    /// Where a number lies, 0 to 1 on the axis.
+    pub(in crate::report) fn share(self, value: f64) -> f64 {
+        (value - self.from) / (self.to - self.from)
     }
 
     /// The cell of a number; beyond the axis, none.
     fn at(self, value: f64) -> Option<usize> {
-        let share = (value - self.from) / (self.to - self.from);
+        let share = self.share(value);
         (-1e-9..=1.0 + 1e-9).contains(&share).then(|| ((share.clamp(0.0, 1.0) * self.cells as f64) as usize).min(self.cells - 1))
     }
 

@@ -5,6 +5,7 @@ mod delay;
 mod gap;
 mod styled;
 
+pub(super) use axis::Axis;
 pub use gap::{diagnosis, verdict};
 pub use styled::{Role, Styled};
 pub(super) use styled::{cell, columns, wrapped};
