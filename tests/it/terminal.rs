@@ -92,7 +92,8 @@ fn long_and_wide_names_do_not_widen_the_tables() {
     for k in 0..400 {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         let u = if state >> 31 == 0 { 1.0 } else { -1.0 };
-        log += &format!("{},{u},{}\n", f64::from(k) * 0.1, past[0]);
+        let noise = f64::from(state >> 8 & 1023) / 10_230.0;
+        log += &format!("{},{u},{}\n", f64::from(k) * 0.1, past[0] + noise);
         past = [past[1], past[2], u];
     }
     let log = folder.write("log.csv", &log);

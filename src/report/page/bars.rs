@@ -2,10 +2,13 @@
 
 use maud::{Markup, html};
 
+/// A share of less is not drawn: the narrowest stretch has two pixels.
+const LEAST: f64 = 0.001;
+
 /// A stretch from `from` to `to`, both 0 to 1, of this class.
 pub(super) fn stretch(from: f64, to: f64, class: &str) -> Markup {
     let (from, to) = (within(from), within(to));
-    html! { i class=(class) style=(format!("left:{:.2}%;width:{:.2}%", 100.0 * from, 100.0 * (to - from).max(0.0))) {} }
+    html! { @if to - from >= LEAST { i class=(class) style=(format!("left:{:.2}%;width:{:.2}%", 100.0 * from, 100.0 * (to - from))) {} } }
 }
 
 /// A dot at `at`, 0 to 1; beyond, an arrow at the end.

@@ -10,7 +10,7 @@ use crate::delay::Outcome;
 use crate::delay::report::{Estimate, Pair, Report, Response};
 use crate::log::Log;
 use crate::report::picture::{Shown, svg};
-use crate::report::terminal::Axis;
+use crate::report::terminal::{Axis, without_lists};
 use crate::report::text::seconds;
 
 /// Records that the page holds.
@@ -29,8 +29,9 @@ pub fn estimate(report: &Report, logs: &[Log], responses: &[Option<Response>]) -
             h2 { "Input and output" }
             p {
                 span .key.input { "input" }
-                span .key.after { "output, and below it the output shifted back by the answer: what answers then stands under what it answers to" }
+                span .key.after { "output" }
             }
+            p { "Below each pair the output is shifted back by the answer: a response then begins under the command that it answers." }
             (plots("The curves"))
             @if logs.len() > LOGS { p .faint { "The first " (LOGS) " of " (logs.len()) " records." } }
         }
@@ -48,7 +49,6 @@ fn target(pair: &Pair) -> &str {
 }
 
 fn verdict(pair: &Pair, step_s: f64) -> Markup {
-    let grounds = &pair.verdict.grounds;
     html! {
         h3 { (pair.input) " → " (target(pair)) }
         @match (pair.verdict.delay_s, pair.verdict.ci95_s) {
@@ -58,8 +58,7 @@ fn verdict(pair: &Pair, step_s: f64) -> Markup {
             _ if pair.moving.is_some() => {},
             _ => p .verdict { strong { "Believe none of it." } },
         }
-        p { (quoted(&pair.verdict.why)) "." }
-        @if !grounds.doubts.is_empty() { p { strong { "Beware: " } (grounds.doubts.join("; ")) "." } }
+        p { (quoted(&without_lists(&pair.verdict.why, pair))) "." }
         @if let Some(warning) = pair.warning(step_s) { p { strong { "Beware: " } (warning) "." } }
         @if !pair.findings.is_empty() {
             p { "The record shows " @for (at, f) in pair.findings.iter().enumerate() { @if at > 0 { "; " } (f.condition.words()) " (" (quoted(&f.evidence)) ")" } "." }

@@ -68,6 +68,7 @@ fn quoted(text: &str) -> Markup {
 fn percent(share: Option<f64>) -> String {
     match share {
         Some(v) if v > 0.0 && v < 0.0005 => "< 0.1 %".to_owned(),
+        Some(v) if v < 0.0 && v > -0.0005 => "0 %".to_owned(),
         Some(v) if v.is_finite() && (v == 0.0 || v.abs() >= 0.0995) => format!("{:.0} %", 100.0 * v),
         Some(v) if v.is_finite() => format!("{:.1} %", 100.0 * v),
         _ => "–".to_owned(),
@@ -148,7 +149,7 @@ mod tests {
             ["0.1610", "−716382", "2.000e−7", "0"]
         );
         assert_eq!(
-            [percent(Some(0.0)), percent(Some(0.0123)), percent(Some(0.456)), percent(Some(-0.05))],
+            [percent(Some(-1e-5)), percent(Some(0.0123)), percent(Some(0.456)), percent(Some(-0.05))],
             ["0 %", "1.2 %", "46 %", "−5.0 %"]
         );
     }

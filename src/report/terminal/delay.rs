@@ -105,7 +105,7 @@ fn answer(text: &mut Styled, pair: &Pair, step_s: f64) {
 }
 
 /// A sentence whose lists of more methods than a few are counts.
-fn without_lists(why: &str, pair: &Pair) -> String {
+pub(in crate::report) fn without_lists(why: &str, pair: &Pair) -> String {
     let name = |word: &str| {
         let bare = word.trim_matches(|c: char| "(),;:.".contains(c));
         pair.estimates.iter().any(|e| e.method == bare)

@@ -6,6 +6,7 @@ mod gap;
 mod styled;
 
 pub(super) use axis::Axis;
+pub(super) use delay::without_lists;
 pub use gap::{diagnosis, verdict};
 pub use styled::{Role, Styled};
 pub(super) use styled::{cell, columns, wrapped};
