@@ -17,7 +17,7 @@ use crate::text::{message, printed, shown};
 #[derive(Debug, clap::Subcommand)]
 #[command(after_help = "Examples:
   deadtime blind run cases --out verdicts
-  deadtime blind score verdicts --labels labels")]
+  deadtime blind score verdicts labels")]
 pub(super) enum Blind {
     Run(RunCases),
     Score(ScoreVerdicts),
@@ -50,7 +50,7 @@ pub(super) struct RunCases {
 /// Score verdicts against the labels, after checking every label against the commitment that came with its case
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  deadtime blind score verdicts --labels labels")]
+  deadtime blind score verdicts labels")]
 pub(super) struct ScoreVerdicts {
     /// The folder of verdicts: ID/diagnosis.json, ID/run.json and ID/commitment.txt
     #[arg(value_name = "VERDICTS")]

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::Out;
+use super::progress::Waiting;
 use super::source::Reading;
 use crate::diagnose::inspect;
 use crate::log::Log;
@@ -34,7 +35,9 @@ impl Check {
         for path in &self.log {
             logs.extend(self.reading.read_for(path, &document, false)?);
         }
+        let waiting = Waiting::new(to, "checking");
         let found = inspect(&document, &logs, &Stop::default())?;
+        drop(waiting);
         to.json(&found)?;
         say!(to, "{}", text(&found).trim_end());
         Ok(())

@@ -7,6 +7,7 @@ use anyhow::bail;
 use serde_json::Value;
 
 use super::Out;
+use super::progress::Waiting;
 use super::source::{Needed, Source};
 use super::words::in_options;
 use crate::delay::report::Report;
@@ -82,6 +83,8 @@ impl Estimate {
             Some(columns) => (self.of_events(columns)?, None),
             None => {
                 let job = self.job()?;
+                let what = format!("estimating by {} methods", job.methods.len());
+                let _waiting = Waiting::new(to, &what);
                 (in_options(job.run()?), Some(job))
             }
         };

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::Out;
 use super::criteria::Thresholds;
-use super::progress::Bar;
+use super::progress::{Bar, Waiting};
 use super::source::Reading;
 use crate::diagnose::{GapOptions, Mode, diagnose, isolability};
 use crate::log::Log;
@@ -89,7 +89,9 @@ impl Gap {
             ..GapOptions::default()
         };
         let Some(out) = self.out.as_deref().filter(|_| !self.isolability) else {
+            let waiting = Waiting::new(to, "telling effects apart");
             let found = isolability(&document, &logs, &options)?;
+            drop(waiting);
             to.json(&found)?;
             say!(to, "{}", isolability_text(&found).trim_end());
             return Ok(());

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use super::Common;
 use crate::cli::Out;
+use crate::cli::progress::Waiting;
 use crate::cli::source::Needed;
 use crate::delay::{Detrend, Feedback, Job, Scope, chosen};
 use crate::identify::subspace::{Direct, Identified, Recordings, identifier};
@@ -60,6 +61,7 @@ const WORSE: f64 = 6.0;
 
 impl Linear {
     pub(super) fn run(&self, common: &Common, to: &Out<'_>) -> anyhow::Result<()> {
+        let waiting = Waiting::new(to, "identifying");
         let Some(out) = &common.out else { bail!("--out FILE is missing: where the model is to be written") };
         let logs = self.read(common, &common.logs)?;
         let all = Recordings::from_logs(&logs, &self.input, &self.output)?;
@@ -89,6 +91,7 @@ impl Linear {
             held_out_samples: judged.samples(),
             checks: identified.check(&judged),
         };
+        drop(waiting);
         file.write(out)?;
         if to.wants_json() {
             to.json(&report.data()?)?;

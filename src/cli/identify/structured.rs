@@ -6,6 +6,7 @@ use anyhow::bail;
 
 use super::Common;
 use crate::cli::Out;
+use crate::cli::progress::Waiting;
 use crate::identify::structured::{self, Balance, score};
 use crate::log::Log;
 use crate::model::{EquationsFile, ModelDocument};
@@ -82,7 +83,9 @@ impl Structured {
             one_step: !self.no_one_step,
             ..structured::Structured::default()
         };
+        let waiting = Waiting::new(to, "fitting");
         let mut found = options.fit(file, &logs, &held_out)?;
+        drop(waiting);
         found.name.clone_from(&file.name);
         to.json(&found)?;
         if let (Some(out), Some(model)) = (&common.out, &found.model) {

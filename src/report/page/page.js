@@ -12,6 +12,13 @@
     const scale = (c.high - c.low) / 65534;
     return Array.from(codes, (code) => (code === 65535 ? null : c.low + code * scale));
   };
+  // The usual distance between samples that are there; half of them missing or more is seldom.
+  const spacing = (x, y) => {
+    const at = [];
+    y.forEach((v, i) => { if (v !== null) at.push(x[i]); });
+    const steps = at.slice(1).map((t, i) => t - at[i]).sort((a, b) => a - b);
+    return { usual: steps.length ? steps[steps.length >> 1] : Infinity, seldom: at.length < y.length / 2 };
+  };
   const minus = (a, b) => a.map((v, i) => (v === null || b[i] === null ? null : v - b[i]));
   const make = (tag, parent, text) => {
     const made = document.createElement(tag);
@@ -100,16 +107,25 @@
       zoom((e.deltaY || e.deltaX) > 0 ? 1.25 : 0.8);
     }, { passive: false });
     const axis = { stroke: color("ink"), grid: { stroke: color("line"), width: 1 }, ticks: { stroke: color("line"), width: 1 } };
-    const series = part.curves.map((c) => ({
-      label: c.label,
-      scale: c.scale || "y",
-      stroke: color(c.color),
-      width: c.width || 1.25,
-      dash: c.dash,
-      points: { size: 4 },
-      paths: c.held ? uPlot.paths.stepped({ align: 1 }) : undefined,
-      value: (_, v) => digits(v),
-    }));
+    const series = part.curves.map((c) => {
+      const { usual, seldom } = spacing(x, c.y);
+      // Only more than one and a half of the usual distance without a sample interrupts a curve.
+      const gaps = (u, _series, _from, _to, all) => {
+        const most = Math.abs(u.valToPos(x[0] + 1.5 * usual, "x", true) - u.valToPos(x[0], "x", true));
+        return all.filter((gap) => gap[1] - gap[0] > most + 1);
+      };
+      return {
+        label: c.label,
+        scale: c.scale || "y",
+        stroke: color(c.color),
+        width: c.width || 1.25,
+        dash: c.dash,
+        gaps,
+        points: seldom ? { show: true, size: 4 } : { size: 4 },
+        paths: c.held ? uPlot.paths.stepped({ align: 1 }) : undefined,
+        value: (_, v) => digits(v),
+      };
+    });
     const values = (_, ticks) => ticks.map(tick);
     const scales = { x: { time: false }, y: part.about_zero ? { range: (_, low, high) => { const m = 1.08 * Math.max(Math.abs(low), Math.abs(high), part.about_zero); return [-m, m]; } } : {} };
     const axes = [
