@@ -15,8 +15,6 @@ use crate::report::text::seconds;
 
 /// Records that the page holds.
 const LOGS: usize = 40;
-/// Points of all curves of a page together.
-const POINTS: usize = 800_000;
 
 /// The page of a report, with the records that it is about and their impulse responses, as many as pairs, where the inputs allow them.
 #[must_use]
@@ -127,8 +125,7 @@ fn data(report: &Report, logs: &[Log]) -> Value {
     let all = [f64::NEG_INFINITY, f64::INFINITY];
     let record = |(at, log): (usize, &Log)| {
         let time_s: Vec<f64> = log.time_s().iter().map(|t| t - log.time_s().first().unwrap_or(&0.0)).collect();
-        let points = POINTS / (2 * pairs.len() + 4) * log.len() / samples.max(1);
-        let thinning = Thinning::new(log.len(), points.max(64));
+        let thinning = Thinning::share(&time_s, 2 * pairs.len(), samples);
         let one = |pair: &&Pair| {
             let (u, y) = (log.channel(&pair.input).ok()?, log.channel(&pair.output).ok()?);
             let unit = |name: &str| log.unit(name).filter(|u| *u != "1").unwrap_or("").to_owned();
@@ -145,7 +142,7 @@ fn data(report: &Report, logs: &[Log]) -> Value {
             }))
         };
         let name = if logs.len() > 1 { format!("record {}", at + 1) } else { log.source().to_owned() };
-        json!({ "name": name, "time": thinning.times(&time_s), "pairs": pairs.iter().filter_map(one).collect::<Vec<Value>>() })
+        json!({ "name": name, "bucket": thinning.bucket(), "time": thinning.times(&time_s), "pairs": pairs.iter().filter_map(one).collect::<Vec<Value>>() })
     };
     json!({ "kind": "estimate", "logs": logs.iter().take(shown).enumerate().map(record).collect::<Vec<Value>>(), "opens": 0 })
 }

@@ -13,8 +13,6 @@ use crate::report::diagnosis::summary;
 const LOGS: usize = 40;
 /// Rows of the ranking that stand open.
 const OPEN_ROWS: usize = 12;
-/// Points of all curves of a page together: 2.7 bytes each, so that a page stays below 3 MB.
-const POINTS: usize = 800_000;
 /// A prediction may leave the range of the measurement by this many of its widths before it is cut off: one that explodes must not flatten all else.
 const LEAVES: f64 = 1.0;
 
@@ -87,18 +85,19 @@ fn data(diagnosed: &Diagnosed) -> Value {
     let shown = count.min(LOGS);
     let outputs = if count == 0 { 0 } else { diagnosed.traces.len() / count };
     let inputs = diagnosed.commands.len().checked_div(count).unwrap_or(0);
-    // Uneven times take four curves' room.
-    let curves = 3 * outputs + inputs + 4;
+    let curves = 3 * outputs + inputs;
     let samples: usize = diagnosed.traces.iter().take(shown).map(|t| t.time_s.len()).sum();
     let log = |at: usize| {
         let of: Vec<&Trace> = (0..outputs).filter_map(|i| diagnosed.traces.get(i * count + at)).collect();
         let commands: Vec<&CommandTrace> = diagnosed.commands.iter().skip(at * inputs).take(inputs).collect();
         let first = *of.first()?;
-        let points = POINTS / curves * first.time_s.len() / samples.max(1);
-        let thinning = Thinning::new(first.time_s.len(), points.max(64));
+        let thinning = Thinning::share(&first.time_s, curves, samples);
         let outputs: Vec<Value> = of.iter().map(|t| output(t, thinning, d)).collect();
         let inputs: Vec<Value> = commands.iter().map(|c| command(c, thinning)).collect();
-        Some(json!({ "name": first.log, "time": thinning.times(&first.time_s), "held": first.held, "outputs": outputs, "inputs": inputs }))
+        let time = thinning.times(&first.time_s);
+        Some(
+            json!({ "name": first.log, "bucket": thinning.bucket(), "time": time, "held": first.held, "outputs": outputs, "inputs": inputs }),
+        )
     };
     let all: Vec<Value> = (0..shown).filter_map(log).collect();
     let densest = d.place.times.first().map(|t| t.log.as_str());

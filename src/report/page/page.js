@@ -27,6 +27,8 @@
     return made;
   };
   const color = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+  const page = document.documentElement.dataset;
+  const wide = (box) => (page.print === undefined ? Math.max(box.clientWidth, 240) : 660);
   const digits = (v) => {
     if (v === null || v === undefined || !Number.isFinite(v)) return "–";
     const size = Math.abs(v);
@@ -51,7 +53,7 @@
     linking = true;
     range = [min, max];
     for (const other of charts) if (other !== chart) other.setScale("x", { min, max });
-    shown.textContent = digits(min) + " to " + digits(max) + " s";
+    shown.textContent = digits(min) + " to " + digits(max) + " s" + log.thinned;
     linking = false;
   };
   const go = (min, max) => {
@@ -130,14 +132,14 @@
     const scales = { x: { time: false }, y: part.about_zero ? { range: (_, low, high) => { const m = 1.08 * Math.max(Math.abs(low), Math.abs(high), part.about_zero); return [-m, m]; } } : {} };
     const axes = [
       { ...axis, label: part.last ? "time (s)" : undefined, labelSize: 18, size: part.last ? 34 : 26, values },
-      { ...axis, size: 64, label: part.unit, labelSize: 18, values },
+      { ...axis, size: 64, space: 26, label: part.unit, labelSize: 18, values },
     ];
     if (part.curves.some((c) => c.scale === "z")) {
       scales.z = {};
-      axes.push({ ...axis, side: 1, scale: "z", size: 56, grid: { show: false }, label: part.unit_z, labelSize: 18, values });
+      axes.push({ ...axis, side: 1, scale: "z", size: 56, space: 26, grid: { show: false }, label: part.unit_z, labelSize: 18, values });
     }
     const made = new uPlot({
-      width: Math.max(wrap.clientWidth, 240),
+      width: wide(wrap),
       height: part.height,
       scales,
       axes,
@@ -230,7 +232,8 @@
     root.replaceChildren();
     const l = data.logs[at];
     const x = times(l.time);
-    log = { x, ends: [x[0], x[x.length - 1]] };
+    const thinned = l.bucket > 1 ? "; of every " + l.bucket + " samples the least and the greatest" : "";
+    log = { x, ends: [x[0], x[x.length - 1]], thinned };
     const { list, rests } = parts[data.kind]({ ...l, x });
     list.forEach((part, i) => {
       if (part.title !== undefined) make("h3", root, part.title);
@@ -266,12 +269,13 @@
 
   if (data.logs.length) {
     draw(current, false);
-    const sized = () => charts.forEach((c) => c.setSize({ width: Math.max(c.root.parentElement.clientWidth, 240), height: c.height }));
+    const sized = () => charts.forEach((c) => c.setSize({ width: wide(c.root.parentElement), height: c.height }));
     let waiting = 0;
     addEventListener("resize", () => { cancelAnimationFrame(waiting); waiting = requestAnimationFrame(sized); });
-    addEventListener("beforeprint", () => draw(current, true));
-    addEventListener("afterprint", () => draw(current, true));
+    // Paper is light, and narrower than most windows.
+    addEventListener("beforeprint", () => { page.print = ""; draw(current, true); });
+    addEventListener("afterprint", () => { delete page.print; draw(current, true); });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => draw(current, true));
-    document.documentElement.dataset.drawn = charts.length;
+    page.drawn = charts.length;
   }
 })();

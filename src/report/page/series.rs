@@ -11,6 +11,8 @@ pub(super) struct Thinning {
     bucket: usize,
 }
 
+/// Points of all curves of a page together: 2.7 bytes each, so that a page stays below 3 MB.
+const POINTS: usize = 800_000;
 /// Between this many sample times and a whole number of them, a time axis is even.
 const EVEN: f64 = 1e-6;
 /// The code of a missing sample; values have those below.
@@ -21,6 +23,20 @@ impl Thinning {
     pub(super) fn new(samples: usize, points: usize) -> Self {
         let bucket = if samples <= points { 1 } else { (2 * samples).div_ceil(points.max(2)) };
         Self { samples, bucket }
+    }
+
+    /// The same for one of several logs of a page with so many curves: its share of the points that a page may hold.
+    pub(super) fn share(time_s: &[f64], curves: usize, samples_of_all: usize) -> Self {
+        let step = time_s.windows(2).next().map_or(0.0, |w| w[1] - w[0]);
+        let even = time_s.windows(2).all(|w| (w[1] - w[0] - step).abs() <= 1e-3 * step);
+        // Times that are written one by one take four curves' room.
+        let curves = if even { curves } else { curves + 4 };
+        Self::new(time_s.len(), (POINTS / curves.max(1) * time_s.len() / samples_of_all.max(1)).max(64))
+    }
+
+    /// Samples of which two points are shown; 1 where all are.
+    pub(super) fn bucket(self) -> usize {
+        self.bucket
     }
 
     fn buckets(self) -> impl Iterator<Item = (usize, usize)> {
