@@ -83,7 +83,7 @@ fn data(diagnosed: &Diagnosed) -> Value {
     let d = &diagnosed.diagnosis;
     let count = logs(diagnosed).len();
     let shown = count.min(LOGS);
-    let outputs = if count == 0 { 0 } else { diagnosed.traces.len() / count };
+    let outputs = diagnosed.traces.len().checked_div(count).unwrap_or(0);
     let inputs = diagnosed.commands.len().checked_div(count).unwrap_or(0);
     let curves = 3 * outputs + inputs;
     let samples: usize = diagnosed.traces.iter().take(shown).map(|t| t.time_s.len()).sum();
