@@ -181,7 +181,9 @@ fn a_log_too_short_for_some_methods_still_answers_by_the_others() {
     assert!(out.contains("threshold needs at least 143 samples") && out.contains("has 110") && out.contains("--max-delay"), "{out}");
     assert!(out.contains("Believe a dead time of 0.200"), "{out}");
     let tiny = folder.write("tiny.csv", &good(20));
-    let out = estimate(&tiny, &["--max-delay", "1.8"]).words();
+    let short = estimate(&tiny, &["--max-delay", "1.8"]).words();
+    assert!(short.contains("Believe none of it") && short.contains("needs at least"), "{short}");
+    let out = estimate(&tiny, &["--max-delay", "1.8", "--full"]).words();
     for method in ["oestruc", "arxstruc", "threshold", "threshold_step"] {
         assert!(out.contains(&format!("{method} needs at least")), "{out}");
     }

@@ -224,7 +224,9 @@ fn beneath(text: &mut Styled, pair: &Pair, rows: &[&Estimate]) {
         let all: Vec<String> = pair.findings.iter().map(|f| format!("{} ({})", f.condition.words(), f.evidence)).collect();
         text.sentence((Role::Label, "The record shows: "), &format!("{}.", all.join("; ")), WIDTH, 2);
     }
-    let notes: Vec<(&str, &str)> = rows.iter().filter_map(|e| Some((e.method.as_str(), e.note.as_deref()?))).collect();
+    // Where nobody answered, the notes say why.
+    let of: Vec<&Estimate> = if rows.is_empty() { pair.estimates.iter().collect() } else { rows.to_vec() };
+    let notes: Vec<(&str, &str)> = of.iter().filter_map(|e| Some((e.method.as_str(), e.note.as_deref()?))).collect();
     let named = if pair.estimates.len() > A_HANDFUL { NAMED } else { A_HANDFUL };
     for (method, note) in notes.iter().take(named) {
         text.sentence((Role::Label, &format!("{method}: ")), &format!("{note}."), WIDTH, 2);
