@@ -277,10 +277,10 @@ class Estimates(FileResult):
         Parameters
         ----------
         full : bool
-            Every method in the tables, also those whose answers do not count.
+            Every method with every number, in wide tables, also those whose answers do not count.
         """
-        preamble, short, whole = self._texts
-        return f"{preamble}\n{whole if full else short}"
+        _, short, whole = self._texts
+        return whole if full else short
 
     def __repr__(self) -> str:
         return self.to_text()

@@ -1,12 +1,12 @@
 //! `deadtime blind`: the check on withheld effects.
 
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 
 use super::criteria::Thresholds;
-use super::{LimitNotMet, write_json};
+use super::{LimitNotMet, Out};
 use crate::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, load, run, score};
 use crate::diagnose::{GapOptions, diagnose_files};
 use crate::file::write_atomic;
@@ -15,6 +15,9 @@ use crate::text::{message, printed, shown};
 
 /// Diagnose cases whose cause is withheld, and score the verdicts once the labels are known
 #[derive(Debug, clap::Subcommand)]
+#[command(after_help = "Examples:
+  deadtime blind run cases --out verdicts
+  deadtime blind score verdicts labels")]
 pub(super) enum Blind {
     Run(RunCases),
     Score(ScoreVerdicts),
@@ -22,6 +25,8 @@ pub(super) enum Blind {
 
 /// Diagnose every case of a folder, one at a time; only the case folders are read
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime blind run cases --out verdicts --jobs 4")]
 pub(super) struct RunCases {
     /// The folder of cases: ID/model.toml, ID/train_*.csv, ID/holdout_*.csv, ID/commitment.txt
     #[arg(value_name = "CASES")]
@@ -44,6 +49,8 @@ pub(super) struct RunCases {
 
 /// Score verdicts against the labels, after checking every label against the commitment that came with its case
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime blind score verdicts labels")]
 pub(super) struct ScoreVerdicts {
     /// The folder of verdicts: ID/diagnosis.json, ID/run.json and ID/commitment.txt
     #[arg(value_name = "VERDICTS")]
@@ -63,16 +70,16 @@ pub(super) struct ScoreVerdicts {
 }
 
 impl Blind {
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         match self {
-            Self::Run(c) => c.run(json),
-            Self::Score(c) => c.run(json),
+            Self::Run(c) => c.run(to),
+            Self::Score(c) => c.run(to),
         }
     }
 }
 
 impl RunCases {
-    fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let existing = if self.fresh { Existing::Redo } else { Existing::Keep };
         let options = GapOptions { seed: self.seed, criteria: self.thresholds.criteria()?, ..GapOptions::default() };
         let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &options)?.diagnosis);
@@ -86,9 +93,9 @@ impl RunCases {
             run(&self.cases, &self.out, &RunOptions { jobs: self.jobs, existing, ..RunOptions::default() }, &diagnose, &progress)?;
         let failed: Vec<String> = summary.failed().map(|(id, error)| format!("{id}: {error}")).collect();
         let done = summary.cases.len() - failed.len();
-        write_json(json, &serde_json::json!({ "cases": summary.cases.len(), "done": done, "failed": failed }))?;
+        to.json(&serde_json::json!({ "cases": summary.cases.len(), "done": done, "failed": failed }))?;
         if failed.is_empty() {
-            say!("{done} cases diagnosed; verdicts in {}", self.out.display());
+            say!(to, "{done} cases diagnosed; verdicts in {}", self.out.display());
             return Ok(());
         }
         bail!("{done} of {} cases were diagnosed; these were not:\n{}", summary.cases.len(), failed.join("\n"))
@@ -96,10 +103,10 @@ impl RunCases {
 }
 
 impl ScoreVerdicts {
-    fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let limits: Vec<Limit> = self.require.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
         let scores = score(&load(&self.verdicts, &self.labels, self.cases.as_deref())?);
-        write_json(json, &scores)?;
+        to.json(&scores)?;
         if let Some(path) = &self.markdown {
             write_atomic(path, |out| out.write_all(blind::markdown(&scores).as_bytes()))?;
         }

@@ -1,11 +1,11 @@
 //! `deadtime c2d`: a sampled model from a continuous one.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 
-use super::write_json;
+use super::Out;
 use crate::model::c2d::CONVERSIONS;
 use crate::model::{Channel, ModelFile};
 use crate::registry::{find, options};
@@ -13,6 +13,9 @@ use crate::time::SampleTime;
 
 /// Convert a continuous model to a sampled one
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime c2d model.toml --sample-time 0.02
+  deadtime c2d model.toml --sample-time 0.02 --method tustin --set prewarp_rad_s=3 --out sampled.toml")]
 pub(super) struct C2d {
     /// The model, deadtime/model@1
     model: PathBuf,
@@ -38,7 +41,7 @@ pub(super) struct C2d {
 
 impl C2d {
     /// Writes the sampled model; as JSON it is deadtime/model@1.
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let file = ModelFile::read(&self.model)?;
         if !file.effects.is_empty() {
             bail!(
@@ -56,11 +59,12 @@ impl C2d {
             }
         };
         let result = file.c2d(&*conversion, SampleTime::new(self.sample_time)?, pair).with_context(about)?;
-        write_json(json, &result)?;
+        to.json(&result)?;
         match &self.out {
             Some(path) => {
                 result.write(path)?;
                 say!(
+                    to,
                     "{}: {} by {} every {} s, {} states, {}; written to {}",
                     about(),
                     file.name,

@@ -1,9 +1,10 @@
 //! `deadtime check`: whether a model and logs fit, before anyone diagnoses.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use super::Out;
+use super::progress::Waiting;
 use super::source::Reading;
-use super::write_json;
 use crate::diagnose::inspect;
 use crate::log::Log;
 use crate::model::ModelDocument;
@@ -12,6 +13,9 @@ use crate::stop::Stop;
 
 /// Check a model and logs before diagnosing: names, units, time stamps, signs, axes, clocks, stuck and clipped channels, excitation
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime check --model model.toml --log flight.csv
+  deadtime check --model model.toml --log a.csv --log b.csv --json checks.json")]
 pub(super) struct Check {
     /// The model, deadtime/model@1
     #[arg(long, value_name = "MODEL")]
@@ -25,15 +29,17 @@ pub(super) struct Check {
 
 impl Check {
     /// Prints what was found; as JSON it is deadtime/check@1.
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let document = ModelDocument::read(&self.model)?;
         let mut logs: Vec<Log> = Vec::new();
         for path in &self.log {
             logs.extend(self.reading.read_for(path, &document, false)?);
         }
+        let waiting = Waiting::new(to, "checking");
         let found = inspect(&document, &logs, &Stop::default())?;
-        write_json(json, &found)?;
-        say!("{}", text(&found).trim_end());
+        drop(waiting);
+        to.json(&found)?;
+        say!(to, "{}", text(&found).trim_end());
         Ok(())
     }
 }

@@ -1,10 +1,11 @@
 //! `deadtime demo`: the main job on a simulated flight that ships with the program.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use super::Out;
 use super::estimate::draw;
+use super::show::write_json;
 use super::words::in_options;
-use super::write_json;
 use crate::delay::{Class, Job, METHODS, Method, Scope};
 use crate::diagnose::{GapOptions, diagnose};
 use crate::file::write_atomic;
@@ -18,6 +19,9 @@ use crate::study::{Plan, Runner};
 
 /// Run the main job on a simulated UAV flight that ships with the program
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime demo
+  deadtime demo --out first-look")]
 pub(super) struct Demo {
     /// Folder to write to
     #[arg(long, value_name = "DIR", default_value = "deadtime-demo")]
@@ -38,7 +42,7 @@ const PLAN: &str = include_str!("../study/plans/demo.toml");
 const TRIALS: usize = 40;
 
 impl Demo {
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let file = |name: &str| self.out.join(name);
         for (name, text) in [("uav_flight.csv", FLIGHT), ("uav_lateral_stabilised.toml", MODEL)] {
             write_atomic(&file(name), |out| out.write_all(text.as_bytes()))?;
@@ -46,28 +50,31 @@ impl Demo {
         let model = ModelFile::read(&file("uav_lateral_stabilised.toml"))?;
 
         say!(
+            to,
             "1. How long is the dead time? A simulated UAV flies on a random binary roll command r; roll rate p, side acceleration ay and"
         );
         say!(
+            to,
             "   the states were logged, with noise. The command reached the vehicle late: by {TRUTH_S} s, which the methods are not told.\n"
         );
         let logs = vec![log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?];
         let job = Job { model: Some(model.clone()), ..Job::new(logs, ["r"], ["p", "ay"]) };
         let report = in_options(job.run()?);
-        say!("{}", report.preamble());
-        say!("{}", report.text(false).trim_end());
-        write_json(Some(&file("estimate.json")), &report)?;
+        to.styled(&report.short())?;
+        write_json(&file("estimate.json"), &report)?;
         draw(&job, &report, &file("estimate.svg"))?;
-        write_json(json, &report)?;
+        to.json(&report)?;
         say!(
+            to,
             "\n   The truth is {TRUTH_S} s, six samples and a half. Methods that count samples can only come to within one; the one that knows the"
         );
-        say!("   dynamics and sees the states resolves the half sample. Their intervals say so.");
+        say!(to, "   dynamics and sees the states resolves the half sample. Their intervals say so.");
 
         say!(
+            to,
             "\n2. Which method may be trusted to say so? The same vehicle again, {TRIALS} records for each of four delays that are injected and"
         );
-        say!("   so are known; output p, 600 samples, the same noise; of each class of methods the one that is trusted most.\n");
+        say!(to, "   so are known; output p, 600 samples, the same noise; of each class of methods the one that is trusted most.\n");
         let mut plan = Plan::parse("demo", PLAN, &self.out)?;
         plan.seed = self.seed;
         plan.grids.iter_mut().for_each(|g| {
@@ -77,30 +84,32 @@ impl Demo {
         let folder = self.out.join("accuracy");
         let study = Runner::new(&plan)?.run(&folder, true, &Stop::default(), &|_| ())?;
         let (_, accuracy) = cells(&study, &plan.name);
-        say!("{}", accuracy.to_string().trim_end_matches('\n'));
+        say!(to, "{}", accuracy.to_string().trim_end_matches('\n'));
         write_atomic(&folder.join("tables.md"), |out| out.write_all(study_page(&study, &plan).as_bytes()))?;
-        say!("\n   Errors are in samples of 0.02 s, over the records that got an answer. A method to trust has a small error, and");
-        say!("   an interval that holds the truth about as often as it promises.");
+        say!(to, "\n   Errors are in samples of 0.02 s, over the records that got an answer. A method to trust has a small error, and");
+        say!(to, "   an interval that holds the truth about as often as it promises.");
 
         say!(
+            to,
             "\n3. Where do simulator and machine differ? The same simulator, which knows of no delay, against the same flight: every effect of the"
         );
-        say!("   catalogue on every channel, the last 30 % of the flight held back.\n");
+        say!(to, "   catalogue on every channel, the last 30 % of the flight held back.\n");
         let logs = [log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?];
         let document = ModelDocument::read(&file("uav_lateral_stabilised.toml"))?;
         let found = diagnose(&document, &logs, &[], &GapOptions { seed: self.seed, ..GapOptions::default() }, &|_| ())?;
         for line in summary(&found).lines() {
-            say!("   {line}");
+            say!(to, "   {line}");
         }
-        say!("\n{}", ranking(&found.diagnosis, 6).to_string().trim_end());
+        say!(to, "\n{}", ranking(&found.diagnosis, 6).to_string().trim_end());
         save(&found, &self.out)?;
 
         say!(
+            to,
             "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy/ (the study), diagnosis.json, report.html, model_with_effects.toml.",
             self.out.display()
         );
-        say!("Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE");
-        say!("     and simulator:  deadtime gap --model MODEL.toml --log LOG.csv --out DIR");
+        say!(to, "Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE");
+        say!(to, "     and simulator:  deadtime gap --model MODEL.toml --log LOG.csv --out DIR");
         Ok(())
     }
 }

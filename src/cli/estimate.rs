@@ -6,18 +6,26 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 use serde_json::Value;
 
+use super::Out;
+use super::progress::Waiting;
 use super::source::{Needed, Source};
 use super::words::in_options;
-use super::write_json;
 use crate::delay::report::Report;
 use crate::delay::{Detrend, EventsJob, Feedback, Job, Scope, chosen};
 use crate::file::write_atomic;
 use crate::model::ModelFile;
 use crate::registry;
+use crate::report::page;
 use crate::report::picture::{Shown, svg};
 
 /// Estimate the dead time between inputs and outputs of a log, by one method or all, and say what to believe
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime estimate flight.csv --input rudder --output yaw_rate
+  deadtime estimate flight.csv --input rudder --output yaw_rate --brief --json answer.json
+  deadtime estimate flight.csv --input rudder --output yaw_rate --method oestruc --method arxstruc --max-delay 1
+  deadtime estimate flight.csv --input rudder --output yaw_rate --html answer.html
+  deadtime estimate gates.csv --events entry,exit")]
 pub(super) struct Estimate {
     #[command(flatten)]
     source: Source,
@@ -54,31 +62,48 @@ pub(super) struct Estimate {
     /// Also print the dead time against time with its band; --json has every sample of it
     #[arg(long, conflicts_with = "events")]
     track: bool,
-    /// Show every method in the tables, also those whose answers do not count
+    /// Only the answer: two lines a pair
+    #[arg(long, conflicts_with = "full")]
+    brief: bool,
+    /// Every method with every number, also those whose answers do not count, in wide tables
     #[arg(long)]
     full: bool,
     /// Also draw the answers and the impulse responses, as SVG
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
+    /// Also write a page with input and output over time, zoomable, and every method's answer: one HTML file that needs no network
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
 }
 
 impl Estimate {
     /// Prints the estimates; as JSON they are deadtime/estimate@1.
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let (report, job) = match &self.events {
             Some(columns) => (self.of_events(columns)?, None),
             None => {
                 let job = self.job()?;
+                let what = format!("estimating by {} methods", job.methods.len());
+                let _waiting = Waiting::new(to, &what);
                 (in_options(job.run()?), Some(job))
             }
         };
         // The files first: whoever closes the pipe still gets them.
-        write_json(json, &report)?;
-        if let (Some(path), Some(job)) = (&self.plot, job) {
-            draw(&job, &report, path)?;
+        to.json(&report)?;
+        if let (Some(path), Some(job)) = (&self.plot, &job) {
+            draw(job, &report, path)?;
         }
-        say!("{}\n{}", report.preamble(), report.text(self.full).trim_end());
-        Ok(())
+        if let Some(path) = &self.html {
+            let responses = job.as_ref().map(|job| job.responses(&report)).transpose()?.unwrap_or_default();
+            let logs = job.as_ref().map(|job| job.logs.as_slice()).unwrap_or_default();
+            let text = page::estimate(&report, logs, &responses);
+            write_atomic(path, |out| out.write_all(text.as_bytes()))?;
+        }
+        match (self.brief, self.full) {
+            (true, _) => to.styled(&report.brief()),
+            (_, true) => to.line(report.full().trim_end()),
+            _ => to.styled(&report.short()),
+        }
     }
 
     fn job(&self) -> anyhow::Result<Job> {

@@ -1,14 +1,14 @@
 //! `deadtime excite`: makes an excitation signal and writes it as a log.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde_json::Value;
 
-use super::write_json;
+use super::Out;
 use crate::file::write_atomic;
 use crate::registry::options;
 use crate::signal::excitation::by_name;
@@ -16,6 +16,9 @@ use crate::time::SampleTime;
 
 /// Make an excitation signal (ramps, impulse, step, RBS, PRBS, multisine, chirp, doublet, 3-2-1-1) as a CSV log
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime excite prbs --samples 1000 --sample-time 0.01 --out u.csv
+  deadtime excite rbs --samples 400 --sample-time 0.05 --set band=[0,0.5] --channel rudder --out u.csv")]
 pub(crate) struct Excite {
     /// Name of the signal; `deadtime list excitations` shows all, with their options
     name: String,
@@ -41,7 +44,7 @@ pub(crate) struct Excite {
 
 impl Excite {
     /// Makes the signal and writes it.
-    pub(crate) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(crate) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let entry = by_name(&self.name)?;
         let sample_time = SampleTime::new(self.sample_time)?;
         if self.channel.trim().is_empty() || self.channel == "time" {
@@ -50,18 +53,16 @@ impl Excite {
         let given = options(self.set.iter().map(String::as_str))?;
         let signal = entry.with(given.clone())?;
         let u = signal.generate(self.samples, &mut ChaCha8Rng::seed_from_u64(self.seed))?;
-        write_json(
-            json,
-            &serde_json::json!({
-                "signal": entry.name, "channel": self.channel, "samples": u.len(), "sample_time_s": self.sample_time, "seed": self.seed,
-                "options": given, "out": self.out
-            }),
-        )?;
+        to.json(&serde_json::json!({
+            "signal": entry.name, "channel": self.channel, "samples": u.len(), "sample_time_s": self.sample_time, "seed": self.seed,
+            "options": given, "out": self.out
+        }))?;
         let Some(path) = &self.out else {
             return write_csv(&mut std::io::stdout().lock(), &self.channel, sample_time, &u).context("standard output");
         };
         write_atomic(path, |file| write_csv(file, &self.channel, sample_time, &u))?;
         say!(
+            to,
             "{}: {} samples, one every {} s, {} s in all, seed {}, options {}; written to {} as channel {}",
             entry.name,
             u.len(),
@@ -103,6 +104,7 @@ fn write_csv(out: &mut dyn Write, channel: &str, sample_time: SampleTime, u: &[f
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::show::Color;
     use clap::Parser;
 
     #[derive(clap::Parser)]
@@ -116,7 +118,7 @@ mod tests {
         words.extend(arguments.split_whitespace());
         let mut excite = Line::try_parse_from(words)?.excite;
         excite.out = Some(out.to_owned());
-        excite.run(None)?;
+        excite.run(&Out::new(None, true, Color::Never))?;
         Ok(std::fs::read_to_string(out)?)
     }
 

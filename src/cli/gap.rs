@@ -1,20 +1,24 @@
 //! `deadtime gap`: where model and machine differ, which effect causes it, and how far the gap shrinks.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use super::Out;
 use super::criteria::Thresholds;
-use super::progress::Bar;
+use super::progress::{Bar, Waiting};
 use super::source::Reading;
-use super::write_json;
 use crate::diagnose::{GapOptions, Mode, diagnose, isolability};
 use crate::log::Log;
 use crate::model::ModelDocument;
 use crate::report::diagnosis::{ranking, summary};
 use crate::report::isolability::text as isolability_text;
-use crate::report::save;
+use crate::report::{save, terminal};
 
 /// Diagnose the gap between a model and logs of the real machine: where it lies, which unmodelled effect causes it, how far it shrinks
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime gap --model model.toml --log flight.csv --out gap
+  deadtime gap --model model.toml --log a.csv --log b.csv --holdout c.csv --out gap --full
+  deadtime gap --model model.toml --log flight.csv --isolability")]
 pub(super) struct Gap {
     /// The model, deadtime/model@1
     #[arg(long, value_name = "MODEL")]
@@ -38,6 +42,12 @@ pub(super) struct Gap {
     seed: u64,
     #[command(flatten)]
     thresholds: Thresholds,
+    /// Only the answer, in two sentences
+    #[arg(long, conflicts_with = "full")]
+    brief: bool,
+    /// Every sentence of the diagnosis in full, and the ranking with four digits
+    #[arg(long)]
+    full: bool,
     /// Rows of the ranking to print
     #[arg(long, value_name = "N", default_value_t = 8)]
     rows: usize,
@@ -58,7 +68,7 @@ enum ModeName {
 }
 
 impl Gap {
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let document = ModelDocument::read(&self.model)?;
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Log>> {
             let mut logs = Vec::new();
@@ -79,23 +89,32 @@ impl Gap {
             ..GapOptions::default()
         };
         let Some(out) = self.out.as_deref().filter(|_| !self.isolability) else {
+            let waiting = Waiting::new(to, "telling effects apart");
             let found = isolability(&document, &logs, &options)?;
-            write_json(json, &found)?;
-            say!("{}", isolability_text(&found).trim_end());
+            drop(waiting);
+            to.json(&found)?;
+            say!(to, "{}", isolability_text(&found).trim_end());
             return Ok(());
         };
-        let bar = Bar::new();
+        let bar = Bar::new(to);
         let found = diagnose(&document, &logs, &holdout, &options, &|stage| bar.show(stage.begins_at(), &stage));
         bar.end();
         let found = found?;
         let written = save(&found, out)?;
-        write_json(json, &found.diagnosis)?;
-        say!("{}", summary(&found));
-        for caveat in &found.caveats {
-            say!("Caveat: {caveat}.");
+        to.json(&found.diagnosis)?;
+        if self.brief {
+            return to.styled(&terminal::verdict(&found.diagnosis));
         }
-        say!("\n{}", ranking(&found.diagnosis, self.rows).to_string().trim_end());
-        say!("\nWritten to {}: {}.", out.display(), written.join(", "));
+        if self.full {
+            say!(to, "{}", summary(&found));
+            for caveat in &found.caveats {
+                say!(to, "Caveat: {caveat}.");
+            }
+            say!(to, "\n{}", ranking(&found.diagnosis, self.rows).to_string().trim_end());
+        } else {
+            to.styled(&terminal::diagnosis(&found, self.rows))?;
+        }
+        say!(to, "\nWritten to {}: {}.", out.display(), written.join(", "));
         Ok(())
     }
 }

@@ -1,11 +1,11 @@
 //! `deadtime gate`: whether a study is worse than an earlier one.
 
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 
-use super::{LimitNotMet, write_json};
+use super::{LimitNotMet, Out};
 use crate::file::write_atomic;
 use crate::report::{gate, junit};
 use crate::study::{self, Study};
@@ -15,6 +15,9 @@ use crate::text::printed;
 ///
 /// Exit codes: 0 nothing is worse, 1 something is, 2 the two cannot be compared.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime gate study-mine --baseline kept --update
+  deadtime gate study-mine --baseline kept --junit gate.xml --markdown gate.md")]
 pub(super) struct Gate {
     /// The study to judge: study.json or its folder
     #[arg(value_name = "RESULTS")]
@@ -46,11 +49,11 @@ pub(super) struct Gate {
 }
 
 impl Gate {
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let results = Study::read(&self.results)?;
         if self.update {
             results.write_baseline(&self.baseline)?;
-            say!("{}: {} cells are the baseline now, in {}", results.plan, results.cells.len(), self.baseline.display());
+            say!(to, "{}: {} cells are the baseline now, in {}", results.plan, results.cells.len(), self.baseline.display());
             return Ok(());
         }
         if !self.baseline.exists() {
@@ -61,7 +64,7 @@ impl Gate {
         let report = study::Gate { alpha, margin, margin_samples, margin_share }
             .compare(&results, &baseline)
             .with_context(|| format!("{} and {}", self.results.display(), self.baseline.display()))?;
-        write_json(json, &report)?;
+        to.json(&report)?;
         if let Some(path) = &self.junit {
             write_atomic(path, |out| out.write_all(junit::xml(&report).as_bytes()))?;
         }

@@ -1,12 +1,12 @@
 //! `deadtime list`: what there is, with options and defaults.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
-use super::write_json;
+use super::Out;
 use crate::delay::METHODS;
 use crate::diagnose::Criteria;
 use crate::effect;
@@ -24,6 +24,9 @@ use crate::study::{PLANS, PLANTS, Plan};
 /// List the methods, identification methods, effects, excitations, conversions, dynamics, plants, plans, readers of log files or thresholds of a diagnosis there are, with their options and
 /// defaults
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime list methods
+  deadtime list effects --model model.toml")]
 pub(super) struct List {
     /// What to list
     #[arg(value_enum)]
@@ -49,7 +52,7 @@ enum What {
 }
 
 impl List {
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         if let Some(path) = &self.model {
             if !matches!(self.what, What::Effects) {
                 bail!("--model {}: only `list effects` looks at a model", path.display());
@@ -57,10 +60,10 @@ impl List {
             // Where operating points are the log's means, their values do not matter here.
             let system = System::new(&ModelDocument::read(path)?, |_| Ok(0.0))?;
             let menu = effect::menu(&system);
-            write_json(json, &effects::menu_data(&menu))?;
+            to.json(&effects::menu_data(&menu))?;
             return print(&effects::menu_text(&system, &menu));
         }
-        write_json(json, &self.entries()?)?;
+        to.json(&self.entries()?)?;
         let text = match self.what {
             What::Effects => effects::lines_text(&effect::table()),
             What::Methods => METHODS.iter().map(|m| describe(&m.entry)).collect(),

@@ -1,14 +1,17 @@
 //! `deadtime log`: what a log file holds.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use super::Out;
 use super::source::Clock;
-use super::write_json;
 use crate::log::open;
 use crate::report::log::text;
 
 /// List what a log holds: topics and channels with their rates, gaps, units and ranges, and the course of each
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime log flight.csv
+  deadtime log flight.ulg --topic vehicle_rates")]
 pub(super) struct Log {
     /// The log, of any format of `deadtime list readers`
     #[arg(value_name = "LOG")]
@@ -22,13 +25,13 @@ pub(super) struct Log {
 
 impl Log {
     /// Prints the listing; as JSON it is deadtime/log@1.
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let mut listing = open(&self.log, &self.clock.options())?.listing();
         if !self.topic.is_empty() {
             listing.topics.retain(|topic| self.topic.iter().any(|part| topic.name.contains(part.as_str())));
         }
-        write_json(json, &listing)?;
-        say!("{}", text(&listing).trim_end());
+        to.json(&listing)?;
+        say!(to, "{}", text(&listing).trim_end());
         Ok(())
     }
 }

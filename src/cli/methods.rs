@@ -1,11 +1,11 @@
 //! `deadtime methods`: every method beside the others, on a small study.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::bail;
 
+use super::Out;
 use super::progress::Bar;
-use super::write_json;
 use crate::delay::METHODS;
 use crate::file::write_atomic;
 use crate::report::methods::{errors, page};
@@ -13,6 +13,9 @@ use crate::study::Common;
 
 /// Compare all methods: what each needs, what it cannot see, its time, and its error on a small study of known delays
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime methods
+  deadtime methods --trials 100 --out methods.md")]
 pub(super) struct Methods {
     /// Records of each kind
     #[arg(long, value_name = "N", default_value_t = Common::default().trials)]
@@ -30,12 +33,12 @@ pub(super) struct Methods {
 
 impl Methods {
     /// Prints the errors and times; as JSON they are the rows of the study.
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         if self.trials == 0 || self.samples < LEAST {
             bail!("--trials {} --samples {}: give at least 1 record of at least {LEAST} samples", self.trials, self.samples);
         }
         let study = Common { trials: self.trials, samples: self.samples, seed: self.seed };
-        let bar = Bar::new();
+        let bar = Bar::new(to);
         let mut done = 0.0;
         let rows = study.run(&mut |name| {
             done += 1.0;
@@ -43,17 +46,18 @@ impl Methods {
         });
         bar.end();
         let rows = rows?;
-        write_json(json, &rows)?;
+        to.json(&rows)?;
         if let Some(path) = &self.out {
             write_atomic(path, |out| out.write_all(page(&study, &rows).as_bytes()))?;
         }
-        say!("{}", errors(&rows).to_string().trim_end());
+        say!(to, "{}", errors(&rows).to_string().trim_end());
         say!(
+            to,
             "\nErrors in samples, over {} records of {} samples each: on what the method is made for, on a plant with a lag, and in a loop; held: intervals that hold",
             self.trials,
             self.samples
         );
-        say!("the truth; none: records without an answer.");
+        say!(to, "the truth; none: records without an answer.");
         Ok(())
     }
 }

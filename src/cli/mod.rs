@@ -1,12 +1,10 @@
 //! The command line: one file per subcommand.
 
-/// `println!` that hands a closed pipe on as an error instead of panicking, and shows control characters instead of sending them.
+/// `println!` of what a command has to say: see [`show::Out::line`].
 macro_rules! say {
-    ($($text:tt)*) => {{
-        use std::io::Write as _;
-        let text = crate::text::printed(&format!($($text)*));
-        anyhow::Context::context(writeln!(std::io::stdout().lock(), "{text}"), "standard output")?
-    }};
+    ($to:expr, $($text:tt)*) => {
+        $to.line(&format!($($text)*))?
+    };
 }
 
 mod blind;
@@ -21,21 +19,22 @@ mod gate;
 mod identify;
 mod list;
 mod log;
+mod manual;
 mod methods;
 mod model;
 mod progress;
+mod show;
 mod simulate;
 mod source;
 mod study;
 mod words;
 
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::Context;
 use clap::Parser;
 
-use crate::file::write_atomic;
+use self::show::{Color, Out};
 use crate::text::{message, printed};
 use crate::threads::at_most;
 
@@ -43,7 +42,12 @@ use crate::threads::at_most;
 ///
 /// Exit codes: 0 done, 1 a gate or a requested limit was not met, 2 could not run.
 #[derive(Debug, Parser)]
-#[command(name = "deadtime", version, about, long_about = None, arg_required_else_help = true)]
+#[command(name = "deadtime", version, about, long_about = None, arg_required_else_help = true, max_term_width = 100)]
+#[command(after_help = "Examples:
+  deadtime demo
+  deadtime estimate flight.csv --input rudder --output yaw_rate
+  deadtime gap --model model.toml --log flight.csv --out gap
+  deadtime help gap")]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -53,6 +57,12 @@ pub struct Cli {
     /// Also write what was found as JSON
     #[arg(long, global = true, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// When to colour what is printed
+    #[arg(long, global = true, value_enum, value_name = "WHEN", default_value_t = Color::Auto)]
+    color: Color,
+    /// Say nothing: only errors are printed, files are written as ever
+    #[arg(short, long, global = true)]
+    quiet: bool,
 }
 
 #[derive(Debug, clap::Subcommand)]
@@ -74,6 +84,8 @@ enum Command {
     #[command(subcommand)]
     Model(model::Model),
     Study(study::Study),
+    Completions(manual::Completions),
+    Man(manual::Man),
 }
 
 impl Cli {
@@ -89,23 +101,25 @@ impl Cli {
             }
             rayon::ThreadPoolBuilder::new().num_threads(most).build_global()?;
         }
-        let json = self.json.as_deref();
+        let to = &Out::new(self.json.as_deref(), self.quiet, self.color);
         match &self.command {
-            Command::Demo(c) => c.run(json),
-            Command::Estimate(c) => c.run(json),
-            Command::Simulate(c) => c.run(json),
-            Command::C2d(c) => c.run(json),
-            Command::Excite(c) => c.run(json),
-            Command::Check(c) => c.run(json),
-            Command::Identify(c) => c.run(json),
-            Command::Gap(c) => c.run(json),
-            Command::Gate(c) => c.run(json),
-            Command::Blind(c) => c.run(json),
-            Command::List(c) => c.run(json),
-            Command::Log(c) => c.run(json),
-            Command::Methods(c) => c.run(json),
-            Command::Model(c) => c.run(json),
-            Command::Study(c) => c.run(json),
+            Command::Demo(c) => c.run(to),
+            Command::Estimate(c) => c.run(to),
+            Command::Simulate(c) => c.run(to),
+            Command::C2d(c) => c.run(to),
+            Command::Excite(c) => c.run(to),
+            Command::Check(c) => c.run(to),
+            Command::Identify(c) => c.run(to),
+            Command::Gap(c) => c.run(to),
+            Command::Gate(c) => c.run(to),
+            Command::Blind(c) => c.run(to),
+            Command::List(c) => c.run(to),
+            Command::Log(c) => c.run(to),
+            Command::Methods(c) => c.run(to),
+            Command::Model(c) => c.run(to),
+            Command::Study(c) => c.run(to),
+            Command::Completions(c) => c.run(),
+            Command::Man(c) => c.run(to),
         }
     }
 }
@@ -156,10 +170,34 @@ fn said(error: &anyhow::Error) -> String {
 #[error("{0}")]
 pub struct LimitNotMet(String);
 
-/// Writes `what` as JSON where a file was asked for.
-fn write_json(path: Option<&Path>, what: &impl serde::Serialize) -> anyhow::Result<()> {
-    let Some(path) = path else { return Ok(()) };
-    let text = serde_json::to_string_pretty(what).with_context(|| path.display().to_string())?;
-    write_atomic(path, |out| writeln!(out, "{text}"))?;
-    Ok(())
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    /// The command and all below it.
+    fn all(command: &clap::Command, found: &mut Vec<clap::Command>) {
+        found.push(command.clone());
+        command.get_subcommands().for_each(|c| all(c, found));
+    }
+
+    #[test]
+    fn every_help_ends_with_examples_that_are_understood() {
+        Cli::command().debug_assert();
+        let mut commands = Vec::new();
+        all(&Cli::command(), &mut commands);
+        assert!(commands.len() > 18);
+        for command in commands {
+            let told = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let examples: Vec<&str> = told.lines().filter_map(|l| l.strip_prefix("  deadtime ")).collect();
+            assert!(told.starts_with("Examples:\n") && !examples.is_empty(), "{} has no examples", command.get_name());
+            for example in examples {
+                let words = example.split(" > ").next().unwrap_or_default().split(' ');
+                let parsed = Cli::try_parse_from(std::iter::once("deadtime").chain(words));
+                let fine = parsed.as_ref().map_or_else(|e| e.kind() == clap::error::ErrorKind::DisplayHelp, |_| true);
+                assert!(fine, "{example}: {}", parsed.unwrap_err());
+            }
+        }
+    }
 }

@@ -1,17 +1,19 @@
 //! `deadtime model new`: a commented model file to fill in.
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 
-use super::write_json;
+use super::Out;
 use crate::file::write_atomic;
 use crate::log::{Log, read};
 use crate::model::ModelDocument;
 
 /// Model files
 #[derive(Debug, clap::Subcommand)]
+#[command(after_help = "Examples:
+  deadtime model new linear --out model.toml")]
 pub(super) enum Model {
     /// Write a commented template of a model file, with the channel names and units of a log where one is given
     New(New),
@@ -19,6 +21,9 @@ pub(super) enum Model {
 
 /// What to write.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime model new linear --out model.toml
+  deadtime model new process --log flight.csv --input rudder --output yaw_rate --out model.toml")]
 pub(super) struct New {
     /// Kind of model
     #[arg(value_enum)]
@@ -48,7 +53,7 @@ enum Kind {
 }
 
 impl Model {
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let Self::New(new) = self;
         let text = new.text()?;
         // What is written must be read again.
@@ -58,8 +63,8 @@ impl Model {
             bail!("--out {}: templates carry comments, which only TOML has; name it .toml", new.out.display());
         }
         write_atomic(&new.out, |out| out.write_all(text.as_bytes()))?;
-        write_json(json, &serde_json::json!({ "out": new.out, "inputs": new.names(true), "outputs": new.names(false) }))?;
-        say!("{}: fill in the numbers, then `deadtime simulate` or `deadtime gap` take it", new.out.display());
+        to.json(&serde_json::json!({ "out": new.out, "inputs": new.names(true), "outputs": new.names(false) }))?;
+        say!(to, "{}: fill in the numbers, then `deadtime simulate` or `deadtime gap` take it", new.out.display());
         Ok(())
     }
 }

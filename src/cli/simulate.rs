@@ -1,17 +1,20 @@
 //! `deadtime simulate`: what a model says to the inputs of a log.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 
+use super::Out;
 use super::source::Source;
-use super::write_json;
 use crate::effect::{OnLog, Still, check_units};
 use crate::model::ModelDocument;
 use crate::simulate::Hold;
 
 /// Simulate a model with its effects on the inputs of a log and write the response as a log; outputs that the log has are compared
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime simulate model.toml flight.csv --out simulated.csv
+  deadtime simulate model.toml flight.csv --delay rudder=0.13 --states --out simulated.csv")]
 pub(super) struct Simulate {
     /// The model, deadtime/model@1
     #[arg(value_name = "MODEL")]
@@ -47,7 +50,7 @@ enum HoldName {
 }
 
 impl Simulate {
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let model = ModelDocument::read(&self.model)?;
         let inputs: Vec<String> = model.inputs().iter().map(|c| c.name.clone()).collect();
         let logs = self.source.reading.read_for(&self.source.log, &model, false)?;
@@ -76,16 +79,15 @@ impl Simulate {
         simulation.to_log(&response, &self.out.display().to_string(), self.states, self.snr)?.write_csv(&self.out)?;
         let errors: serde_json::Map<_, _> =
             comparison.iter().map(|(name, nrmse)| ((*name).to_owned(), serde_json::json!(nrmse.ok()))).collect();
-        write_json(
-            json,
+        to.json(
             &serde_json::json!({ "model": model.name(), "log": log.source(), "out": self.out, "samples": log.len(), "nrmse": errors }),
         )?;
-        say!("{} on {}: {} samples written to {}", model.name(), log.source(), log.len(), self.out.display());
+        say!(to, "{} on {}: {} samples written to {}", model.name(), log.source(), log.len(), self.out.display());
         for (name, nrmse) in comparison {
             match nrmse {
-                Ok(v) => say!("  {name}: nrmse {v:.4} (rms of measured minus simulated over the measured standard deviation)"),
-                Err(Still::Stands) => say!("  {name}: the measured channel stands still, so it has no nrmse"),
-                Err(Still::Empty) => say!("  {name}: the log has this channel but no sample of it, so there is nothing to compare"),
+                Ok(v) => say!(to, "  {name}: nrmse {v:.4} (rms of measured minus simulated over the measured standard deviation)"),
+                Err(Still::Stands) => say!(to, "  {name}: the measured channel stands still, so it has no nrmse"),
+                Err(Still::Empty) => say!(to, "  {name}: the log has this channel but no sample of it, so there is nothing to compare"),
             }
         }
         Ok(())

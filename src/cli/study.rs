@@ -1,14 +1,14 @@
 //! `deadtime study`: how accurate methods are, on delays that were injected.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::bail;
 
+use super::Out;
 use super::progress::Bar;
-use super::write_json;
 use crate::file::{component, write_atomic};
-use crate::report::study::{page, text};
+use crate::report::study::{full, page, text};
 use crate::stop::Stop;
 use crate::study::{Budget, Plan, Progress, Runner};
 use crate::text::message;
@@ -17,6 +17,10 @@ use crate::text::message;
 ///
 /// A run that was stopped goes on where it was with --resume.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime study
+  deadtime study plan.toml --out mine
+  deadtime study plan.toml --out mine --resume")]
 pub(super) struct Study {
     /// A shipped plan (`deadtime list plans`) or a plan file
     #[arg(value_name = "PLAN", default_value = "thesis")]
@@ -45,10 +49,13 @@ pub(super) struct Study {
     /// Room on the disk that the study may need, GB
     #[arg(long, value_name = "GB", default_value_t = Budget::default().disk_gb)]
     max_disk_gb: f64,
+    /// Every column of every table, as wide as it comes
+    #[arg(long)]
+    full: bool,
 }
 
 impl Study {
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let mut plan = Plan::open(&self.plan)?;
         plan.only(&self.grid, &self.method)?;
         if let Some(trials) = self.trials {
@@ -65,15 +72,16 @@ impl Study {
         for damaged in begun.damaged() {
             eprintln!("{}", message(&damaged.to_string()));
         }
-        let bar = Bar::new();
+        let bar = Bar::new(to);
         let clock = Instant::now();
         let study = begun.run(&stop, &|p| bar.show(share(p), &left(p, clock)));
         bar.end();
         let study = study?;
-        write_json(json, &study)?;
+        to.json(&study)?;
         write_atomic(&folder.join("tables.md"), |out| out.write_all(page(&study, &plan).as_bytes()))?;
-        say!("{}", text(&study, Some(&plan)).trim_end());
-        say!("\n{} estimates. Written to {}: study.json, estimates.csv, tables.md.", runner.estimates(), folder.display());
+        let told = if self.full { full(&study, Some(&plan)) } else { text(&study, Some(&plan)) };
+        say!(to, "{}", told.trim_end());
+        say!(to, "\n{} estimates. Written to {}: study.json, estimates.csv, tables.md.", runner.estimates(), folder.display());
         Ok(())
     }
 }

@@ -14,8 +14,8 @@ use super::report::{Bias, Estimate, FORMAT, Pair, Report, Response, Searched};
 use super::verdict::EXPERIMENT;
 use super::{
     Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Events, Experiment, Finding, Grounds, InLoop, Information, METHODS,
-    Method, Outcome, PlantModel, Record, Recording, Richness, Scope, Search, Series, Start, Threshold, Verdict, distrust, held_for,
-    in_loop, lead, moving_together, open_part, richness, standing_off, verdict, watched,
+    Method, Outcome, PlantModel, Record, RecordFacts, Recording, Richness, Scope, Search, Series, Start, Threshold, Verdict, distrust,
+    held_for, in_loop, lead, moving_together, open_part, richness, standing_off, verdict, watched,
 };
 use crate::error::Result;
 use crate::identify::fir;
@@ -291,8 +291,8 @@ impl Job {
                 self.stop.check()?;
                 let held = if closed && self.feedback == Feedback::Auto { held_for(&records) } else { 1 };
                 let held_s = ts.to_seconds(held as f64 - 1.0);
-                let grounds = Grounds { early_s: self.early_s().max(held_s), direct: looped.direct };
-                let mut pair = pair(input, output, &answers, findings, ts, &grounds);
+                let facts = RecordFacts { early_s: self.early_s().max(held_s), direct: looped.direct };
+                let mut pair = pair(input, output, &answers, findings, ts, &facts);
                 if held > 1 {
                     pair.verdict = held_verdict(pair.verdict, input, held, ts);
                 }
@@ -306,7 +306,7 @@ impl Job {
                 } else if let Some(samples) = lead {
                     pair.verdict = none(lead_note(input, output, samples, ts));
                 } else {
-                    watched::tell(&mut pair, &seen.one, &search, &methods, &watched::Asked { track: self.track, grounds })?;
+                    watched::tell(&mut pair, &seen.one, &search, &methods, &watched::Asked { track: self.track, facts })?;
                 }
                 pairs.push(pair);
             }
@@ -373,7 +373,7 @@ impl Job {
                     Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                 };
                 let answer = Answer { method: ready.method, estimate, predicted: None, time_s };
-                pairs.push(pair(&input.name, "*", &[answer], Vec::new(), ts, &Grounds { early_s: self.early_s(), direct: false }));
+                pairs.push(pair(&input.name, "*", &[answer], Vec::new(), ts, &RecordFacts { early_s: self.early_s(), direct: false }));
             }
         }
         Ok(pairs)
@@ -445,7 +445,7 @@ fn open_experiment<'a>(one: &Experiment<'_>, max_delay: usize, bias: usize) -> R
 
 /// Nothing to believe, and why.
 fn none(why: String) -> Verdict {
-    Verdict { delay_s: None, ci95_s: None, why, method: None }
+    Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() }
 }
 
 fn tied_note(input: &str, output: &str) -> String {
@@ -604,7 +604,7 @@ impl EventsJob {
             answers.push(Answer { method: ready.method, estimate, predicted: None, time_s: clock.elapsed().as_secs_f64() });
         }
         let max_delay_s = step.to_seconds(max_delay as f64);
-        let pairs = vec![pair(a, b, &answers, Vec::new(), step, &Grounds::default())];
+        let pairs = vec![pair(a, b, &answers, Vec::new(), step, &RecordFacts::default())];
         let searched = Searched::Events { counts, interval_s };
         Ok(Report { format: FORMAT, log: name.clone(), sample_time_s: step.seconds(), max_delay_s, pairs, searched })
     }
@@ -618,7 +618,7 @@ struct Answer {
     time_s: f64,
 }
 
-fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, sample_time: SampleTime, grounds: &Grounds) -> Pair {
+fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, sample_time: SampleTime, facts: &RecordFacts) -> Pair {
     let by_trust: Vec<_> = answers.iter().map(|a| (a.method, &a.estimate, a.predicted.map(|p| p.std_s))).collect();
     Pair {
         input: input.to_owned(),
@@ -629,7 +629,7 @@ fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, s
             .collect(),
         poor_std_s: poor(answers, &findings),
         standing_off: 0,
-        verdict: verdict(&by_trust, &findings, sample_time, grounds),
+        verdict: verdict(&by_trust, &findings, sample_time, facts),
         moving: None,
         track: None,
         findings,

@@ -47,7 +47,7 @@ pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel,
 pub use richness::{Richness, richness};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Cusum, CusumStep, Impulseest, Prewindow, Records, Step, Threshold};
-pub use verdict::{Grounds, Said, Verdict, distrust, verdict};
+pub use verdict::{Grounds, RecordFacts, Said, Verdict, distrust, verdict};
 
 pub use crate::identify::{Initial, Record};
 

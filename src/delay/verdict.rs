@@ -23,11 +23,25 @@ pub struct Verdict {
     /// The method whose answer it is.
     #[serde(skip)]
     pub method: Option<String>,
+    /// Who of those that count says what.
+    #[serde(skip)]
+    pub grounds: Grounds,
+}
+
+/// What speaks for a verdict and against it, of the answers that count.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Grounds {
+    /// Methods whose intervals hold the delay, the one whose answer it is first.
+    pub agree: Vec<String>,
+    /// The others, with the delay that each says, s.
+    pub differ: Vec<(String, f64)>,
+    /// Why the number may be none to use.
+    pub doubts: Vec<String>,
 }
 
 /// What is known of the record besides what each method says of it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Grounds {
+pub struct RecordFacts {
     /// By how much a response may look too early, because the log was put onto another grid than its own or its input was logged more seldom than its output, s.
     pub early_s: f64,
     /// The record shows that the output reacts to the input within the sample.
@@ -60,13 +74,13 @@ pub(super) const EXPERIMENT: &str = "move the set point, or add a random binary 
 /// Source: Gaba, Tsetlin and Winkler (2017), Decision Analysis 14(1), 1-20, doi:10.1287/deca.2016.0340, for trimming the ends of many intervals. How much is left to the
 /// user there; tests/verdicts.rs measures how often what 15 % leave holds an injected dead time.
 #[must_use]
-pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTime, grounds: &Grounds) -> Verdict {
+pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTime, facts: &RecordFacts) -> Verdict {
     let found: Vec<Found<'_>> = answers.iter().filter_map(|answer| Found::new(answer, findings, sample_time)).collect();
     if found.is_empty() {
         let looped = findings.iter().any(|f| f.condition == Condition::Feedback);
         let advice = if looped { format!("; {EXPERIMENT}") } else { String::new() };
         let why = format!("no method found a delay to believe ({}){advice}", outcomes(answers, |_| true));
-        return Verdict { delay_s: None, ci95_s: None, why, method: None };
+        return Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
     }
     if let Some(judges) = unseen(answers) {
         let why = format!(
@@ -74,18 +88,18 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
             judges.join(", "),
             named(&found)
         );
-        return Verdict { delay_s: None, ci95_s: None, why, method: None };
+        return Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
     }
     let trusted: Vec<&Found<'_>> = found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
     let nobody = trusted.is_empty();
     if nobody && findings.iter().any(|f| f.condition == Condition::Feedback) {
         let why = format!("no method that answered withstands what the record shows beside feedback ({}): {EXPERIMENT}", named(&found));
-        return Verdict { delay_s: None, ci95_s: None, why, method: None };
+        return Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
     }
     let mut counted: Vec<&Found<'_>> = if nobody { found.iter().collect() } else { trusted };
     let mut group = Group::of(&counted);
     // A plant that needs a sample to respond does not respond within it, unless the record shows that it does.
-    let implausible = !grounds.direct && group.within() > 0.5;
+    let implausible = !facts.direct && group.within() > 0.5;
     if implausible {
         counted.retain(|f| !f.within);
         if counted.is_empty() {
@@ -93,7 +107,7 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
                 "what is seen comes within the sample of the command, sooner than a strictly proper plant answers, and the record shows no direct path: feedback, clocks that differ, or a command logged too seldom ({}); give the relative degree 0 if there is a direct path, else {EXPERIMENT}",
                 named(&found)
             );
-            return Verdict { delay_s: None, ci95_s: None, why, method: None };
+            return Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
         }
         group = Group::of(&counted);
     }
@@ -102,7 +116,7 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     let chosen = agree.iter().find(|(f, _)| f.delay_s == middle).map_or(lead, |(f, _)| *f);
     let first = quantile(agree.iter().map(|(f, w)| (f.interval_s[0], *w)), BEYOND);
     let last = -quantile(agree.iter().map(|(f, w)| (-f.interval_s[1], *w)), BEYOND);
-    let interval_s = [first.min(chosen.delay_s), last.max(chosen.delay_s) + grounds.early_s];
+    let interval_s = [first.min(chosen.delay_s), last.max(chosen.delay_s) + facts.early_s];
     let others: Vec<&str> = agree.iter().filter(|(f, _)| f.method != chosen.method).map(|(f, _)| f.method).collect();
     let mut why = match others.len() {
         0 => format!("{} alone", chosen.method),
@@ -116,13 +130,22 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     if differ.len() > MOST_NAMED {
         why.push_str(&format!("; {} more say otherwise", differ.len() - MOST_NAMED));
     }
+    let mut grounds = Grounds {
+        agree: std::iter::once(chosen.method).chain(others.iter().copied()).map(str::to_owned).collect(),
+        differ: differ.iter().map(|(f, _)| (f.method.to_owned(), f.delay_s)).collect(),
+        doubts: Vec::new(),
+    };
+    let mut doubt = |why: &mut String, words: &str| {
+        why.push_str(&format!("; {words}"));
+        grounds.doubts.push(words.to_owned());
+    };
     if nobody {
-        why.push_str("; no method is made for what the record shows, or the data contradict its model, so this is a guess");
+        doubt(&mut why, "no method is made for what the record shows, or the data contradict its model, so this is a guess");
     }
     for (conditions, methods) in by_reason(&found).iter().filter(|_| !nobody) {
         why.push_str(&format!("; not counted because of {}: {}", joined(conditions.iter().map(|c| c.words())), methods.join(", ")));
     }
-    if chosen.delay_s == 0.0 && grounds.direct {
+    if chosen.delay_s == 0.0 && facts.direct {
         why.push_str("; the output reacts within the sample: a direct path, and no dead time");
     }
     if implausible {
@@ -142,9 +165,9 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     }
     let total = |side: &[(&Found<'_>, f64)]| side.iter().map(|(_, w)| w).sum::<f64>();
     if total(&differ) >= total(&agree) {
-        why.push_str("; the methods disagree: check excitation, feedback and the search window before using the number");
+        doubt(&mut why, "the methods disagree: check excitation, feedback and the search window before using the number");
     }
-    Verdict { delay_s: Some(chosen.delay_s), ci95_s: Some(interval_s), why, method: Some(chosen.method.to_owned()) }
+    Verdict { delay_s: Some(chosen.delay_s), ci95_s: Some(interval_s), why, method: Some(chosen.method.to_owned()), grounds }
 }
 
 /// The answers that are counted, by whether they hold the delay that most votes hold.
@@ -311,7 +334,7 @@ mod tests {
 
     fn of(answers: &[(&str, &DelayEstimate)], findings: &[Finding]) -> Verdict {
         let answers: Vec<Said<'_>> = answers.iter().map(|(m, e)| (method(m).unwrap(), *e, None)).collect();
-        verdict(&answers, findings, SampleTime::new(0.01).unwrap(), &Grounds::default())
+        verdict(&answers, findings, SampleTime::new(0.01).unwrap(), &RecordFacts::default())
     }
 
     fn shows(condition: Condition) -> Vec<Finding> {
@@ -361,7 +384,7 @@ mod tests {
         let (p2d, oestruc, arxdap) = (method("p2d").unwrap(), method("oestruc").unwrap(), method("arxdap").unwrap());
         let weighed = |expected: Option<f64>| {
             let answers = [(p2d, &bold, expected), (oestruc, &plain, expected), (arxdap, &other, expected)];
-            verdict(&answers, &[], SampleTime::new(0.01).unwrap(), &Grounds::default())
+            verdict(&answers, &[], SampleTime::new(0.01).unwrap(), &RecordFacts::default())
         };
         assert_eq!(weighed(None).delay_s, Some(5.0));
         assert_eq!(weighed(Some(2.0)).delay_s, Some(7.0));
@@ -380,7 +403,7 @@ mod tests {
     #[test]
     fn what_another_grid_made_early_is_inside_the_interval() {
         let (at, method) = (answer(2.0, 0.1), method("oestruc").unwrap());
-        let v = verdict(&[(method, &at, None)], &[], SampleTime::new(0.1).unwrap(), &Grounds { early_s: 0.3, direct: false });
+        let v = verdict(&[(method, &at, None)], &[], SampleTime::new(0.1).unwrap(), &RecordFacts { early_s: 0.3, direct: false });
         assert_eq!((v.delay_s, v.ci95_s), (Some(2.0), Some([1.8, 2.5])));
     }
 
@@ -407,7 +430,7 @@ mod tests {
         let within = DelayEstimate { raw_delay_s: Some(0.0), degree_bias_samples: 1.0, ..answer(0.0, 0.001) };
         let later = DelayEstimate { raw_delay_s: Some(0.04), degree_bias_samples: 1.0, ..answer(0.03, 0.005) };
         let said = [("oestruc", &within), ("arxdap", &within), ("p2d", &later)].map(|(m, e)| (method(m).unwrap(), e, None));
-        let v = |direct| verdict(&said, &[], SampleTime::new(0.01).unwrap(), &Grounds { early_s: 0.0, direct });
+        let v = |direct| verdict(&said, &[], SampleTime::new(0.01).unwrap(), &RecordFacts { early_s: 0.0, direct });
         assert_eq!((v(true).delay_s, v(false).delay_s), (Some(0.0), Some(0.03)));
         assert!(v(true).why.contains("a direct path, and no dead time"), "{}", v(true).why);
         assert!(
@@ -415,7 +438,7 @@ mod tests {
             "{}",
             v(false).why
         );
-        let alone = verdict(&said[..2], &[], SampleTime::new(0.01).unwrap(), &Grounds::default());
+        let alone = verdict(&said[..2], &[], SampleTime::new(0.01).unwrap(), &RecordFacts::default());
         assert!(alone.delay_s.is_none() && alone.why.contains("sooner than a strictly proper plant answers"), "{}", alone.why);
     }
 

@@ -2,7 +2,7 @@
 
 use super::report::Pair;
 use super::track::{Anchor, AtOneDelay, Kind, Moving, Watch, tracked};
-use super::{DelayError, DelayEstimate, Experiment, Grounds, Outcome, Ready, Recording, Search, Series, Verdict, verdict};
+use super::{DelayError, DelayEstimate, Experiment, Grounds, Outcome, Ready, RecordFacts, Recording, Search, Series, Verdict, verdict};
 use crate::time::SampleTime;
 
 /// What is wanted beside the test.
@@ -10,7 +10,7 @@ pub(super) struct Asked {
     /// The delay against time, also where one delay describes the records.
     pub(super) track: bool,
     /// What is known of the record.
-    pub(super) grounds: Grounds,
+    pub(super) facts: RecordFacts,
 }
 
 /// Methods that say what the delay is once its changes are taken out of the record; without any of them those that were asked for.
@@ -61,7 +61,8 @@ pub(super) fn tell(pair: &mut Pair, one: &Experiment<'_>, search: &Search, metho
         let drift = seen.drift(&track, watch.price);
         let lengths: Vec<usize> = records.iter().map(super::Record::len).collect();
         let moving = Moving::new(&seen, &track, drift, &anchor, &lengths, bias, ts);
-        pair.verdict = Verdict { delay_s: None, ci95_s: None, why: sentence(&moving, lengths.len(), ts), method: None };
+        pair.verdict =
+            Verdict { delay_s: None, ci95_s: None, why: sentence(&moving, lengths.len(), ts), method: None, grounds: Grounds::default() };
         pair.moving = Some(moving);
     }
     Ok(())
@@ -86,7 +87,7 @@ fn straight_verdict(
         });
     }
     let said: Vec<_> = ask.iter().zip(&answers).map(|(r, a)| (r.method, a, None)).collect();
-    Ok(verdict(&said, &pair.findings, straight.sample_time(), &asked.grounds))
+    Ok(verdict(&said, &pair.findings, straight.sample_time(), &asked.facts))
 }
 
 /// `One delay does not describe this record: 0.10 s until 12.4 s, 0.30 s from then on`.

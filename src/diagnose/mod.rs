@@ -26,7 +26,7 @@ mod answer;
 mod pipeline;
 
 pub use answer::isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size};
-pub use answer::traces::Trace;
+pub use answer::traces::{CommandTrace, Trace};
 pub use checks::inspection::{ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect};
 pub use format::caveat::Caveat;
 pub use format::contributions::{Contribution, Description, Explained, Recalibration, Remainder, Share, Strength};

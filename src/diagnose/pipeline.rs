@@ -15,7 +15,7 @@ use crate::diagnose::answer::handed::in_a_form_that_helps;
 use crate::diagnose::answer::improvement::improvement;
 use crate::diagnose::answer::isolability::{self as isolability_of, Isolability, Names};
 use crate::diagnose::answer::location::{locate, output_shares};
-use crate::diagnose::answer::traces::{Trace, traces};
+use crate::diagnose::answer::traces::{CommandTrace, Trace, command_traces, traces};
 use crate::diagnose::baseline::motion::Motion;
 use crate::diagnose::baseline::predictor::Predictor;
 use crate::diagnose::baseline::runaway::must_not_explode;
@@ -58,6 +58,8 @@ pub struct Diagnosed {
     pub handed_over: Vec<Applied>,
     /// What was measured and predicted, by output and then by log.
     pub traces: Vec<Trace>,
+    /// What was commanded, by log and then by input.
+    pub commands: Vec<CommandTrace>,
     /// What a reader has to know of the data.
     pub caveats: Vec<Caveat>,
     /// How often a simulator that can only be called was called; `None` for a model file.
@@ -278,7 +280,8 @@ impl Answer<'_> {
         let mut caveats = self.caveats(&composed.judged);
         caveats.extend(handed.caveat);
         let model = self.subject.with(handed.effects.iter().map(Applied::to_entry));
-        Some(Diagnosed { diagnosis, model, effects, handed_over: handed.effects, traces, caveats, calls: None })
+        let commands = command_traces(likelihood);
+        Some(Diagnosed { diagnosis, model, effects, handed_over: handed.effects, traces, commands, caveats, calls: None })
     }
 
     /// As it follows from the simulator, whatever was asked for.

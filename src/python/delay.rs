@@ -191,8 +191,8 @@ fn told<'py>(py: Python<'py>, report: &Report) -> PyResult<Told<'py>> {
     };
     let beside = json!({
         "preamble": report.preamble(),
-        "text": report.text(false).trim_end(),
-        "full": report.text(true).trim_end(),
+        "text": report.short().plain().trim_end(),
+        "full": report.full().trim_end(),
         "pairs": report.pairs.iter().map(pair).collect::<Vec<_>>(),
     });
     Ok((file, object(py, &beside)?))

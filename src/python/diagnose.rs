@@ -457,7 +457,7 @@ impl PyDiagnosed {
 
     /// The page that the command line writes.
     fn page(&self) -> String {
-        report::html::page(&self.found)
+        report::page::gap(&self.found)
     }
 
     /// Writes what the command line writes; the names of the files.

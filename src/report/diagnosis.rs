@@ -16,12 +16,12 @@ pub fn summary(found: &Diagnosed) -> String {
     lines.into_iter().flatten().collect::<Vec<_>>().join("\n")
 }
 
-fn percent(share: f64) -> String {
+pub(super) fn percent(share: f64) -> String {
     format!("{:.0} %", 100.0 * share)
 }
 
 /// The findings of checks that have a remedy, where one fails.
-fn remedies(d: &Diagnosis) -> Option<String> {
+pub(super) fn remedies(d: &Diagnosis) -> Option<String> {
     use CheckKind::{Axes, ClockOffset, ClockSkew, Sign, Unit};
     let failed = d.checks.iter().filter(|c| c.ok == Some(false) && matches!(c.check, Sign | Axes | Unit | ClockOffset | ClockSkew));
     let findings: Vec<&str> = failed.map(|c| c.finding.trim_end_matches('.')).collect();
@@ -77,17 +77,28 @@ fn effect(e: &FoundEffect) -> String {
 }
 
 /// Whether a row of the ranking is what was found, in either order.
-fn same_pair(row: &RankedPair, found: &[FoundEffect]) -> bool {
+pub(super) fn same_pair(row: &RankedPair, found: &[FoundEffect]) -> bool {
     let holds = |e: &FoundEffect| row.effects.iter().any(|[effect, channel]| *effect == e.effect && *channel == e.channel);
     row.effects.len() == found.len() && found.iter().all(holds)
 }
 
-/// How much each contribution takes, and what stays; `None` where a single effect explains all.
-fn budget(d: &Diagnosis) -> Option<String> {
+/// Several share the gap, or something stays: a single effect that explains all needs no budget.
+pub(super) fn shared(d: &Diagnosis) -> bool {
     let contributions = &d.cause.contributions;
     let weak = contributions.iter().any(|c| c.strength == Strength::Weak);
-    let block = d.cause.recalibration.as_ref().filter(|r| r.accepted);
-    if block.is_none() && (contributions.is_empty() || (contributions.len() == 1 && !d.cause.effects.is_empty() && !weak)) {
+    let block = recalibrated(d).is_some();
+    let alone = contributions.len() == 1 && !d.cause.effects.is_empty() && !weak;
+    block || (!contributions.is_empty() && !alone)
+}
+
+/// The model's own numbers, where they were freed as a block.
+pub(super) fn recalibrated(d: &Diagnosis) -> Option<&Recalibration> {
+    d.cause.recalibration.as_ref().filter(|r| r.accepted)
+}
+
+/// How much each contribution takes, and what stays; `None` where a single effect explains all.
+fn budget(d: &Diagnosis) -> Option<String> {
+    if !shared(d) {
         return None;
     }
     let share = |share: &Share| {
@@ -112,20 +123,24 @@ fn budget(d: &Diagnosis) -> Option<String> {
         let alike = if r.directions.is_empty() { String::new() } else { format!(", {}", r.directions.join(", ")) };
         format!("the model's own numbers ({}{alike}) take {}", each.join(", "), share(&r.share))
     };
-    let all: Vec<String> = contributions.iter().map(one).chain(block.map(numbers)).collect();
+    let all: Vec<String> = d.cause.contributions.iter().map(one).chain(recalibrated(d).map(numbers)).collect();
     Some(format!("Budget: {}{}.", all.join("; "), stays.unwrap_or_default()))
 }
 
-fn cause(d: &Diagnosis) -> String {
-    let probability = |name: &str| {
-        let of = |row: &RankingRow| match row {
-            RankingRow::Single(r) if d.cause.effects.len() < 2 && r.effect == name && r.channel == d.cause.channel => Some(r.probability),
-            RankingRow::Pair(r) if same_pair(r, &d.cause.effects) => Some(r.probability),
-            _ => None,
-        };
-        d.cause.ranking.iter().find_map(of).unwrap_or(0.0)
+/// The probability of the verdict.
+pub(super) fn probability(d: &Diagnosis) -> f64 {
+    let of = |row: &RankingRow| match row {
+        RankingRow::Single(r) if d.cause.effects.len() < 2 && r.effect == d.cause.verdict && r.channel == d.cause.channel => {
+            Some(r.probability)
+        }
+        RankingRow::Pair(r) if same_pair(r, &d.cause.effects) => Some(r.probability),
+        _ => None,
     };
-    let sure = percent(probability(&d.cause.verdict));
+    d.cause.ranking.iter().find_map(of).unwrap_or(0.0)
+}
+
+fn cause(d: &Diagnosis) -> String {
+    let sure = percent(probability(d));
     match d.cause.verdict.as_str() {
         "none" if d.gap.before.is_none() => "Cause: none could be looked for, because no output moves.".to_owned(),
         "none" => format!("Cause: none; no effect of the catalogue helps and what is left is noise (probability {sure})."),

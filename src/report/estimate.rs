@@ -39,10 +39,10 @@ impl Report {
         }
     }
 
-    /// The tables and sentences for a terminal: of many methods those whose answers count, unless the `full` table is asked for.
+    /// Every method with every number, as wide as it comes; [`Report::short`] is for reading.
     #[must_use]
-    pub fn text(&self, full: bool) -> String {
-        let mut text = String::new();
+    pub fn full(&self) -> String {
+        let mut text = self.preamble() + "\n";
         for pair in &self.pairs {
             let arrow = if pair.output == "*" { "the states".to_owned() } else { pair.output.clone() };
             let _ = writeln!(text, "\n{} → {arrow}", pair.input);
@@ -50,7 +50,7 @@ impl Report {
                 let shown: Vec<String> = pair.findings.iter().map(|f| format!("{} ({})", f.condition.words(), f.evidence)).collect();
                 let _ = writeln!(text, "The record shows {}.", shown.join("; "));
             }
-            let shown = Shown::of(pair, full);
+            let shown = Shown::of(pair);
             text.push_str(&self.table(&shown).to_string());
             for estimate in &shown.rows {
                 if let Some(note) = &estimate.note {
@@ -166,7 +166,7 @@ impl Pair {
 /// As many methods as a person reads at a glance.
 pub(super) const A_HANDFUL: usize = 8;
 
-/// What a table shows of a pair: of many methods those whose answers count, the sentence below it names the others.
+/// What a table shows of a pair.
 struct Shown<'a> {
     rows: Vec<&'a Estimate>,
     /// Under the headings of the classes.
@@ -174,10 +174,9 @@ struct Shown<'a> {
 }
 
 impl<'a> Shown<'a> {
-    fn of(pair: &'a Pair, full: bool) -> Self {
+    fn of(pair: &'a Pair) -> Self {
         let headed = pair.estimates.len() > A_HANDFUL;
-        let folded = headed && !full && pair.estimates.iter().any(Estimate::counts);
-        let mut rows: Vec<&Estimate> = pair.estimates.iter().filter(|e| !folded || e.counts()).collect();
+        let mut rows: Vec<&Estimate> = pair.estimates.iter().collect();
         if headed {
             // Stable: within a class the order of the list.
             rows.sort_by_key(|e| e.class);

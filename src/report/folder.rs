@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::html::page;
+use super::page::gap;
 use crate::diagnose::Diagnosed;
 use crate::error::Result;
 use crate::file::write_atomic;
@@ -14,7 +14,7 @@ use crate::file::write_atomic;
 pub fn save(found: &Diagnosed, folder: &Path) -> Result<Vec<&'static str>> {
     let (diagnosis, report, model) = ("diagnosis.json", "report.html", "model_with_effects.toml");
     found.diagnosis.write(&folder.join(diagnosis))?;
-    write_atomic(&folder.join(report), |out| out.write_all(page(found).as_bytes()))?;
+    write_atomic(&folder.join(report), |out| out.write_all(gap(found).as_bytes()))?;
     let mut written = vec![diagnosis, report];
     if let Some(with_effects) = &found.model {
         with_effects.write(&folder.join(model))?;

@@ -1,5 +1,6 @@
 //! What an excitation can tell apart, as a table.
 
+use super::terminal::{WIDTH, wrapped};
 use super::text::Table;
 use crate::diagnose::{Isolability, Mode, Size};
 
@@ -17,20 +18,23 @@ pub fn text(found: &Isolability) -> String {
         table.row(vec![e.effect.clone(), e.channel.clone(), seen, rival, cosine]);
     }
     let visible = found.effects.iter().filter(|e| e.visible).count();
-    let mut text = format!(
-        "{} ({mode}) on {}: {visible} of {} effects are visible at a plausible size (twice the log-likelihood {} or more).\n\n{table}\n",
+    let first = format!(
+        "{} ({mode}) on {}: {visible} of {} effects are visible at a plausible size (twice the log-likelihood {} or more).",
         found.model,
         found.logs.join(", "),
         found.effects.len(),
         found.visible_from
     );
+    let lines = |text: &str, indent: usize| wrapped(text, WIDTH, indent).join("\n");
+    let mut text = format!("{}\n\n{}\n", lines(&first, 2), table.fit(WIDTH));
     if found.classes.is_empty() {
         text += &format!("No two of them look alike (cosine {} or more).\n", found.alike_from);
     } else {
         text += &format!("These logs cannot tell apart (cosine {} or more):\n", found.alike_from);
     }
     for class in &found.classes {
-        text += &format!("  {}\n    {}\n", class.members.join(", "), class.next_experiment);
+        let (members, next) = (format!("  {}", class.members.join(", ")), format!("    {}", class.next_experiment));
+        text += &format!("{}\n{}\n", lines(&members, 4), lines(&next, 4));
     }
     text
 }

@@ -9,15 +9,16 @@ mod escape;
 pub mod estimate;
 mod folder;
 pub mod gate;
-pub mod html;
 pub mod identify;
 pub mod isolability;
 pub mod junit;
 pub mod log;
 pub mod methods;
+pub mod page;
 pub mod picture;
 pub mod structured;
 pub mod study;
+pub mod terminal;
 mod text;
 
 pub use folder::save;

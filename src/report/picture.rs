@@ -160,7 +160,7 @@ fn impulse(svg: &mut String, response: &Response, axis: Axis, sample_time_s: f64
 mod tests {
     use super::*;
     use crate::delay::report::Estimate;
-    use crate::delay::{DelayEstimate, Outcome, Verdict};
+    use crate::delay::{DelayEstimate, Grounds, Outcome, Verdict};
 
     #[test]
     fn every_method_and_every_kind_of_answer_is_drawn() {
@@ -182,7 +182,13 @@ mod tests {
                 .zip([&found, &none])
                 .map(|(name, e)| Estimate::new(crate::delay::method(name).unwrap(), e, None, 0.0, &[]))
                 .collect(),
-            verdict: Verdict { delay_s: Some(0.2), ci95_s: Some([0.1, 0.3]), why: String::new(), method: None },
+            verdict: Verdict {
+                delay_s: Some(0.2),
+                ci95_s: Some([0.1, 0.3]),
+                why: String::new(),
+                method: None,
+                grounds: Grounds::default(),
+            },
             moving: None,
             track: None,
         };

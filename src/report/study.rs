@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::terminal::wrapped;
 use super::text::Table;
 use crate::signal::stats;
 use crate::study::{Cell, Delay, Grid, Layout, Measure, Plan, Score, Shown, Standing, Statistic, Study, Which};
@@ -72,6 +73,20 @@ const HEADINGS: [&str; 11] = [
     "RMS/bound",
     "time",
     "total",
+];
+
+/// Columns of the summary that a reader looks at first.
+const SHORT: [&str; 10] = [
+    "grid",
+    "from",
+    "method",
+    "RMS error (samples)",
+    "95 % interval",
+    "no answer",
+    "wrong unflagged",
+    "truth in 95 % interval",
+    "RMS/bound",
+    "time",
 ];
 
 /// One row per grid, place and method: means over the cells of their root mean square errors and biases, medians of their bounds, and shares of all estimates.
@@ -290,21 +305,38 @@ pub fn standings(study: &Study, plan: &Plan) -> String {
     )
 }
 
-/// What the program says of a study, for a terminal; without a plan, nothing of published numbers, aims and the plan's own tables.
+/// Columns that a study's tables keep to.
+const WIDE: usize = 100;
+
+/// What the program says of a study, for a terminal of 100 columns; without a plan, nothing of published numbers, aims and the plan's own tables.
 #[must_use]
 pub fn text(study: &Study, plan: Option<&Plan>) -> String {
-    let mut text = headline(study);
+    let about = wrapped(&format!("{}: {}", study.plan, study.about), WIDE, 2).join("\n");
+    let first = format!("{about}\n\n{}", summary(study).only(&SHORT).fit(WIDE));
+    with_tables(first, study, plan, &|told| wrapped(told, WIDE, 0).join("\n"), &|table| table.fit(WIDE))
+}
+
+/// The same with every column, as wide as it comes.
+#[must_use]
+pub fn full(study: &Study, plan: Option<&Plan>) -> String {
+    with_tables(headline(study), study, plan, &str::to_owned, &Table::to_string)
+}
+
+/// Beneath the summary, published numbers, the plan's own tables, scores and aims.
+fn with_tables(first: String, study: &Study, plan: Option<&Plan>, say: &dyn Fn(&str) -> String, show: &dyn Fn(&Table) -> String) -> String {
+    let mut text = first;
+    let mut add = |told: &str, table: &Table| text += &format!("\n{}\n\n{}", say(told), show(table));
     if let Some((plan, table)) = plan.and_then(|p| Some((p, published(study, p)?))) {
-        text += &format!("\nBeside published numbers, {}:\n\n{table}", standings(study, plan));
+        add(&format!("Beside published numbers, {}:", standings(study, plan)), &table);
     }
     for (told, table) in plan.map(|p| layouts(study, p)).unwrap_or_default() {
-        text += &format!("\n{told}:\n\n{table}");
+        add(&format!("{told}:"), &table);
     }
     if let Some(table) = scores(study) {
-        text += &format!("\nMean over the cells of the RMS error in samples, the worst answers left out:\n\n{table}");
+        add("Mean over the cells of the RMS error in samples, the worst answers left out:", &table);
     }
     if let Some(table) = plan.and_then(|p| aims(study, p)) {
-        text += &format!("\nAims:\n\n{table}");
+        add("Aims:", &table);
     }
     text
 }

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::escape::escape;
+use super::terminal::{cell, columns, wrapped};
 use crate::text::{markdown, shown};
 
 /// A table with columns as wide as their widest cell; the first column is flush left, the others right.
@@ -32,9 +33,81 @@ impl Table {
         self.rows.push(cells);
     }
 
+    /// Only the columns under these headings; of words that are the same in every row of several, none.
+    #[must_use]
+    pub(super) fn only(&self, headings: &[&str]) -> Self {
+        let Some(first) = self.rows.first() else { return self.clone() };
+        let same =
+            |c: usize| self.rows.len() > 2 && self.left.contains(&c) && self.rows[1..].iter().all(|r| r.get(c) == self.rows[1].get(c));
+        let kept: Vec<usize> = (0..first.len()).filter(|&c| headings.contains(&first[c].as_str()) && !same(c)).collect();
+        let left = kept.iter().enumerate().filter(|(_, c)| self.left.contains(c)).map(|(at, _)| at).collect();
+        let row = |r: &Vec<String>| kept.iter().filter_map(|&c| r.get(c).cloned()).collect();
+        Self { rows: self.rows.iter().map(row).collect(), left, marked_up: self.marked_up.clone() }
+    }
+
     fn widths(&self) -> Vec<usize> {
         let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
         (0..columns).map(|c| self.rows.iter().filter_map(|r| r.get(c)).map(|s| s.chars().count()).max().unwrap_or(0)).collect()
+    }
+
+    /// The same table in lines of at most `width` columns: words are wrapped inside their columns, and columns that still find no room stand in further tables below,
+    /// beside the leading columns of words.
+    #[must_use]
+    pub fn fit(&self, width: usize) -> String {
+        let rows: Vec<Vec<String>> = self.rows.iter().map(|r| r.iter().map(|c| shown(c)).collect()).collect();
+        let count = rows.iter().map(Vec::len).max().unwrap_or(0);
+        // What a column must have: its numbers, and the longest word of what is wrapped.
+        let longest = |text: &str| text.split_whitespace().map(columns).max().unwrap_or(0);
+        let cells = |c: usize| rows.iter().enumerate().filter_map(move |(r, row)| Some((r, row.get(c)?)));
+        let least = |c: usize| {
+            let of = |(r, text): (usize, &String)| if r == 0 || self.left.contains(&c) { longest(text) } else { columns(text) };
+            cells(c).map(of).max().unwrap_or(0).min(width / 2)
+        };
+        let whole = |c: usize| cells(c).filter(|(r, _)| *r > 0 || self.left.contains(&c)).map(|(_, text)| columns(text)).max().unwrap_or(0);
+        let (least, whole): (Vec<usize>, Vec<usize>) = (0..count).map(|c| (least(c), whole(c).max(least(c)))).unzip();
+        let lead = (0..count).take_while(|c| self.left.contains(c)).count().min(count.saturating_sub(1));
+        let taken = |parts: &[usize]| parts.iter().map(|c| 2 + least[*c]).sum::<usize>();
+        let mut blocks: Vec<Vec<usize>> = vec![(0..lead).collect()];
+        for (c, room) in least.iter().enumerate().skip(lead) {
+            let full = blocks.last().is_none_or(|b| b.len() > lead && taken(b) + 2 + room > width);
+            if full {
+                blocks.push((0..lead).collect());
+            }
+            if let Some(block) = blocks.last_mut() {
+                block.push(c);
+            }
+        }
+        let block = |block: &Vec<usize>| {
+            let mut spare = width.saturating_sub(taken(block));
+            let mut widths: Vec<usize> = block
+                .iter()
+                .map(|&c| {
+                    let more = (whole[c] - least[c]).min(spare);
+                    spare -= more;
+                    least[c] + more
+                })
+                .collect();
+            // Words too long even so are broken, the longest first.
+            while widths.iter().map(|w| 2 + w).sum::<usize>() > width {
+                let Some(widest) = widths.iter_mut().max().filter(|w| **w > 4) else { break };
+                *widest -= 1;
+            }
+            let lines = |row: &Vec<String>| {
+                let of = |(at, c): (usize, &usize)| wrapped(row.get(*c).map_or("", String::as_str), widths[at].max(1), 0);
+                let parts: Vec<Vec<String>> = block.iter().enumerate().map(of).collect();
+                let high = parts.iter().map(Vec::len).max().unwrap_or(0);
+                let line = |at: usize| {
+                    let cells = parts
+                        .iter()
+                        .enumerate()
+                        .map(|(i, lines)| cell(lines.get(at).map_or("", String::as_str), widths[i], !self.left.contains(&block[i])));
+                    format!("  {}", cells.collect::<Vec<_>>().join("  ")).trim_end().to_owned() + "\n"
+                };
+                (0..high).map(line).collect::<String>()
+            };
+            rows.iter().map(lines).collect::<String>()
+        };
+        blocks.iter().map(block).collect::<Vec<_>>().join("\n")
     }
 
     /// The same table in HTML, without style of its own.
@@ -143,6 +216,21 @@ mod tests {
         assert!(text.contains("`x`\\u{1b}[2J\\n# c\n") && text.contains("long …"), "{text}");
         assert!(text.lines().count() == 3 && text.lines().all(|l| l.chars().count() < 210), "{text}");
         assert!(table.markdown().contains("| a\\|b \\<script> \\`x\\`\\\\u{1b}[2J\\\\n# c |"), "{}", table.markdown());
+    }
+
+    #[test]
+    fn a_table_keeps_to_a_width_and_loses_nothing() {
+        let mut table = Table::new(&["grid", "method", "RMS error (samples)", "truth in interval", "a", "b"], &[0, 1]);
+        table.row(["first order", "oestruc nf=3 of many words", "0.123", "95.0 %", "1234567.0", "7654321.0"].map(str::to_owned).to_vec());
+        for width in [30, 40, 60, 120] {
+            let text = table.fit(width);
+            assert!(text.lines().all(|l| columns(l) <= width), "{width}:\n{text}");
+            for part in ["0.123", "95.0 %", "1234567.0", "7654321.0", "nf=3", "interval"] {
+                assert!(text.contains(part), "{part}, {width}:\n{text}");
+            }
+        }
+        assert_eq!(table.fit(120).lines().next().map(|l| l.trim_end().ends_with("a          b")), Some(true), "{}", table.fit(120));
+        assert_eq!(Table::new(&[], &[]).fit(80), "");
     }
 
     #[test]

@@ -113,7 +113,7 @@ fn an_output_without_samples() {
             }
         }),
     )
-    .done();
+    .words();
     assert!(late.contains("Caveat: `y` has no sample in what is held out") && !late.contains("`z` has no sample"), "{late}");
     let early = one(
         MODEL,
@@ -123,7 +123,7 @@ fn an_output_without_samples() {
             }
         }),
     )
-    .done();
+    .words();
     assert!(early.contains("Caveat: `y` has no sample in what is learnt from"), "{early}");
 }
 
@@ -142,12 +142,12 @@ fn an_input_without_a_sample_names_its_row() {
 
 #[test]
 fn a_constant_input() {
-    let still = one(MODEL, &log(HEADER, 400, 1, |_, row| row[2] = "0.3".into())).done();
+    let still = one(MODEL, &log(HEADER, 400, 1, |_, row| row[2] = "0.3".into())).words();
     assert!(still.contains("Caveat: `load` never changes in what is learnt from") && !still.contains("`u` never changes"), "{still}");
     // One that only moves after what is learnt from is as blind.
-    let late = one(MODEL, &log(HEADER, 400, 1, |k, row| row[2] = if k < 350 { "0.3" } else { "0.7" }.into())).done();
+    let late = one(MODEL, &log(HEADER, 400, 1, |k, row| row[2] = if k < 350 { "0.3" } else { "0.7" }.into())).words();
     assert!(late.contains("Caveat: `load` never changes"), "{late}");
-    let fine = one(MODEL, &log(HEADER, 400, 1, as_is)).done();
+    let fine = one(MODEL, &log(HEADER, 400, 1, as_is)).words();
     assert!(!fine.contains("Caveat"), "{fine}");
 }
 
@@ -196,14 +196,14 @@ fn what_is_held_out_was_learnt_from() {
     let (first, other) = (log(HEADER, 400, 1, as_is), log(HEADER, 400, 2, as_is));
     let files = [("a.csv", first.as_str()), ("renamed.csv", first.as_str()), ("other.csv", other.as_str())];
     let caveat = "holds the same samples as";
-    let said = gap(MODEL, &files, &["--log", "a.csv", "--holdout", "a.csv"]).done();
+    let said = gap(MODEL, &files, &["--log", "a.csv", "--holdout", "a.csv"]).words();
     assert!(said.contains(caveat) && said.contains("not measured on unseen data"), "{said}");
-    let said = gap(MODEL, &files, &["--log", "other.csv", "--log", "a.csv", "--holdout", "renamed.csv"]).done();
+    let said = gap(MODEL, &files, &["--log", "other.csv", "--log", "a.csv", "--holdout", "renamed.csv"]).words();
     assert!(said.contains(caveat) && said.contains("renamed.csv") && said.contains("a.csv, which was learnt from"), "{said}");
-    let said = gap(MODEL, &files, &["--log", "a.csv", "--log", "renamed.csv"]).done();
+    let said = gap(MODEL, &files, &["--log", "a.csv", "--log", "renamed.csv"]).words();
     assert!(said.contains("they count twice"), "{said}");
     // The same commands with other noise are another log.
-    let said = gap(MODEL, &files, &["--log", "a.csv", "--holdout", "other.csv"]).done();
+    let said = gap(MODEL, &files, &["--log", "a.csv", "--holdout", "other.csv"]).words();
     assert!(!said.contains(caveat), "{said}");
 }
 

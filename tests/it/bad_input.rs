@@ -48,7 +48,7 @@ fn refused(text: &str, more: &[&str], says: &[&str]) -> String {
 fn the_good_log_that_the_bad_ones_are_made_from_is_fine() {
     let folder = Folder::new();
     let log = folder.write("log.csv", &good(400));
-    assert!(estimate(&log, &[]).done().contains("Believe a dead time of 0.200"));
+    assert!(estimate(&log, &[]).words().contains("Believe a dead time of 0.200"));
 }
 
 #[test]
@@ -118,7 +118,7 @@ fn time_that_runs_back_offers_records_and_the_offer_works() {
     refused(&two, &[], &["runs back", "--records"]);
     let folder = Folder::new();
     let log = folder.write("two.csv", &two);
-    let out = estimate(&log, &["--records", "run"]).done();
+    let out = estimate(&log, &["--records", "run"]).words();
     assert!(out.contains("in 2 records") && out.contains("Believe a dead time of 0.200"), "{out}");
     estimate(&log, &["--records", "runn"]).refused(&["`runn`", "did you mean `run`"]);
 }
@@ -135,7 +135,7 @@ fn uneven_time_offers_resample_and_the_offer_works() {
     let offered = says.split("for instance `--resample ").nth(1).unwrap().split('`').next().unwrap().to_owned();
     let folder = Folder::new();
     let log = folder.write("uneven.csv", &text);
-    let out = estimate(&log, &["--resample", &offered]).done();
+    let out = estimate(&log, &["--resample", &offered]).words();
     assert!(out.contains("Believe a dead time of"), "{out}");
     for bad in ["0", "-1", "NaN", "inf"] {
         estimate(&log, &[&format!("--resample={bad}")]).refused(&["sample time", "above 0"]);
@@ -176,12 +176,14 @@ fn a_constant_channel_is_named_with_its_value() {
 fn a_log_too_short_for_some_methods_still_answers_by_the_others() {
     let folder = Folder::new();
     let log = folder.write("short.csv", &good(110));
-    let out = estimate(&log, &["--full"]).done();
+    let out = estimate(&log, &["--full"]).words();
     // 71 taps need 143 samples.
     assert!(out.contains("threshold needs at least 143 samples") && out.contains("has 110") && out.contains("--max-delay"), "{out}");
     assert!(out.contains("Believe a dead time of 0.200"), "{out}");
     let tiny = folder.write("tiny.csv", &good(20));
-    let out = estimate(&tiny, &["--max-delay", "1.8"]).done();
+    let short = estimate(&tiny, &["--max-delay", "1.8"]).words();
+    assert!(short.contains("Believe none of it") && short.contains("needs at least"), "{short}");
+    let out = estimate(&tiny, &["--max-delay", "1.8", "--full"]).words();
     for method in ["oestruc", "arxstruc", "threshold", "threshold_step"] {
         assert!(out.contains(&format!("{method} needs at least")), "{out}");
     }
@@ -203,7 +205,7 @@ fn missing_cells_are_refused_in_an_input_and_taken_in_an_output() {
         text = with_row(&text, row, &format!("{kept},"));
     }
     let log = folder.write("gaps.csv", &text);
-    let out = estimate(&log, &[]).done();
+    let out = estimate(&log, &[]).words();
     assert!(out.contains("Believe a dead time of 0.200"), "{out}");
     let rows: Vec<String> = good(300).lines().skip(1).map(|l| l.rsplit_once(',').unwrap().0.to_owned() + ",").collect();
     refused(&format!("time,u,y\n{}\n", rows.join("\n")), &[], &["`y`", "no sample in any row"]);
@@ -219,7 +221,7 @@ fn a_binary_file_and_a_damaged_gz_are_told_from_logs() {
     compressed.write_all(good(2000).as_bytes()).unwrap();
     let whole = compressed.finish().unwrap();
     let fine = folder.write_bytes("whole.csv.gz", &whole);
-    assert!(estimate(&fine, &[]).done().contains("Believe a dead time of 0.200"));
+    assert!(estimate(&fine, &[]).words().contains("Believe a dead time of 0.200"));
     let cut = folder.write_bytes("cut.csv.gz", &whole[..whole.len() / 2]);
     estimate(&cut, &[]).refused(&["cut.csv.gz", "gzip", "cut off after row", "copy or compress"]);
     let plain = folder.write("plain.csv.gz", &good(300));
@@ -360,7 +362,7 @@ fn ten_million_rows_are_answered() {
     let log = folder.path("long.csv");
     long(&log, 10_000_000);
     let clock = std::time::Instant::now();
-    let out = estimate(&log, &["--method", "arxstruc"]).done();
+    let out = estimate(&log, &["--method", "arxstruc"]).words();
     println!("10 million rows, {} MB: {:.1} s", std::fs::metadata(&log).unwrap().len() / 1_000_000, clock.elapsed().as_secs_f64());
     assert!(out.contains("10000000 samples, one every 1 s") && out.contains("Believe a dead time of 3.00 s"), "{out}");
 }
@@ -370,9 +372,9 @@ fn oestruc_says_how_much_of_a_long_log_it_used() {
     let folder = Folder::new();
     let log = folder.path("long.csv");
     long(&log, 3000);
-    let out = estimate(&log, &["--method", "oestruc", "--set", "oestruc.max_samples=1000"]).done();
+    let out = estimate(&log, &["--method", "oestruc", "--set", "oestruc.max_samples=1000"]).words();
     assert!(out.contains("used the first 1000 of 3000 samples") && out.contains("Believe a dead time of 3.00 s"), "{out}");
-    let all = estimate(&log, &["--method", "oestruc"]).done();
+    let all = estimate(&log, &["--method", "oestruc"]).words();
     assert!(!all.contains("used the first"), "{all}");
 }
 

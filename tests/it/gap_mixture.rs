@@ -119,7 +119,8 @@ D = [[0.0], [0.0]]
     assert!(d.cause.contributions.iter().all(|c| c.effect != "parameter_error"), "{:?}", d.cause.contributions);
     // What is told of a number holds: its interval, made wider by what the prior draws it towards the value that came, has the true value.
     for p in &block.parameters {
-        let model = [("A[a,a]", -1.5), ("A[a,b]", 0.7), ("A[b,a]", 0.9), ("A[b,b]", -2.0), ("A[b,c]", 0.6), ("A[c,b]", 0.5), ("A[c,c]", -0.8)];
+        let model =
+            [("A[a,a]", -1.5), ("A[a,b]", 0.7), ("A[b,a]", 0.9), ("A[b,b]", -2.0), ("A[b,c]", 0.6), ("A[c,b]", 0.5), ("A[c,c]", -0.8)];
         let came = model.iter().chain(&[("B[a,u]", 1.0), ("B[c,u]", 0.4)]).find(|m| m.0 == p.name).unwrap().1;
         let truth = numbers.iter().find(|n| n.0 == p.name).map_or(came, |n| n.1);
         let [lower, upper] = p.ci95.unwrap();

@@ -149,7 +149,7 @@ fn the_command_needs_no_folder_and_says_what_it_cannot_tell_apart() {
     let csv = folder.path("a.csv");
     log("a.csv", doublets(2000), 1).write_csv(&csv).unwrap();
     let json = folder.path("i.json");
-    let said = deadtime(&["gap", "--model", text(&model), "--log", text(&csv), "--isolability", "--json", text(&json)]).done();
+    let said = deadtime(&["gap", "--model", text(&model), "--log", text(&csv), "--isolability", "--json", text(&json)]).words();
     for part in ["seen from", "closest rival", "cannot tell apart", "deadband:u", "two or more amplitudes"] {
         assert!(said.contains(part), "`{part}` is not in: {said}");
     }

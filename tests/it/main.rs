@@ -87,6 +87,8 @@ mod structured;
 mod study;
 mod study_bjorklund;
 mod study_thesis;
+#[cfg(feature = "cli")]
+mod terminal;
 mod thresholds;
 mod transfer_files;
 mod verdicts;

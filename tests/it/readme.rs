@@ -22,22 +22,32 @@ fn masked(text: &str) -> String {
     text.trim().lines().map(mask).collect::<Vec<_>>().join("\n")
 }
 
+/// The files of a folder, without those of folders in it.
+fn copy(from: &Path, to: &Path) {
+    std::fs::create_dir(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap().map(Result::unwrap).filter(|e| e.file_type().unwrap().is_file()) {
+        std::fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
+    }
+}
+
 #[test]
 fn every_console_block_prints_what_the_pages_show() {
     let folder = tempfile::tempdir().unwrap();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    // Paths are as the pages write them, so that lines break where theirs do; everything written goes to a temporary folder.
+    copy(&root.join("examples"), &folder.path().join("examples"));
     let mut run = 0;
     let pages = [README, ESTIMATING];
     for block in pages.iter().flat_map(|p| p.split("```console\n").skip(1)).filter_map(|rest| rest.split("```").next()) {
         for session in block.split("$ ").skip(1) {
             let (command, expected) = session.split_once('\n').unwrap_or((session, ""));
             let Some(arguments) = command.strip_prefix("deadtime ") else { continue };
-            // Paths of the repository are read where it is; everything written goes to a temporary folder.
-            let words = arguments
-                .split_whitespace()
-                .map(|w| if w.starts_with("examples/") { root.join(w).display().to_string() } else { w.to_owned() });
-            let output = Command::new(env!("CARGO_BIN_EXE_deadtime")).args(words).current_dir(folder.path()).output().unwrap();
-            let printed = String::from_utf8(output.stdout).unwrap().replace(&format!("{}/", root.display()), "");
+            let output = Command::new(env!("CARGO_BIN_EXE_deadtime"))
+                .args(arguments.split_whitespace())
+                .current_dir(folder.path())
+                .output()
+                .unwrap();
+            let printed = String::from_utf8(output.stdout).unwrap();
             assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
             if !expected.trim().is_empty() {
                 assert_eq!(masked(&printed), masked(expected), "{command}");

@@ -1,4 +1,4 @@
-//! report.html: a page that stands by itself, says what the diagnosis says, and lets no name act on it.
+//! Pages: each stands by itself, says what was found, holds the curves, and lets no name act on it.
 
 use crate::support::program::{Folder, deadtime, text};
 use deadtime::diagnose::Diagnosis;
@@ -54,11 +54,21 @@ fn report(late: usize) -> (String, Diagnosis) {
     (page, Diagnosis::read(&out.join("diagnosis.json")).unwrap())
 }
 
+/// Elements that have no end.
+const VOID: [&str; 3] = ["meta", "img", "br"];
+
 /// Every element in order of appearance; fails where tags do not match, attributes are not quoted or a character stands that should be escaped.
 fn elements(page: &str) -> Vec<String> {
-    let mut rest = page.strip_prefix("<!doctype html>").expect("a doctype");
+    let mut rest = page.strip_prefix("<!DOCTYPE html>").expect("a doctype");
     let (mut open, mut all): (Vec<&str>, Vec<String>) = (Vec::new(), Vec::new());
     while let Some(start) = rest.find('<') {
+        if open.last() == Some(&"script") {
+            // What a script holds is no markup up to its end.
+            let end = rest.find("</script>").expect("a script ends");
+            rest = &rest[end + "</script>".len()..];
+            open.pop();
+            continue;
+        }
         let between = &rest[..start];
         if open.last() != Some(&"style") {
             assert!(!between.contains('>'), "a bare > in {between:?}");
@@ -74,11 +84,10 @@ fn elements(page: &str) -> Vec<String> {
             assert_eq!(open.pop(), Some(name), "the tag that closes");
             continue;
         }
-        let name = tag.split([' ', '/']).next().unwrap();
+        let name = tag.split(' ').next().unwrap();
         assert_eq!(tag.matches('"').count() % 2, 0, "quotes of {tag}");
-        assert_eq!(tag.matches("=\"").count() * 2, tag.matches('"').count(), "attributes of {tag}");
         all.push(tag.to_owned());
-        if !tag.ends_with('/') {
+        if !VOID.contains(&name) {
             open.push(name);
         }
     }
@@ -86,29 +95,43 @@ fn elements(page: &str) -> Vec<String> {
     all
 }
 
+/// What the page's script draws.
+fn drawn(page: &str) -> serde_json::Value {
+    let (_, rest) = page.split_once("<script id=\"data\" type=\"application/json\">").expect("the data");
+    serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
+}
+
+/// The page without its scripts and styles: what is read where no script runs.
+fn read(page: &str) -> String {
+    let mut text = page.split("<script").next().unwrap().to_owned();
+    while let Some((before, rest)) = text.split_once("<style>") {
+        text = format!("{before}{}", rest.split_once("</style>").unwrap().1);
+    }
+    text
+}
+
 #[test]
 fn the_page_is_well_formed_stands_alone_and_says_what_the_diagnosis_says() {
     let (page, d) = report(6);
     let all = elements(&page);
-    let count = |name: &str| all.iter().filter(|tag| tag.split([' ', '/']).next() == Some(name)).count();
-    // A picture per output, each with words for those who cannot see it.
-    assert_eq!((count("figure"), count("svg"), count("figcaption")), (2, 2, 2));
-    assert_eq!((count("html"), count("title") - count("svg"), count("h1"), count("desc")), (1, 1, 1, 2));
-    // Three logs, two outputs: measured once, predicted and left over twice each, before and after.
-    for (class, times) in [("measured", 6), ("before", 12), ("after", 12)] {
-        assert_eq!(all.iter().filter(|tag| tag.starts_with(&format!("path class=\"{class}\""))).count(), times, "{class}");
+    let count = |name: &str| all.iter().filter(|tag| tag.split(' ').next() == Some(name)).count();
+    assert_eq!((count("html"), count("title"), count("h1"), count("script"), count("style")), (1, 1, 1, 3, 1));
+    // Nothing from elsewhere, and nothing that acts but the page's own two scripts, whose digests its policy names.
+    let read = read(&page);
+    for foreign in ["src=", "@import", "<link", "javascript:", "<img", "<i>", "<iframe", "http:", "https:"] {
+        assert!(!read.contains(foreign), "{foreign}");
     }
-    assert_eq!(all.iter().filter(|tag| tag.starts_with("rect class=\"held\"")).count(), 2, "the held-out log, in each picture");
-    // Nothing from elsewhere, nothing that acts.
-    for foreign in ["http", "src=", "@import", "<script", "<link", "javascript:", "<img", "<i>"] {
-        assert!(!page.contains(foreign), "{foreign}");
-    }
-    assert!(all.iter().all(|tag| !tag.contains(" on")), "an event handler");
+    assert!(!all.iter().flat_map(|tag| tag.split(' ')).any(|word| word.starts_with("on") && word.contains("=\"")), "an event handler");
+    let policy = all.iter().find(|tag| tag.contains("Content-Security-Policy")).expect("a policy");
+    assert!(
+        policy.contains("default-src 'none'") && policy.matches("'sha256-").count() == 2 && !policy.contains("script-src 'unsafe"),
+        "{policy}"
+    );
     for bad in ["NaN", "inf\"", "inf ", "Infinity", "null"] {
-        assert!(!page.contains(bad), "{bad}");
+        assert!(!read.contains(bad), "{bad}");
     }
     assert!(page.contains("<title>Gap of &lt;script&gt;alert(1)&lt;/script&gt;: input_delay on u&lt;b&gt;</title>"));
-    assert!(page.contains("angle &amp; &quot;co&quot;") && page.contains("&lt;img&gt;.csv") && page.contains("(&lt;i&gt;rad)"));
+    assert!(read.contains("angle &amp; &quot;co&quot;") && read.contains("&lt;img&gt;.csv"));
     assert!(page.contains("prefers-color-scheme:dark") && page.contains("@media print"));
     assert_eq!(d.cause.verdict, "input_delay");
     for name in d.cause.indistinguishable.iter().flatten() {
@@ -117,7 +140,34 @@ fn the_page_is_well_formed_stands_alone_and_says_what_the_diagnosis_says() {
     for row in ["Gap:", "Place:", "Cause:", "Rivals:", "Shrink:"] {
         assert!(page.contains(&format!("<strong>{row}</strong>")), "{row}");
     }
-    assert!(page.contains("What was found to act") && page.contains("Ranking") && page.contains("held out"));
+    assert!(read.contains("What was found to act") && read.contains("Ranking") && read.contains("the budget of the gap"));
+    assert!(page.len() < 1_000_000, "{} bytes", page.len());
+}
+
+#[test]
+fn the_curves_are_those_of_the_diagnosis_and_names_in_them_are_data() {
+    let (page, _) = report(6);
+    let data = drawn(&page);
+    let logs = data["logs"].as_array().unwrap();
+    let named: Vec<&str> = logs.iter().map(|l| l["name"].as_str().unwrap()).collect();
+    assert!(named.len() == 3 && named[0].ends_with("<img>.csv") && named[2].ends_with("c.csv"), "{named:?}");
+    assert!(logs[2]["held"].is_array() && logs[0]["held"].is_null(), "the third was held out");
+    for (log, samples) in logs.iter().zip([900, 700, 600]) {
+        assert_eq!(log["time"]["count"], samples);
+        assert!((log["time"]["step"].as_f64().unwrap() - 0.02).abs() < 1e-9);
+        let outputs = log["outputs"].as_array().unwrap();
+        assert_eq!(outputs.iter().map(|o| o["name"].as_str().unwrap()).collect::<Vec<_>>(), ["angle & \"co\"", "rate"]);
+        assert_eq!(log["inputs"][0]["name"], "u<b>");
+        for curve in [&outputs[0]["measured"], &outputs[0]["before"], &outputs[0]["after"], &log["inputs"][0]["values"]] {
+            // Two bytes a sample, four letters for three bytes.
+            assert_eq!(curve["u16"].as_str().unwrap().len(), (2 * samples as usize).div_ceil(3) * 4);
+            assert!(curve["low"].as_f64().unwrap() < curve["high"].as_f64().unwrap());
+        }
+        assert!(outputs[0]["floor"].as_f64().unwrap() > 0.0);
+    }
+    // The text of the data names nothing that could end it.
+    let text = page.split("application/json\">").nth(1).unwrap().split("</script>").next().unwrap();
+    assert!(!text.contains('<') && text.contains("\\u003c"));
 }
 
 #[test]
@@ -125,9 +175,13 @@ fn without_a_cause_nothing_is_drawn_as_explained() {
     let (page, d) = report(0);
     assert_eq!(d.cause.verdict, "none");
     let all = elements(&page);
-    assert!(!all.iter().any(|tag| tag.contains("class=\"after\"") || tag.contains("key after")));
-    assert!(page.contains("Verdict: <strong>none</strong>") && !page.contains("What was found to act"));
-    assert_eq!(all.iter().filter(|tag| tag.starts_with("figure")).count(), 2);
+    assert!(!all.iter().any(|tag| tag.contains("key after")));
+    assert!(
+        page.contains("Verdict: <strong>none</strong>")
+            && !page.contains("What was found to act")
+            && !page.contains("the budget of the gap")
+    );
+    assert!(drawn(&page)["logs"][0]["outputs"][0]["after"].is_null());
 }
 
 #[test]
@@ -152,4 +206,33 @@ fn a_long_log_gives_a_small_page() {
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     elements(&page);
     assert!(page.len() < 500_000, "{} bytes", page.len());
+}
+
+#[test]
+fn the_page_of_an_estimate_holds_its_curves_and_every_method() {
+    let folder = Folder::new();
+    let mut log = String::from("time,<script>alert(1)</script>,y [V]\n");
+    let mut past = [0.0; 4];
+    for k in 0..300_u32 {
+        let u = f64::from((k.wrapping_mul(2_654_435_761) >> 13) & 1);
+        let noise = f64::from((k.wrapping_mul(2_246_822_519) >> 16) & 1023) / 10_230.0;
+        log += &format!("{:.1},{u},{}\n", f64::from(k) * 0.1, past[0] + noise);
+        past = [past[1], past[2], past[3], u];
+    }
+    let (log, page) = (folder.write("log.csv", &log), folder.path("answer.html"));
+    let methods = ["--method", "arxstruc", "--method", "oestruc", "--method", "threshold"];
+    let words = ["estimate", text(&log), "--input", "<script>alert(1)</script>", "--output", "y", "--html", text(&page)];
+    deadtime(&[&words[..], &methods[..]].concat()).done();
+    let page = std::fs::read_to_string(page).unwrap();
+    elements(&page);
+    let read = read(&page);
+    for part in ["Believe a dead time of", "arxstruc", "oestruc", "threshold", "&lt;script&gt;alert(1)&lt;/script&gt; → y"] {
+        assert!(read.contains(part), "{part}");
+    }
+    assert!(!page.contains("<script>alert"));
+    let data = drawn(&page);
+    let pair = &data["logs"][0]["pairs"][0];
+    assert_eq!((pair["input"].as_str(), pair["unit_y"].as_str()), (Some("<script>alert(1)</script>"), Some("V")));
+    assert!(pair["delay_s"].as_f64().is_some_and(|d| (d - 0.3).abs() < 0.11), "{pair}");
+    assert!(page.len() < 400_000, "{} bytes", page.len());
 }

@@ -62,12 +62,6 @@ def as_arguments(said: Any) -> Any:
     return re.sub(r"--([a-z][a-z-]*)", lambda option: option[1].replace("-", "_") + "=", said.replace("--loop closed", 'loop="closed"'))
 
 
-def words_of(text: str) -> list[str]:
-    """Lines without run times, and without the widths that follow from them."""
-    lines = [line.split() for line in text.splitlines()]
-    return [" ".join(words[:-2] if words[-1:] in (["µs"], ["ms"], ["s"]) else words) for words in lines]
-
-
 @pytest.mark.parametrize(
     ("log", "inputs", "outputs", "options", "words"),
     [
@@ -94,7 +88,8 @@ def test_the_answer_is_the_command_line_s(
     file, text = command_line(tmp_path, path, *channels, *(str(examples / w) if w.endswith(".toml") else w for w in words))
     result = deadtime.estimate(path, inputs, outputs, **options)
     assert without_times(result.to_dict()) == as_arguments(without_times(file))
-    assert words_of(repr(result)) == words_of(as_arguments(text))
+    # Lines break elsewhere, as arguments are shorter than options.
+    assert repr(result).split() == as_arguments(" ".join(text.split())).split()
 
 
 def test_rows_are_what_the_file_says(tmp_path: Path) -> None:

@@ -6,8 +6,9 @@ use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
 use super::Common;
+use crate::cli::Out;
+use crate::cli::progress::Waiting;
 use crate::cli::source::Needed;
-use crate::cli::write_json;
 use crate::delay::{Detrend, Feedback, Job, Scope, chosen};
 use crate::identify::subspace::{Direct, Identified, Recordings, identifier};
 use crate::log::Log;
@@ -59,7 +60,8 @@ const NEARLY_WHOLE: f64 = 0.1;
 const WORSE: f64 = 6.0;
 
 impl Linear {
-    pub(super) fn run(&self, common: &Common, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, common: &Common, to: &Out<'_>) -> anyhow::Result<()> {
+        let waiting = Waiting::new(to, "identifying");
         let Some(out) = &common.out else { bail!("--out FILE is missing: where the model is to be written") };
         let logs = self.read(common, &common.logs)?;
         let all = Recordings::from_logs(&logs, &self.input, &self.output)?;
@@ -89,11 +91,12 @@ impl Linear {
             held_out_samples: judged.samples(),
             checks: identified.check(&judged),
         };
+        drop(waiting);
         file.write(out)?;
-        if json.is_some() {
-            write_json(json, &report.data()?)?;
+        if to.wants_json() {
+            to.json(&report.data()?)?;
         }
-        say!("{}\nwritten to {}", report.text().trim_end(), out.display());
+        say!(to, "{}\nwritten to {}", report.text().trim_end(), out.display());
         Ok(())
     }
 

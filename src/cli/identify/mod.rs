@@ -3,12 +3,16 @@
 mod linear;
 mod structured;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use super::Out;
 use super::source::Reading;
 
 /// Make a model file of logs, or fit the parameters of one (--structure): with standard deviations, and how it does on data that it has not seen
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime identify flight.csv --input rudder --output yaw_rate --out model.toml
+  deadtime identify flight.csv --structure model.toml --free mass,damping --out fitted.toml")]
 pub(super) struct Identify {
     #[command(flatten)]
     common: Common,
@@ -35,10 +39,10 @@ struct Common {
 }
 
 impl Identify {
-    pub(super) fn run(&self, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         match &self.structured.structure {
-            Some(structure) => self.structured.run(&self.common, structure, json),
-            None => self.linear.run(&self.common, json),
+            Some(structure) => self.structured.run(&self.common, structure, to),
+            None => self.linear.run(&self.common, to),
         }
     }
 }

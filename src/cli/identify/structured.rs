@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 
 use super::Common;
-use crate::cli::write_json;
+use crate::cli::Out;
+use crate::cli::progress::Waiting;
 use crate::identify::structured::{self, Balance, score};
 use crate::log::Log;
 use crate::model::{EquationsFile, ModelDocument};
@@ -53,7 +54,7 @@ enum BalanceName {
 }
 
 impl Structured {
-    pub(super) fn run(&self, common: &Common, structure: &Path, json: Option<&Path>) -> anyhow::Result<()> {
+    pub(super) fn run(&self, common: &Common, structure: &Path, to: &Out<'_>) -> anyhow::Result<()> {
         let document = ModelDocument::read(structure)?;
         let ModelDocument::Equations(file) = &document else {
             bail!("{}: only a model of kind \"equations\" has parameters to fit; this one is \"{}\"", structure.display(), document.kind());
@@ -66,7 +67,7 @@ impl Structured {
         }
         let (logs, held_out) = (read(common, &document, &common.logs)?, read(common, &document, &common.holdout)?);
         if self.free.is_empty() && self.per_record.is_empty() {
-            return self.only_score(common, file, &logs, json);
+            return self.only_score(common, file, &logs, to);
         }
         let options = structured::Structured {
             free: self.free.clone(),
@@ -82,26 +83,28 @@ impl Structured {
             one_step: !self.no_one_step,
             ..structured::Structured::default()
         };
+        let waiting = Waiting::new(to, "fitting");
         let mut found = options.fit(file, &logs, &held_out)?;
+        drop(waiting);
         found.name.clone_from(&file.name);
-        write_json(json, &found)?;
+        to.json(&found)?;
         if let (Some(out), Some(model)) = (&common.out, &found.model) {
             model.write(out)?;
         }
-        say!("{}", text(&found).trim_end());
+        say!(to, "{}", text(&found).trim_end());
         if let Some(out) = &common.out {
-            say!("\nWritten to {}.", out.display());
+            say!(to, "\nWritten to {}.", out.display());
         }
         Ok(())
     }
 
-    fn only_score(&self, common: &Common, file: &EquationsFile, logs: &[Log], json: Option<&Path>) -> anyhow::Result<()> {
+    fn only_score(&self, common: &Common, file: &EquationsFile, logs: &[Log], to: &Out<'_>) -> anyhow::Result<()> {
         if common.out.is_some() {
             bail!("nothing is fitted, so there is nothing to write: name parameters with --free");
         }
         let found = score(file, logs, self.horizon, self.stride.unwrap_or(self.horizon))?;
-        write_json(json, &serde_json::json!({ "name": file.name, "horizon": self.horizon, "score": found }))?;
-        say!("{}", scores(&file.name, &[&found]).trim_end());
+        to.json(&serde_json::json!({ "name": file.name, "horizon": self.horizon, "score": found }))?;
+        say!(to, "{}", scores(&file.name, &[&found]).trim_end());
         Ok(())
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::diagnose::input::record::Span;
+use crate::diagnose::input::record::{LogRecord, Span};
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::gaussian::Likelihood;
 
@@ -29,6 +29,35 @@ pub struct Trace {
     pub held: Option<[f64; 2]>,
     /// Standard deviation of the part that no deterministic model can explain.
     pub floor: f64,
+}
+
+/// One command of one log, at the times of the log's [`Trace`]s.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CommandTrace {
+    /// The log.
+    pub log: String,
+    /// The input.
+    pub input: String,
+    /// Its unit, where the model gives one.
+    pub unit: Option<String>,
+    /// As logged, in the input's unit.
+    pub values: Vec<f64>,
+}
+
+/// All inputs of all logs, by log and then by input.
+pub(in crate::diagnose) fn command_traces(likelihood: &Likelihood<'_>) -> Vec<CommandTrace> {
+    let of = |record: &LogRecord| {
+        let inputs = likelihood.system.inputs.iter().zip(&record.inputs);
+        inputs
+            .map(|(input, values)| CommandTrace {
+                log: record.name.clone(),
+                input: input.name.clone(),
+                unit: input.unit.clone(),
+                values: values.clone(),
+            })
+            .collect::<Vec<_>>()
+    };
+    likelihood.records.iter().flat_map(of).collect()
 }
 
 /// All outputs of all logs, by output and then by log; `floor` holds one standard deviation per output. Empty where a simulation fails.

@@ -35,6 +35,12 @@ impl Run {
         assert_eq!(self.code, Some(0), "{}{}", self.stdout, self.stderr);
         self.stdout
     }
+
+    /// The same with one blank between words, wherever lines break.
+    #[track_caller]
+    pub(crate) fn words(self) -> String {
+        self.done().split_whitespace().collect::<Vec<_>>().join(" ")
+    }
 }
 
 /// A temporary folder.

@@ -1,0 +1,80 @@
+//! What a command prints, and how: everything or nothing, with colour or without; and the JSON beside it.
+
+use std::io::{IsTerminal, Write, stdout};
+use std::path::Path;
+
+use anyhow::Context;
+
+use crate::file::write_atomic;
+use crate::report::terminal::Styled;
+use crate::text::printed;
+
+/// When to colour what is printed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub(super) enum Color {
+    /// On a terminal, unless the environment sets NO_COLOR
+    #[default]
+    Auto,
+    /// Always, also into a file
+    Always,
+    /// Never
+    Never,
+}
+
+impl Color {
+    fn on(self) -> bool {
+        let set = |name: &str| std::env::var_os(name).is_some_and(|v| !v.is_empty());
+        match self {
+            Self::Always => true,
+            Self::Never => false,
+            // https://no-color.org; a dumb terminal shows the codes instead of obeying them.
+            Self::Auto => !set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|t| t != "dumb") && stdout().is_terminal(),
+        }
+    }
+}
+
+/// Where a command's words go.
+#[derive(Debug)]
+pub(super) struct Out<'a> {
+    json: Option<&'a Path>,
+    quiet: bool,
+    colour: bool,
+}
+
+impl<'a> Out<'a> {
+    pub(super) fn new(json: Option<&'a Path>, quiet: bool, color: Color) -> Self {
+        Self { json, quiet, colour: color.on() }
+    }
+
+    /// A line on standard output, unless nothing is to be said; a closed pipe is an error, control characters are shown instead of sent.
+    pub(super) fn line(&self, text: &str) -> anyhow::Result<()> {
+        if self.quiet { Ok(()) } else { writeln!(stdout().lock(), "{}", printed(text)).context("standard output") }
+    }
+
+    /// The same of a text that has colours.
+    pub(super) fn styled(&self, text: &Styled) -> anyhow::Result<()> {
+        let text = if self.colour { text.coloured() } else { text.plain() };
+        if self.quiet { Ok(()) } else { stdout().lock().write_all(text.as_bytes()).context("standard output") }
+    }
+
+    /// Somebody waits for words on standard error while a command works.
+    pub(super) fn tells_progress(&self) -> bool {
+        !self.quiet
+    }
+
+    pub(super) fn wants_json(&self) -> bool {
+        self.json.is_some()
+    }
+
+    /// Writes `what` as JSON where a file was asked for.
+    pub(super) fn json(&self, what: &impl serde::Serialize) -> anyhow::Result<()> {
+        self.json.map_or(Ok(()), |path| write_json(path, what))
+    }
+}
+
+/// Writes `what` as JSON.
+pub(super) fn write_json(path: &Path, what: &impl serde::Serialize) -> anyhow::Result<()> {
+    let text = serde_json::to_string_pretty(what).with_context(|| path.display().to_string())?;
+    write_atomic(path, |out| writeln!(out, "{text}"))?;
+    Ok(())
+}

@@ -1,0 +1,148 @@
+//! Dead times as a page: input and output, the output shifted back by the answer, every method's answer on one axis.
+
+use maud::{Markup, PreEscaped, html};
+use serde_json::{Value, json};
+
+use super::bars::{bar, dot, stretch};
+use super::series::{Thinning, base64};
+use super::{Cell, page, plots, quoted, table};
+use crate::delay::Outcome;
+use crate::delay::report::{Estimate, Pair, Report, Response};
+use crate::log::Log;
+use crate::report::picture::{Shown, svg};
+use crate::report::terminal::{Axis, without_lists};
+use crate::report::text::seconds;
+
+/// Records that the page holds.
+const LOGS: usize = 40;
+
+/// The page of a report, with the records that it is about and their impulse responses, as many as pairs, where the inputs allow them.
+#[must_use]
+pub fn estimate(report: &Report, logs: &[Log], responses: &[Option<Response>]) -> String {
+    let body = html! {
+        h1 { "Dead time in " (report.log) }
+        p .faint { (report.preamble()) "." }
+        @for pair in &report.pairs { (verdict(pair, report.sample_time_s)) }
+        @if !logs.is_empty() {
+            h2 { "Input and output" }
+            p {
+                span .key.input { "input" }
+                span .key.after { "output" }
+            }
+            p { "Below each pair the output is shifted back by the answer: a response then begins under the command that it answers." }
+            (plots("The curves"))
+            @if logs.len() > LOGS { p .faint { "The first " (LOGS) " of " (logs.len()) " records." } }
+        }
+        @for (at, pair) in report.pairs.iter().enumerate() {
+            (methods(pair, report.sample_time_s))
+            @if let Some(response) = responses.get(at).and_then(Option::as_ref) { (picture(pair, response, report.sample_time_s)) }
+        }
+        p .faint { "deadtime " (env!("CARGO_PKG_VERSION")) "; curves by uPlot 1.6.32 (MIT, Leon Sorokin)." }
+    };
+    page(&format!("Dead time in {}", report.log), &body, &data(report, logs))
+}
+
+fn target(pair: &Pair) -> &str {
+    if pair.output == "*" { "the states" } else { &pair.output }
+}
+
+fn verdict(pair: &Pair, step_s: f64) -> Markup {
+    html! {
+        h3 { (pair.input) " → " (target(pair)) }
+        @match (pair.verdict.delay_s, pair.verdict.ci95_s) {
+            (Some(delay), Some([from, to])) => p .verdict {
+                "Believe a dead time of " strong { (seconds(delay, step_s)) " s" } " (95 %: " (seconds(from, step_s)) " to " (seconds(to, step_s)) " s)."
+            },
+            _ if pair.moving.is_some() => {},
+            _ => p .verdict { strong { "Believe none of it." } },
+        }
+        p { (quoted(&without_lists(&pair.verdict.why, pair))) "." }
+        @if let Some(warning) = pair.warning(step_s) { p { strong { "Beware: " } (warning) "." } }
+        @if !pair.findings.is_empty() {
+            p { "The record shows " @for (at, f) in pair.findings.iter().enumerate() { @if at > 0 { "; " } (f.condition.words()) " (" (quoted(&f.evidence)) ")" } "." }
+        }
+    }
+}
+
+/// Every method on a common axis.
+fn methods(pair: &Pair, step_s: f64) -> Markup {
+    let counted = || pair.estimates.iter().filter(|e| e.counts()).filter_map(|e| e.ci95_s);
+    let axis = match (pair.verdict.delay_s, pair.verdict.ci95_s) {
+        (Some(delay), Some(ci)) => Axis::around(delay, ci, counted(), usize::MAX),
+        _ => Axis::over(pair.estimates.iter().filter_map(|e| e.ci95_s), usize::MAX),
+    };
+    let number = |v: Option<f64>| v.map_or_else(|| "–".to_owned(), |v| seconds(v, step_s));
+    let row = |e: &Estimate| {
+        let interval = e.ci95_s.map_or_else(|| "–".to_owned(), |[a, b]| format!("{} … {}", seconds(a, step_s), seconds(b, step_s)));
+        let aside = if e.counts() { "" } else { "aside" };
+        let counts = match (e.outcome, e.distrust.as_slice()) {
+            (_, []) if e.counts() => "yes".to_owned(),
+            (Outcome::Found, []) => "no: the data contradict its model".to_owned(),
+            (Outcome::Found, reasons) => format!("no: {}", reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(", ")),
+            _ => e.outcome.name().replace('_', " "),
+        };
+        let drawn = html! {
+            @if let (Some(axis), Some(delay)) = (axis, e.delay_s) {
+                @if let Some([from, to]) = pair.verdict.ci95_s { (stretch(axis.share(from), axis.share(to), "believed")) }
+                @if let Some([from, to]) = e.ci95_s { (stretch(axis.share(from), axis.share(to), &format!("range {aside}"))) }
+                (dot(axis.share(delay), aside))
+            }
+        };
+        let label = format!("{} s, interval {interval} s", number(e.delay_s));
+        let texts = [Cell::Words(e.method.clone()), Cell::Number(number(e.delay_s)), Cell::Number(interval)];
+        let mut cells: Vec<Cell> = texts.into();
+        cells.extend([Cell::Drawn(bar(&label, &drawn)), Cell::Words(counts), Cell::Words(e.note.clone().unwrap_or_default())]);
+        cells
+    };
+    let all = |counting: bool| pair.estimates.iter().filter(|e| e.counts() == counting).map(row).collect::<Vec<Vec<Cell>>>();
+    let (open, aside) = (all(true), all(false));
+    let ends = axis.map_or_else(String::new, |a| a.ends().map(|v| seconds(v, step_s)).join(" to ") + " s");
+    let headings = ["method", "answer (s)", "95 % interval (s)", &ends, "counts", "note"];
+    html! {
+        h2 { "Methods: " (pair.input) " → " (target(pair)) }
+        @if !open.is_empty() { (table("Answers that count; the band is what is believed, and an arrow is an answer beyond the axis", &headings, &open)) }
+        @if !aside.is_empty() { details open[open.is_empty()] { summary { (aside.len()) " that do not count" } (table("Answers that do not count", &headings, &aside)) } }
+    }
+}
+
+/// The impulse response with its threshold, which the delay is seen in by eye.
+fn picture(pair: &Pair, response: &Response, step_s: f64) -> Markup {
+    let drawn = svg(&[Shown { pair, response: Some(response) }], step_s);
+    let source = format!("data:image/svg+xml;base64,{}", base64(drawn.bytes()));
+    html! {
+        details {
+            summary { "Impulse response of " (pair.input) " → " (target(pair)) }
+            img src=(PreEscaped(source)) style="max-width:100%;height:auto" alt={ "Answers of the methods above the estimated impulse response from " (pair.input) " to " (target(pair)) };
+        }
+    }
+}
+
+/// What the script draws: every pair of two channels, record by record.
+fn data(report: &Report, logs: &[Log]) -> Value {
+    let pairs: Vec<&Pair> = report.pairs.iter().filter(|p| p.output != "*").collect();
+    let shown = logs.len().min(LOGS);
+    let samples: usize = logs.iter().take(shown).map(Log::len).sum();
+    let all = [f64::NEG_INFINITY, f64::INFINITY];
+    let record = |(at, log): (usize, &Log)| {
+        let time_s: Vec<f64> = log.time_s().iter().map(|t| t - log.time_s().first().unwrap_or(&0.0)).collect();
+        let thinning = Thinning::share(&time_s, 2 * pairs.len(), samples);
+        let one = |pair: &&Pair| {
+            let (u, y) = (log.channel(&pair.input).ok()?, log.channel(&pair.output).ok()?);
+            let unit = |name: &str| log.unit(name).filter(|u| *u != "1").unwrap_or("").to_owned();
+            let (inward, outward) = (u.samples(), y.samples());
+            Some(json!({
+                "input": pair.input,
+                "output": pair.output,
+                "label_u": "input",
+                "unit_u": unit(&pair.input),
+                "unit_y": unit(&pair.output),
+                "u": thinning.curve(|i| inward.get(i), all),
+                "y": thinning.curve(|i| outward.get(i), all),
+                "delay_s": pair.verdict.delay_s,
+            }))
+        };
+        let name = if logs.len() > 1 { format!("record {}", at + 1) } else { log.source().to_owned() };
+        json!({ "name": name, "bucket": thinning.bucket(), "time": thinning.times(&time_s), "pairs": pairs.iter().filter_map(one).collect::<Vec<Value>>() })
+    };
+    json!({ "kind": "estimate", "logs": logs.iter().take(shown).enumerate().map(record).collect::<Vec<Value>>(), "opens": 0 })
+}

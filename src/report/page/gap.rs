@@ -1,0 +1,371 @@
+//! A diagnosis as a page: where the gap is, which causes take how much of it, how far it shrinks, what to do next.
+
+use maud::{Markup, html};
+use serde_json::{Value, json};
+
+use super::bars::{bar, dot, stretch};
+use super::series::Thinning;
+use super::{Cell, number, page, percent, plots, quoted, table};
+use crate::diagnose::{CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, Mode, RankingRow, Strength, Trace};
+use crate::report::diagnosis::{recalibrated, summary};
+
+/// Logs that the page holds.
+const LOGS: usize = 40;
+/// Rows of the ranking that stand open.
+const OPEN_ROWS: usize = 12;
+/// A prediction may leave the range of the measurement by this many of its widths before it is cut off: one that explodes must not flatten all else.
+const LEAVES: f64 = 1.0;
+
+/// The page.
+#[must_use]
+pub fn gap(diagnosed: &Diagnosed) -> String {
+    let d = &diagnosed.diagnosis;
+    let verdict = match d.cause.effects.as_slice() {
+        [] => d.cause.verdict.clone(),
+        found => found.iter().map(|e| format!("{} on {}", e.effect, e.channel)).collect::<Vec<_>>().join(" and "),
+    };
+    let body = html! {
+        h1 { "Sim-to-real gap of " (d.model) }
+        p .verdict { "Verdict: " strong { (verdict) } }
+        @for sentence in summary(diagnosed).lines() {
+            @let (what, rest) = sentence.split_once(": ").unwrap_or(("", sentence));
+            p { strong { (what) ":" } " " (quoted(rest)) }
+        }
+        @for caveat in &diagnosed.caveats { p { strong { "Caveat:" } " " (quoted(&caveat.to_string())) "." } }
+        (curves(diagnosed))
+        (budget(d))
+        (parameters(d))
+        (candidates(d))
+        @if let Some(next) = &d.cause.next_experiment {
+            h2 { "Next experiment" }
+            div .next { p { (quoted(next)) } }
+        }
+        (size(d))
+        (place(d))
+        (checks(d))
+        (origin(d))
+    };
+    page(&format!("Gap of {}: {verdict}", d.model), &body, &data(diagnosed))
+}
+
+/// The plots' place, and what their colours mean.
+fn curves(diagnosed: &Diagnosed) -> Markup {
+    let with = diagnosed.traces.iter().any(|t| t.after.is_some());
+    let logs = logs(diagnosed);
+    html! {
+        h2 { "Where: measured and simulated" }
+        @if diagnosed.traces.is_empty() {
+            p { "The model could not be simulated for a picture." }
+        } @else {
+            p {
+                span .key.measured { "measured" }
+                span .key.before { "simulated" }
+                @if with { span .key.after { "simulated with the causes found" } }
+                span .key.input { "commands" }
+                span .key.area.floor { "noise floor, ± one standard deviation" }
+                span .key.area.held { "held out" }
+                span .key.span { "span with most of the gap" }
+            }
+            (plots("The curves"))
+            @if logs.len() > LOGS { p .faint { "The first " (LOGS) " of " (logs.len()) " logs." } }
+        }
+    }
+}
+
+/// The names of the logs that have curves, in order.
+fn logs(diagnosed: &Diagnosed) -> Vec<&str> {
+    let Some(first) = diagnosed.traces.first() else { return Vec::new() };
+    diagnosed.traces.iter().take_while(|t| t.output == first.output).map(|t| t.log.as_str()).collect()
+}
+
+/// What the script draws.
+fn data(diagnosed: &Diagnosed) -> Value {
+    let d = &diagnosed.diagnosis;
+    let count = logs(diagnosed).len();
+    let shown = count.min(LOGS);
+    let outputs = diagnosed.traces.len().checked_div(count).unwrap_or(0);
+    let inputs = diagnosed.commands.len().checked_div(count).unwrap_or(0);
+    let curves = 3 * outputs + inputs;
+    let samples: usize = diagnosed.traces.iter().take(shown).map(|t| t.time_s.len()).sum();
+    let log = |at: usize| {
+        let of: Vec<&Trace> = (0..outputs).filter_map(|i| diagnosed.traces.get(i * count + at)).collect();
+        let commands: Vec<&CommandTrace> = diagnosed.commands.iter().skip(at * inputs).take(inputs).collect();
+        let first = *of.first()?;
+        let thinning = Thinning::share(&first.time_s, curves, samples);
+        let outputs: Vec<Value> = of.iter().map(|t| output(t, thinning, d)).collect();
+        let inputs: Vec<Value> = commands.iter().map(|c| command(c, thinning)).collect();
+        let time = thinning.times(&first.time_s);
+        Some(
+            json!({ "name": first.log, "bucket": thinning.bucket(), "time": time, "held": first.held, "outputs": outputs, "inputs": inputs }),
+        )
+    };
+    let all: Vec<Value> = (0..shown).filter_map(log).collect();
+    let densest = d.place.times.first().map(|t| t.log.as_str());
+    let opens = logs(diagnosed).iter().take(shown).position(|l| Some(*l) == densest).unwrap_or(0);
+    json!({ "kind": "gap", "logs": all, "opens": opens })
+}
+
+fn output(t: &Trace, thinning: Thinning, d: &Diagnosis) -> Value {
+    let range = t.measured.iter().flatten().filter(|v| v.is_finite());
+    let [low, high] = range.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)]);
+    let beyond = (LEAVES * (high - low)).max(t.floor);
+    let within = if low <= high { [low - beyond, high + beyond] } else { [f64::NEG_INFINITY, f64::INFINITY] };
+    let of = |values: &[f64]| thinning.curve(|i| values.get(i).copied(), within);
+    let spans: Vec<[f64; 2]> =
+        d.place.times.iter().filter(|s| s.log == t.log && s.output == t.output).map(|s| [s.from_s, s.to_s]).collect();
+    json!({
+        "name": t.output,
+        "unit": unit(t.unit.as_deref()),
+        "floor": if t.floor.is_finite() { t.floor } else { 0.0 },
+        "measured": thinning.curve(|i| t.measured.get(i).copied().flatten(), within),
+        "before": of(&t.before),
+        "after": t.after.as_deref().map(of),
+        "spans": spans,
+    })
+}
+
+fn command(c: &CommandTrace, thinning: Thinning) -> Value {
+    let all = [f64::NEG_INFINITY, f64::INFINITY];
+    json!({ "name": c.input, "unit": unit(c.unit.as_deref()), "values": thinning.curve(|i| c.values.get(i).copied(), all) })
+}
+
+fn unit(unit: Option<&str>) -> &str {
+    unit.filter(|u| *u != "1").unwrap_or("")
+}
+
+/// What takes how much of the gap, as a waterfall of squared errors: nominal, each contribution, what stays, noise.
+fn budget(d: &Diagnosis) -> Markup {
+    let found = !d.cause.contributions.is_empty() || recalibrated(d).is_some();
+    let (Some(before), Some(floor), true) = (d.gap.before, d.gap.floor, found) else { return html! {} };
+    let noise = if before > 0.0 { (floor / before).powi(2).min(1.0) } else { 0.0 };
+    let mut top = 1.0;
+    let mut rows = vec![vec![
+        Cell::Words("simulated as it came".to_owned()),
+        Cell::Number(percent(Some(1.0))),
+        Cell::Number(String::new()),
+        Cell::Drawn(bar("all of the squared error", &stretch(0.0, 1.0, "before"))),
+    ]];
+    let block = recalibrated(d).map(|r| ("parameters recalibrated".to_owned(), r.share));
+    let causes = d.cause.contributions.iter().map(|c| (format!("{} on {}", c.effect, c.channel), c.share)).chain(block);
+    for (name, share) in causes {
+        let takes = share.learnt.unwrap_or(0.0) * (1.0 - noise);
+        let label = format!("{name} takes {} of the squared error", percent(Some(takes)));
+        let drawn = bar(&label, &stretch(top - takes, top, "after"));
+        rows.push(vec![
+            Cell::Words(format!("− {name}")),
+            Cell::Number(percent(share.learnt)),
+            Cell::Number(percent(share.held_out)),
+            Cell::Drawn(drawn),
+        ]);
+        top -= takes;
+    }
+    if let Some(rest) = &d.cause.remainder {
+        let label = format!("what stays above the noise: {} of the gap", percent(rest.share.learnt));
+        let drawn = bar(&label, &stretch(noise.min(top), top, "rest"));
+        rows.push(vec![
+            Cell::Words("what stays".to_owned()),
+            Cell::Number(percent(rest.share.learnt)),
+            Cell::Number(percent(rest.share.held_out)),
+            Cell::Drawn(drawn),
+        ]);
+    }
+    let drawn = bar("noise that no model can explain", &stretch(0.0, noise, "noise"));
+    rows.push(vec![Cell::Words("noise floor".to_owned()), Cell::Number("–".to_owned()), Cell::Number("–".to_owned()), Cell::Drawn(drawn)]);
+    let remark =
+        d.cause.remainder.as_ref().and_then(|r| r.above_floor).map(|times| format!("What is left is {times:.1} times the noise floor."));
+    html! {
+        h2 { "Which: the budget of the gap" }
+        p { "The error falls from " (percent(Some(before))) " of the spread; the noise floor is " (percent(Some(floor))) ". Shares are of the gap between the two, in squared error." }
+        (table("From the nominal model down to the noise", &["what", "share learnt", "held out", "squared error"], &rows))
+        @if let Some(remark) = remark { p { (remark) } }
+    }
+}
+
+/// Each parameter with its interval, beside zero.
+fn parameters(d: &Diagnosis) -> Markup {
+    if d.cause.contributions.is_empty() && recalibrated(d).is_none() {
+        return html! {};
+    }
+    let clear = |c: &Contribution| match (c.strength, c.surrogate) {
+        (_, true) => "predicts, not the physics' value",
+        (Strength::Clear, _) => "clear",
+        (Strength::Weak, _) => "weak",
+    };
+    let row = |(effect, channel, clear): (&str, &str, &str), p: &FoundParameter| {
+        let interval = p.ci95.map_or_else(|| "at a bound".to_owned(), |[l, u]| format!("{} to {}", number(Some(l)), number(Some(u))));
+        let (value, interval) = if p.value.is_some() { (number(p.value), interval) } else { ("no limit".to_owned(), "–".to_owned()) };
+        let label = format!("{value}, {interval}");
+        vec![
+            Cell::Words(effect.to_owned()),
+            Cell::Words(channel.to_owned()),
+            Cell::Words(p.name.clone()),
+            Cell::Number(value),
+            Cell::Number(interval),
+            Cell::Words(p.unit.clone()),
+            Cell::Drawn(bar(&label, &beside_zero(p))),
+            Cell::Words(clear.to_owned()),
+        ]
+    };
+    let found = d.cause.contributions.iter().flat_map(|c| c.parameters.iter().map(move |p| row((&c.effect, &c.channel, clear(c)), p)));
+    let block = recalibrated(d).into_iter().flat_map(|r| &r.parameters).map(|p| row(("recalibrated", "", "a part of a set"), p));
+    let rows: Vec<Vec<Cell>> = found.chain(block).collect();
+    let caption = if d.cause.effects.is_empty() { "What contributes, though not all is explained" } else { "What was found to act" };
+    let headings = ["effect", "channel", "parameter", "value", "95 % interval", "unit", "from zero", "how clear"];
+    html! {
+        h2 { "Parameters" }
+        (table(caption, &headings, &rows))
+        @for c in d.cause.contributions.iter().filter(|c| !c.class.is_empty()) {
+            p { "In the place of " (c.effect) " on " code { (c.channel) } " could stand: " (names(&c.class)) "." }
+        }
+        @for direction in recalibrated(d).iter().flat_map(|r| &r.directions) { p { "Told apart: " (direction) "." } }
+    }
+}
+
+/// A value and its interval on an axis that holds zero.
+fn beside_zero(p: &FoundParameter) -> Markup {
+    let Some(value) = p.value else { return html! {} };
+    let [low, high] = p.ci95.unwrap_or([value, value]);
+    let (from, to) = (low.min(value).min(0.0), high.max(value).max(0.0));
+    let at = |v: f64| (v - from) / (to - from);
+    html! { (stretch(at(0.0) - 0.002, at(0.0) + 0.002, "noise")) (stretch(at(low), at(high), "range")) (dot(at(value), "")) }
+}
+
+fn names(all: &[String]) -> Markup {
+    html! { @for (at, name) in all.iter().enumerate() { @if at > 0 { ", " } code { (name) } } }
+}
+
+/// The ranking with bars, what cannot be told apart, what was not tried.
+fn candidates(d: &Diagnosis) -> Markup {
+    let row = |row: &RankingRow| {
+        let (effect, channel, probability, after) = match row {
+            RankingRow::Single(r) => (r.effect.clone(), r.channel.clone().unwrap_or_default(), r.probability, r.after),
+            RankingRow::Pair(r) => {
+                let join = |i: usize| r.effects.iter().map(|e| e[i].as_str()).collect::<Vec<_>>().join(" + ");
+                (join(0), join(1), r.probability, r.after)
+            }
+        };
+        let drawn = bar(&format!("probability {}", percent(Some(probability))), &stretch(0.0, probability, "after"));
+        vec![
+            Cell::Words(effect),
+            Cell::Words(channel),
+            Cell::Number(percent(Some(probability))),
+            Cell::Drawn(drawn),
+            Cell::Number(percent(after)),
+        ]
+    };
+    let rows: Vec<Vec<Cell>> = d.cause.ranking.iter().map(row).collect();
+    let (open, rest) = rows.split_at(rows.len().min(OPEN_ROWS));
+    let headings = ["effect", "channel", "probability", "", "error with it alone"];
+    html! {
+        h2 { "Candidates" }
+        @for class in &d.cause.indistinguishable { p { "This data cannot tell apart: " (names(class)) "." } }
+        (table("Ranking; the error is in parts of the spread, on what was learnt from", &headings, open))
+        @if !rest.is_empty() {
+            details { summary { (rest.len()) " more candidates" } (table("Ranking, continued", &headings, rest)) }
+        }
+        @if !d.cause.not_tried.is_empty() {
+            p .faint { "Not tried: " @for (at, n) in d.cause.not_tried.iter().enumerate() { @if at > 0 { ", " } code { (n.effect) } " (" (n.why) ")" } "." }
+        }
+    }
+}
+
+/// How big, and how far it shrinks, output by output.
+fn size(d: &Diagnosis) -> Markup {
+    let found = !d.cause.contributions.is_empty();
+    let after = |v: Option<f64>| if found { percent(v) } else { "–".to_owned() };
+    let s = &d.shrink;
+    let most = s
+        .outputs
+        .iter()
+        .flat_map(|o| [o.before, o.after])
+        .chain([s.before, s.after])
+        .flatten()
+        .filter(|v| v.is_finite())
+        .fold(1e-9, f64::max);
+    let drawn = |before: Option<f64>, rest: Option<f64>, floor: Option<f64>| {
+        let label = format!("held out: {} before, {} after, floor {}", percent(before), after(rest), percent(floor));
+        let at = |v: Option<f64>| v.unwrap_or(0.0) / most;
+        let shown = html! {
+            (stretch(0.0, at(before), "before"))
+            @if found { (stretch(0.0, at(rest), "after")) }
+            (stretch(at(floor) - 0.003, at(floor) + 0.003, "noise"))
+        };
+        Cell::Drawn(bar(&label, &shown))
+    };
+    let row = |name: &str, share: Option<f64>, gap: [Option<f64>; 2], [before, rest, floor]: [Option<f64>; 3]| {
+        let mut cells = vec![Cell::Words(name.to_owned()), Cell::Number(percent(share))];
+        cells.extend(gap.map(|v| Cell::Number(percent(v))));
+        cells.extend([percent(before), after(rest), percent(floor)].map(Cell::Number));
+        cells.push(drawn(before, rest, floor));
+        cells
+    };
+    let mut rows: Vec<Vec<Cell>> = d
+        .gap
+        .outputs
+        .iter()
+        .zip(&s.outputs)
+        .map(|(g, o)| row(&g.name, g.share, [g.before, g.floor], [o.before, o.after, o.floor]))
+        .collect();
+    if rows.len() > 1 {
+        rows.push(row("together", None, [d.gap.before, d.gap.floor], [s.before, s.after, s.floor]));
+    }
+    let headings =
+        ["output", "share of the gap", "learnt from: error", "floor", "held out: before", "after", "floor", "before, after and floor"];
+    html! {
+        h2 { "How far: big before, small after" }
+        (table("Root mean square error in parts of the spread, of predictions and of the noise that stays", &headings, &rows))
+        @if let (true, Some(_)) = (found, s.fraction) {
+            p {
+                "Shrink on held-out data: " (percent(s.fraction))
+                @if let Some([l, u]) = s.ci95 { " (95 %: " (percent(Some(l))) " to " (percent(Some(u))) ")" }
+                @if let Some(of) = s.of_explainable { ", " (percent(Some(of))) " of what can be explained" }
+                "."
+            }
+        }
+    }
+}
+
+fn place(d: &Diagnosis) -> Markup {
+    let w = &d.place;
+    let row = |output: &str, what: String, [from, to]: [f64; 2], share: f64| {
+        let drawn = bar(&percent(Some(share)), &stretch(0.0, share, "before"));
+        let [from, to] = [from, to].map(|v| Cell::Number(number(Some(v))));
+        vec![Cell::Words(output.to_owned()), Cell::Words(what), from, to, Cell::Number(percent(Some(share))), Cell::Drawn(drawn)]
+    };
+    let times = w.times.iter().map(|t| row(&t.output, format!("time (s), {}", t.log), [t.from_s, t.to_s], t.share));
+    let bands = w.bands.iter().map(|b| row(&b.output, "frequency (Hz)".to_owned(), [b.from_hz, b.to_hz], b.share));
+    let regimes = w.regimes.iter().map(|r| row(&r.output, r.variable.clone(), [r.from, r.to], r.share));
+    let rows: Vec<Vec<Cell>> = times.chain(bands).chain(regimes).collect();
+    let caption = "Where the error above the floor is most dense; shares are of the output's own";
+    html! { @if !rows.is_empty() { h2 { "Where: times, bands and regimes" } (table(caption, &["output", "in", "from", "to", "share", ""], &rows)) } }
+}
+
+fn checks(d: &Diagnosis) -> Markup {
+    let rows: Vec<Vec<Cell>> = d
+        .checks
+        .iter()
+        .map(|check| {
+            let name = serde_json::to_value(check.check).ok().and_then(|v| v.as_str().map(|s| s.replace('_', " "))).unwrap_or_default();
+            let passed = check.ok.map_or("cannot be tested", |ok| if ok { "yes" } else { "no" });
+            [name, check.channel.clone(), passed.to_owned(), check.finding.clone()].map(Cell::Words).into()
+        })
+        .collect();
+    html! { @if !rows.is_empty() { h2 { "Checks" } (table("What needs no dynamics", &["check", "channel", "passed", "finding"], &rows)) } }
+}
+
+fn origin(d: &Diagnosis) -> Markup {
+    let mode = match d.prediction.mode {
+        Mode::Simulation => "a free run of the model from the most likely start of each log",
+        Mode::Predictor => "one-step predictions of a fixed observer",
+    };
+    let held = |h: &crate::diagnose::Holdout| {
+        vec![Cell::Words(h.log.clone()), Cell::Number(number(Some(h.from_s))), Cell::Number(number(Some(h.to_s)))]
+    };
+    let rows: Vec<Vec<Cell>> = d.holdout.iter().map(held).collect();
+    html! {
+        h2 { "Data" }
+        p { "Learnt from: " (names(&d.logs)) ". Simulated means " (mode) ": " (d.prediction.why) "." }
+        (table("What the shrink was measured on", &["log", "from (s)", "to (s)"], &rows))
+        p .faint { "deadtime " (env!("CARGO_PKG_VERSION")) "; curves by uPlot 1.6.32 (MIT, Leon Sorokin)." }
+    }
+}

@@ -1,0 +1,150 @@
+//! What a terminal shows: the answer first, tables that fit, colours only where they are wanted, and the words about the program itself.
+
+use crate::support::program::{Folder, deadtime, text};
+
+/// Columns of a line; the names in these logs are one column a character.
+fn widest(said: &str) -> usize {
+    said.lines().map(|l| l.chars().count()).max().unwrap_or(0)
+}
+
+fn example(name: &str) -> String {
+    format!("{}/examples/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+fn flight(more: &[&str]) -> String {
+    let (log, model) = (example("uav_flight.csv"), example("uav_lateral_stabilised.toml"));
+    deadtime(&[&["estimate", &log, "--input", "r", "--output", "ay", "--model", &model], more].concat()).done()
+}
+
+fn gap(folder: &Folder, more: &[&str]) -> String {
+    let (log, model) = (example("uav_flight.csv"), example("uav_lateral_stabilised.toml"));
+    let out = folder.path("out");
+    deadtime(&[&["gap", "--model", &model, "--log", &log, "--out", text(&out)], more].concat()).done()
+}
+
+#[test]
+fn no_line_of_an_estimate_is_wider_than_80_columns() {
+    let logs: [(&str, &[&str]); 5] = [
+        ("two_inputs.csv", &["--input", "heater", "--input", "fan", "--output", "temperature"]),
+        ("unstable_loop.csv", &["--input", "torque", "--output", "rate"]),
+        ("irregular.csv", &["--input", "valve", "--output", "pressure", "--resample", "0.05"]),
+        ("missing.csv", &["--input", "pump", "--output", "level"]),
+        ("moving.csv", &["--input", "command", "--output", "speed", "--method", "oestruc", "--method", "arxstruc", "--track"]),
+    ];
+    for (log, words) in logs {
+        let log = example(log);
+        let said = deadtime(&[&["estimate", &log], words].concat()).done();
+        assert!(widest(&said) <= 80, "{said}");
+    }
+    assert!(widest(&flight(&[])) <= 80);
+    // The wide tables are there for who asks.
+    assert!(widest(&flight(&["--full"])) > 100);
+}
+
+#[test]
+fn the_answer_comes_first_and_alone_where_it_is_asked_for_alone() {
+    let said = flight(&[]);
+    let lines: Vec<&str> = said.lines().collect();
+    assert_eq!(lines[0], "r → ay");
+    assert!(
+        lines[1].starts_with("Believe a dead time of 0.1400 s (") && lines[1].contains(" s): ") && lines[2].starts_with("Against it: "),
+        "{said}"
+    );
+    let brief = flight(&["--brief"]);
+    assert!(brief.starts_with(&lines[..3].join("\n")) && brief.lines().count() == 6, "three lines of each of two pairs: {brief}");
+    assert_eq!(flight(&["--quiet"]), "");
+}
+
+#[test]
+fn a_bar_stands_where_its_number_does() {
+    let said = flight(&["--method", "oestruc", "--method", "met1struc", "--method", "oedap"]);
+    let row = |name: &str| said.lines().find(|l| l.starts_with(&format!("  {name} "))).unwrap();
+    let at = |name: &str| row(name).chars().position(|c| c == '●');
+    assert!(at("oestruc") == at("believed") && at("oestruc") < at("met1struc"), "{said}");
+    assert!(row("oedap").contains('›'), "what is far off is an arrow at the axis' end: {said}");
+}
+
+#[test]
+fn no_line_of_a_gap_is_wider_than_80_columns_and_the_cause_comes_first() {
+    let folder = Folder::new();
+    let said = gap(&folder, &[]);
+    assert!(
+        said.starts_with("Cause: input_delay on `r`, delay 0.1299 s (") && said.lines().nth(1).is_some_and(|l| l.starts_with("Rivals: ")),
+        "{said}"
+    );
+    // The folder's name is a test's and may be long.
+    let printed = said.replace(text(&folder.path("out")), "out");
+    assert!(widest(&printed) <= 80, "{said}");
+    let brief = gap(&folder, &["--brief"]);
+    assert!(said.starts_with(&brief) && brief.lines().count() <= 4, "{brief}");
+    let full = gap(&folder, &["--full"]);
+    assert!(full.starts_with("Gap: the model ") && full.contains("nrmse alone"), "{full}");
+    let (log, model) = (example("uav_flight.csv"), example("uav_lateral_stabilised.toml"));
+    assert!(widest(&deadtime(&["gap", "--model", &model, "--log", &log, "--isolability"]).done()) <= 80);
+}
+
+#[test]
+fn long_and_wide_names_do_not_widen_the_tables() {
+    let folder = Folder::new();
+    let (input, output) = ("コマンド".repeat(15), "y".repeat(120));
+    let mut log = format!("time,{input},{output}\n");
+    let (mut past, mut state) = ([0.0; 3], 7_u32);
+    for k in 0..400 {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let u = if state >> 31 == 0 { 1.0 } else { -1.0 };
+        let noise = f64::from(state >> 8 & 1023) / 10_230.0;
+        log += &format!("{},{u},{}\n", f64::from(k) * 0.1, past[0] + noise);
+        past = [past[1], past[2], u];
+    }
+    let log = folder.write("log.csv", &log);
+    let methods = ["--method", "arxstruc", "--method", "threshold", "--method", "p1d"];
+    let said = deadtime(&[&["estimate", text(&log), "--input", &input, "--output", &output], &methods[..]].concat()).done();
+    // Each of the script's characters takes two columns.
+    let columns = |line: &str| line.chars().map(|c| if c.len_utf8() == 3 && c >= '\u{3000}' { 2 } else { 1 }).sum::<usize>();
+    assert!(said.lines().all(|l| columns(l) <= 80), "{said}");
+}
+
+#[test]
+fn colours_come_where_they_are_wanted_and_change_no_word() {
+    let plain = flight(&["--method", "oestruc"]);
+    assert!(!plain.contains('\u{1b}'), "a pipe is no terminal");
+    let coloured = flight(&["--method", "oestruc", "--color", "always"]);
+    let mut words = String::new();
+    let mut rest = coloured.as_str();
+    while let Some((before, after)) = rest.split_once('\u{1b}') {
+        words += before;
+        rest = after.split_once('m').unwrap().1;
+    }
+    assert!(coloured.contains("\u{1b}[1m"), "{coloured}");
+    assert_eq!(words + rest, plain);
+    assert_eq!(flight(&["--method", "oestruc", "--color", "never"]), plain);
+}
+
+#[test]
+fn no_line_of_a_study_is_wider_than_100_columns() {
+    let folder = Folder::new();
+    let out = folder.path("out");
+    let said = deadtime(&["study", &example("gate_plan.toml"), "--trials", "3", "--out", text(&out)]).done().replace(text(&out), "out");
+    assert!(widest(&said) <= 100 && said.contains("RMS/bound"), "{said}");
+}
+
+#[test]
+fn shells_and_man_know_every_command() {
+    let folder = Folder::new();
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let said = deadtime(&["completions", shell]).done();
+        assert!(said.contains("estimate") && said.contains("isolability"), "{shell}");
+    }
+    let man = folder.path("man");
+    deadtime(&["man", text(&man)]).done();
+    for (page, holds) in [
+        ("deadtime.1", "estimate"),
+        ("deadtime-gap.1", "isolability"),
+        ("deadtime-blind-run.1", "jobs"),
+        ("deadtime-estimate.1", "Examples"),
+    ] {
+        let page = std::fs::read_to_string(man.join(page)).unwrap();
+        assert!(page.starts_with(".ie") || page.contains(".TH"), "{page}");
+        assert!(page.contains(holds), "{holds}: {page}");
+    }
+}
