@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::Context;
 
 use crate::file::write_atomic;
-use crate::report::terminal::Styled;
+use crate::report::styled::Styled;
 use crate::text::printed;
 
 /// When to colour what is printed.

@@ -1,6 +1,6 @@
 //! What an excitation can tell apart, as a table.
 
-use super::terminal::{WIDTH, wrapped};
+use super::styled::{WIDTH, wrapped};
 use super::text::Table;
 use crate::diagnose::{Isolability, Mode, Size};
 

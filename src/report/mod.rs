@@ -18,6 +18,7 @@ pub mod page;
 pub mod picture;
 pub mod structured;
 pub mod study;
+pub mod styled;
 pub mod terminal;
 mod text;
 

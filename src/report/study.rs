@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::terminal::wrapped;
+use super::styled::wrapped;
 use super::text::Table;
 use crate::signal::stats;
 use crate::study::{Cell, Delay, Grid, Layout, Measure, Plan, Score, Shown, Standing, Statistic, Study, Which};

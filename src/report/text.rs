@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::escape::escape;
-use super::terminal::{cell, columns, wrapped};
+use super::styled::{cell, columns, wrapped};
 use crate::text::{markdown, shown};
 
 /// A table with columns as wide as their widest cell; the first column is flush left, the others right.

@@ -101,10 +101,11 @@ pub(crate) fn diagnosed(model: &ModelDocument, logs: &[Log], held: &[Log]) -> Di
     d
 }
 
-/// Of two effects neither has an interval of its size that holds the value at which it does nothing.
+/// Of two effects neither has an interval of its size that holds the value at which it does nothing; the numbers of a recalibration are one.
 fn each_of_two_effects_is_more_than_nothing(model: &ModelDocument, d: &Diagnosis) {
     let system = System::new(model, |_| Ok(0.0)).unwrap();
-    for found in d.cause.effects.iter().filter(|_| d.cause.effects.len() > 1) {
+    let block = |channel: &str| d.cause.recalibration.iter().any(|r| r.parameters.iter().any(|p| p.name == channel));
+    for found in d.cause.effects.iter().filter(|e| d.cause.effects.len() > 1 && !block(&e.channel)) {
         let nominal = Applied::nominal(&system, find(&found.effect).unwrap(), &found.channel).unwrap();
         let apart: Vec<bool> = (found.parameters.iter().zip(&nominal.parameters))
             .filter(|(p, n)| n.nominal.is_finite() && !matches!(p.name.as_str(), "frequency" | "damping" | "phase"))

@@ -57,7 +57,7 @@ fn the_answer_comes_first_and_alone_where_it_is_asked_for_alone() {
 
 #[test]
 fn a_bar_stands_where_its_number_does() {
-    let said = flight(&["--method", "oestruc", "--method", "met1struc", "--method", "oedap"]);
+    let said = flight(&["--method", "oestruc", "--method", "armaxstruc", "--method", "met1struc", "--method", "oedap"]);
     let row = |name: &str| said.lines().find(|l| l.starts_with(&format!("  {name} "))).unwrap();
     let at = |name: &str| row(name).chars().position(|c| c == '●');
     assert!(at("oestruc") == at("believed") && at("oestruc") < at("met1struc"), "{said}");

@@ -103,6 +103,14 @@ impl Compose<'_, '_> {
                 return self.judged(judged, &composition);
             }
         }
+        // A sequence that is decoded from the outputs can take the shape of much: where laws without chance explain as much, they are the reason.
+        if begin.lost.is_some() && !self.likelihood.system.is_black_box() {
+            let plain = self.composition(&of(Vec::new()))?;
+            let errors = self.error_of(&plain.hypothesis).zip(self.error_of(&begin));
+            if !plain.hypothesis.effects.is_empty() && errors.is_some_and(|(plain, decoded)| plain <= SETTLED * decoded) {
+                return self.judged(judged, &plain);
+            }
+        }
         if begin.effects.is_empty() {
             return Some(Composed {
                 judged,

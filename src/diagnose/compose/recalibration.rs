@@ -33,8 +33,11 @@ impl Composer<'_, '_> {
         let full = self.fitted(&shrunk, freed)?;
         let block = self.fitted(&shrunk, moved(&full)?)?;
         let after = if block.better_by_t(&full) >= -self.gate.criteria.dropped_t { block } else { full };
-        let numbers = after.hypothesis.effects.iter().filter(|a| a.effect.corrects_model()).count();
-        if numbers < FEWEST || !self.gate.accepts(&before, &after, original) {
+        let numbers = |standing: &Standing| standing.hypothesis.effects.iter().filter(|a| a.effect.corrects_model()).count();
+        // Numbers that were found one by one passed the gate each: as a set they must predict as well.
+        let as_good = after.better_by_t(&before) >= -self.gate.criteria.dropped_t;
+        let as_set = numbers(&before) >= FEWEST && as_good;
+        if numbers(&after) < FEWEST || !(as_set || self.gate.accepts(&before, &after, original)) {
             return None;
         }
         Some((composition.without(&after.hypothesis), size))

@@ -27,6 +27,11 @@ fn priced_with_twin(likelihood: &Likelihood<'_>, hypothesis: &mut Hypothesis) ->
     let own = hypothesis.lost.as_ref()?.waits.get(input)?.clone();
     let late = Applied::nominal(likelihood.system, find(LATE).ok()?, &channel).ok()?;
     let [delay_s, spread_s] = waits::delay_and_spread(&own);
+    if waits::steady(&own) {
+        // All waited alike: a delay, and nothing that chance decides.
+        hypothesis.gain = f64::NEG_INFINITY;
+        return None;
+    }
     let as_lost = waits::as_lost(&own);
     let mut twin = hypothesis.clone();
     repriced(hypothesis, as_lost - waits::as_lost_alone(&own));

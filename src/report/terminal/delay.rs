@@ -1,12 +1,11 @@
 //! Dead times for a terminal.
 
 use super::axis::Axis;
-use super::styled::{cell, columns, wrapped};
-use super::{Role, Styled, WIDTH};
 use crate::delay::Outcome;
 use crate::delay::report::{Estimate, Pair, Report};
 use crate::delay::track::Tracked;
 use crate::report::estimate::A_HANDFUL;
+use crate::report::styled::{Role, Styled, WIDTH, cell, columns, wrapped};
 use crate::report::text::seconds;
 use crate::text::shown;
 

@@ -1,10 +1,9 @@
 //! A diagnosis for a terminal.
 
 use super::axis::share as bar;
-use super::styled::{cell, columns};
-use super::{Role, Styled, WIDTH};
 use crate::diagnose::{Diagnosed, Diagnosis, FoundParameter, Mode, RankingRow, Share, Strength};
 use crate::report::diagnosis::{percent, probability, remedies, shared};
+use crate::report::styled::{Role, Styled, WIDTH, cell, columns};
 use crate::report::text::estimate;
 use crate::text::shown;
 

@@ -3,13 +3,7 @@
 mod axis;
 mod delay;
 mod gap;
-mod styled;
 
 pub(super) use axis::Axis;
 pub(super) use delay::without_lists;
 pub use gap::{diagnosis, verdict};
-pub use styled::{Role, Styled};
-pub(super) use styled::{cell, columns, wrapped};
-
-/// Columns that fit every terminal.
-pub const WIDTH: usize = 80;

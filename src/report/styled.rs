@@ -4,6 +4,9 @@ use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
 use crate::text::printed;
 
+/// Columns that fit every terminal.
+pub const WIDTH: usize = 80;
+
 /// What a stretch of text is, which decides its colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
