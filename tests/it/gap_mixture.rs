@@ -112,7 +112,6 @@ D = [[0.0], [0.0]]
     let logged = |i: u64| log(&machine, &effects, 1500, 90 + i, &[0.0; 3]);
     let d = diagnosed(&machine, &[logged(0), logged(1)], &[logged(2)]);
     adds_up(&d);
-    println!("{:?}\n{:?}", d.cause.contributions, d.cause.recalibration);
     let block = d.cause.recalibration.as_ref().unwrap();
     assert!(block.accepted && block.size >= 0.05, "{block:?} {:?}", d.cause.contributions);
     let delay = d.cause.contributions.iter().find(|c| ["input_delay:u", "output_delay:*", "clock_offset:*"].contains(&key(c).as_str()));

@@ -95,7 +95,7 @@ impl<'a> Composer<'_, 'a> {
             && let Some((released, size)) = self.recalibrated(&composition, &original)
         {
             self.shrinkage = Some(size);
-            composition = self.forward(self.pruned(released), &original);
+            composition = self.forward(released, &original);
             composition.recalibration = Some(size);
         }
         Some(composition)
@@ -142,23 +142,6 @@ impl<'a> Composer<'_, 'a> {
 
     fn in_block(&self, applied: &Applied) -> bool {
         self.shrinkage.is_some() && applied.effect.corrects_model()
-    }
-
-    /// Without the effects that stood in for the model's numbers.
-    fn pruned(&self, mut composition: Composition) -> Composition {
-        let Some((likelihood, mut present)) = self.renewed(&composition.hypothesis) else { return composition };
-        let cost = self.cost(&likelihood);
-        let effects: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| !self.in_block(a)).cloned().collect();
-        for old in effects {
-            let others = to_be_fitted(&present.hypothesis, None, Some(&old));
-            let refitted = Hypothesis::refit(&likelihood, others, &self.scales, cost, likelihood.budget.steps);
-            let Some(without) = refitted.and_then(|e| Standing::of(&likelihood, e, &self.scales)) else { continue };
-            if self.gate.needless(&without, &present) {
-                composition = composition.without(&without.hypothesis);
-                present = without;
-            }
-        }
-        composition
     }
 
     /// The likelihood with white weights as large as what a hypothesis leaves, and how the hypothesis stands under them, fitted anew.
@@ -324,7 +307,7 @@ impl Composition {
 }
 
 /// A hypothesis with one effect more or less, in the order of the table, to be fitted.
-fn to_be_fitted(present: &Hypothesis, more: Option<Applied>, less: Option<&Applied>) -> Hypothesis {
+pub(super) fn to_be_fitted(present: &Hypothesis, more: Option<Applied>, less: Option<&Applied>) -> Hypothesis {
     let kept = present.effects.iter().filter(|a| less.is_none_or(|l| l.key() != a.key())).cloned();
     Hypothesis { effects: in_order(kept.chain(more)), free: Vec::new(), gain: 0.0, fitted: false, lost: None }
 }

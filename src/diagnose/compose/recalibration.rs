@@ -4,7 +4,7 @@
 //! many numbers as a model has, a fit describes the training logs; so all have a normal prior about the value that came, of one relative size, and the size is
 //! that which predicts blocks of time left out best. Numbers that the data do not see stay where they were and are taken out again.
 
-use super::composer::{Composer, Composition, in_order};
+use super::composer::{Composer, Composition, in_order, to_be_fitted};
 use super::gate::Original;
 use super::standing::Standing;
 use crate::diagnose::hypothesis::effects::Hypothesis;
@@ -32,15 +32,28 @@ impl Composer<'_, '_> {
         let shrunk = likelihood.with_shrinkage(size);
         let full = self.fitted(&shrunk, freed)?;
         let block = self.fitted(&shrunk, moved(&full)?)?;
-        let after = if block.better_by_t(&full) >= -self.gate.criteria.dropped_t { block } else { full };
+        let block = if block.better_by_t(&full) >= -self.gate.criteria.dropped_t { block } else { full };
+        let (released, after) = self.pruned(&shrunk, composition.without(&block.hypothesis), block);
         let numbers = |standing: &Standing| standing.hypothesis.effects.iter().filter(|a| a.effect.corrects_model()).count();
-        // Numbers that were found one by one passed the gate each: as a set they must predict as well.
+        let others = |standing: &Standing| standing.hypothesis.effects.len() - numbers(standing);
+        // What takes the place of effects, or of numbers that were found one by one, must predict as well; what comes beside them, better.
+        let takes_place = others(&after) < others(&before) || numbers(&before) >= FEWEST;
         let as_good = after.better_by_t(&before) >= -self.gate.criteria.dropped_t;
-        let as_set = numbers(&before) >= FEWEST && as_good;
-        if numbers(&after) < FEWEST || !(as_set || self.gate.accepts(&before, &after, original)) {
-            return None;
+        let accepted = (takes_place && as_good) || self.gate.accepts(&before, &after, original);
+        (numbers(&after) >= FEWEST && accepted).then_some((released, size))
+    }
+
+    /// Without the effects that only stood in for the model's numbers.
+    fn pruned(&self, likelihood: &Likelihood<'_>, mut composition: Composition, mut present: Standing) -> (Composition, Standing) {
+        let effects: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| !a.effect.corrects_model()).cloned().collect();
+        for old in effects {
+            let Some(without) = self.fitted(likelihood, to_be_fitted(&present.hypothesis, None, Some(&old))) else { continue };
+            if self.gate.needless(&without, &present) {
+                composition = composition.without(&without.hypothesis);
+                present = without;
+            }
         }
-        Some((composition.without(&after.hypothesis), size))
+        (composition, present)
     }
 
     /// The effects as they stand, and every other number of the model at its nominal value.
