@@ -96,8 +96,7 @@ impl Group {
         k: usize,
         system: &mut impl Stepper,
         (now, drive): (f64, &Drive),
-        plan: &Plan,
-        time_s: &[f64],
+        (plan, time_s): (&Plan, &[f64]),
         correction: Option<Correction<'_>>,
         (run, y): (&mut Run, &mut [f64]),
     ) -> Result<(), SimulateError> {
@@ -196,7 +195,7 @@ pub(super) fn walk(
                 group.look_ahead(plan, stamps);
                 // A sample from before the start tells nothing of the state now.
                 let correction = correction.filter(|_| !before_start);
-                group.sample(k, system, (now, &drive), plan, time_s, correction, (&mut run, &mut y))?;
+                group.sample(k, system, (now, &drive), (plan, time_s), correction, (&mut run, &mut y))?;
             }
         }
     }
