@@ -214,7 +214,8 @@ class Estimates(FileResult):
         data = json.loads(file)
         self.log, self.sample_time_s, self.max_delay_s = data["log"], data["sample_time_s"], data["max_delay_s"]
         self.pairs = tuple(_pair(pair, more) for pair, more in zip(data["pairs"], beside["pairs"], strict=True))
-        self._file, self._texts = file, (beside["preamble"], beside["text"], beside["full"])
+        self._file = file
+        self._texts: tuple[str, str, str] = (beside["preamble"], beside["text"], beside["full"])
         self._logs, self._detrend = tuple(logs), detrend
         self._responses: dict[tuple[str, str], _Response | None] = {}
 
