@@ -126,6 +126,12 @@ def effects(stored: dict | None) -> dict:
         cases.append(_case(f"equations_uneven_{number}", ARM, items, 600 + number, uneven=True))
     cases.append(_case("lti_exchange_1", CRAFT, [_one("exchange", "v<->phi", gain=0.7)], 711, starts["lti"]))
     cases.append(_case("equations_exchange_1", ARM, [_one("exchange", "angle<->spring", gain=0.6)], 712, starts["equations"]))
+    bend = {"candidates": [{"name": "bend", "state": "p", "adds": "k*tanh(v/w) - m*phi*abs(phi)*roll", "parameters": {"w": {"value": 0.5, "lower": 0.01}}},
+                           {"state": "v", "adds": "idle*p^3"}]}
+    cases.append(_case("equations_candidate_1", CRAFT | bend, [_one("candidate", "bend", k=2.5, w=0.35, m=1.4)], 721, starts["lti"]))
+    coil = {"candidates": [{"state": "speed", "adds": "h*sin(3*angle)*torque"}]}
+    items = [_one("candidate", "speed += h*sin(3*angle)*torque", h=1.7), _one("parameter_error", "viscous", value=0.3), _one("input_delay", "torque", delay=0.021)]
+    cases.append(_case("equations_candidate_2", ARM | coil, items, 722, starts["equations"], uneven=True))
     stribeck = _one("stribeck_friction", "p", level=1.5, extra=2.5, velocity=0.4)
     cases.append(_case("lti_stribeck_friction_1", CRAFT, [stribeck], 701, starts["lti"]))
     cases.append(_case("lti_stribeck_friction_2", CRAFT, [stribeck, _one("input_delay", "roll", delay=0.0233)], 702, uneven=True))

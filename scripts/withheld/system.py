@@ -18,7 +18,7 @@ INPUT = {
 }
 MOVING = {"delay_jump", "delay_drift", "delay_jitter", "multi_rate"}  # delays of an input that move: a group of cases of their own
 DYNAMICS = {
-    "parameter_error", "cross_coupling", "exchange", "coulomb_friction", "stribeck_friction", "quadratic_drag", "cubic_stiffness", "unmodelled_mode",
+    "candidate", "parameter_error", "cross_coupling", "exchange", "coulomb_friction", "stribeck_friction", "quadratic_drag", "cubic_stiffness", "unmodelled_mode",
     "constant_disturbance", "periodic_disturbance",
 }
 OUTPUT = {
@@ -200,6 +200,12 @@ class System:
             flow = f"{self.parameter(p['gain'])}*({self._variable(a)} - {self._variable(b)})"
             self._add(b, flow)
             self._add(a, f"-({flow})")
+        for channel, p in effects.get("candidate", {}).items():
+            entry = next(c for c in model["candidates"] if c.get("name", f"{c['state']} += {c['adds']}") == channel)
+            known = {name: self._deviation(model, name) for name in states + self.names.inputs} | {"time": "t"}
+            known |= {name: self.parameter(value) for name, value in p.items()}
+            self._add(entry["state"], to_source(entry["adds"], known))
+            self.linear = False
         for channel, p in effects.get("cubic_stiffness", {}).items():
             source, target = channel.split("->")
             x = self._variable(source)

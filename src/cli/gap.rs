@@ -8,7 +8,7 @@ use super::progress::{Bar, Waiting};
 use super::source::Reading;
 use crate::diagnose::{GapOptions, Mode, diagnose, isolability};
 use crate::log::Log;
-use crate::model::ModelDocument;
+use crate::model::{CandidateEntry, ModelDocument};
 use crate::report::diagnosis::{ranking, summary};
 use crate::report::isolability::text as isolability_text;
 use crate::report::{save, terminal};
@@ -18,6 +18,7 @@ use crate::report::{save, terminal};
 #[command(after_help = "Examples:
   deadtime gap --model model.toml --log flight.csv --out gap
   deadtime gap --model model.toml --log a.csv --log b.csv --holdout c.csv --out gap --full
+  deadtime gap --model tanks.toml --log run.csv --candidate 'level2 += k*(level1 - level2); k in 0 to 1' --out gap
   deadtime gap --model model.toml --log flight.csv --isolability")]
 pub(super) struct Gap {
     /// The model, deadtime/model@1
@@ -31,6 +32,10 @@ pub(super) struct Gap {
     holdout: Vec<PathBuf>,
     #[command(flatten)]
     reading: Reading,
+    /// A term that the model may lack, as 'state += expression': names that the model does not know are free parameters, 0 where it is nothing. After a
+    /// semicolon their ranges, as 'k in 0 to 2, width = 0.1 in 0.01 to 1'. May be repeated
+    #[arg(long, value_name = "TERM")]
+    candidate: Vec<String>,
     /// What "predicted" means; default: simulation, or the predictor where the model has poles that do not decay within a log
     #[arg(long, value_enum)]
     prediction: Option<ModeName>,
@@ -69,7 +74,10 @@ enum ModeName {
 
 impl Gap {
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
-        let document = ModelDocument::read(&self.model)?;
+        let mut document = ModelDocument::read(&self.model)?;
+        for term in &self.candidate {
+            document.suspect(CandidateEntry::from_text(term)?)?;
+        }
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Log>> {
             let mut logs = Vec::new();
             for path in paths {

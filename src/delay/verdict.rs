@@ -28,6 +28,13 @@ pub struct Verdict {
     pub grounds: Grounds,
 }
 
+impl Verdict {
+    /// Nothing is to be believed.
+    fn none(why: String) -> Self {
+        Self { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() }
+    }
+}
+
 /// What speaks for a verdict and against it, of the answers that count.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Grounds {
@@ -80,7 +87,7 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
         let looped = findings.iter().any(|f| f.condition == Condition::Feedback);
         let advice = if looped { format!("; {EXPERIMENT}") } else { String::new() };
         let why = format!("no method found a delay to believe ({}){advice}", outcomes(answers, |_| true));
-        return Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
+        return Verdict::none(why);
     }
     if let Some(judges) = unseen(answers) {
         let why = format!(
@@ -88,13 +95,13 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
             judges.join(", "),
             named(&found)
         );
-        return Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
+        return Verdict::none(why);
     }
     let trusted: Vec<&Found<'_>> = found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
     let nobody = trusted.is_empty();
     if nobody && findings.iter().any(|f| f.condition == Condition::Feedback) {
         let why = format!("no method that answered withstands what the record shows beside feedback ({}): {EXPERIMENT}", named(&found));
-        return Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
+        return Verdict::none(why);
     }
     let mut counted: Vec<&Found<'_>> = if nobody { found.iter().collect() } else { trusted };
     let mut group = Group::of(&counted);
@@ -107,7 +114,7 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
                 "what is seen comes within the sample of the command, sooner than a strictly proper plant answers, and the record shows no direct path: feedback, clocks that differ, or a command logged too seldom ({}); give the relative degree 0 if there is a direct path, else {EXPERIMENT}",
                 named(&found)
             );
-            return Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
+            return Verdict::none(why);
         }
         group = Group::of(&counted);
     }
@@ -118,18 +125,7 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     let last = -quantile(agree.iter().map(|(f, w)| (-f.interval_s[1], *w)), BEYOND);
     let interval_s = [first.min(chosen.delay_s), last.max(chosen.delay_s) + facts.early_s];
     let others: Vec<&str> = agree.iter().filter(|(f, _)| f.method != chosen.method).map(|(f, _)| f.method).collect();
-    let mut why = match others.len() {
-        0 => format!("{} alone", chosen.method),
-        1 => format!("{} says so, and {} agrees with it", chosen.method, others[0]),
-        2..=4 => format!("{} says so, and {} agree with it", chosen.method, others.join(", ")),
-        n => format!("{} says so, and {}, {} and {} more agree with it", chosen.method, others[0], others[1], n - 2),
-    };
-    for (f, _) in differ.iter().take(MOST_NAMED) {
-        why.push_str(&format!("; {} says {:.4} s", f.method, f.delay_s));
-    }
-    if differ.len() > MOST_NAMED {
-        why.push_str(&format!("; {} more say otherwise", differ.len() - MOST_NAMED));
-    }
+    let mut why = who(chosen.method, &others, &differ);
     let mut grounds = Grounds {
         agree: std::iter::once(chosen.method).chain(others.iter().copied()).map(str::to_owned).collect(),
         differ: differ.iter().map(|(f, _)| (f.method.to_owned(), f.delay_s)).collect(),
@@ -142,22 +138,9 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     if nobody {
         doubt(&mut why, "no method is made for what the record shows, or the data contradict its model, so this is a guess");
     }
-    for (conditions, methods) in by_reason(&found).iter().filter(|_| !nobody) {
-        why.push_str(&format!("; not counted because of {}: {}", joined(conditions.iter().map(|c| c.words())), methods.join(", ")));
-    }
+    why.push_str(&left_out(&found, nobody, implausible));
     if chosen.delay_s == 0.0 && facts.direct {
         why.push_str("; the output reacts within the sample: a direct path, and no dead time");
-    }
-    if implausible {
-        let within: Vec<&str> = found.iter().filter(|f| f.within && f.distrust.is_empty() && !f.contradicted).map(|f| f.method).collect();
-        why.push_str(&format!(
-            "; not counted because they answer within the sample, where the record shows no direct path: {}",
-            within.join(", ")
-        ));
-    }
-    let contradicted: Vec<&str> = found.iter().filter(|f| f.contradicted && f.distrust.is_empty()).map(|f| f.method).collect();
-    if !(nobody || contradicted.is_empty()) {
-        why.push_str(&format!("; not counted because the data contradict their model: {}", contradicted.join(", ")));
     }
     let silent = outcomes(answers, |e| !matches!(e.outcome, Outcome::Found | Outcome::NotApplicable));
     if !silent.is_empty() {
@@ -168,6 +151,43 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
         doubt(&mut why, "the methods disagree: check excitation, feedback and the search window before using the number");
     }
     Verdict { delay_s: Some(chosen.delay_s), ci95_s: Some(interval_s), why, method: Some(chosen.method.to_owned()), grounds }
+}
+
+/// Who says so, who agrees and who says otherwise.
+fn who(chosen: &str, others: &[&str], differ: &[(&Found<'_>, f64)]) -> String {
+    let mut why = match others.len() {
+        0 => format!("{chosen} alone"),
+        1 => format!("{chosen} says so, and {} agrees with it", others[0]),
+        2..=4 => format!("{chosen} says so, and {} agree with it", others.join(", ")),
+        n => format!("{chosen} says so, and {}, {} and {} more agree with it", others[0], others[1], n - 2),
+    };
+    for (f, _) in differ.iter().take(MOST_NAMED) {
+        why.push_str(&format!("; {} says {:.4} s", f.method, f.delay_s));
+    }
+    if differ.len() > MOST_NAMED {
+        why.push_str(&format!("; {} more say otherwise", differ.len() - MOST_NAMED));
+    }
+    why
+}
+
+/// Which answers were not counted, by reason. Where `nobody` is trusted only those that are implausible are left out.
+fn left_out(found: &[Found<'_>], nobody: bool, implausible: bool) -> String {
+    let mut words = String::new();
+    for (conditions, methods) in by_reason(found).iter().filter(|_| !nobody) {
+        words.push_str(&format!("; not counted because of {}: {}", joined(conditions.iter().map(|c| c.words())), methods.join(", ")));
+    }
+    let those = |which: &dyn Fn(&Found<'_>) -> bool| {
+        found.iter().filter(|f| f.distrust.is_empty() && which(f)).map(|f| f.method).collect::<Vec<_>>().join(", ")
+    };
+    if implausible {
+        let within = those(&|f| f.within && !f.contradicted);
+        words.push_str(&format!("; not counted because they answer within the sample, where the record shows no direct path: {within}"));
+    }
+    let contradicted = those(&|f| f.contradicted);
+    if !(nobody || contradicted.is_empty()) {
+        words.push_str(&format!("; not counted because the data contradict their model: {contradicted}"));
+    }
+    words
 }
 
 /// The answers that are counted, by whether they hold the delay that most votes hold.

@@ -70,14 +70,14 @@ impl Applied {
         let mut applied = Self::nominal(system, find(&entry.effect)?, &entry.channel)?;
         let (effect, channel) = (applied.effect.name(), applied.channel.clone());
         if let Some(parameter) = entry.parameters.keys().find(|key| applied.parameters.iter().all(|p| p.name != key.as_str())) {
-            let known = applied.parameters.iter().map(|p| p.name).collect();
+            let known = applied.parameters.iter().map(|p| p.name.to_string()).collect();
             return Err(EffectError::UnknownParameter { effect, channel, parameter: parameter.clone(), known });
         }
         for (value, parameter) in applied.values.iter_mut().zip(&applied.parameters) {
-            match entry.parameters.get(parameter.name) {
+            match entry.parameters.get(parameter.name.as_ref()) {
                 Some(given) => *value = *given,
                 None if parameter.nominal.is_infinite() => {}
-                None => return Err(EffectError::MissingParameter { effect, channel, parameter: parameter.name }),
+                None => return Err(EffectError::MissingParameter { effect, channel, parameter: parameter.name.to_string() }),
             }
         }
         applied.check()?;
@@ -91,7 +91,7 @@ impl Applied {
         EffectEntry {
             effect: self.effect.name().to_owned(),
             channel: self.channel.clone(),
-            parameters: finite.map(|(p, v)| (p.name.to_owned(), *v)).collect(),
+            parameters: finite.map(|(p, v)| (p.name.to_string(), *v)).collect(),
         }
     }
 
@@ -111,7 +111,7 @@ impl Applied {
         let effect = self.effect.name();
         for (&value, p) in self.values.iter().zip(&self.parameters) {
             if !(value >= p.lower && value <= p.upper) {
-                let (channel, parameter) = (self.channel.clone(), p.name);
+                let (channel, parameter) = (self.channel.clone(), p.name.to_string());
                 return Err(EffectError::Bounds { effect, channel, parameter, value, lower: p.lower, upper: p.upper });
             }
         }

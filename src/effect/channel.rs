@@ -1,5 +1,7 @@
 //! Channels by name: `name`, `from->to`, `u->site:name`, `*`.
 
+use std::borrow::Cow;
+
 use super::{Effect, EffectError, Parameter, Role};
 use crate::model::Wrt;
 use crate::simulate::{Dynamics, Port, Source, System};
@@ -8,28 +10,28 @@ use crate::simulate::{Dynamics, Port, Source, System};
 pub(super) const ALL: &str = "*";
 
 /// A parameter without bounds: a size, or a limit where it is infinite when nominal.
-pub(super) fn free(name: &'static str, unit: String, nominal: f64) -> Parameter {
+pub(super) fn free(name: impl Into<Cow<'static, str>>, unit: String, nominal: f64) -> Parameter {
     let role = if nominal.is_infinite() { Role::Limit } else { Role::Size };
-    Parameter { name, unit, role, nominal, lower: f64::NEG_INFINITY, upper: f64::INFINITY }
+    Parameter { name: name.into(), unit, role, nominal, lower: f64::NEG_INFINITY, upper: f64::INFINITY }
 }
 
 /// A parameter that is not negative.
-pub(super) fn not_negative(name: &'static str, unit: String, nominal: f64) -> Parameter {
+pub(super) fn not_negative(name: impl Into<Cow<'static, str>>, unit: String, nominal: f64) -> Parameter {
     Parameter { lower: 0.0, ..free(name, unit, nominal) }
 }
 
 /// A dead time.
-pub(super) fn delay(name: &'static str) -> Parameter {
+pub(super) fn delay(name: impl Into<Cow<'static, str>>) -> Parameter {
     Parameter { role: Role::Delay, ..not_negative(name, "s".to_owned(), 0.0) }
 }
 
 /// The time constant of a lag.
-pub(super) fn time_constant(name: &'static str) -> Parameter {
+pub(super) fn time_constant(name: impl Into<Cow<'static, str>>) -> Parameter {
     Parameter { role: Role::TimeConstant, ..not_negative(name, "s".to_owned(), 0.0) }
 }
 
 /// A frequency.
-pub(super) fn frequency(name: &'static str) -> Parameter {
+pub(super) fn frequency(name: impl Into<Cow<'static, str>>) -> Parameter {
     Parameter { role: Role::Frequency, lower: 1e-9, ..free(name, "Hz".to_owned(), 1.0) }
 }
 

@@ -135,6 +135,10 @@ pub trait Effect: Sync {
     fn needs_equations(&self) -> bool {
         self.site() == Site::Dynamics
     }
+    /// It is there only where a model declares it: nobody misses it elsewhere.
+    fn is_declared(&self) -> bool {
+        false
+    }
     /// The channels of this system that it can act on.
     fn channels(&self, system: &System) -> Vec<String>;
     /// Its parameters on this channel.
@@ -181,7 +185,7 @@ pub trait Effect: Sync {
 }
 
 /// All effects, in the order of the format's table: of equals the first one leads.
-pub static EFFECTS: [&dyn Effect; 35] = [
+pub static EFFECTS: [&dyn Effect; 36] = [
     &input::delay::InputDelay,
     &input::delay_jump::DelayJump,
     &input::delay_drift::DelayDrift,
@@ -197,6 +201,7 @@ pub static EFFECTS: [&dyn Effect; 35] = [
     &input::actuator_lag::ActuatorLag,
     &input::dropped_commands::DroppedCommands,
     &input::delay_jitter::DelayJitter,
+    &dynamics::candidate::Candidate,
     &dynamics::parameter_error::ParameterError,
     &dynamics::cross_coupling::CrossCoupling,
     &dynamics::exchange::Exchange,
@@ -281,7 +286,7 @@ pub enum EffectError {
         /// The parameter given.
         parameter: String,
         /// The parameters there are.
-        known: Vec<&'static str>,
+        known: Vec<String>,
     },
     /// A parameter that has no default is left out.
     #[error("{effect} on `{channel}`: parameter `{parameter}` is missing; only a limit that does not act may be left out")]
@@ -291,7 +296,7 @@ pub enum EffectError {
         /// The channel.
         channel: String,
         /// The parameter.
-        parameter: &'static str,
+        parameter: String,
     },
     /// A value outside its bounds.
     #[error("{effect} on `{channel}`: {parameter} is {value}; it lies between {lower} and {upper}")]
@@ -301,7 +306,7 @@ pub enum EffectError {
         /// The channel.
         channel: String,
         /// The parameter.
-        parameter: &'static str,
+        parameter: String,
         /// The value given.
         value: f64,
         /// Smallest allowed.

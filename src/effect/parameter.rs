@@ -1,5 +1,7 @@
 //! A parameter of an effect: what it is for, how far it is searched and in which steps.
 
+use std::borrow::Cow;
+
 use super::Scales;
 
 /// What a parameter is for. It decides how far a search goes and how small a change matters.
@@ -47,7 +49,7 @@ impl Role {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
     /// Its name.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Its unit.
     pub unit: String,
     /// What it is for.

@@ -57,6 +57,7 @@ fn template() -> System {
         initial_std: vec![None; 2],
         input_operating: vec![0.0],
         output_operating: vec![0.0; 2],
+        candidates: None,
     }
 }
 

@@ -19,7 +19,8 @@ pub use equations::{
     Symbol, Workspace, Wrt,
 };
 pub use file::{
-    Channel, EffectEntry, EquationsFile, GroupEntry, GroupKind, ModelDocument, ModelFile, Operating, ParameterEntry, State, StateEntry,
+    Candidate, CandidateEntry, CandidateParameter, Candidates, Channel, EffectEntry, EquationsFile, GroupEntry, GroupKind, ModelDocument,
+    ModelFile, Operating, ParameterEntry, State, StateEntry,
 };
 pub use hinf::Peak;
 pub use riccati::{Lqr, dare, dlqr};
@@ -256,6 +257,14 @@ pub enum ModelError {
         name: String,
         /// What is missing, and the remedy.
         lacks: &'static str,
+    },
+    /// A suspected term that cannot be searched for.
+    #[error("the candidate `{candidate}`: {why}")]
+    Candidate {
+        /// What it is called, or its text.
+        candidate: String,
+        /// What is wrong, and the remedy.
+        why: String,
     },
     /// A file name whose extension says neither TOML nor JSON.
     #[error("{path}: the extension decides the format of a model file; name it .toml or .json", path = path.display())]

@@ -11,7 +11,7 @@ use super::state_space::{Either, StateSpace};
 use super::work::long;
 use crate::effect::Applied;
 use crate::model::uav::{self, Dynamics};
-use crate::model::{Channel, EffectEntry, ModelDocument, ModelError, ModelFile, Operating, State};
+use crate::model::{CandidateEntry, Channel, EffectEntry, ModelDocument, ModelError, ModelFile, Operating, State};
 use crate::registry::RegistryError;
 use crate::simulate::System;
 
@@ -177,6 +177,30 @@ impl Model {
         let model = Self::from_dict(py, &data, self.0.name())?;
         model.check_effects(py)?;
         Ok(model)
+    }
+
+    /// The model with a term that it may lack, which a diagnosis then tries like any effect.
+    ///
+    /// Parameters
+    /// ----------
+    /// term : str
+    ///     As ``"level2 += k*(level1 - level2); k in 0 to 1"``: names that the model does not know are free parameters, 0 where the term is nothing; behind
+    ///     the semicolon their ranges and, as ``w = 0.1 in 0.01 to 1``, where a width or a power begins.
+    ///
+    /// Raises
+    /// ------
+    /// ModelError
+    ///     A term that cannot be searched for: an unknown state, no free parameter, not nothing where its parameters are 0.
+    ///
+    /// Examples
+    /// --------
+    /// >>> tank = deadtime.Model.from_equations({"level": "u - 0.5*level"}, {"level": "level"}, ["u"])
+    /// >>> tank.with_candidate("level += k*sqrt(abs(level))").to_dict()["candidates"]
+    /// [{'state': 'level', 'adds': 'k*sqrt(abs(level))'}]
+    fn with_candidate(&self, py: Python<'_>, term: &str) -> PyResult<Self> {
+        let mut model = self.0.clone();
+        CandidateEntry::from_text(term).and_then(|candidate| model.suspect(candidate)).or_raise(py)?;
+        Ok(Self(model))
     }
 
     /// The model's name.

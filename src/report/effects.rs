@@ -11,7 +11,7 @@ use crate::simulate::System;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParameterRow {
     /// Its name.
-    pub name: &'static str,
+    pub name: std::borrow::Cow<'static, str>,
     /// Its unit.
     pub unit: String,
     /// Where the effect is the identity.
@@ -91,7 +91,7 @@ pub fn menu_text(system: &System, menu: &[Applied]) -> String {
 pub fn menu_data(menu: &[Applied]) -> Vec<Row> {
     let finite = |v: f64| v.is_finite().then_some(v);
     let parameter = |p: &Parameter| ParameterRow {
-        name: p.name,
+        name: p.name.clone(),
         unit: p.unit.clone(),
         nominal: finite(p.nominal),
         lower: finite(p.lower),

@@ -49,27 +49,20 @@ pub struct Face {
     pub parameters: Vec<(Port, f64)>,
 }
 
-impl System {
-    /// A simulator that can only be called, with the names of its channels.
-    ///
-    /// # Errors
-    /// [`SimulateError`]: no input or output, two of one name, a start or parameter that is not finite, a negative standard deviation.
-    pub fn black_box(simulator: Arc<dyn Simulator>, face: Face) -> Result<Self, SimulateError> {
-        let Face { name, inputs, outputs, states, parameters } = face;
-        for (what, list) in [("input", &inputs), ("output", &outputs)] {
+impl Face {
+    /// Refuses names that are missing or stand twice, and values that are no start.
+    fn check(&self) -> Result<(), SimulateError> {
+        let Self { inputs, outputs, states, parameters, .. } = self;
+        for (what, list) in [("input", inputs), ("output", outputs)] {
             if list.is_empty() {
                 return Err(SimulateError::NoChannel { what });
             }
         }
-        let starts: Vec<Port> = states.iter().map(|s| s.port.clone()).collect();
-        let named: Vec<Port> = parameters.iter().map(|p| p.0.clone()).collect();
-        for (what, list) in [("input", &inputs), ("output", &outputs), ("state", &starts), ("parameter", &named)] {
-            let mut known = HashSet::new();
-            if let Some(twice) = list.iter().find(|p| p.name.is_empty() || !known.insert(p.name.as_str())) {
-                return Err(SimulateError::Name { what, name: twice.name.clone() });
-            }
-        }
-        for state in &states {
+        unique("input", inputs.iter())?;
+        unique("output", outputs.iter())?;
+        unique("state", states.iter().map(|s| &s.port))?;
+        unique("parameter", parameters.iter().map(|p| &p.0))?;
+        for state in states {
             let (name, std) = (&state.port.name, state.std.unwrap_or(0.0));
             if !state.initial.is_finite() {
                 return Err(SimulateError::Value { what: "the start", name: name.clone(), value: state.initial });
@@ -78,19 +71,42 @@ impl System {
                 return Err(SimulateError::Value { what: "the standard deviation of the start", name: name.clone(), value: std });
             }
         }
-        if let Some((port, value)) = parameters.iter().find(|p| !p.1.is_finite()) {
-            return Err(SimulateError::Value { what: "the parameter", name: port.name.clone(), value: *value });
+        match parameters.iter().find(|p| !p.1.is_finite()) {
+            Some((port, value)) => Err(SimulateError::Value { what: "the parameter", name: port.name.clone(), value: *value }),
+            None => Ok(()),
         }
+    }
+}
+
+fn unique<'a>(what: &'static str, ports: impl Iterator<Item = &'a Port>) -> Result<(), SimulateError> {
+    let mut known = HashSet::new();
+    for port in ports {
+        if port.name.is_empty() || !known.insert(port.name.as_str()) {
+            return Err(SimulateError::Name { what, name: port.name.clone() });
+        }
+    }
+    Ok(())
+}
+
+impl System {
+    /// A simulator that can only be called, with the names of its channels.
+    ///
+    /// # Errors
+    /// [`SimulateError`]: no input or output, two of one name, a start or parameter that is not finite, a negative standard deviation.
+    pub fn black_box(simulator: Arc<dyn Simulator>, face: Face) -> Result<Self, SimulateError> {
+        face.check()?;
+        let Face { name, inputs, outputs, states, parameters } = face;
         Ok(Self {
             name,
             input_delay_s: vec![0.0; inputs.len()],
             input_operating: vec![0.0; inputs.len()],
             output_operating: vec![0.0; outputs.len()],
+            candidates: None,
             initial: states.iter().map(|s| s.initial).collect(),
             initial_std: states.iter().map(|s| s.std).collect(),
             dynamics: Dynamics::BlackBox(simulator, parameters.iter().map(|p| p.1).collect()),
-            states: starts,
-            parameters: named,
+            states: states.into_iter().map(|s| s.port).collect(),
+            parameters: parameters.into_iter().map(|p| p.0).collect(),
             inputs,
             outputs,
         })

@@ -31,6 +31,7 @@ fn bench(inputs: usize, a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>, d: DM
         initial_std: vec![None; states],
         input_operating: vec![0.0; inputs],
         output_operating: vec![0.0; outputs],
+        candidates: None,
     }
 }
 

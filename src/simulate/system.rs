@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 
 use super::black_box::Simulator;
 use crate::error::Result;
-use crate::model::{Channel, Equations, ModelDocument, Operating, StateSpace, TimeDomain};
+use crate::model::{Candidates, Channel, Equations, ModelDocument, Operating, StateSpace, TimeDomain};
 use crate::time::SampleTime;
 
 /// The name and unit of an input, state, output or parameter.
@@ -69,6 +69,8 @@ pub struct System {
     pub input_operating: Vec<f64>,
     /// The matrices give y − this.
     pub output_operating: Vec<f64>,
+    /// The equations with terms in them that a user suspects to be missing.
+    pub candidates: Option<Arc<Candidates>>,
 }
 
 impl System {
@@ -103,6 +105,18 @@ impl System {
         let states: Vec<Port> = document.states().map(|(name, unit)| port(name, unit)).collect();
         let or_zero = |list: &[f64], n: usize| if list.is_empty() { vec![0.0; n] } else { list.to_vec() };
         let (inputs, outputs) = (ports(document.inputs()), ports(document.outputs()));
+        let (input_operating, mut output_operating) = (operating(document.inputs())?, operating(document.outputs())?);
+        let as_equations;
+        let document = match document {
+            // Beside a suspected term a linear model is one of equations.
+            ModelDocument::Lti(file) if !file.candidates.is_empty() => {
+                as_equations = ModelDocument::Equations(file.to_equations(&std::mem::take(&mut output_operating))?);
+                output_operating = vec![0.0; outputs.len()];
+                &as_equations
+            }
+            other => other,
+        };
+        let mut candidates = None;
         let (dynamics, parameters, initial, initial_std, input_delay_s) = match document {
             ModelDocument::Lti(file) => {
                 let std = if file.initial_std.is_empty() {
@@ -120,13 +134,13 @@ impl System {
             }
             ModelDocument::Equations(file) => {
                 let equations = Arc::new(file.equations()?);
+                candidates = file.candidates()?.map(Arc::new);
                 let parameters = file.parameters.iter().map(|(name, p)| port(name, p.unit.as_deref())).collect();
                 let (initial, nominal) = (equations.initial(), equations.nominal());
                 let std = file.states.iter().map(|(_, s)| s.initial_std).collect();
                 (Dynamics::Equations(equations, nominal), parameters, initial, std, &file.input_delay_s)
             }
         };
-        let (input_operating, output_operating) = (operating(document.inputs())?, operating(document.outputs())?);
         Ok(Self {
             name: document.name().to_owned(),
             input_delay_s: or_zero(input_delay_s, inputs.len()),
@@ -139,6 +153,7 @@ impl System {
             initial_std,
             input_operating,
             output_operating,
+            candidates,
         })
     }
 }

@@ -151,7 +151,7 @@ fn every_effect_away_from_its_nominal_parameters_moves_an_output_and_is_undone_b
         let flight = Flight::for_system(&system);
         let (effect, channel) = (applied.effect.name(), applied.channel.clone());
         for (value, p) in applied.values.iter_mut().zip(&applied.parameters) {
-            *value = match (effect, p.name) {
+            *value = match (effect, p.name.as_ref()) {
                 (_, "lower") => -0.07,
                 (_, "upper") => 0.06,
                 ("rate_limit", _) => 0.4,

@@ -45,6 +45,7 @@ mod faults;
 mod fuzz;
 #[cfg(feature = "cli")]
 mod gap;
+mod gap_candidates;
 mod gap_coarse;
 mod gap_hard;
 mod gap_mixture;

@@ -183,20 +183,25 @@ impl Armaxstruc {
             experiment.sample_time(),
         );
         let used = cut.is_some().then(|| format!("used the first {} of {} samples", self.max_samples, experiment.longest()));
-        let leading = best.saturating_sub(minimum);
-        let zeros = (leading > 0).then(|| {
-            format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise")
-        });
-        let pole = fit.map(|f| crate::identify::largest_pole(&f.a)).filter(|p| *p > 1.0);
-        let unstable = pole.map(|p| format!("the plant's model is unstable (|z| = {p:.3})"));
-        let edge = fit
-            .filter(|f| on_circle(f))
-            .map(|_| "the noise model has a root on the unit circle: too many orders, or a drift taken off".to_owned());
         Ok(DelayEstimate { raw_delay_s: Some(experiment.sample_time().to_seconds(raw)), ..estimate }
-            .noting(zeros)
-            .noting(unstable)
-            .noting(edge)
+            .noting(leading_zeros(best, minimum))
+            .noting(fit.and_then(unstable))
+            .noting(fit.and_then(edge))
             .noting(misfit)
             .noting(used))
     }
+}
+
+fn leading_zeros(best: usize, minimum: usize) -> Option<String> {
+    let leading = best.checked_sub(minimum).filter(|&n| n > 0)?;
+    Some(format!("the smallest loss is at nk = {minimum}, but its first {leading} input coefficients are zero within the noise"))
+}
+
+fn unstable(fit: &ArmaxFit) -> Option<String> {
+    let pole = crate::identify::largest_pole(&fit.a);
+    (pole > 1.0).then(|| format!("the plant's model is unstable (|z| = {pole:.3})"))
+}
+
+fn edge(fit: &ArmaxFit) -> Option<String> {
+    on_circle(fit).then(|| "the noise model has a root on the unit circle: too many orders, or a drift taken off".to_owned())
 }

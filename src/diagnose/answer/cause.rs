@@ -30,27 +30,7 @@ pub(in crate::diagnose) fn cause(
 ) -> Cause {
     let Composed { judged, stand_ins, estimate, .. } = composed;
     let estimate = estimate.as_ref();
-    let scale = Probabilities::new(judged, found, Penalties::of(likelihood));
-    let several = judged.found.iter().filter(|e| e.effects.len() > 1 && found.pairs.iter().take(PAIRS).all(|p| p.key() != e.key()));
-    let listed: Vec<&Hypothesis> = found.singles.iter().chain(found.pairs.iter().take(PAIRS)).chain(several).collect();
-    let sum: f64 = listed.iter().map(|e| scale.of(e)).sum::<f64>() + scale.share(scale.none);
-    let rest = 1.0 - judged.unknown;
-    let mut rows: Vec<(f64, bool, RankingRow)> = listed
-        .par_iter()
-        .map(|e| {
-            let probability = rest * scale.of(e) / sum;
-            let leads = judged.found.as_ref().is_some_and(|f| f.key() == e.key());
-            (probability, leads, row(e, probability, after(e)))
-        })
-        .collect();
-    let plain = |effect: &str, probability: f64| {
-        RankingRow::Single(RankedSingle { effect: effect.to_owned(), channel: None, probability, after: None })
-    };
-    let none = rest * scale.share(scale.none) / sum;
-    rows.push((none, judged.verdict == GapVerdict::None, plain("none", none)));
-    rows.push((judged.unknown, judged.verdict == GapVerdict::Unknown, plain("unknown", judged.unknown)));
-    // The verdict leads its equals.
-    rows.sort_by(|a, b| b.1.cmp(&a.1).then(b.0.total_cmp(&a.0)));
+    let ranking = ranking(judged, found, &Probabilities::new(judged, found, Penalties::of(likelihood)), after);
     let classes = judged
         .found
         .as_ref()
@@ -79,7 +59,7 @@ pub(in crate::diagnose) fn cause(
         },
         channel: first.map(|a| a.channel.clone()),
         effects: judged.found.iter().flat_map(|e| found_effects(likelihood, e, estimate)).collect(),
-        ranking: rows.into_iter().map(|r| r.2).collect(),
+        ranking,
         indistinguishable,
         not_tried: Vec::new(),
         next_experiment,
@@ -88,6 +68,36 @@ pub(in crate::diagnose) fn cause(
         recalibration: None,
         remainder: None,
     }
+}
+
+/// Every effect and the best pairs by probability, with `none` and `unknown`; `after` gives a hypothesis's training nrmse.
+fn ranking(
+    judged: &crate::diagnose::judge::verdict::Judged,
+    found: &SearchResult,
+    scale: &Probabilities,
+    after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
+) -> Vec<RankingRow> {
+    let several = judged.found.iter().filter(|e| e.effects.len() > 1 && found.pairs.iter().take(PAIRS).all(|p| p.key() != e.key()));
+    let listed: Vec<&Hypothesis> = found.singles.iter().chain(found.pairs.iter().take(PAIRS)).chain(several).collect();
+    let sum: f64 = listed.iter().map(|e| scale.of(e)).sum::<f64>() + scale.share(scale.none);
+    let rest = 1.0 - judged.unknown;
+    let mut rows: Vec<(f64, bool, RankingRow)> = listed
+        .par_iter()
+        .map(|e| {
+            let probability = rest * scale.of(e) / sum;
+            let leads = judged.found.as_ref().is_some_and(|f| f.key() == e.key());
+            (probability, leads, row(e, probability, after(e)))
+        })
+        .collect();
+    let plain = |effect: &str, probability: f64| {
+        RankingRow::Single(RankedSingle { effect: effect.to_owned(), channel: None, probability, after: None })
+    };
+    let none = rest * scale.share(scale.none) / sum;
+    rows.push((none, judged.verdict == GapVerdict::None, plain("none", none)));
+    rows.push((judged.unknown, judged.verdict == GapVerdict::Unknown, plain("unknown", judged.unknown)));
+    // The verdict leads its equals.
+    rows.sort_by(|a, b| b.1.cmp(&a.1).then(b.0.total_cmp(&a.0)));
+    rows.into_iter().map(|r| r.2).collect()
 }
 
 /// Adds what could stand in an effect's place to the effect's class.

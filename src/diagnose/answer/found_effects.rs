@@ -29,7 +29,7 @@ pub(in crate::diagnose) fn found_effects(
         };
         let value = applied.values[i];
         FoundParameter {
-            name: applied.parameters[i].name.to_owned(),
+            name: applied.parameters[i].name.to_string(),
             unit: applied.parameters[i].unit.clone(),
             value: value.is_finite().then_some(value),
             std,

@@ -332,7 +332,7 @@ fn smallest(c: &Candidate, visible_from: f64) -> Option<Size> {
     let nominal = p.nominal.is_finite().then_some(p.nominal);
     // Small effects grow with their size.
     let value = nominal.map_or(*value, |n| n + (value - n) * (visible_from / weakest.strength).sqrt());
-    Some(Size { parameter: p.name.to_owned(), unit: p.unit.clone(), value, nominal })
+    Some(Size { parameter: p.name.to_string(), unit: p.unit.clone(), value, nominal })
 }
 
 /// Groups by their first member in the order of the table.

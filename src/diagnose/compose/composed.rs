@@ -41,6 +41,13 @@ pub(in crate::diagnose) struct Composed {
     pub(in crate::diagnose) estimate: Option<Estimate>,
 }
 
+impl Composed {
+    /// Nothing was found to act.
+    fn nothing(judged: Judged) -> Self {
+        Self { judged, hypothesis: None, stand_ins: Vec::new(), without: Vec::new(), recalibration: None, estimate: None }
+    }
+}
+
 /// The terms of a composition.
 pub(in crate::diagnose) struct Compose<'c, 'a> {
     /// As the search left it: under the noise of what leads.
@@ -76,14 +83,7 @@ impl Compose<'_, '_> {
         let begin = match judged.verdict {
             GapVerdict::None => {
                 return match self.weak() {
-                    None => Some(Composed {
-                        judged,
-                        hypothesis: None,
-                        stand_ins: Vec::new(),
-                        without: Vec::new(),
-                        recalibration: None,
-                        estimate: None,
-                    }),
+                    None => Some(Composed::nothing(judged)),
                     Some(weak) => self.judged_weak(judged, weak),
                 };
             }
@@ -93,7 +93,9 @@ impl Compose<'_, '_> {
         let decoded = begin.lost.is_some() || begin.effects.iter().any(|a| a.effect.leaves_residual());
         // A single effect that leaves nothing above the noise has been tried with every second one; a pair with no third.
         // Of a simulator that can only be called most laws cannot be tried, and what is left beside a named effect is taken by whatever can.
-        let all_taken = || self.share_taken(&begin, &judged).is_none_or(|share| share >= self.likelihood.criteria.one_explains);
+        // What is left of the gap is searched wherever a further cause could matter in it.
+        let enough_of_it = 1.0 - self.likelihood.criteria.added_matters;
+        let all_taken = || self.share_taken(&begin, &judged).is_none_or(|share| share >= enough_of_it);
         let alone = self.likelihood.system.is_black_box() || (judged.left_over.is_none() && begin.effects.len() < 2 && all_taken());
         let enough = judged.verdict == GapVerdict::Effects && alone;
         if !decoded && !enough {
@@ -112,14 +114,7 @@ impl Compose<'_, '_> {
             }
         }
         if begin.effects.is_empty() {
-            return Some(Composed {
-                judged,
-                hypothesis: None,
-                stand_ins: Vec::new(),
-                without: Vec::new(),
-                recalibration: None,
-                estimate: None,
-            });
+            return Some(Composed::nothing(judged));
         }
         let (hypothesis, without) = self.by_share(begin, None);
         let estimate = intervals::estimate(self.likelihood, &hypothesis, self.scales);

@@ -80,19 +80,9 @@ impl Hypothesis {
         if found.normal.information.is_empty() {
             return None;
         }
-        let mut best = placed(effects, &free, &in_units(&found.parameters));
-        let mut kept = free.clone();
+        let fitted = placed(effects, &free, &in_units(&found.parameters));
         let cost = found.normal.cost;
-        // A limit that the training data never reach is infinite.
-        for &(e, i) in free.iter().filter(|&&(e, i)| effects[e].parameters[i].nominal.is_infinite()) {
-            let mut without = best.clone();
-            without[e].values[i] = effects[e].parameters[i].nominal;
-            let told = prior_cost(likelihood, &best, &free);
-            if likelihood.whitened(active.with(&without)).is_some_and(|w| (likelihood.inner(&w, &w) + told - cost).abs() <= 1e-9 * cost) {
-                best = without;
-                kept.retain(|&at| at != (e, i));
-            }
-        }
+        let (mut best, kept) = without_unreached(likelihood, &active, fitted, free, cost);
         for applied in &mut best {
             applied.values = applied.effect.canonical(std::mem::take(&mut applied.values));
         }
@@ -114,6 +104,30 @@ impl Hypothesis {
         let value = self.effects[e].values[i];
         value <= lower || value >= upper
     }
+}
+
+/// A limit that the training data never reach is infinite, and no longer free.
+fn without_unreached(
+    likelihood: &Likelihood<'_>,
+    active: &ActiveEffects<'_>,
+    mut best: Vec<Applied>,
+    free: Vec<(usize, usize)>,
+    cost: f64,
+) -> (Vec<Applied>, Vec<(usize, usize)>) {
+    let mut kept = free.clone();
+    for &(e, i) in &free {
+        if !best[e].parameters[i].nominal.is_infinite() {
+            continue;
+        }
+        let told = prior_cost(likelihood, &best, &free);
+        let mut without = best.clone();
+        without[e].values[i] = without[e].parameters[i].nominal;
+        if likelihood.whitened(active.with(&without)).is_some_and(|w| (likelihood.inner(&w, &w) + told - cost).abs() <= 1e-9 * cost) {
+            best = without;
+            kept.retain(|&at| at != (e, i));
+        }
+    }
+    (best, kept)
 }
 
 impl Hypothesis {

@@ -15,6 +15,9 @@ pub(in crate::diagnose) struct Catalogue {
 pub(in crate::diagnose) fn catalogue(system: &System, probed: Option<&Probed>) -> Catalogue {
     let (mut all, mut left_out) = (Vec::new(), Vec::new());
     for effect in EFFECTS {
+        if effect.is_declared() && effect.channels(system).is_empty() {
+            continue;
+        }
         if effect.site() == Site::Dynamics && system.is_sampled() {
             left_out.push(not_tried(effect, "the model is sampled".to_owned()));
             continue;

@@ -1,5 +1,6 @@
 //! Effects in the plant's differential equations.
 
+pub(super) mod candidate;
 pub(super) mod constant_disturbance;
 pub(super) mod coulomb_friction;
 pub(super) mod cross_coupling;

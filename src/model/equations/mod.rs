@@ -17,7 +17,10 @@ use nalgebra::DMatrix;
 pub use error::{EquationError, Fault};
 pub use explain::{Breakdown, NonFinite};
 
-use parse::{Leaf, Scope, Tree, parse, reserved};
+pub(in crate::model) use parse::reserved;
+pub(in crate::model) use token::names;
+
+use parse::{Leaf, Scope, Tree, parse};
 use program::{Point, Program, Registers, Seeds, Sizes};
 
 /// A name with its unit.

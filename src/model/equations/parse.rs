@@ -230,6 +230,6 @@ impl Tree {
 }
 
 /// The name is taken by the language itself.
-pub(super) fn reserved(name: &str) -> Option<&'static str> {
+pub(in crate::model) fn reserved(name: &str) -> Option<&'static str> {
     if name == "time" { Some("the time") } else { is_function(name).then_some("a function") }
 }

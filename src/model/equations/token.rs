@@ -48,6 +48,18 @@ fn in_name(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
+/// The names that stand in an expression, each once, in their order, functions left out; `None` where it is no expression.
+pub(in crate::model) fn names(text: &str) -> Option<Vec<String>> {
+    let mut found: Vec<String> = Vec::new();
+    for token in words(text).ok()? {
+        let name = text.get(token.span.from..token.span.to).unwrap_or_default();
+        if token.word == Word::Name && !is_function(name) && !found.iter().any(|f| f == name) {
+            found.push(name.to_owned());
+        }
+    }
+    Some(found)
+}
+
 /// The words of an expression, proven to be one: every operator between values, every parenthesis closed, none too deep.
 pub(super) fn words(text: &str) -> Result<Vec<Token>, Wrong> {
     let mut tokens = Vec::new();

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{Channel, EffectEntry, EquationsFile, ModelFile, Syntax, read_text};
+use super::{CandidateEntry, Channel, EffectEntry, EquationsFile, ModelFile, Syntax, read_text};
 use crate::error::Result;
 use crate::log::{Log, LogError};
 use crate::model::ModelError;
@@ -133,6 +133,23 @@ impl ModelDocument {
         };
         let lti = lti.iter().map(|s: &super::State| (s.name.as_str(), s.unit.as_deref()));
         lti.chain(equations.iter().map(|(name, s)| (name.as_str(), s.unit.as_deref())))
+    }
+
+    /// Adds a term that is suspected to be missing.
+    ///
+    /// # Errors
+    /// [`ModelError`] where the model cannot have it.
+    pub fn suspect(&mut self, candidate: CandidateEntry) -> std::result::Result<(), ModelError> {
+        match self {
+            Self::Lti(file) => {
+                file.candidates.push(candidate);
+                file.to_equations(&[])?.candidates().map(drop)
+            }
+            Self::Equations(file) => {
+                file.candidates.push(candidate);
+                file.candidates().map(drop)
+            }
+        }
     }
 
     /// Effects that already belong to the simulator.

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::table::{self, Table};
-use super::{Channel, EffectEntry, FORMAT, Operating, Sign, Syntax, parse_text, read_text, syntax, write_text};
+use super::{CandidateEntry, Candidates, Channel, EffectEntry, FORMAT, Operating, Sign, Syntax, parse_text, read_text, syntax, write_text};
 use crate::error::Result;
 use crate::model::{Definition, EquationError, Equations, ModelError, OutputVariable, Parameter, StateVariable, Symbol};
 
@@ -61,12 +61,12 @@ pub struct GroupEntry {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EquationsFile {
-    format: String,
+    pub(super) format: String,
     /// The model's name.
     pub name: String,
-    kind: String,
+    pub(super) kind: String,
     #[serde(default, skip_serializing)]
-    sample_time_s: f64,
+    pub(super) sample_time_s: f64,
     /// The inputs.
     #[serde(serialize_with = "without_operating")]
     pub inputs: Vec<Channel>,
@@ -100,6 +100,9 @@ pub struct EquationsFile {
     /// Effects that belong to the simulator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectEntry>,
+    /// Terms that are suspected to be missing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub candidates: Vec<CandidateEntry>,
 }
 
 /// Channels without the operating point, which only linear models have.
@@ -137,13 +140,8 @@ impl EquationsFile {
         let states = model.state_variables();
         let outputs = model.output_variables();
         Self {
-            format: FORMAT.to_owned(),
-            name: name.to_owned(),
-            kind: "equations".to_owned(),
-            sample_time_s: 0.0,
             inputs: model.input_symbols().iter().map(|s| channel(&s.name, s.unit.as_ref())).collect(),
             outputs: outputs.iter().map(|o| channel(&o.name, o.unit.as_ref())).collect(),
-            input_delay_s: Vec::new(),
             states: states
                 .iter()
                 .map(|s| (s.name.clone(), StateEntry { unit: s.unit.clone(), initial: s.initial, initial_std: s.initial_std }))
@@ -154,11 +152,31 @@ impl EquationsFile {
                 .map(|p| (p.name.clone(), ParameterEntry { unit: p.unit.clone(), value: p.value }))
                 .collect(),
             definitions: model.definitions().iter().map(|d| (d.name.clone(), d.expression.clone())).collect(),
-            starts: Vec::new(),
             derivatives: states.iter().map(|s| (s.name.clone(), s.derivative.clone())).collect(),
             output_equations: outputs.iter().map(|o| (o.name.clone(), o.equation.clone())).collect(),
+            ..Self::empty(name)
+        }
+    }
+
+    /// A file that holds nothing yet.
+    pub(super) fn empty(name: &str) -> Self {
+        Self {
+            format: FORMAT.to_owned(),
+            name: name.to_owned(),
+            kind: "equations".to_owned(),
+            sample_time_s: 0.0,
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+            input_delay_s: Vec::new(),
+            states: Vec::new(),
+            parameters: Vec::new(),
+            definitions: Vec::new(),
+            starts: Vec::new(),
+            derivatives: Vec::new(),
+            output_equations: Vec::new(),
             groups: Vec::new(),
             effects: Vec::new(),
+            candidates: Vec::new(),
         }
     }
 
@@ -197,6 +215,7 @@ impl EquationsFile {
             None => {}
         }
         self.compile_starts(path)?;
+        self.compile_candidates(path)?;
         self.compile(path).map(drop)
     }
 
@@ -247,6 +266,14 @@ impl EquationsFile {
         self.compile_starts(Path::new(&self.name))
     }
 
+    /// The compiled model with the file's candidates in it; `None` where it has none.
+    ///
+    /// # Errors
+    /// As [`Self::equations`], and [`ModelError::Candidate`].
+    pub fn candidates(&self) -> std::result::Result<Option<Candidates>, ModelError> {
+        self.compile_candidates(Path::new(&self.name))
+    }
+
     fn compile_starts(&self, path: &Path) -> std::result::Result<Option<Equations>, ModelError> {
         if self.starts.is_empty() {
             return Ok(None);
@@ -262,7 +289,7 @@ impl EquationsFile {
             .map(Some)
     }
 
-    fn compile(&self, path: &Path) -> std::result::Result<Equations, ModelError> {
+    pub(super) fn compile(&self, path: &Path) -> std::result::Result<Equations, ModelError> {
         let unmatched = |what, name: &str, lacks| ModelError::Unmatched { path: path.to_owned(), what, name: name.to_owned(), lacks };
         if let Some((name, _)) = self.derivatives.iter().find(|(name, _)| entry(&self.states, name).is_none()) {
             return Err(unmatched("the derivative", name, "belongs to no state; add it to [states] or correct its name"));

@@ -5,7 +5,10 @@ use std::path::Path;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::{Channel, EffectEntry, FORMAT, Sign, Syntax, parse_text, read_text, syntax, write_text};
+use super::{
+    CandidateEntry, Channel, EffectEntry, EquationsFile, FORMAT, Operating, ParameterEntry, Sign, StateEntry, Syntax, parse_text,
+    read_text, syntax, write_text,
+};
 use crate::error::Result;
 use crate::model::c2d::Conversion;
 use crate::model::{Continuous, ModelError, Sampled, StateSpace};
@@ -59,6 +62,9 @@ pub struct ModelFile {
     /// Effects that belong to the simulator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectEntry>,
+    /// Terms that are suspected to be missing: with one, the model is simulated as equations.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub candidates: Vec<CandidateEntry>,
 }
 
 impl ModelFile {
@@ -101,6 +107,9 @@ impl ModelFile {
             });
         }
         let named = |e: ModelError| ModelError::File { path: path.to_owned(), detail: e.to_string() };
+        if !self.candidates.is_empty() {
+            self.to_equations(&[])?.compile_candidates(path)?;
+        }
         if self.sample_time_s > 0.0 { self.sampled().map(drop).map_err(named) } else { self.continuous().map(drop).map_err(named) }
     }
 
@@ -201,6 +210,56 @@ impl ModelFile {
             c: rows(c),
             d: rows(d),
             effects: Vec::new(),
+            candidates: Vec::new(),
+        })
+    }
+
+    /// The same model as equations, its entries of A and B that are not 0 as parameters `A_x_from` and `B_x_from`; `operating` is that of the outputs.
+    ///
+    /// # Errors
+    /// [`ModelError::Domain`] if it is sampled; [`ModelError::Equations`] where a name cannot stand in an expression.
+    pub fn to_equations(&self, operating: &[f64]) -> std::result::Result<EquationsFile, ModelError> {
+        let sys = self.continuous()?;
+        let states: Vec<&str> = self.states.iter().map(|s| s.name.as_str()).collect();
+        let inputs: Vec<&str> = self.inputs.iter().map(|c| c.name.as_str()).collect();
+        let mut parameters = Vec::new();
+        let mut derivatives = Vec::new();
+        for (i, state) in states.iter().enumerate() {
+            let mut derivative = "0".to_owned();
+            for (letter, matrix, columns) in [("A", sys.a(), &states), ("B", sys.b(), &inputs)] {
+                for (j, column) in columns.iter().enumerate().filter(|(j, _)| matrix[(i, *j)] != 0.0) {
+                    let name = format!("{letter}_{state}_{column}");
+                    derivative.push_str(&format!(" + {name}*{column}"));
+                    parameters.push((name, ParameterEntry { unit: None, value: matrix[(i, j)] }));
+                }
+            }
+            derivatives.push(((*state).to_owned(), derivative));
+        }
+        let output = |(i, channel): (usize, &Channel)| {
+            let mut equation = format!("{:e}", operating.get(i).copied().unwrap_or(0.0));
+            for (matrix, columns) in [(sys.c(), &states), (sys.d(), &inputs)] {
+                for (j, column) in columns.iter().enumerate().filter(|(j, _)| matrix[(i, *j)] != 0.0) {
+                    equation.push_str(&format!(" + ({:e})*{column}", matrix[(i, j)]));
+                }
+            }
+            (channel.name.clone(), equation)
+        };
+        let plain = |channels: &[Channel]| channels.iter().map(|c| Channel { operating: Operating::default(), ..c.clone() }).collect();
+        let state = |(i, state): (usize, &State)| {
+            let (initial, initial_std) = (self.initial.get(i).copied().unwrap_or(0.0), self.initial_std.get(i).copied());
+            (state.name.clone(), StateEntry { unit: state.unit.clone(), initial, initial_std })
+        };
+        Ok(EquationsFile {
+            inputs: plain(&self.inputs),
+            outputs: plain(&self.outputs),
+            input_delay_s: self.input_delay_s.clone(),
+            states: self.states.iter().enumerate().map(state).collect(),
+            parameters,
+            derivatives,
+            output_equations: self.outputs.iter().enumerate().map(output).collect(),
+            effects: self.effects.clone(),
+            candidates: self.candidates.clone(),
+            ..EquationsFile::empty(&self.name)
         })
     }
 

@@ -1,5 +1,6 @@
 //! The model file, `deadtime/model@1`: TOML or JSON, as the extension says; linear, as equations or as transfer functions, as its `kind` says.
 
+mod candidate;
 mod document;
 mod equations;
 mod lti;
@@ -15,6 +16,7 @@ use serde::{Deserialize, Serialize, Serializer};
 use super::ModelError;
 use crate::error::Result;
 
+pub use candidate::{Candidate, CandidateEntry, CandidateParameter, Candidates};
 pub use document::ModelDocument;
 pub use equations::{EquationsFile, GroupEntry, GroupKind, ParameterEntry, StateEntry};
 pub use lti::{ModelFile, State};

@@ -215,13 +215,7 @@ impl Integrator {
             // The curve through a Rosenbrock step is of a low order: it ends where a state is wanted.
             let target = if self.method == Method::Explicit { t1 } else { wanted };
             let remaining = target - t;
-            let (h, last) = if self.h >= 0.99 * remaining {
-                (remaining, true)
-            } else if 2.0 * self.h > remaining {
-                (0.5 * remaining, false)
-            } else {
-                (self.h, false)
-            };
+            let (h, last) = cut(self.h, remaining);
             steps += 1;
             if self.steps + self.rejected >= self.budget {
                 let (steps, step_s) = (self.budget, self.h);
@@ -258,9 +252,7 @@ impl Integrator {
                 return Ok(Some(at));
             }
             self.steps += 1;
-            // Far below the tolerance the step grows as far as it may, and no root is needed to know.
-            let factor = if error < 1e-6 { growth } else { (SAFETY * rough_root(error, order)).clamp(0.2, growth) };
-            let factor = if after_rejection { factor.min(1.0) } else { factor };
+            let factor = growth_factor(error, order, if after_rejection { 1.0 } else { growth });
             // A step that only the end cut short says little against a longer one.
             self.h = if last && factor >= 1.0 { self.h.max(h * factor) } else { h * factor };
             after_rejection = false;
@@ -412,6 +404,24 @@ impl Integrator {
         let steps = self.steps;
         self.stiff(rhs, t, x, steps, smallest)
     }
+}
+
+/// The step to try, and whether it is the last: of two steps that remain each takes half, so that the last one is not tiny.
+#[inline]
+fn cut(h: f64, remaining: f64) -> (f64, bool) {
+    if h >= 0.99 * remaining {
+        (remaining, true)
+    } else if 2.0 * h > remaining {
+        (0.5 * remaining, false)
+    } else {
+        (h, false)
+    }
+}
+
+/// By how much the next step is longer, between a fifth and `most`. Far below the tolerance it grows as far as it may, and no root is needed to know.
+#[inline]
+fn growth_factor(error: f64, order: f64, most: f64) -> f64 {
+    if error < 1e-6 { most } else { (SAFETY * rough_root(error, order)).clamp(0.2, most) }
 }
 
 /// error^(−1/order), as exactly as a step size needs it.

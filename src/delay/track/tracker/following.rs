@@ -156,7 +156,23 @@ impl Following {
         fill(&mut self.other, u, y, now, options.na, nearest..nearest + options.nb);
         let new = 1.0 + leverage(&self.inverse, &self.row).max(leverage(&self.inverse, &self.other));
         let half = 0.5 / (new * self.variance.max(self.near)).max(f64::MIN_POSITIVE);
-        // The filter.
+        self.reweigh(half, least);
+        let best = self.accumulate_gains(half, new, least, count);
+        if let Some(event) = self.moved(options, best, new, count) {
+            return Some(event);
+        }
+        if self.louder.0 > LOUDER_GAIN {
+            return Some(Event::Response(self.louder.1));
+        }
+        // What is suspected to be another delay teaches nothing about this one.
+        if best.0 < 0.5 * options.alarm {
+            self.learn(options, u, self.errors[self.delay]);
+        }
+        None
+    }
+
+    /// The filter's step: every delay's chance by what it leaves of this sample.
+    fn reweigh(&mut self, half: f64, least: f64) {
         let mut total = 0.0;
         for (p, e) in self.chances.iter_mut().zip(&self.errors) {
             *p *= (half * (least - e)).exp();
@@ -164,7 +180,10 @@ impl Following {
         }
         let scale = total.max(f64::MIN_POSITIVE).recip();
         self.chances.iter_mut().for_each(|p| *p *= scale);
-        // The sums.
+    }
+
+    /// The sums against the delay that is believed, one for each other delay, and the one against a louder residual; the largest sum and its delay.
+    fn accumulate_gains(&mut self, half: f64, new: f64, least: f64, count: u64) -> (f64, usize) {
         let believed = self.errors[self.delay];
         let mut best = (0.0, 0);
         for (d, (gain, since)) in self.gains.iter_mut().enumerate() {
@@ -181,39 +200,40 @@ impl Following {
             self.louder.1 = count;
         }
         self.louder.0 = (self.louder.0 + 0.5 * (ratio * (1.0 - LOUDER.recip()) - LOUDER.ln())).max(0.0);
-        // Around the change some coefficients act at one delay and some at the other: which delay it is shows in the rows behind them, and may take some.
-        if best.0 > options.alarm {
-            self.waited += 1;
-        } else {
+        best
+    }
+
+    /// A change of the delay, once the rows behind an alarm say to which.
+    ///
+    /// Around the change some coefficients act at one delay and some at the other: which delay it is shows in the rows behind them, and may take some.
+    fn moved(&mut self, options: &TrackerOptions, best: (f64, usize), new: f64, count: u64) -> Option<Event> {
+        if best.0 <= options.alarm {
             self.waited = 0;
             self.fresh.fill(0.0);
+            return None;
         }
-        if self.waited > options.nb {
-            let half = 0.5 / (new * self.variance).max(f64::MIN_POSITIVE);
-            self.fresh.iter_mut().zip(&self.errors).for_each(|(f, e)| *f += half * e);
-            let (to, least) = self.fresh.iter().copied().enumerate().fold((0, f64::INFINITY), |m, f| if f.1 < m.1 { f } else { m });
-            let second = self.fresh.iter().enumerate().filter(|(d, _)| *d != to).map(|(_, f)| *f).fold(f64::INFINITY, f64::min);
-            if second - least > CLEAR || self.waited > options.nb + LONGEST_WAIT {
-                let (from, since) = (self.delay, self.gains[best.1].1);
-                let rows = (self.waited - options.nb) as f64;
-                self.waited = 0;
-                self.fresh.fill(0.0);
-                self.gains.iter_mut().for_each(|g| *g = (0.0, count));
-                // A delay that leaves much more than noise is none: the plant is moved as it never was while it was learnt.
-                if to != from && least < rows * EXPLAINED {
-                    self.delay = to;
-                    return Some(Event::Delay { from: from as f64 + self.ahead, to: to as f64 + self.ahead, since });
-                }
-            }
+        self.waited += 1;
+        if self.waited <= options.nb {
+            return None;
         }
-        if self.louder.0 > LOUDER_GAIN {
-            return Some(Event::Response(self.louder.1));
+        let half = 0.5 / (new * self.variance).max(f64::MIN_POSITIVE);
+        self.fresh.iter_mut().zip(&self.errors).for_each(|(f, e)| *f += half * e);
+        let (to, least) = self.fresh.iter().copied().enumerate().fold((0, f64::INFINITY), |m, f| if f.1 < m.1 { f } else { m });
+        let second = self.fresh.iter().enumerate().filter(|(d, _)| *d != to).map(|(_, f)| *f).fold(f64::INFINITY, f64::min);
+        if second - least <= CLEAR && self.waited <= options.nb + LONGEST_WAIT {
+            return None;
         }
-        // What is suspected to be another delay teaches nothing about this one.
-        if best.0 < 0.5 * options.alarm {
-            self.learn(options, u, believed);
+        let (from, since) = (self.delay, self.gains[best.1].1);
+        let rows = (self.waited - options.nb) as f64;
+        self.waited = 0;
+        self.fresh.fill(0.0);
+        self.gains.iter_mut().for_each(|g| *g = (0.0, count));
+        // A delay that leaves much more than noise is none: the plant is moved as it never was while it was learnt.
+        if to == from || least >= rows * EXPLAINED {
+            return None;
         }
-        None
+        self.delay = to;
+        Some(Event::Delay { from: from as f64 + self.ahead, to: to as f64 + self.ahead, since })
     }
 
     fn learn(&mut self, options: &TrackerOptions, u: &Past<f64>, believed: f64) {
