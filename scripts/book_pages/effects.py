@@ -85,7 +85,7 @@ SHOWN: dict[str, tuple[str, str, dict[str, float]]] = {
     "cubic_stiffness": (SPRING, "x->v", {"coefficient": 4.0}),
     "unmodelled_mode": (SPRING, "u->output:x", {"frequency": 1.5, "damping": 0.05, "gain": 0.3}),
     "constant_disturbance": (SPRING, "v", {"level": 1.0}),
-    "periodic_disturbance": (SPRING, "v", {"frequency": 1.0, "amplitude": 3.0, "phase": 0.0}),
+    "periodic_disturbance": (SPRING, "v", {"frequency": 1.0, "amplitude": 12.0, "phase": 0.0}),
     "output_delay": (TWO, "y", {"delay": 0.4}),
     "sensor_lag": (TWO, "y", {"time_constant": 0.5}),
     "sensor_gain": (TWO, "y", {"gain": 1.3}),

@@ -10,7 +10,7 @@ INK, GREY, RED, BLUE, LINE = "#1b1f24", "#6b7684", "#c2410c", "#1d5fbf", "#d5dae
 FONT = "font-family='sans-serif' font-size='13'"
 
 
-def _picture(width: int, height: int, title: str, parts: Sequence[str]) -> str:
+def picture(width: int, height: int, title: str, parts: Sequence[str]) -> str:
     head = f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {width} {height}' role='img' aria-label='{escape(title, quote=True)}'>"
     return "\n".join([head, f"<title>{escape(title)}</title>", f"<rect width='{width}' height='{height}' fill='#fff'/>", *parts, "</svg>", ""])
 
@@ -57,8 +57,8 @@ def curves(title: str, time: Sequence[float], lines: Sequence[tuple[str, Sequenc
         pattern = f" stroke-dasharray='{dash}'" if dash else ""
         parts.append(f"<polyline points='{points}' fill='none' stroke='{colour}' stroke-width='2'{pattern}/>")
         parts += [f"<path d='M{at} 18h26' stroke='{colour}' stroke-width='3'{pattern}/>", text(at + 32, 22, name)]
-        at += 48 + round(7.2 * len(name))
-    return _picture(width, height, title, parts)
+        at += 60 + round(8 * len(name))
+    return picture(width, height, title, parts)
 
 
 def standing(title: str, groups: Sequence[tuple[str, float | None, Sequence[float]]], width: int = 760) -> str:
@@ -85,4 +85,4 @@ def standing(title: str, groups: Sequence[tuple[str, float | None, Sequence[floa
             parts.append(f"<circle cx='{across(own):.1f}' cy='{y}' r='7' fill='{RED}'/>")
             parts.append(text(across(own), y - 12, f"{own:.2f}", "middle", RED))
     parts.append(text(width - right, height - 4, "root mean square error, samples (logarithmic); grey: the other methods", "end", GREY))
-    return _picture(width, height, title, parts)
+    return picture(width, height, title, parts)
