@@ -17,6 +17,7 @@ BEFORE = """# Summary
 # Dead time
 
 - [Estimating a dead time](estimating.md)
+- [Making an experiment](experiments.md)
 - [Delays that change](tracking.md)
 - [Machines in a loop](loops.md)
 - [Studies](studies.md)
@@ -52,6 +53,7 @@ AFTER = """
 
 - [The command line](reference/cli.md)
 - [The Python package](reference/python.md)
+- [The Rust library](library.md)
 - [Reliability and limits](reliability.md)
 - [How to add a method or an effect](adding.md)
 - [Release checklist](releasing.md)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -22,6 +23,21 @@ class Page(HTMLParser):
                 self.names.add(value)
             elif value and ((tag == "a" and key == "href") or (tag == "img" and key == "src")):
                 self.links.append(value)
+
+
+def mend(folder: Path) -> None:
+    """mdBook takes every Markdown file for a page of the book; links to those beside it lead to the file again."""
+    for path in folder.rglob("*.html"):
+        text = path.read_text(encoding="utf-8")
+
+        def back(found: re.Match[str], path: Path = path) -> str:
+            beside = found.group(1)
+            made = (path.parent / beside).with_suffix(".html").exists()
+            return f'href="{beside}.{"html" if made else "md"}"'
+
+        mended = re.sub(r'href="((?:\.\./)[^":#]*)\.html"', back, text)
+        if mended != text:
+            path.write_text(mended, encoding="utf-8")
 
 
 def broken(folder: Path, root: Path) -> list[str]:
