@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import io
+from collections.abc import Callable
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy
@@ -37,6 +41,31 @@ def figure(width: float, height: float) -> Figure:
     except ImportError as missing:
         raise ImportError("figures need matplotlib: pip install deadtime[plot]") from missing
     return Figure(figsize=(width, height), layout="constrained")
+
+
+def image(draw: Callable[[], Figure], words: str) -> str:
+    """A figure as an image inside HTML, for notebooks and saved pages alike; nothing where matplotlib is not there.
+
+    Parameters
+    ----------
+    draw : callable
+        Makes the figure.
+    words : str
+        What it shows, for who cannot see it.
+    """
+    try:
+        drawn = draw()
+    except ImportError:
+        return ""
+    bytes_ = io.BytesIO()
+    drawn.savefig(bytes_, format="png", dpi=80, facecolor="white")
+    data = base64.b64encode(bytes_.getvalue()).decode("ascii")
+    return f'<img alt="{escape(words)}" style="max-width: 100%" src="data:image/png;base64,{data}">'
+
+
+def folded(picture: str, rest: str) -> str:
+    """A picture with the numbers folded away beneath it; the numbers alone where there is no picture."""
+    return f"{picture}<details><summary>All numbers</summary>{rest}</details>" if picture else rest
 
 
 def estimates(result: Estimates) -> Figure:
