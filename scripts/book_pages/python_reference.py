@@ -6,7 +6,9 @@ import ast
 import re
 from pathlib import Path
 
-NUMPYDOC = re.compile(r"^(Parameters|Returns|Raises|Attributes|Examples|Notes|Yields|See Also)\n-+$", re.MULTILINE)
+#: Sections that are lists of names.
+LISTS = ("Parameters", "Returns", "Raises", "Attributes", "Yields")
+NUMPYDOC = re.compile(r"^(Parameters|Returns|Raises|Attributes|Examples|Notes|Yields|See Also|References)\n-+$", re.MULTILINE)
 
 
 def page(root: Path) -> str:
@@ -23,11 +25,12 @@ def page(root: Path) -> str:
         node = find(modules, plain, home or None)
         if node is None:
             continue
-        lines += entry(f"deadtime.{name}", node, "##")
+        whole, parts = native(root, node.name) if isinstance(node, ast.ClassDef) and ast.get_docstring(node) is None else (None, {})
+        lines += entry(f"deadtime.{name}", node, "##", whole)
         if isinstance(node, ast.ClassDef):
             for part in node.body:
-                if isinstance(part, ast.FunctionDef) and not part.name.startswith("_") and ast.get_docstring(part):
-                    lines += entry(f"{node.name}.{part.name}", part, "###")
+                if isinstance(part, ast.FunctionDef) and not part.name.startswith("_") and (ast.get_docstring(part) or part.name in parts):
+                    lines += entry(f"{node.name}.{part.name}", part, "###", parts.get(part.name))
     return "\n".join(lines)
 
 
@@ -56,17 +59,36 @@ def find(modules: dict[str, ast.Module], name: str, home: str | None) -> ast.Fun
     return None
 
 
-def entry(name: str, node: ast.FunctionDef | ast.ClassDef, level: str) -> list[str]:
+def native(root: Path, name: str) -> tuple[str | None, dict[str, str]]:
+    """What the Rust sources say of a class of theirs and of its methods: their doc comments are the docstrings."""
+    for path in sorted((root / "src" / "python").glob("*.rs")):
+        text = path.read_text(encoding="utf-8")
+        found = re.search(rf'((?:^///.*\n)+)^#\[pyclass\([^\n]*name = "{name}"', text, re.MULTILINE)
+        if found:
+            body = re.search(rf"^#\[pymethods\]\nimpl {name} \{{\n(.*?)^\}}", text, re.MULTILINE | re.DOTALL)
+            documented = re.findall(r"((?:^    ///.*\n)+)(?:^    #\[.*\n)*^    fn (\w+)", body[1] if body else "", re.MULTILINE)
+            return comment(found[1]), {method: comment(doc) for doc, method in documented}
+    return None, {}
+
+
+def comment(text: str) -> str:
+    """A doc comment of Rust as plain text."""
+    return "\n".join(line.strip()[3:].removeprefix(" ") for line in text.splitlines()).strip()
+
+
+def entry(name: str, node: ast.FunctionDef | ast.ClassDef, level: str, told: str | None = None) -> list[str]:
     """A heading, the signature and the docstring."""
     lines = [f"{level} {name}", ""]
     if isinstance(node, ast.FunctionDef):
         returned = f" -> {ast.unparse(node.returns)}" if node.returns else ""
         arguments = ast.unparse(node.args)
         one = f"{node.name}({arguments}){returned}"
-        if len(one) > 96:
+        if any(isinstance(d, ast.Name) and d.id == "property" for d in node.decorator_list):
+            one = f"{node.name}: {ast.unparse(node.returns)}" if node.returns else node.name
+        elif len(one) > 96:
             one = f"{node.name}(\n    " + ",\n    ".join(split(arguments)) + f"\n){returned}"
         lines += ["```python", one, "```", ""]
-    text = ast.get_docstring(node)
+    text = ast.get_docstring(node) or told
     if text:
         lines += [markdown(text), ""]
     return lines
@@ -90,9 +112,21 @@ def markdown(text: str) -> str:
     pieces = NUMPYDOC.split(text)
     lines = [prose(pieces[0])]
     for title, body in zip(pieces[1::2], pieces[2::2], strict=True):
-        fence = "pycon" if title == "Examples" else "text"
-        lines += ["", f"**{title}**", "", f"```{fence}", body.strip("\n"), "```"]
+        shown = ["```pycon", body.strip("\n"), "```"] if ">>>" in body else entries(body.strip("\n")) if title in LISTS else [prose(body)]
+        lines += ["", f"**{title}**", "", *shown]
     return "\n".join(lines)
+
+
+def entries(body: str) -> list[str]:
+    """`name : type` with what it is indented below, as a list."""
+    found: list[str] = []
+    for line in body.splitlines():
+        if line.startswith(" ") and found:
+            found[-1] += f" {prose(line)}"
+        elif line.strip():
+            name, _, kind = line.partition(" : ")
+            found.append(f"- `{name}`" + (f" ({prose(kind)}):" if kind else ":"))
+    return found
 
 
 def prose(text: str) -> str:

@@ -81,7 +81,7 @@ pub fn page(study: &Common, rows: &[MethodRow]) -> String {
     let _ = writeln!(
         text,
         "`deadtime methods --trials {} --samples {} --seed {} --out docs/results/methods.md` writes this page. {} methods; their equations, assumptions, failures and \
-         sources stand in the library's documentation (`cargo doc --open`), their options in `deadtime list methods`.\n",
+         sources stand on [a page each](../methods/index.md), their options in `deadtime list methods`.\n",
         study.trials,
         study.samples,
         study.seed,
