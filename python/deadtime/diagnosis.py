@@ -394,8 +394,18 @@ class Isolability(FileResult):
     def __repr__(self) -> str:
         return self._words.rstrip()
 
+    def plot(self) -> Figure:
+        """How alike the signatures of the visible effects are: dark squares off the diagonal are pairs that these logs cannot tell apart.
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not there, and how to get it.
+        """
+        return plotting.isolability(self)
+
     def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
+        return plotting.folded(plotting.image(self.plot, "which effects these logs can tell apart"), f"<pre>{escape(repr(self))}</pre>")
 
 
 def gap(

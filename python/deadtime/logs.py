@@ -296,4 +296,7 @@ def _html(log: Log) -> str:
         numbers = [f"{f(there):.6g}" if len(there) else "–" for f in (numpy.min, numpy.mean, numpy.max)]
         cells = [escape(name), escape(log.units.get(name, "")), *numbers, str(len(values) - len(there))]
         rows.append("<tr>" + "".join(f"<td>{c}</td>" for c in cells) + "</tr>")
-    return f"<p>{text}</p><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+    from . import plotting
+
+    picture = plotting.image(lambda: plotting.log(log), f"the course of {', '.join(log.channels)}")
+    return f"<p>{text}</p>" + plotting.folded(picture, f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>")

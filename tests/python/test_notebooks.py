@@ -49,6 +49,17 @@ def test_every_notebook_is_run(examples: Path) -> None:
     assert sorted(path.stem for path in examples.glob("*.ipynb")) == sorted(NOTEBOOKS)
 
 
+def test_logs_and_isolability_show_pictures_whatever_channels_are_called(examples: Path) -> None:
+    import deadtime
+
+    log = deadtime.Log([0.0, 1.0, 2.0], {"$\\frac{$": [1.0, 2.0, 3.0], "<b>": [0.0, float("nan"), 1.0]})
+    page = log._repr_html_()
+    assert "<img" in page and "<details>" in page and "<b>" not in page and "&lt;b&gt;" in page
+    flight = deadtime.read(examples / "uav_flight.csv")
+    apart = deadtime.isolability(examples / "uav_lateral_stabilised.toml", flight)
+    assert "<img" in apart._repr_html_() and len(apart.plot().axes) == 2
+
+
 def test_without_matplotlib_a_result_shows_its_numbers(examples: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import deadtime
     from deadtime import plotting
