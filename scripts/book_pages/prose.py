@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-PAGES = ("README", "docs/five-minutes", "docs/install", "docs/tutorial", "docs/experiments", "docs/estimating", "docs/models", "docs/formats", "docs/adding", "docs/releasing", "docs/library")
+PAGES = ("README", "docs/five-minutes", "docs/install", "docs/tutorial", "docs/experiments", "docs/estimating", "docs/models", "docs/formats")
+PAGES += ("docs/adding", "docs/releasing", "docs/library")
 LONGEST = 29
 
 

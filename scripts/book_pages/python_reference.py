@@ -38,9 +38,10 @@ def exported(module: ast.Module) -> list[str]:
     """The names of `__all__`, capitals after the rest of their group as they stand."""
     found: list[str] = []
     for node in module.body:
-        target = node.targets[0] if isinstance(node, ast.Assign) else node.target if isinstance(node, ast.AugAssign) else None
-        if isinstance(target, ast.Name) and target.id == "__all__":
-            found += [str(name) for name in ast.literal_eval(node.value)]  # type: ignore[union-attr]
+        if isinstance(node, ast.Assign | ast.AugAssign):
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            if isinstance(target, ast.Name) and target.id == "__all__":
+                found += [str(name) for name in ast.literal_eval(node.value)]
     return [name for name in found if not name.startswith("__")]
 
 
