@@ -76,7 +76,7 @@ def page(methods: list[dict[str, Any]], effects: list[dict[str, Any]], studies: 
     """The whole table of contents."""
     lines = [BEFORE.rstrip("\n"), "- [The methods](methods/index.md)"]
     lines += [f"    - [{m['name']}](methods/{m['name']}.md)" for m in methods]
-    lines += [GAP.rstrip("\n"), "- [The effects](effects.md)"]
+    lines += [GAP.rstrip("\n"), "- [The effects](effects/index.md)", "    - [Conventions and order](effects.md)"]
     lines += [f"    - [{e['effect']}](effects/{e['effect']}.md)" for e in effects]
     lines += [AFTER.rstrip("\n"), "- [Tables of the studies](results/studies/index.md)"]
     lines += [f"    - [{name}](results/studies/{name}.md)" for name in studies]

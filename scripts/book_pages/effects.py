@@ -125,7 +125,23 @@ def pages(root: Path, program: str, listed: list[dict[str, Any]]) -> dict[str, s
             raise SystemExit(f"{name}: scripts/book_pages/effects.py does not say on which model, and how large, it is shown")
         written[f"effects/{name}.md"] = page(effect, text, scores.get(name), said.get(name))
         written[f"images/effects/{name}.svg"] = picture(program, name)
+    written["effects/index.md"] = index(listed)
     return written
+
+
+def index(listed: list[dict[str, Any]]) -> str:
+    """All effects with their pictures, by where they act."""
+    lines = ["# The effects", "", "What a simulator may lack, one page each: equation, picture, assumptions, what it is taken for, how often it was named, source."]
+    lines += ["[Conventions](../effects.md) tells the order in which they act. Grey and dashed is the command or the model as it is, red what the effect makes of it.", ""]
+    titles = {"input": "On the way of the commands", "dynamics": "In the equations of motion", "output": "On the way of the measurements", "clock": "Between the clocks"}
+    for site in dict.fromkeys(effect["site"] for effect in listed):
+        lines += [f"## {titles[site]}", "", "| effect | what it is | |", "| --- | --- | --- |"]
+        for effect in listed:
+            name = effect["effect"]
+            if effect["site"] == site:
+                lines.append(f"| [{name}]({name}.md) | {effect['summary']} | ![{name}](../images/effects/{name}.svg) |")
+        lines.append("")
+    return "\n".join(lines)
 
 
 def page(effect: dict[str, Any], text: sources.About, score: dict[str, str] | None, said: dict[str, str] | None) -> str:

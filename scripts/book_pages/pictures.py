@@ -13,8 +13,7 @@ FLIGHT, MODEL, DELAYED = "examples/uav_flight.csv", "examples/uav_lateral_stabil
 # A second and a half in which the command changes now and then.
 SECONDS = (3.0, 4.5)
 BENCHMARK = Path("docs/results/studies/bjorklund.md")
-METHODS = ("oe_posterior", "oestruc", "met1struc", "arxstruc", "arxdap", "p2d", "delayest", "impulseest", "cusum_step", "lagudap", "fischer")
-METHODS += ("gcc_hannan_thomson", "crosscorr", "area2")
+METHODS = "oe_posterior oestruc met1struc arxstruc arxdap p2d delayest impulseest cusum_step lagudap fischer gcc_hannan_thomson crosscorr area2".split()
 KINDS = (("open", "open loop"), ("one lag or none", "one lag or none"), ("closed", "in a loop"))
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-PAGES = ("README", "docs/five-minutes", "docs/install", "docs/tutorial", "docs/experiments", "docs/estimating", "docs/models", "docs/formats")
-PAGES += ("docs/adding", "docs/releasing", "docs/library")
+PAGES = ["README", *(f"docs/{name}" for name in "five-minutes install tutorial experiments estimating models formats adding releasing library".split())]
 LONGEST = 29
 
 

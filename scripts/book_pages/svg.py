@@ -11,7 +11,7 @@ FONT = "font-family='sans-serif' font-size='13'"
 
 
 def picture(width: int, height: int, title: str, parts: Sequence[str]) -> str:
-    head = f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {width} {height}' role='img' aria-label='{escape(title, quote=True)}'>"
+    head = f"<svg xmlns='http://www.w3.org/2000/svg' width='{width}' height='{height}' viewBox='0 0 {width} {height}' role='img' aria-label='{escape(title, quote=True)}'>"
     return "\n".join([head, f"<title>{escape(title)}</title>", f"<rect width='{width}' height='{height}' fill='#fff'/>", *parts, "</svg>", ""])
 
 
