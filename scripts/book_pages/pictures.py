@@ -45,6 +45,32 @@ def pages(root: Path, program: str) -> dict[str, str]:
             "m/s²",
         ),
         "images/which-method.svg": methods(root),
+        **drive(root, program),
+    }
+
+
+def drive(root: Path, program: str) -> dict[str, str]:
+    """The tutorial's second run, converted as it says, beside its simulator without and with the dead time."""
+    run, model = columns(root / "examples/drive_run_2.csv"), (root / "examples/drive.toml").read_text(encoding="utf-8")
+    speed = [v * 3.14159265 / 30 for v in run["speed"]]
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "run.csv"
+        rows = (f"{t:.2f},{u!r},{y:.4f}\n" for t, u, y in zip(run["time"], run["voltage"], speed, strict=True))
+        log.write_text("time,voltage [V],speed [rad/s]\n" + "".join(rows), encoding="utf-8")
+        entry = '\n[[effects]]\neffect = "input_delay"\nchannel = "voltage"\nparameters = { delay = 0.012 }\n'
+        drawn = []
+        for text in (model, model + entry):
+            (Path(folder) / "model.toml").write_text(text, encoding="utf-8")
+            subprocess.run([program, "simulate", "model.toml", "run.csv", "--out", "out.csv", "-q"], cwd=folder, check=True)
+            drawn.append(columns(Path(folder) / "out.csv")["speed"])
+    part = slice(300, 361)
+    time, machine = run["time"][part], ("measured", speed[part], svg.GREY, "")
+    before, after = drawn
+    return {
+        "images/tutorial/before.svg": svg.curves("measured and simulated speed", time, [machine, ("simulated", before[part], svg.RED, "")], "rad/s"),
+        "images/tutorial/after.svg": svg.curves(
+            "measured speed, and simulated with the dead time", time, [machine, ("simulated with 12 ms of dead time", after[part], svg.BLUE, "6 4")], "rad/s"
+        ),
     }
 
 
