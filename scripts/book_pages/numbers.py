@@ -23,8 +23,8 @@ def lines(root: Path) -> str:
     unknown = sum(r["agreement"] == "no: unknown" for r in machines)
     return "\n".join(
         [
-            f"- **{best['RMS error (samples)']} samples**: error of `oestruc` over {best['estimates']} records of the field's standard benchmark, whose bound is "
-            f"{best['bound (samples)']}. Its interval holds the truth in {best['truth in 95 % interval']} of them ([table](docs/results/studies/bjorklund.md)).",
+            f"- **{best['RMS error (samples)']} samples**: error of `oestruc` over {best['estimates']} records of the field's standard benchmark; the least that an unbiased method "
+            f"can reach is {best['bound (samples)']}. Its interval holds the truth in {best['truth in 95 % interval']} of them ([table](docs/results/studies/bjorklund.md)).",
             f"- **{100 * float(score['right']['value']):.0f} %** of {score['right']['of']} diagnoses are right where the cause was withheld from the program, "
             f"up to what the logs cannot tell apart ([table](docs/results/withheld.md)).",
             f"- **{100 * float(score['false_alarm']['value']):.0f} %** of {score['false_alarm']['of']} simulators that lack nothing are accused of something "

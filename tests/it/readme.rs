@@ -85,4 +85,5 @@ fn every_method_excitation_and_conversion_is_named() {
 fn the_readme_fits_on_two_screens_and_names_the_test_command() {
     assert!(README.lines().count() <= 120, "{} lines", README.lines().count());
     assert!(README.contains("scripts/test"));
+    assert!(README.contains(&format!("Which of {} methods", deadtime::delay::METHODS.len())));
 }
