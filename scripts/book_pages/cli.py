@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 
@@ -10,7 +11,9 @@ COMMANDS = re.compile(r"^Commands:\n((?:  .*\n)+)", re.MULTILINE)
 
 def help_of(program: str, words: list[str]) -> str:
     """The long help, as on a terminal of 100 columns without colour."""
-    done = subprocess.run([program, *words, "--help"], capture_output=True, text=True, check=True, env={"COLUMNS": "100", "NO_COLOR": "1"})
+    plain = {**os.environ, "COLUMNS": "100", "NO_COLOR": "1"}
+    # A terminal at any of the three would give its own width.
+    done = subprocess.run([program, *words, "--help"], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=True, env=plain)
     return "\n".join(line.rstrip() for line in done.stdout.splitlines())
 
 
