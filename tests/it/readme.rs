@@ -82,8 +82,9 @@ fn every_method_excitation_and_conversion_is_named() {
 }
 
 #[test]
-fn the_readme_fits_on_two_screens_and_names_the_test_command() {
+fn the_readme_is_short_and_true_and_the_citation_is_of_this_version() {
     assert!(README.lines().count() <= 120, "{} lines", README.lines().count());
     assert!(README.contains("scripts/test"));
+    assert!(include_str!("../../CITATION.cff").contains(&format!("\nversion: {}\n", env!("CARGO_PKG_VERSION"))));
     assert!(README.contains(&format!("Which of {} methods", deadtime::delay::METHODS.len())));
 }
