@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from . import sources, svg, tables
+from . import ideas, sources, svg, tables
 
 RESULTS = Path("docs/results/methods.md")
 BENCHMARK = Path("docs/results/studies/bjorklund.md")
@@ -46,6 +46,7 @@ def page(method: dict[str, Any], text: sources.About, score: dict[str, str] | No
     options = ", ".join(f"`{key}` = `{json.dumps(value)}`" for key, value in method["options"].items())
     lines = [f"# {name}", "", f"{method['summary'][0].upper()}{method['summary'][1:]}.", "", f"Class: {method['class']}. {sources.words(text.what)}", ""]
     lines += [f"    deadtime estimate LOG --input U --output Y --method {name}", ""]
+    lines += ideas.section(method["class"])
     lines += ["## Equation", "", sources.equation(text.equation), ""]
     lines += ["## When it may be used", "", f"- It needs: {sources.words(method['needs'])}.", f"- It assumes: {sources.words(text.sections['Assumes'])}"]
     lines += [f"- Its 95 % interval still holds under: {', '.join(method['withstands']) or 'none of the listed complications'}."]
