@@ -10,6 +10,15 @@ from . import ideas, sources, svg, tables
 
 RESULTS = Path("docs/results/methods.md")
 BENCHMARK = Path("docs/results/studies/bjorklund.md")
+#: What the contract tests ask of every method that does not say otherwise.
+LAWS = {
+    "shift": "to move with the output (an output that is later by some samples gives an answer that is later by as many)",
+    "gain": "to ignore gains of input and output",
+    "sign": "to ignore signs of input and output",
+    "exact": "whole samples exactly where there is no noise",
+    "silence": "silence where there is noise alone",
+    "window": "to know its window (a delay beyond it is not found elsewhere)",
+}
 KINDS = (("made for", "error", "held", "none"), ("lag", "lag: error", "held 6", "none 7"), ("loop", "loop: error", "held 9", "none 10"))
 
 
@@ -45,14 +54,15 @@ def page(method: dict[str, Any], text: sources.About, score: dict[str, str] | No
     name = method["name"]
     options = ", ".join(f"`{key}` = `{json.dumps(value)}`" for key, value in method["options"].items())
     lines = [f"# {name}", "", f"{method['summary'][0].upper()}{method['summary'][1:]}.", "", f"Class: {method['class']}. {sources.words(text.what)}", ""]
-    lines += [f"    deadtime estimate LOG --input U --output Y --method {name}", ""]
+    channels = {"event times": "--events FIRST,SECOND", "measured states": "--input U --output Y --model MODEL"}.get(method["class"], "--input U --output Y")
+    lines += [f"    deadtime estimate LOG {channels} --method {name}", ""]
     lines += ideas.section(method["class"])
     lines += ["## Equation", "", sources.equation(text.equation), ""]
     lines += ["## When it may be used", "", f"- It needs: {sources.words(method['needs'])}.", f"- It assumes: {sources.words(text.sections['Assumes'])}"]
     lines += [f"- Its 95 % interval still holds under: {', '.join(method['withstands']) or 'none of the listed complications'}."]
     lines += [f"- {name}: {sources.words(text.sections[name])}" for name in ("Inputs", "Resolution and cost", "Interval") if name in text.sections]
     lines += ["", "## How it fails", "", f"- It cannot see: {sources.words(method['cannot_see'])}.", f"- It fails when {sources.words(text.sections['Fails when'])}"]
-    lines += [f"- It does not promise the law *{broken['law']}*: {sources.words(broken['why'])}." for broken in method["does_not_promise"]]
+    lines += [f"- It does not promise {LAWS[broken['law']]}: {sources.words(broken['why'])}." for broken in method["does_not_promise"]]
     lines += ["", "## How accurate it is", ""]
     if score:
         lines += [f"![{name} among all methods on three kinds of records](../images/methods/{name}.svg)", ""]
