@@ -677,7 +677,8 @@ def _densest(traces: Sequence[Trace]) -> tuple[float, float] | None:
     total = numpy.zeros(len(time))
     for trace in traces:
         error = numpy.nan_to_num(trace["measured"] - trace["before"]) if len(trace["time"]) == len(time) else 0.0
-        spread = numpy.nanstd(trace["measured"])
+        seen = trace["measured"][numpy.isfinite(trace["measured"])]
+        spread = float(seen.std()) if len(seen) else 0.0
         total += (error / spread) ** 2 if spread > 0.0 else 0.0
     sums = numpy.cumsum(numpy.concatenate([[0.0], total]))
     first = int(numpy.argmax(sums[_WINDOW:] - sums[:-_WINDOW]))
