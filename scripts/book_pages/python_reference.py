@@ -127,7 +127,7 @@ def entries(body: str) -> list[str]:
         elif line.strip():
             name, _, kind = line.partition(" : ")
             found.append(f"- `{name}`" + (f" ({prose(kind)}):" if kind else ":"))
-    return found
+    return [line.removesuffix(":") for line in found]
 
 
 def prose(text: str) -> str:
