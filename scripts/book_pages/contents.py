@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 BEFORE = """# Summary
@@ -72,14 +73,18 @@ AFTER = """
 """
 
 
-def page(methods: list[dict[str, Any]], effects: list[dict[str, Any]], studies: list[str]) -> str:
-    """The whole table of contents."""
+def page(docs: Path, methods: list[dict[str, Any]], effects: list[dict[str, Any]], studies: list[str]) -> str:
+    """The whole table of contents; a page in docs/ that has no place in it stands at its end."""
     lines = [BEFORE.rstrip("\n"), "- [The methods](methods/index.md)"]
     lines += [f"    - [{m['name']}](methods/{m['name']}.md)" for m in methods]
     lines += [GAP.rstrip("\n"), "- [The effects](effects/index.md)", "    - [Conventions and order](effects.md)"]
     lines += [f"    - [{e['effect']}](effects/{e['effect']}.md)" for e in effects]
     lines += [AFTER.rstrip("\n"), "- [Tables of the studies](results/studies/index.md)"]
     lines += [f"    - [{name}](results/studies/{name}.md)" for name in studies]
+    there = "\n".join(lines)
+    more = [path for path in sorted(docs.glob("*.md")) if f"({path.name})" not in there and path.name != "SUMMARY.md"]
+    if more:
+        lines += ["", "# More", "", *(f"- [{path.read_text(encoding='utf-8').splitlines()[0].removeprefix('# ')}]({path.name})" for path in more)]
     return "\n".join(lines) + "\n"
 
 
