@@ -1,4 +1,4 @@
-"""Writes what the program prints into the console blocks of README.md and docs/estimating.md, below each line `$ deadtime …` that shows its output.
+"""Writes what the program prints into the console blocks of the README and of the first pages of the book, below each line `$ deadtime …` that shows its output.
 
     python scripts/console_pages.py [PROGRAM]
 
@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ("README.md", "docs/estimating.md")
+PAGES = ("README.md", *(f"docs/{name}.md" for name in ("five-minutes", "estimating", "tutorial", "experiments", "models")))
 
 
 def renewed(block: str, program: Path, folder: Path) -> str:
@@ -27,6 +27,8 @@ def renewed(block: str, program: Path, folder: Path) -> str:
         if words[0] == "deadtime":
             done = subprocess.run([program, *words[1:]], cwd=folder, capture_output=True, text=True, check=True)
             shown = done.stdout if shown.strip() else ""
+        else:
+            subprocess.run(["sh", "-c", command], cwd=folder, check=True)
         sessions.append(f"$ {command}\n{shown}")
     return "".join(sessions)
 

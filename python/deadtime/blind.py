@@ -113,6 +113,15 @@ def run(
         There are no cases to begin with.
     KeyboardInterrupt
         Within 0.2 s; the verdicts that are done stay, and are kept by the next run.
+
+    Examples
+    --------
+    `cases` is a folder of two cases: one whose command arrives late, one that its simulator describes.
+
+    >>> from deadtime import blind
+    >>> done = blind.run(cases, verdicts)
+    >>> done.passed, len(done.cases)
+    (True, 2)
     """
     if jobs < 1:
         raise ValueError(f"jobs is {jobs}: give at least 1")
@@ -140,6 +149,14 @@ def score(verdicts: PathLike, labels: PathLike, cases: PathLike | None = None, *
     BlindError
         Labels that do not match their commitment, verdicts without label and labels without verdict, a limit on a score that there is not;
         nothing is scored then.
+
+    Examples
+    --------
+    >>> from deadtime import blind
+    >>> done = blind.run(cases, verdicts)
+    >>> score = blind.score(verdicts, labels)
+    >>> score.cases, score["false_alarm"]
+    (2, 0.0)
     """
     limits = list(require)
     _native.BlindScore.check(limits)

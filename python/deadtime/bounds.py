@@ -28,6 +28,14 @@ def two_sensors_white(samples: int, snr: float) -> float:
     References
     ----------
     Knapp and Carter (1976), IEEE Trans. ASSP 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, for a flat spectrum up to half the sampling rate.
+
+    Examples
+    --------
+    √9/(π·√1000):
+
+    >>> import deadtime
+    >>> round(deadtime.bounds.two_sensors_white(1000, 1.0), 4)
+    0.0302
     """
     return _native._two_sensors_white(samples, snr)
 
@@ -47,6 +55,14 @@ def two_sensors(duration_s: float, band_hz: tuple[float, float], coherence: Call
     References
     ----------
     As `two_sensors_white`.
+
+    Examples
+    --------
+    Equal parts of signal and noise up to 5 Hz, over 10 s:
+
+    >>> import deadtime
+    >>> round(deadtime.bounds.two_sensors(10.0, (0.0, 5.0), lambda f: 0.5), 4)
+    0.0055
     """
     return _native._two_sensors(duration_s, band_hz, coherence)
 
@@ -64,6 +80,12 @@ def reference_white(samples: int, snr: float) -> float:
     References
     ----------
     Kay (1993), Fundamentals of Statistical Signal Processing: Estimation Theory, example 3.13.
+
+    Examples
+    --------
+    >>> import deadtime
+    >>> round(deadtime.bounds.reference_white(1000, 10.0), 4)
+    0.0055
     """
     return _native._reference_white(samples, snr)
 
@@ -81,6 +103,15 @@ def reference(signal: ArrayLike, noise_std: float) -> float:
     References
     ----------
     As `reference_white`.
+
+    Examples
+    --------
+    A sine of 10 periods in 100 samples; its slope has the norm 0.2·π·√50:
+
+    >>> import deadtime, numpy
+    >>> sine = numpy.sin(0.2 * numpy.pi * numpy.arange(100))
+    >>> round(deadtime.bounds.reference(sine, 0.1), 4)
+    0.0225
     """
     return _native._reference(_flat(signal, "signal"), noise_std)
 
@@ -98,6 +129,12 @@ def known_model(slope: ArrayLike, noise_std: float) -> float:
     References
     ----------
     Kay (1993), section 3.5.
+
+    Examples
+    --------
+    >>> import deadtime
+    >>> deadtime.bounds.known_model([3.0, 4.0], 1.0)
+    0.2
     """
     return _native._known_model(_flat(slope, "slope"), noise_std)
 
@@ -122,6 +159,14 @@ def joint(slope: ArrayLike, others: Sequence[ArrayLike], noise_std: float) -> fl
     References
     ----------
     Kay (1993), section 3.7; the Schur complement of the information matrix.
+
+    Examples
+    --------
+    What of (3, 4) is no multiple of (0, 1) has the norm 3:
+
+    >>> import deadtime
+    >>> round(deadtime.bounds.joint([3.0, 4.0], [[0.0, 1.0]], 1.0), 6)
+    0.333333
     """
     psi, rest = _flat(slope, "slope"), [_flat(other, "others") for other in others]
     if any(len(other) != len(psi) for other in rest):
@@ -151,6 +196,15 @@ def first_order_step(height: float, lag_s: float, sample_time_s: float, noise_st
         Sample time Δ, s, short against T.
     noise_std : float
         Standard deviation σ of the noise of a sample.
+
+    Examples
+    --------
+    With the lag unknown, too, the bound rises from √2·σ√(T·Δ) to 2·σ√(T·Δ):
+
+    >>> import deadtime
+    >>> bound = deadtime.bounds.first_order_step(1.0, 1.0, 0.01, 0.1)
+    >>> round(bound.known, 4), round(bound.joint, 4)
+    (0.0141, 0.02)
     """
     return StepBound(*_native._first_order_step(height, lag_s, sample_time_s, noise_std))
 
@@ -168,6 +222,14 @@ def ziv_zakai(window: float, distance: Callable[[float], float]) -> float:
     References
     ----------
     Bell, Steinberg, Ephraim and Van Trees (1997), IEEE Trans. Inf. Theory 43(2), 624-637, doi:10.1109/18.556118.
+
+    Examples
+    --------
+    Without any information the error is that of a draw from the window, its width over √12:
+
+    >>> import deadtime
+    >>> round(deadtime.bounds.ziv_zakai(12.0**0.5, lambda h: 0.0), 4)
+    1.0
     """
     return _native._ziv_zakai(window, distance)
 
@@ -185,6 +247,14 @@ def anomaly_probability(peak: float, cells: float) -> float:
     References
     ----------
     Ianniello (1982), IEEE Trans. ASSP 30(6), 998-1003, doi:10.1109/TASSP.1982.1163992.
+
+    Examples
+    --------
+    A peak of twenty standard deviations is never missed among fifty:
+
+    >>> import deadtime
+    >>> deadtime.bounds.anomaly_probability(20.0, 50.0) < 1e-9
+    True
     """
     return _native._anomaly_probability(peak, cells)
 
@@ -200,5 +270,13 @@ def with_anomalies(std: float, window: float, probability: float) -> float:
         The window.
     probability : float
         That of an anomaly, as `anomaly_probability` says.
+
+    Examples
+    --------
+    Never, and always:
+
+    >>> import deadtime
+    >>> deadtime.bounds.with_anomalies(0.1, 12.0**0.5, 0.0), round(deadtime.bounds.with_anomalies(0.1, 12.0**0.5, 1.0), 6)
+    (0.1, 1.0)
     """
     return _native._with_anomalies(std, window, probability)

@@ -303,6 +303,15 @@ class Estimates(FileResult):
         return frame.astype(dict.fromkeys([n for n in numbers if n in frame.columns], "float64"))
 
     def _repr_html_(self) -> str:
+        from . import plotting
+
+        answers = [f"{p.input} → {'the states' if p.output == '*' else p.output}: {_believed(p)}" for p in self.pairs]
+        # A figure for each of many pairs would be a page of its own.
+        picture = plotting.image(self.plot, "; ".join(answers)) if len(self.pairs) <= _PICTURES else ""
+        said = "".join(f"<p><b>{escape(answer)}</b></p>" for answer in answers)
+        return said + plotting.folded(picture, self._tables())
+
+    def _tables(self) -> str:
         parts = [f"<p>{escape(self._texts[0])}</p>"]
         for pair in self.pairs:
             target = "the states" if pair.output == "*" else pair.output
@@ -353,6 +362,18 @@ class Estimates(FileResult):
 
         return plotting.estimates(self)
 
+
+
+#: As many pairs as one picture holds.
+_PICTURES = 6
+
+
+def _believed(pair: Pair) -> str:
+    """The verdict in one line."""
+    v = pair.verdict
+    if v.delay_s is None or v.ci95_s is None:
+        return "believe none of the answers"
+    return f"believe a dead time of {v.delay_s:.4g} s ({v.ci95_s[0]:.4g} to {v.ci95_s[1]:.4g} s)"
 
 
 def _number(value: float | None) -> str:
@@ -536,6 +557,13 @@ def estimate_events(
     ------
     DelayError
         Times that do not increase or are no numbers, fewer than two events.
+
+    Examples
+    --------
+    >>> import deadtime, numpy
+    >>> first = numpy.cumsum(numpy.random.default_rng(1).exponential(1.0, 40))
+    >>> round(deadtime.estimate_events(first, first + 0.4).verdict.delay_s, 6)
+    0.4
     """
     chosen = _names(method)
     _check_options(chosen, options, ("events",))
@@ -586,6 +614,15 @@ def predict_precision(
     ------
     LogError, DelayError, RegistryError, ModelError
         As `estimate`.
+
+    Examples
+    --------
+    A delay cannot be known to less than this, whatever the method: a tenth of a sample of 0.02 s or more.
+
+    >>> import deadtime
+    >>> expected = deadtime.predict_precision("examples/uav_flight.csv", "r", "ay", method="oestruc")
+    >>> 0.002 < expected["oestruc"]["std_s"] < 0.02
+    True
     """
     logs, asked = _asked(log, input, output, method, max_delay, detrend, degree_bias, "auto", None, None, None)
     plant = None if model is None else as_model(model)
@@ -616,6 +653,15 @@ def estimate_impulse_response(
     ------
     LogError
         As `estimate`.
+
+    Examples
+    --------
+    >>> import deadtime, numpy
+    >>> u = deadtime.excite("rbs", 400, seed=1)
+    >>> y = numpy.concatenate([numpy.zeros(3), 2.0 * u[:-3]])
+    >>> lag, response, std = deadtime.estimate_impulse_response({"time": numpy.arange(400) * 0.1, "u": u, "y": y}, "u", "y")
+    >>> round(float(lag[response.argmax()]), 6), round(float(response.max()), 2)
+    (0.3, 2.0)
     """
     logs = as_logs(log)
     found = _native._impulse_response(logs, input, output, detrend)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, TypedDict
 import numpy
 from numpy.typing import NDArray
 
-from . import _native
+from . import _native, plotting
 from ._native import Model
 from .arguments import perhaps, whole
 from .logs import LogLike, as_logs
@@ -255,13 +255,15 @@ class Diagnosis(Result):
         os.makedirs(folder, exist_ok=True)
         return self._native.save(folder)
 
-    def plot(self, log: str | None = None) -> Figure:
+    def plot(self, log: str | None = None, span: tuple[float, float] | Literal["densest", "all"] = "densest") -> Figure:
         """Per output the measured, simulated and corrected curve, and what is left beside the noise floor.
 
         Parameters
         ----------
         log : str, optional
             The log; without it the first that is held out as a whole, else the first.
+        span : (float, float), "densest" or "all", optional
+            Seconds to show; "densest" are those in which the gap is largest, so that a short delay can be seen.
 
         Returns
         -------
@@ -280,7 +282,8 @@ class Diagnosis(Result):
             log = next((trace["log"] for trace in traces if trace["train"] is None), names[0] if names else None)
         elif log not in names:
             raise ValueError(f"there is no log {log!r}; there are {', '.join(names)}")
-        return _figure([trace for trace in traces if trace["log"] == log], self)
+        chosen = [trace for trace in traces if trace["log"] == log]
+        return _figure(chosen, self, _densest(chosen) if span == "densest" else None if span == "all" else span)
 
     def __repr__(self) -> str:
         lines = [self.summary, *(f"Caveat: {caveat}." for caveat in self.caveats)]
@@ -308,7 +311,11 @@ class Diagnosis(Result):
             rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
         head = "".join(f"<th>{h}</th>" for h in ("effect", "channel", "probability", "nrmse alone"))
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
-        return "".join(map(sentence, repr(self).splitlines())) + table
+        lines = repr(self).splitlines()
+        picture = plotting.image(self.plot, lines[0]) if self.traces else ""
+        # Where there is a picture, the cause stands above it and the other sentences fold away.
+        said = next((line for line in lines if line.startswith(("Which", "Cause"))), lines[0])
+        return (sentence(said) if picture else "") + plotting.folded(picture, "".join(map(sentence, lines)) + table)
 
 
 class Inspection(FileResult):
@@ -387,8 +394,18 @@ class Isolability(FileResult):
     def __repr__(self) -> str:
         return self._words.rstrip()
 
+    def plot(self) -> Figure:
+        """How alike the signatures of the visible effects are: dark squares off the diagonal are pairs that these logs cannot tell apart.
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not there, and how to get it.
+        """
+        return plotting.isolability(self)
+
     def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
+        return plotting.folded(plotting.image(self.plot, "which effects these logs can tell apart"), f"<pre>{escape(repr(self))}</pre>")
 
 
 def gap(
@@ -456,6 +473,15 @@ def gap(
     Notes
     -----
     docs/gap.md says how it is done, docs/black-box.md what a function must do and what cannot be tried on it.
+
+    Examples
+    --------
+    A flight that was made with a dead time of 0.13 s, and a simulator without:
+
+    >>> import deadtime
+    >>> diagnosis = deadtime.gap("examples/uav_lateral_stabilised.toml", "examples/uav_flight.csv")
+    >>> diagnosis.verdict, round(diagnosis.effects[0]["parameters"][0]["value"], 3)
+    ('input_delay', 0.13)
     """
     subject = _subject("gap", model, simulate, inputs, outputs, states, parameters, name)
     native = _native._gap(
@@ -495,6 +521,15 @@ def check(
     ------
     ModelError, SimulateError, FileError
         The simulator cannot be used; what is wrong with a log is part of the answer.
+
+    Examples
+    --------
+    A speed in revolutions per minute where the model wants rad/s:
+
+    >>> import deadtime
+    >>> report = deadtime.check("examples/drive.toml", "examples/drive_run_1.csv")
+    >>> [check["check"] for check in report.failed]
+    ['unit']
     """
     subject = _subject("check", model, simulate, inputs, outputs, states, parameters, name)
     return Inspection(*_native._check(subject, _logs("check", log)))
@@ -529,6 +564,15 @@ def isolability(
     ------
     GapError, LogError, ModelError, FileError, SimulateError
         As `gap`.
+
+    Examples
+    --------
+    A late command and a shifted clock make the same curves:
+
+    >>> import deadtime
+    >>> found = deadtime.isolability("examples/uav_lateral_stabilised.toml", "examples/uav_flight.csv")
+    >>> any({"input_delay:r", "clock_offset:*"} <= set(group["members"]) for group in found.classes)
+    True
     """
     subject = _subject("isolability", model, simulate, inputs, outputs, states, parameters, name)
     found = _native._isolability(
@@ -621,13 +665,29 @@ def _logs(caller: str, log: LogLike | Iterable[LogLike] | None) -> list[_native.
     return as_logs(log)
 
 
-def _figure(traces: Sequence[Trace], diagnosis: Diagnosis) -> Figure:
-    """A panel of curves and one of what is left, per output."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as missing:
-        raise ImportError("figures need matplotlib: pip install deadtime[plot]") from missing
-    figure = Figure(figsize=(10.0, 3.2 * max(len(traces), 1)), layout="constrained")
+#: Samples that a picture shows well.
+_WINDOW = 150
+
+
+def _densest(traces: Sequence[Trace]) -> tuple[float, float] | None:
+    """The seconds of `_WINDOW` samples in which the squared error over all outputs is largest; None where the log is not longer."""
+    if not traces or len(traces[0]["time"]) <= _WINDOW:
+        return None
+    time = traces[0]["time"]
+    total = numpy.zeros(len(time))
+    for trace in traces:
+        error = numpy.nan_to_num(trace["measured"] - trace["before"]) if len(trace["time"]) == len(time) else 0.0
+        seen = trace["measured"][numpy.isfinite(trace["measured"])]
+        spread = float(seen.std()) if len(seen) else 0.0
+        total += (error / spread) ** 2 if spread > 0.0 else 0.0
+    sums = numpy.cumsum(numpy.concatenate([[0.0], total]))
+    first = int(numpy.argmax(sums[_WINDOW:] - sums[:-_WINDOW]))
+    return float(time[first]), float(time[first + _WINDOW - 1])
+
+
+def _figure(traces: Sequence[Trace], diagnosis: Diagnosis, span: tuple[float, float] | None) -> Figure:
+    """A panel of curves and one of what is left, per output, over some seconds or all."""
+    figure = plotting.figure(10.0, 3.2 * max(len(traces), 1))
     if not traces:
         return figure
     named = " and ".join(f"{e['effect']} on {e['channel']}" for e in diagnosis.effects) or diagnosis.verdict
@@ -650,4 +710,18 @@ def _figure(traces: Sequence[Trace], diagnosis: Diagnosis) -> Figure:
         curves.set_ylabel(f"{trace['output']}{unit}")
         left.set_ylabel(f"left{unit}")
     axes[-1].set_xlabel("time [s]")
+    if span is not None:
+        axes[-1].set_xlim(*span)
+        _fit_height(axes, span)
     return figure
+
+
+def _fit_height(axes: Any, span: tuple[float, float]) -> None:
+    """The height of each panel is that of its curves in the seconds shown."""
+    for axis in axes:
+        lines = [(line.get_xdata(), line.get_ydata()) for line in axis.get_lines()]
+        shown = numpy.concatenate([numpy.asarray(y, dtype=float)[(numpy.asarray(x) >= span[0]) & (numpy.asarray(x) <= span[1])] for x, y in lines])
+        shown = shown[numpy.isfinite(shown)]
+        if len(shown):
+            low, high = float(shown.min()), float(shown.max())
+            axis.set_ylim(low - 0.06 * (high - low or 1.0), high + 0.06 * (high - low or 1.0))

@@ -44,6 +44,15 @@ def read(path: str | os.PathLike[str]) -> Log:
         What is wrong, with file, row and channel.
     FileError
         The file cannot be read.
+
+    Examples
+    --------
+    Thirty seconds, a sample every 0.02 s:
+
+    >>> import deadtime
+    >>> flight = deadtime.read("examples/uav_flight.csv")
+    >>> len(flight), round(flight.sample_time, 6)
+    (1500, 0.02)
     """
     return Log._read(path)[0]
 
@@ -62,6 +71,15 @@ def read_records(path: str | os.PathLike[str], column: str) -> list[Log]:
     ------
     LogError, FileError
         As `read`.
+
+    Examples
+    --------
+    >>> import deadtime, pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "two.csv")
+    ...     written = path.write_text("time,run,u\\n0,a,1\\n1,a,2\\n0,b,3\\n1,b,4\\n")
+    ...     [log["u"].tolist() for log in deadtime.read_records(path, "run")]
+    [[1.0, 2.0], [3.0, 4.0]]
     """
     return Log._read(path, column)
 
@@ -84,6 +102,13 @@ def as_log(data: LogLike, units: Mapping[str, str] | None = None) -> Log:
         No time, time that does not increase, two columns of one name, with the sample (counted from 0) and the remedy.
     FileError
         The file cannot be read.
+
+    Examples
+    --------
+    >>> import deadtime
+    >>> log = deadtime.as_log({"time": [0.0, 0.1, 0.2], "heater [V]": [0.0, 5.0, 5.0]})
+    >>> log.channels, log.units
+    (['heater'], {'heater': 'V'})
     """
     if isinstance(data, Log):
         return data
@@ -99,6 +124,12 @@ def as_logs(data: LogLike | Iterable[LogLike]) -> list[Log]:
     ----------
     data : log-like, or an iterable of them
         As `as_log` takes them.
+
+    Examples
+    --------
+    >>> import deadtime
+    >>> len(deadtime.as_logs(["examples/drive_run_1.csv", "examples/drive_run_2.csv"]))
+    2
     """
     if _is_one(data):
         return [as_log(data)]  # type: ignore[arg-type]
@@ -265,4 +296,7 @@ def _html(log: Log) -> str:
         numbers = [f"{f(there):.6g}" if len(there) else "–" for f in (numpy.min, numpy.mean, numpy.max)]
         cells = [escape(name), escape(log.units.get(name, "")), *numbers, str(len(values) - len(there))]
         rows.append("<tr>" + "".join(f"<td>{c}</td>" for c in cells) + "</tr>")
-    return f"<p>{text}</p><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+    from . import plotting
+
+    picture = plotting.image(lambda: plotting.log(log), f"the course of {', '.join(log.channels)}")
+    return f"<p>{text}</p>" + plotting.folded(picture, f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>")

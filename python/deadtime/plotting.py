@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import io
+from collections.abc import Callable
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy
@@ -10,13 +14,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from ._native import Log
     from .delays import Estimate, Estimates, Pair, _Response
+    from .diagnosis import Isolability
     from .studies import Study
 
 #: Standard deviations that the band around an impulse response shows, as `threshold` has by default.
 _BAND = 5.0
 #: As many methods as a person reads at a glance.
 _A_HANDFUL = 8
+#: As many channels as one picture holds.
+_CHANNELS = 12
 
 
 def figure(width: float, height: float) -> Figure:
@@ -37,6 +45,34 @@ def figure(width: float, height: float) -> Figure:
     except ImportError as missing:
         raise ImportError("figures need matplotlib: pip install deadtime[plot]") from missing
     return Figure(figsize=(width, height), layout="constrained")
+
+
+def image(draw: Callable[[], Figure], words: str) -> str:
+    """A figure as an image inside HTML, for notebooks and saved pages alike; nothing where matplotlib is not there.
+
+    Parameters
+    ----------
+    draw : callable
+        Makes the figure.
+    words : str
+        What it shows, for who cannot see it.
+    """
+    bytes_ = io.BytesIO()
+    try:
+        from matplotlib import rc_context
+
+        # A channel may be called `$a$`: names are text and no formulas.
+        with rc_context({"text.parse_math": False}):
+            draw().savefig(bytes_, format="png", dpi=80, facecolor="white")
+    except ImportError:
+        return ""
+    data = base64.b64encode(bytes_.getvalue()).decode("ascii")
+    return f'<img alt="{escape(words)}" style="max-width: 100%" src="data:image/png;base64,{data}">'
+
+
+def folded(picture: str, rest: str) -> str:
+    """A picture with the numbers folded away beneath it; the numbers alone where there is no picture."""
+    return f"{picture}<details><summary>All numbers</summary>{rest}</details>" if picture else rest
 
 
 def estimates(result: Estimates) -> Figure:
@@ -102,6 +138,49 @@ def _impulse(axis: Axes, response: _Response, span: tuple[float, float]) -> None
         axis.plot(lag[which], height[which], "o", color=colour, markersize=3)
     axis.set_title(f"estimated impulse response; grey: {_BAND:g} standard deviations (the dead time ends before the first stem outside)", fontsize=9)
     axis.set(xlim=span, xlabel="seconds")
+
+
+def log(record: Log) -> Figure:
+    """The course of every channel, one above the other.
+
+    Parameters
+    ----------
+    record : Log
+        The log; of more than twelve channels the first twelve are drawn.
+    """
+    names = record.channels[:_CHANNELS]
+    drawn = figure(9.0, 0.6 + 0.9 * max(len(names), 1))
+    if not names:
+        return drawn
+    axes = drawn.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, name in zip(axes, names, strict=True):
+        axis.plot(record.time, record[name], color="#1d5fbf", linewidth=0.8)
+        unit = record.units.get(name)
+        axis.set_ylabel(name if unit is None else f"{name}\n[{unit}]", fontsize=8, rotation=0, ha="right", va="center")
+        axis.tick_params(labelsize=7)
+    axes[-1].set_xlabel("time [s]", fontsize=8)
+    return drawn
+
+
+def isolability(result: Isolability) -> Figure:
+    """How alike the signatures of the visible effects are: dark squares off the diagonal are pairs that these logs cannot tell apart.
+
+    Parameters
+    ----------
+    result : Isolability
+        What logs can tell apart.
+    """
+    seen = [k for k, effect in enumerate(result.effects) if effect["visible"]]
+    names = [f"{result.effects[k]['effect']} {result.effects[k]['channel']}" for k in seen]
+    drawn = figure(2.5 + 0.24 * max(len(seen), 4), 2.0 + 0.24 * max(len(seen), 4))
+    if not seen:
+        return drawn
+    axis = drawn.subplots()
+    shown = axis.imshow(numpy.abs(result.cosines[numpy.ix_(seen, seen)]), cmap="Blues", vmin=0.0, vmax=1.0)
+    axis.set_xticks(range(len(seen)), names, rotation=90, fontsize=7)
+    axis.set_yticks(range(len(seen)), names, fontsize=7)
+    drawn.colorbar(shown, label="cosine between signatures (1: alike)", shrink=0.6)
+    return drawn
 
 
 def study(result: Study) -> Figure:

@@ -155,6 +155,16 @@ def add_noise(
     References
     ----------
     S. Björklund (2003), LiU-TEK-LIC-2003:60: this definition of the ratio.
+
+    Examples
+    --------
+    Four times as much variance in the signal as in the noise:
+
+    >>> import deadtime, numpy
+    >>> signal = deadtime.excite("rbs", 200, seed=1)
+    >>> noisy = deadtime.add_noise(signal, 4.0, scaling="realised")
+    >>> round(float(numpy.var(signal) / numpy.var(noisy - signal)), 6)
+    4.0
     """
     noise: dict[str, Any] = _plain({"noise": {"colour": _spectrum(colour), "scaling": scaling}})["noise"]
     return _native._add_noise(_flat(signal, "signal"), snr, noise, whole("seed", seed, 0))

@@ -30,12 +30,27 @@ __all__ = ["GateResult", "Plan", "Study", "as_plan", "gate", "plans", "plants", 
 
 
 def plans() -> dict[str, str]:
-    """The plans that ship with the program: name and what each is for."""
+    """The plans that ship with the program: name and what each is for.
+
+    Examples
+    --------
+    >>> import deadtime
+    >>> "bjorklund" in deadtime.plans()
+    True
+    """
     return _native._plans()
 
 
 def plants() -> dict[str, str]:
-    """The plants that plans can name: name and what each is."""
+    """The plants that plans can name: name and what each is.
+
+    Examples
+    --------
+    >>> import deadtime
+    >>> plan = {"plants": sorted(deadtime.plants())[:2]}
+    >>> len(plan["plants"])
+    2
+    """
     return _native._plants()
 
 
@@ -106,6 +121,15 @@ def study(
         A method, excitation or conversion that no list knows.
     KeyboardInterrupt
         Within 0.2 s; finished blocks stay in `out`.
+
+    Examples
+    --------
+    Three methods on four settings:
+
+    >>> import deadtime
+    >>> study = deadtime.study("examples/gate_plan.toml", trials=20)
+    >>> len(study.cells), sorted({cell["method"] for cell in study.cells})
+    (12, ['arxstruc', 'oestruc', 'threshold'])
     """
     chosen = as_plan(plan, trials=trials, seed=seed)
     limits = (max_memory_gb, max_disk_gb)
@@ -135,6 +159,14 @@ def read_study(path: PathLike, plan: PlanLike | None = None) -> Study:
     ------
     StudyError, FileError
         The file is none of a study's; it cannot be read.
+
+    Examples
+    --------
+    >>> import deadtime, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     made = deadtime.study("examples/gate_plan.toml", folder, trials=20)
+    ...     deadtime.read_study(folder).cells == made.cells
+    True
     """
     path = Path(path)
     folder = path if path.is_dir() else path.parent
@@ -318,7 +350,10 @@ class Study(FileResult):
         return self._native.headline().rstrip()
 
     def _repr_html_(self) -> str:
-        return f"<p>{_escaped(self.name)}: {_escaped(self.about)}</p>{self._native.html()}"
+        from . import plotting
+
+        picture = plotting.image(self.plot, f"RMS error by method and coverage of the intervals in {self.name}")
+        return f"<p>{_escaped(self.name)}: {_escaped(self.about)}</p>{plotting.folded(picture, self._native.html())}"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (_revived, (self.to_json(), self._plan, self._folder, self._columns))
@@ -367,6 +402,15 @@ def gate(
     ------
     StudyError
         The two are no runs of one plan.
+
+    Examples
+    --------
+    A study is no worse than itself:
+
+    >>> import deadtime
+    >>> study = deadtime.study("examples/gate_plan.toml", trials=20)
+    >>> deadtime.gate(study, study).passed
+    True
     """
     both = [one if isinstance(one, Study) else read_study(one) for one in (results, baseline)]
     return GateResult(_native.GateReport.of(both[0]._native, both[1]._native, alpha, margin, margin_samples, margin_share))

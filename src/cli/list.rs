@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
 use super::Out;
-use crate::delay::METHODS;
+use crate::delay::{METHODS, Method};
 use crate::diagnose::Criteria;
 use crate::effect;
 use crate::identify::IDENTIFIERS;
@@ -95,7 +95,7 @@ impl List {
     fn entries(&self) -> anyhow::Result<Vec<Value>> {
         Ok(match self.what {
             What::Criteria => vec![serde_json::to_value(Criteria::default()).context("thresholds")?],
-            What::Methods => METHODS.iter().map(|m| m.entry.data()).collect(),
+            What::Methods => METHODS.iter().map(Method::data).collect(),
             What::Effects => effects::lines_data(&effect::table()),
             What::Excitations => EXCITATIONS.iter().map(Entry::data).collect(),
             What::Conversions => CONVERSIONS.iter().map(Entry::data).collect(),

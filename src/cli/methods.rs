@@ -26,7 +26,7 @@ pub(super) struct Methods {
     /// Seed of the records
     #[arg(long, value_name = "N", default_value_t = Common::default().seed)]
     seed: u64,
-    /// Also write the page docs/methods.md, as Markdown
+    /// Also write the page docs/results/methods.md, as Markdown
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }

@@ -233,6 +233,18 @@ pub struct Method {
 pub(super) const WHOLE: f64 = 1e-6;
 
 impl Method {
+    /// What the list says of it, as data: name, summary, options, class, needs, what it cannot see, and what it withstands.
+    #[must_use]
+    pub fn data(&self) -> serde_json::Value {
+        let mut data = self.entry.data();
+        data["class"] = self.class.title().into();
+        data["needs"] = self.needs.into();
+        data["cannot_see"] = self.blind_to.into();
+        data["withstands"] = self.withstands.iter().map(|c| c.words()).collect();
+        data["does_not_promise"] = self.exempt.iter().map(|(law, why)| serde_json::json!({ "law": law, "why": why })).collect();
+        data
+    }
+
     /// It withstands this complication.
     #[must_use]
     pub fn withstands(&self, condition: Condition) -> bool {

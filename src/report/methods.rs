@@ -74,14 +74,14 @@ fn law_words(law: Law) -> &'static str {
     }
 }
 
-/// The page docs/methods.md.
+/// The page docs/results/methods.md.
 #[must_use]
 pub fn page(study: &Common, rows: &[MethodRow]) -> String {
     let mut text = String::from("# The methods\n\n");
     let _ = writeln!(
         text,
-        "`deadtime methods --trials {} --samples {} --seed {} --out docs/methods.md` writes this page. {} methods; their equations, assumptions, failures and \
-         sources stand in the library's documentation (`cargo doc --open`), their options in `deadtime list methods`.\n",
+        "`deadtime methods --trials {} --samples {} --seed {} --out docs/results/methods.md` writes this page. {} methods; their equations, assumptions, failures and \
+         sources stand on [a page each](../methods/index.md), their options in `deadtime list methods`.\n",
         study.trials,
         study.samples,
         study.seed,

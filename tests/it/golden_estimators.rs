@@ -201,11 +201,11 @@ fn the_regularised_response_agrees_with_the_outputs_covariance_matrix() {
     c.finish();
 }
 
-/// No method without a witness: a row of docs/validation.md that names data, and data that hold an answer of the method.
+/// No method without a witness: a row of docs/results/validation.md that names data, and data that hold an answer of the method.
 #[test]
 fn every_method_has_a_witness_in_the_table() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-    let page = std::fs::read_to_string(root.join("docs/validation.md")).unwrap();
+    let page = std::fs::read_to_string(root.join("docs/results/validation.md")).unwrap();
     for method in METHODS {
         let name = method.entry.name;
         let row = page.lines().find(|line| line.starts_with(&format!("| `{name}` |"))).unwrap_or_else(|| panic!("{name} has no row"));

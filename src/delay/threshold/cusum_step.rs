@@ -1,4 +1,6 @@
 //! CUSUM test on the step response.
+//!
+//! Equation: z = s/σ_s, s(i) = Σ ĥ(k) over k ≤ i; g⁺(i) = max(0, g⁺(i − 1) + z(i) − ν), g⁻ alike for −z; alarm at the first i where either exceeds h.
 
 use super::Cusum;
 use super::response::Kind;

@@ -1,4 +1,6 @@
 //! Threshold on the step response.
+//!
+//! Equation: s(i) = Σ ĥ(k) over k ≤ i, σ_s(i) its standard deviation; τ̂ = Ts·min { i : |s(i)| > h·σ_s(i) }.
 
 use super::Threshold;
 use super::response::Kind;
@@ -11,7 +13,8 @@ use crate::registry::entry;
 
 /// Threshold on the step response, the running sum of the impulse response; options as [`Threshold`].
 ///
-/// It sees slow responses that no single coefficient shows, at the price of the noise that the sum gathers.
+/// Assumes: as [`Threshold`]. It sees slow responses that no single coefficient shows, at the price of the noise that the sum gathers.
+/// Fails when: the noise is slow, whose errors the sum gathers; for the rest as [`Threshold`].
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(transparent)]

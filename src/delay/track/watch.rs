@@ -12,7 +12,7 @@ use crate::identify::{Record, arx_scan};
 /// delays of halves and thirds of each record), as a likelihood of delays has many maxima.
 ///
 /// A change is claimed where the likelihood of the path gains more than its price over one delay for the whole record (a generalised likelihood ratio), each row weighed by
-/// the errors around it. The default price was set on draws with one delay; `docs/studies/track.md` has its rate of false alarms on others.
+/// the errors around it. The default price was set on draws with one delay; `docs/results/studies/track.md` has its rate of false alarms on others.
 ///
 /// Wrong when: nothing moves around the change (its time is then open between two motions, and says so; with nothing after it, it is not seen); the input repeats within
 /// the window (delays a period apart fit alike); the plant changes with the delay, or instead of it (a change of the lag passes for one of the delay where that explains

@@ -5,6 +5,11 @@ use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site};
 use crate::simulate::{Plan, System};
 
 /// The sensors' clock is set differently.
+///
+/// Assumes: both clocks run at one rate; the offset is the same in all logs.
+/// Fails when: only commands move the plant: a delay of the input, or of all outputs, does the same. Motion of another origin, such as a release from a
+/// displaced start, tells them apart.
+/// Source: Mills, Martin, Burbank and Kasch (2010), RFC 5905 (Network Time Protocol version 4: offset and frequency of a clock).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ClockOffset;
 

@@ -9,6 +9,10 @@ const SCANNED: u32 = 40;
 const FURTHEST: f64 = 0.15;
 
 /// The sensors' clock runs at another rate.
+///
+/// Assumes: both clocks run evenly.
+/// Fails when: the log is short: over it the clocks part by less than a sample, and a constant delay explains as much.
+/// Source: Mills, Martin, Burbank and Kasch (2010), RFC 5905 (Network Time Protocol version 4: offset and frequency of a clock).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ClockSkew;
 

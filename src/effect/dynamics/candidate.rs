@@ -10,7 +10,11 @@ use crate::simulate::{Dynamics, Plan, System};
 /// How large a first guess of a term is, of the rms of the derivative that it is added to.
 const FIRST_GUESS: f64 = 0.2;
 
-/// A suspected term.
+/// x′ gains the expression that the user wrote for the state x.
+///
+/// Assumes: its free parameters are numbers, and the term is nothing where they are 0.
+/// Fails when: another term of the catalogue moves the outputs in the same way; both then stand in one class.
+/// Source: Ljung (1999), System Identification: Theory for the User, section 4.3, grey-box models.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Candidate;
 

@@ -5,6 +5,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System, Term};
 
 /// Something pushes all the time.
+///
+/// Assumes: a push that does not change, in all logs.
+/// Fails when: an offset of the input does the same wherever that input moves the state. A sensor's offset parts from it only while the plant settles.
+/// Source: Åström and Murray (2008), Feedback Systems.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ConstantDisturbance;
 

@@ -5,6 +5,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
 use crate::simulate::{Plan, Source, System, Term};
 
 /// A coupling that the model lacks.
+///
+/// Assumes: a linear coupling of one state or input into one state.
+/// Fails when: the two states move together in the log, so that an entry of A that the model has explains as much.
+/// Source: Ljung (1999), System Identification: Theory for the User, 2nd edition (grey-box models).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CrossCoupling;
 

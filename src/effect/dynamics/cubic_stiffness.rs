@@ -7,6 +7,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
 use crate::simulate::{Plan, System, Term};
 
 /// A spring that hardens with the cube of a state.
+///
+/// Assumes: a spring through its centre, hardening or softening with the cube.
+/// Fails when: all deflections are of one size: a linear stiffness does nearly the same.
+/// Source: Kovacic and Brennan (2011), The Duffing Equation.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CubicStiffness;
 

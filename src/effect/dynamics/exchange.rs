@@ -5,6 +5,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
 use crate::simulate::{Plan, Source, System, Term};
 
 /// An exchange that the model lacks: of heat between bodies, of liquid between tanks.
+///
+/// Assumes: both states have one unit and one capacity: what one loses the other gains.
+/// Fails when: only one of the two states moves or is measured: a leak, an entry of A, does nearly the same.
+/// Source: Godfrey (1983), Compartmental Models and Their Application.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Exchange;
 

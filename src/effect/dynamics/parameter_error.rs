@@ -1,4 +1,6 @@
 //! A number of the model is wrong: a named parameter, or an entry of A or B that is not 0.
+//!
+//! Equation: x′ = f(x, u; p) with p = value where the model has its nominal one; for an entry, A[x,from] = value or B[x,from] = value.
 
 use nalgebra::DMatrix;
 
@@ -7,6 +9,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
 use crate::simulate::{Dynamics, Plan, Port, System};
 
 /// A parameter of the model is wrong.
+///
+/// Assumes: the structure of the model is right and one number is not.
+/// Fails when: another number moves the outputs in the same direction: an entry of B and a gain of its input are the same.
+/// Source: Ljung (1999), System Identification: Theory for the User, 2nd edition (grey-box models).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ParameterError;
 

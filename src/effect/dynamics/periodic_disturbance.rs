@@ -5,6 +5,10 @@ use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site};
 use crate::simulate::{Plan, System, Term};
 
 /// Something shakes at one frequency.
+///
+/// Assumes: one frequency, amplitude and phase through all logs, each from its own start.
+/// Fails when: the log holds few periods, or the command moves at that frequency, too.
+/// Source: Bodson and Douglas (1997), Automatica 33, 2213-2221, doi:10.1016/S0005-1098(97)00149-0.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PeriodicDisturbance;
 

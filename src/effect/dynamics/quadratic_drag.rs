@@ -7,6 +7,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System, Term};
 
 /// Drag that grows with the square of a velocity.
+///
+/// Assumes: the state is a velocity relative to a medium at rest.
+/// Fails when: all motion is of one speed: a linear damping does the same.
+/// Source: Batchelor (1967), An Introduction to Fluid Dynamics (drag at high Reynolds number).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct QuadraticDrag;
 

@@ -11,6 +11,10 @@ use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling}
 use crate::simulate::{Plan, System, Term};
 
 /// Dry friction that is larger at low speed.
+///
+/// Assumes: the state is a velocity; a level that falls with speed by a Gaussian curve.
+/// Fails when: the log hardly dwells at low speed: plain dry friction explains as much.
+/// Source: Armstrong-Hélouvry, Dupont and Canudas de Wit (1994), Automatica 30, 1083-1138, doi:10.1016/0005-1098(94)90209-7.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct StribeckFriction;
 

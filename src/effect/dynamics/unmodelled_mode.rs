@@ -5,6 +5,10 @@ use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling}
 use crate::simulate::{Mode, Plan, System, plan};
 
 /// A resonance that the model lacks.
+///
+/// Assumes: one linear resonance, excited by one input.
+/// Fails when: the command holds little near the resonance, or it lies above half the sample rate. Strongly damped modes look like a lag.
+/// Source: Preumont (2018), Vibration Control of Active Structures, 4th edition.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct UnmodelledMode;
 

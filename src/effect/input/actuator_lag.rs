@@ -5,6 +5,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The actuator follows with a first-order lag.
+///
+/// Assumes: one pole, which starts settled.
+/// Fails when: the lag is short against the motion: a delay of the same length does nearly the same. On one input a lag of all sensors is the same.
+/// Source: Åström and Murray (2008), Feedback Systems.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ActuatorLag;
 

@@ -1,4 +1,6 @@
 //! Play between command and plant: the plant follows only once the play is used up.
+//!
+//! Equation: v(t) = max(u(t) − width, min(u(t) + width, v(t−))): v moves only where u is `width` away from it.
 
 use std::sync::Arc;
 
@@ -7,6 +9,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Piece, Piecewise, Plan, System};
 
 /// Play between command and plant.
+///
+/// Assumes: play without mass or contact dynamics; it starts centred.
+/// Fails when: the command seldom turns round: nothing then crosses the play. A small play looks like a delay that depends on the amplitude.
+/// Source: Nordin and Gutman (2002), Automatica 38, 1633-1649, doi:10.1016/S0005-1098(02)00047-X.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Backlash;
 

@@ -5,6 +5,11 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The actuator has a quadratic characteristic.
+///
+/// Assumes: a static characteristic that bends alike on both sides of zero.
+/// Fails when: the command has few levels: then gain and offset do the same. Small commands show no curve.
+/// Source: Narendra and Gallman (1966), IEEE Transactions on Automatic Control 11, 546-550, doi:10.1109/TAC.1966.1098387, for a static curve before
+/// linear dynamics.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InputCurve;
 

@@ -7,6 +7,11 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// Small commands do nothing.
+///
+/// Assumes: a dead zone that is symmetric about zero, before everything that has memory.
+/// Fails when: all commands are far larger than the width: the loss is then an offset that changes sign with the command. Dry friction also swallows
+/// small commands.
+/// Source: Khalil (2002), Nonlinear Systems, 3rd edition, section 1.2.7 (common nonlinearities).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Deadband;
 

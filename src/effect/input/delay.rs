@@ -5,6 +5,11 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// Dead time between the command and the plant; continuous, never rounded to samples.
+///
+/// Assumes: one delay for all samples of the input; commands held between their samples.
+/// Fails when: all outputs lag alike: a delay of all outputs and a shift of the sensors' clock do the same to data that only commands move. A short lag
+/// resembles a delay shorter than the fastest motion.
+/// Source: Normey-Rico and Camacho (2007), Control of Dead-time Processes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InputDelay;
 

@@ -10,6 +10,10 @@ use crate::simulate::{Plan, System};
 const FASTEST: f64 = 0.9;
 
 /// A dead time that drifts; never below zero.
+///
+/// Assumes: a rate that is the same in all logs; commands arrive in order.
+/// Fails when: the drift over the log is small against a sample: one delay explains as much. Two clocks of different rates shift outputs in the same way.
+/// Source: Normey-Rico and Camacho (2007), Control of Dead-time Processes, for the constant delay; its growth is that of two clocks, as `clock_skew`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DelayDrift;
 

@@ -1,4 +1,6 @@
 //! Every command arrives late by a delay of its own, drawn at random: its mean, its standard deviation, and whether commands keep their order.
+//!
+//! Equation: command k acts from t_k + d_k on, d_k gamma distributed with mean `delay` and standard deviation `spread`; ordered: not before command k − 1.
 
 use crate::effect::channel;
 use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
@@ -8,6 +10,11 @@ use crate::simulate::{Late, Plan, System};
 const ORDERED: f64 = 0.5;
 
 /// Each logged command's delay is a draw of a gamma distribution; a plan holds the mean until a seed draws them.
+///
+/// Assumes: independent delays of one gamma distribution, one for each command.
+/// Fails when: the spread is small against the sample time or the plant's own lag: a constant delay explains as much. Jitter that follows a pattern is
+/// not of this kind.
+/// Source: Nilsson (1998), Real-Time Control Systems with Delays, doctoral thesis, Lund Institute of Technology.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DelayJitter;
 

@@ -1,10 +1,16 @@
 //! Commands get lost on the way: the last one that arrived is held.
+//!
+//! Equation: v(k) = u(k) where the command of sample k arrives, else v(k − 1); lost with this probability, each sample for itself.
 
 use crate::effect::channel;
 use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Drops, Plan, System};
 
 /// Each logged command is lost with this probability, independently; a plan holds the mean over all sequences until a seed draws one.
+///
+/// Assumes: each sample is lost with one probability, whatever was lost before it; the last command is held.
+/// Fails when: commands change seldom: most losses then change nothing. Losses in bursts are not of this kind.
+/// Source: Schenato, Sinopoli, Franceschetti, Poolla and Sastry (2007), Proceedings of the IEEE 95, 163-187, doi:10.1109/JPROC.2006.887306.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DroppedCommands;
 

@@ -5,6 +5,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The actuator has another gain.
+///
+/// Assumes: a constant gain, which acts on the whole command.
+/// Fails when: there is one input: a gain of all outputs, or of one column of B, is the same for a linear plant.
+/// Source: Åström and Murray (2008), Feedback Systems.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InputGain;
 

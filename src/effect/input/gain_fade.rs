@@ -7,6 +7,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The gain of the actuator fades with time.
+///
+/// Assumes: a gain that changes evenly with log time, in every log from its own start.
+/// Fails when: the log is short against the fade, or the command stops early: a constant gain explains as much.
+/// Source: Zhang and Jiang (2008), Annual Reviews in Control 32, 229-252, doi:10.1016/j.arcontrol.2008.03.008 (loss of effectiveness).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct GainFade;
 

@@ -5,6 +5,10 @@ use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling}
 use crate::simulate::{Plan, System};
 
 /// A slower loop on the way of the commands.
+///
+/// Assumes: a strictly periodic slower loop, and commands that are held between its times.
+/// Fails when: the commands themselves change more seldom than the slower loop runs; its mean delay, half a period, then looks like `input_delay`.
+/// Source: Åström and Wittenmark (1997), Computer-Controlled Systems, 3rd edition (multirate sampling).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct MultiRate;
 

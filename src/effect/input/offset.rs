@@ -7,6 +7,12 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The actuator is off centre.
+///
+/// Assumes: a constant offset in all logs.
+/// Fails when: a constant push on a state, or a sensor's offset, has the same effect once a linear plant has settled; only how it starts tells them
+/// apart.
+/// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors), for a constant error; here it is the
+/// actuator's.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InputOffset;
 

@@ -1,4 +1,6 @@
 //! The actuator moves no faster than this.
+//!
+//! Equation: v′ = rate·sign(u − v) while v ≠ u, and v follows u where |u′| ≤ rate.
 
 use std::sync::Arc;
 
@@ -7,6 +9,11 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Piece, Piecewise, Plan, System};
 
 /// The actuator moves no faster than this.
+///
+/// Assumes: one limit for both directions, whatever the load.
+/// Fails when: commands are steps of one height: a lag does nearly the same. Larger steps must take longer for the two to part.
+/// Source: Khalil (2002), Nonlinear Systems, 3rd edition, section 1.2.7 (common nonlinearities), for the limiter; the rate limit is one in a feedback of
+/// high gain.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RateLimit;
 

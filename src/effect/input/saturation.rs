@@ -1,4 +1,6 @@
 //! The actuator has stops: u between lower and upper.
+//!
+//! Equation: v = min(max(u, lower), upper).
 
 use std::sync::Arc;
 
@@ -7,6 +9,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The actuator has stops.
+///
+/// Assumes: hard stops that do not move.
+/// Fails when: no command reaches a stop: the stop is then not in the data. Where every command does, a gain explains as much.
+/// Source: Khalil (2002), Nonlinear Systems, 3rd edition, section 1.2.7 (common nonlinearities).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Saturation;
 

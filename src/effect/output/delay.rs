@@ -5,6 +5,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// Dead time between the plant and the log; continuous, never rounded to samples.
+///
+/// Assumes: one delay for all samples of the output.
+/// Fails when: it acts on all outputs: a delay of the only input and a shift of the sensors' clock then do the same to what commands move.
+/// Source: Normey-Rico and Camacho (2007), Control of Dead-time Processes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct OutputDelay;
 

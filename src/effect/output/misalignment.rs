@@ -1,10 +1,16 @@
 //! A sensor also sees what another one measures: gain of one output, added to another.
+//!
+//! Equation: v = y + gain·from.
 
 use crate::effect::channel;
 use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
 use crate::simulate::{Plan, System};
 
 /// A sensor also sees another output.
+///
+/// Assumes: a constant share of one other output.
+/// Fails when: the two outputs move together in the log: a gain of the sensor does nearly the same.
+/// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Misalignment;
 

@@ -7,6 +7,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The sensor is off by a constant.
+///
+/// Assumes: a constant error in all logs.
+/// Fails when: the plant has a constant gain from the input: an offset there does the same once it has settled.
+/// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorBias;
 

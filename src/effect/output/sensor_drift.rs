@@ -7,6 +7,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The sensor drifts with time.
+///
+/// Assumes: an error that grows evenly with log time, in every log from its own start.
+/// Fails when: the log is short, or a state of the plant integrates: a constant push then makes the same ramp.
+/// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorDrift;
 

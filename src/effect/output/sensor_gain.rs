@@ -7,6 +7,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The sensor has another gain.
+///
+/// Assumes: a constant scale factor about zero.
+/// Fails when: it acts on all outputs and there is one input: a gain of the input is the same for a linear plant.
+/// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorGain;
 

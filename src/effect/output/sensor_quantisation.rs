@@ -7,6 +7,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
 use crate::simulate::{Plan, System};
 
 /// The sensor has steps.
+///
+/// Assumes: even steps about zero, rounded to the nearest.
+/// Fails when: the step is small against the noise, which then hides it.
+/// Source: Widrow and Kollár (2008), Quantization Noise.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorQuantisation;
 

@@ -1,4 +1,6 @@
 //! A sensor has an end to its range: y between lower and upper.
+//!
+//! Equation: v = min(max(y, lower), upper).
 
 use std::sync::Arc;
 
@@ -7,6 +9,10 @@ use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
 use crate::simulate::{Plan, System};
 
 /// The sensor has an end to its range.
+///
+/// Assumes: hard ends of the range that do not move.
+/// Fails when: no value reaches an end, or all do.
+/// Source: Khalil (2002), Nonlinear Systems, 3rd edition, section 1.2.7 (common nonlinearities).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorSaturation;
 

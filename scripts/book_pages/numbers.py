@@ -1,0 +1,47 @@
+"""Five numbers of the README, read from the generated tables, so that they cannot drift from them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from . import tables
+
+BEGIN, END = "<!-- Five numbers, written by scripts/book. -->\n", "<!-- End of the five numbers. -->\n"
+
+
+def lines(root: Path) -> str:
+    """A list of five sentences."""
+    results = root / "docs" / "results"
+    benchmark = {(r["grid"], r["from"], r["method"]): r for r in tables.rows(results / "studies" / "bjorklund.md", "grid", "from", "method")}
+    best = benchmark["open", "u", "oestruc"]
+    score = {r["score"]: r for r in tables.rows(results / "withheld.md", "score", "value")}
+    golden = tables.rows(results / "validation.md", "data", "quantity", "compared")
+    machines = tables.rows(results / "machines.md", "machine", "missing", "known value")
+    named = sum(r["agreement"].startswith("yes") for r in machines)
+    compared = sum(int(r["compared"]) for r in golden)
+    unknown = sum(r["agreement"] == "no: unknown" for r in machines)
+    return "\n".join(
+        [
+            f"- **{best['RMS error (samples)']} samples**: error of `oestruc` over {best['estimates']} records of the field's standard benchmark; the least that an unbiased method "
+            f"can reach is {best['bound (samples)']}. Its interval holds the truth in {best['truth in 95 % interval']} of them ([table](docs/results/studies/bjorklund.md)).",
+            f"- **{100 * float(score['right']['value']):.0f} %** of {score['right']['of']} diagnoses are right where the cause was withheld from the program, "
+            f"up to what the logs cannot tell apart ([table](docs/results/withheld.md)).",
+            f"- **{100 * float(score['false_alarm']['value']):.0f} %** of {score['false_alarm']['of']} simulators that lack nothing are accused of something "
+            f"([table](docs/results/withheld.md)).",
+            f"- **{named} of {len(machines)}** logs of real machines give the cause that physics names; {unknown} end in an honest `unknown` "
+            f"([table](docs/results/machines.md)).",
+            f"- **{compared}** comparisons with other programs, or with slow calculations that share no line with this one, agree within their tolerances "
+            f"([table](docs/results/validation.md)).",
+            "",
+        ]
+    )
+
+
+def readme(root: Path) -> str:
+    """The README with its five numbers as they are now."""
+    text = (root / "README.md").read_text(encoding="utf-8")
+    found = re.search(re.escape(BEGIN) + ".*?" + re.escape(END), text, re.DOTALL)
+    if not found:
+        raise SystemExit(f"README.md has no lines between {BEGIN.strip()} and {END.strip()}")
+    return text[: found.start()] + BEGIN + lines(root) + END + text[found.end() :]
