@@ -39,6 +39,9 @@ pub enum Error {
     /// A diagnosis that cannot be read or written.
     #[error(transparent)]
     Diagnosis(#[from] crate::diagnose::DiagnosisError),
+    /// A diagnosis that cannot be handed over.
+    #[error(transparent)]
+    Export(#[from] crate::export::ExportError),
     /// Blind cases, verdicts or labels that cannot be used.
     #[error(transparent)]
     Blind(#[from] crate::blind::BlindError),

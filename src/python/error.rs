@@ -37,7 +37,7 @@ fn class(error: &Error) -> Option<&'static str> {
         Error::Gap(_) => "GapError",
         Error::Effect(_) => "EffectError",
         Error::Delay(_) => "DelayError",
-        Error::Diagnosis(_) => "DiagnosisError",
+        Error::Diagnosis(_) | Error::Export(_) => "DiagnosisError",
         Error::Blind(_) => "BlindError",
         Error::Study(_) => "StudyError",
         Error::Registry(_) => "RegistryError",

@@ -41,6 +41,8 @@ mod equations;
 #[cfg(feature = "cli")]
 mod events;
 #[cfg(all(feature = "cli", unix))]
+#[cfg(feature = "cli")]
+mod export;
 mod faults;
 mod fuzz;
 #[cfg(feature = "cli")]
