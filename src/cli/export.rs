@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::Out;
-use super::source::{Needed, Reading};
+use super::source::{Clock, Needed, Reading};
 use crate::diagnose::Diagnosis;
 use crate::export::{Source, Syntax, export};
 use crate::file::write_atomic;
@@ -33,8 +33,11 @@ pub(super) struct Export {
     /// A log that was learnt from; may be repeated. With it noise is given in the outputs' units, else as a part of their deviation
     #[arg(long, value_name = "LOG")]
     log: Vec<PathBuf>,
+    /// Column of the logs that carries a name of the model; may be repeated
+    #[arg(long, value_name = "MODEL_NAME=COLUMN")]
+    map: Vec<String>,
     #[command(flatten)]
-    reading: Reading,
+    clock: Clock,
     /// Multiply the width of every interval by this: machines of one kind differ more than one machine is uncertain
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     widen: f64,
@@ -89,8 +92,9 @@ impl Export {
     fn deviations(&self, diagnosis: &Diagnosis) -> anyhow::Result<Vec<(String, f64)>> {
         let outputs: Vec<String> = diagnosis.gap.outputs.iter().map(|o| o.name.clone()).collect();
         let mut values = vec![Vec::new(); outputs.len()];
+        let reading = Reading::whole(self.map.clone(), self.clock.clone());
         for path in &self.log {
-            for log in self.reading.read(path, &Needed { inputs: &[], outputs: &outputs, required: true })? {
+            for log in reading.read(path, &Needed { inputs: &[], outputs: &outputs, required: true })? {
                 for (name, values) in outputs.iter().zip(&mut values) {
                     let output = log.output(name)?;
                     values.extend((0..log.len()).filter_map(|k| output.get(k)));

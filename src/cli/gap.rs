@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use super::Out;
 use super::criteria::Thresholds;
 use super::progress::{Bar, Waiting};
+use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
 use crate::diagnose::{GapOptions, Mode, diagnose, isolability};
 use crate::log::Log;
-use crate::model::ModelDocument;
 use crate::report::diagnosis::{ranking, summary};
 use crate::report::isolability::text as isolability_text;
 use crate::report::{save, terminal};
@@ -18,11 +18,14 @@ use crate::report::{save, terminal};
 #[command(after_help = "Examples:
   deadtime gap --model model.toml --log flight.csv --out gap
   deadtime gap --model model.toml --log a.csv --log b.csv --holdout c.csv --out gap --full
-  deadtime gap --model model.toml --log flight.csv --isolability")]
+  deadtime gap --model model.toml --log flight.csv --isolability
+  deadtime gap --simulator ./servo_model --input u --output angle --parameter damping=0.06 --log run.csv --out gap")]
 pub(super) struct Gap {
-    /// The model, deadtime/model@1
-    #[arg(long, value_name = "MODEL")]
-    model: PathBuf,
+    /// The model, deadtime/model@1; or give --simulator
+    #[arg(long, value_name = "MODEL", required_unless_present = "simulator", conflicts_with = "simulator")]
+    model: Option<PathBuf>,
+    #[command(flatten)]
+    simulator: SimulatorArgs,
     /// A log to learn from; may be repeated
     #[arg(long, value_name = "LOG", required = true)]
     log: Vec<PathBuf>,
@@ -69,11 +72,11 @@ enum ModeName {
 
 impl Gap {
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
-        let document = ModelDocument::read(&self.model)?;
+        let subject = Simulated::new(self.model.as_deref(), &self.simulator)?;
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Log>> {
             let mut logs = Vec::new();
             for path in paths {
-                logs.extend(self.reading.read_for(path, &document, true)?);
+                logs.extend(subject.read(&self.reading, path, true)?);
             }
             Ok(logs)
         };
@@ -90,14 +93,14 @@ impl Gap {
         };
         let Some(out) = self.out.as_deref().filter(|_| !self.isolability) else {
             let waiting = Waiting::new(to, "telling effects apart");
-            let found = isolability(&document, &logs, &options)?;
+            let found = isolability(&subject, &logs, &options)?;
             drop(waiting);
             to.json(&found)?;
             say!(to, "{}", isolability_text(&found).trim_end());
             return Ok(());
         };
         let bar = Bar::new(to);
-        let found = diagnose(&document, &logs, &holdout, &options, &|stage| bar.show(stage.begins_at(), &stage));
+        let found = diagnose(&subject, &logs, &holdout, &options, &|stage| bar.show(stage.begins_at(), &stage));
         bar.end();
         let found = found?;
         let written = save(&found, out)?;

@@ -26,6 +26,7 @@ mod model;
 mod progress;
 mod show;
 mod simulate;
+mod simulator;
 mod source;
 mod study;
 mod words;

@@ -41,7 +41,7 @@ pub(super) struct Reading {
 }
 
 /// How time stamps are to be understood.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub(super) struct Clock {
     /// Column of time in a log of text; default: the one called `time`, or like it
     #[arg(long, value_name = "COLUMN")]
@@ -121,6 +121,11 @@ impl Source {
 }
 
 impl Reading {
+    /// Whole logs, of a command in which `--to` means something else.
+    pub(super) fn whole(map: Vec<String>, clock: Clock) -> Self {
+        Self { records: None, from: None, to: None, resample: None, map, clock }
+    }
+
     /// The records of one log with the channels of a model, and the slopes that its inputs ask for.
     pub(super) fn read_for(&self, log: &Path, model: &ModelDocument, required: bool) -> anyhow::Result<Vec<Log>> {
         let inputs: Vec<String> = model.inputs().iter().filter(|c| c.derivative_of.is_none()).map(|c| c.name.clone()).collect();

@@ -133,7 +133,8 @@ fn range(lines: &[Line], (effect, channel): (&str, &str), found: &FoundParameter
     let value = found.value?;
     let line = lines.iter().find(|line| line.effect == effect);
     let parameter = line.and_then(|line| line.parameters.iter().find(|p| p.name == found.name));
-    let [low, high] = found.ci95.map_or([value; 2], |[low, high]| [value - widen * (value - low), value + widen * (high - value)]);
+    let [low, high] =
+        found.ci95.map_or([value; 2], |[low, high]| [low + (1.0 - widen) * (value - low), high + (widen - 1.0) * (high - value)]);
     // What makes no sense for any machine is left out of the range, whatever the interval.
     let (least, most) = parameter.map_or((f64::NEG_INFINITY, f64::INFINITY), |p| (p.lower, p.upper));
     let inside = |v: f64| v.max(least).min(most);

@@ -40,9 +40,9 @@ mod effects;
 mod equations;
 #[cfg(feature = "cli")]
 mod events;
-#[cfg(all(feature = "cli", unix))]
 #[cfg(feature = "cli")]
 mod export;
+#[cfg(all(feature = "cli", unix))]
 mod faults;
 mod fuzz;
 #[cfg(feature = "cli")]
@@ -84,6 +84,8 @@ mod real_logs;
 mod report_html;
 mod richness;
 mod sampled_models;
+#[cfg(all(feature = "cli", unix))]
+mod simulator_program;
 #[cfg(feature = "cli")]
 mod structured;
 mod study;
