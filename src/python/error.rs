@@ -82,11 +82,13 @@ fn os_message(source: &std::io::Error) -> String {
 }
 
 /// Words of the library's messages, and what a reader of Python has for each.
-const REMEDIES: [(&str, &str); 16] = [
+const REMEDIES: [(&str, &str); 18] = [
     ("`max_delay`", "max_delay="),
     ("give a `model` and", "give model= and"),
     ("(`rename`)", "(log.rename)"),
     ("give two sequences of them", "give deadtime.estimate_events"),
+    ("give `model`, such as", "give model=, such as"),
+    ("give the option inertia={", "give inertia={"),
     ("give an input and an output", "give input= and output="),
     ("to `read_records`", "with `deadtime.read_records(path, column)`"),
     ("take another `window` of the log", "take another `log.window(start, stop)`"),
