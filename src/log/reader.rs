@@ -24,8 +24,9 @@ pub struct Reader {
     pub open: fn(&Path, &ReadOptions) -> Result<Recording, Error>,
 }
 
-/// What the Python package takes as it is.
-const IN_PYTHON: &str = "the Python package takes the table as pandas, polars or pyarrow read it; or write it as CSV";
+/// What a program without those readers says.
+#[cfg(not(feature = "tables"))]
+const WITHOUT: &str = "this program was built without the feature `tables`; write it as CSV";
 
 fn unread(path: &Path, format: &'static str, remedy: &str) -> Error {
     LogError::Format { file: path.display().to_string(), format, what: format!("this format is recognised but not read: {remedy}") }.into()
@@ -76,17 +77,23 @@ pub const READERS: &[Reader] = &[
     },
     Reader {
         name: "parquet",
-        summary: "Parquet: recognised, not read",
+        summary: "Parquet: every column of numbers beside one of time; snappy, lz4 and zstd",
         extensions: &["parquet", "pq"],
         sniff: |head| head.starts_with(b"PAR1"),
-        open: |path, _| Err(unread(path, "Parquet", IN_PYTHON)),
+        #[cfg(feature = "tables")]
+        open: super::parquet::open,
+        #[cfg(not(feature = "tables"))]
+        open: |path, _| Err(unread(path, "Parquet", WITHOUT)),
     },
     Reader {
         name: "arrow",
-        summary: "Arrow IPC and Feather: recognised, not read",
+        summary: "Arrow IPC and Feather: columns of numbers, structs and lists of a fixed size beside a column of time; plain and lz4",
         extensions: &["arrow", "feather", "ipc"],
         sniff: |head| head.starts_with(b"ARROW1"),
-        open: |path, _| Err(unread(path, "Arrow IPC", IN_PYTHON)),
+        #[cfg(feature = "tables")]
+        open: super::arrow::open,
+        #[cfg(not(feature = "tables"))]
+        open: |path, _| Err(unread(path, "Arrow IPC", WITHOUT)),
     },
     Reader {
         name: "csv",

@@ -35,9 +35,13 @@ fn run(simulator: &dyn Simulator, k: f64) -> Result<DMatrix<f64>, String> {
 /// y = k·u + x, in awk, which every Unix has.
 const EACH: &str = r#"awk -F, 'BEGIN { for (i = 1; i < ARGC; i++) { split(ARGV[i], p, "="); v[p[1]] = p[2]; ARGV[i] = "" } }
 NR == 1 { print "time,y [V]"; next } { printf "%s,%.17g\n", $1, v["k"] * $2 + v["x"] }'"#;
-const LINES: &str = r#"awk '/^run / { n = $2; next } /^(parameter|start) / { v[$2] = $3; next }
-/^time/ { if (v["k"] < 0) bad = 1; else print "y,time"; next }
-{ split($0, f, ","); if (!bad) printf "%.17g,%s\n", v["k"] * f[2] + v["x"], f[1]; if (--n == 0) { if (bad) print "error k is negative"; bad = 0; fflush() } }'"#;
+/// The same kept running: a shell reads its requests byte by byte, which awk does not, and has awk calculate.
+const LINES: &str = r#"while read -r word name value; do case $word in
+  run) left=$name;;
+  parameter | start) eval "v_$name=$value";;
+  time*) i=0; while [ $i -lt $left ] && read -r row; do echo "$row"; i=$((i + 1)); done |
+    awk -F, -v k=$v_k -v x=$v_x 'k < 0 { bad = 1; next } !n++ { print "y,time" } { printf "%.17g,%s\n", k * $2 + x, $1 } END { if (bad) print "error k is negative" }';;
+esac; done"#;
 
 fn expected(k: f64) -> DMatrix<f64> {
     DMatrix::from_column_slice(3, 1, &[k + 0.25, -2.5 * k + 0.25, 1e-7 * k + 0.25])
@@ -118,22 +122,23 @@ fn whoever_is_interrupted_ends_what_runs() {
     assert!(why.contains("ended") || why.contains("signal"), "{why}");
 }
 
-/// A first-order lag with gain k, exact between samples, from rest; both ways of asking in one script.
+/// A first-order lag with a gain, exact between samples, from rest.
 const SERVO: &str = r#"
-function f(value) { return exp(-value * 5) }
-function step(t, u) { if (n++) y = k * held + (y - k * held) * f(t - last); else y = 0; last = t; held = u; printf "%.12g\n", y }
+function step(t, u) { if (n++) y = k * held + (y - k * held) * exp(-5 * (t - last)); else y = 0; last = t; held = u; printf "%.12g\n", y }
+BEGIN { FS = ","; for (i = 1; i < ARGC; i++) { split(ARGV[i], p, "="); k = p[2]; ARGV[i] = "" } }
+NR == 1 { print "speed"; next }
+{ step($1, $2) }
+"#;
+/// The same kept running.
+const KEPT: &str = r#"while read -r word name value; do case $word in
+  run) left=$name;;
+  parameter) gain=$value;;
+  time*) i=0; { echo header; while [ $i -lt $left ] && read -r row; do echo "$row"; i=$((i + 1)); done; } | awk -f "$1" -- "gain=$gain";;
+esac; done
 "#;
 
 fn servo(folder: &Folder) -> [String; 2] {
-    let each = format!(
-        "{SERVO}BEGIN {{ for (i = 1; i < ARGC; i++) {{ split(ARGV[i], p, \"=\"); k = p[2]; ARGV[i] = \"\" }} }}\n\
-         NR == 1 {{ print \"speed\"; next }} {{ split($0, c, \",\"); step(c[1], c[2]) }}\n"
-    );
-    let lines = format!(
-        "{SERVO}/^run/ {{ n = 0; left = $2; next }} /^parameter/ {{ k = $3; next }} /^time/ {{ print \"speed\"; next }}\n\
-         {{ split($0, c, \",\"); step(c[1], c[2]); if (--left == 0) fflush() }}\n"
-    );
-    [("each.awk", each), ("lines.awk", lines)].map(|(name, text)| folder.write(name, &text).display().to_string())
+    [("servo.awk", SERVO), ("servo.sh", KEPT)].map(|(name, text)| folder.write(name, text).display().to_string())
 }
 
 /// Machine: the same lag, 0.08 s late.
@@ -160,10 +165,10 @@ fn log(folder: &Folder) -> String {
 #[test]
 fn the_command_line_diagnoses_a_program_either_way_of_asking() {
     let folder = Folder::new();
-    let [each, lines] = servo(&folder);
+    let [each, kept] = servo(&folder);
     let log = log(&folder);
     let mut found = Vec::new();
-    for (command, more) in [(format!("awk -f {each} --"), None), (format!("awk -f {lines}"), Some("--persistent"))] {
+    for (command, more) in [(format!("awk -f {each} --"), None), (format!("sh {kept} {each}"), Some("--persistent"))] {
         let out = folder.path("gap");
         let mut words = vec!["gap", "--simulator", &command, "--log", &log, "--input", "voltage [V]", "--output", "speed [rad/s]"];
         words.extend(["--parameter", "gain=2 [rad/s/V]", "--max-delay", "0.2", "--out", out.to_str().unwrap()]);

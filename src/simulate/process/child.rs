@@ -54,6 +54,7 @@ fn end_group(process: u32) {
 #[derive(Debug)]
 pub(super) struct Running {
     pub(super) child: Child,
+    ended: Option<ExitStatus>,
     children: Children,
     words: Words,
 }
@@ -101,13 +102,14 @@ impl Running {
         list.insert(child.id());
         drop(list);
         let words = Words::of(&mut child);
-        Ok(Self { child, children: children.clone(), words })
+        Ok(Self { child, ended: None, children: children.clone(), words })
     }
 
     /// Waits for its end; `None` where it does not come in time.
     pub(super) fn wait(&mut self, until: Instant) -> Option<ExitStatus> {
         loop {
             if let Ok(Some(status)) = self.child.try_wait() {
+                self.ended = Some(status);
                 return Some(status);
             }
             if Instant::now() >= until {
@@ -117,11 +119,13 @@ impl Running {
         }
     }
 
-    /// Ends it, and what it started.
+    /// Ends it, and what it started. Once it has ended its number may be another's.
     pub(super) fn end(&mut self) {
-        end_group(self.child.id());
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        if self.ended.is_none() {
+            end_group(self.child.id());
+            let _ = self.child.kill();
+            self.ended = self.child.wait().ok();
+        }
     }
 
     /// What it last said on standard error, as the end of a sentence; to be asked when it has ended.
