@@ -12,6 +12,8 @@ mod columns;
 pub mod csv;
 mod error;
 mod grid;
+#[cfg(feature = "tables")]
+mod hdf5;
 mod listing;
 mod mat;
 mod mcap;

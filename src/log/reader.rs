@@ -3,8 +3,10 @@
 use std::io::Read;
 use std::path::Path;
 
+#[cfg(not(feature = "tables"))]
+use super::LogError;
 use super::recording::{ReadOptions, Recording};
-use super::{Log, LogError, csv, mat, mcap, rosbag2, ulog};
+use super::{Log, csv, mat, mcap, rosbag2, ulog};
 use crate::error::Error;
 
 /// As many bytes as any format is recognised by.
@@ -28,6 +30,7 @@ pub struct Reader {
 #[cfg(not(feature = "tables"))]
 const WITHOUT: &str = "this program was built without the feature `tables`; write it as CSV";
 
+#[cfg(not(feature = "tables"))]
 fn unread(path: &Path, format: &'static str, remedy: &str) -> Error {
     LogError::Format { file: path.display().to_string(), format, what: format!("this format is recognised but not read: {remedy}") }.into()
 }
@@ -63,17 +66,14 @@ pub const READERS: &[Reader] = &[
         open: mat::open,
     },
     Reader {
-        name: "mat73",
-        summary: "MAT 7.3, which is HDF5: recognised, not read",
+        name: "hdf5",
+        summary: "HDF5 and MAT 7.3: vectors and matrices beside a vector of time, groups and structs of them",
         extensions: &["h5", "hdf5"],
         sniff: |head| [0, 512].iter().any(|at| head.get(*at..).is_some_and(|rest| rest.starts_with(b"\x89HDF\r\n\x1a\n"))),
-        open: |path, _| {
-            Err(unread(
-                path,
-                "HDF5 (MAT 7.3)",
-                "save it in MATLAB with `save -v7`, or read it in Python and hand the arrays to `deadtime.Log`",
-            ))
-        },
+        #[cfg(feature = "tables")]
+        open: super::hdf5::open,
+        #[cfg(not(feature = "tables"))]
+        open: |path, _| Err(unread(path, "HDF5 (MAT 7.3)", WITHOUT)),
     },
     Reader {
         name: "parquet",
