@@ -15,6 +15,9 @@ pub enum Error {
     /// A model that cannot be built, read or converted.
     #[error(transparent)]
     Model(#[from] crate::model::ModelError),
+    /// A channel that cannot be calculated from others.
+    #[error(transparent)]
+    Derived(#[from] crate::model::DerivedError),
     /// A signal that cannot be made.
     #[error(transparent)]
     Signal(#[from] crate::signal::SignalError),

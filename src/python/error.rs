@@ -30,7 +30,7 @@ fn class(error: &Error) -> Option<&'static str> {
         Error::Time(_)
         | Error::Model(crate::model::ModelError::Time(_))
         | Error::Simulate(crate::simulate::SimulateError::DelayTime(_)) => "TimeError",
-        Error::Log(_) => "LogError",
+        Error::Log(_) | Error::Derived(_) => "LogError",
         Error::Model(_) | Error::Structured(_) | Error::Identify(_) => "ModelError",
         Error::Signal(_) => "SignalError",
         Error::Simulate(_) => "SimulateError",

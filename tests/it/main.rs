@@ -31,6 +31,8 @@ mod conditions;
 mod contract;
 mod correlation;
 mod degenerate;
+#[cfg(feature = "cli")]
+mod derived;
 mod diagnosis;
 mod differential;
 mod durable;
