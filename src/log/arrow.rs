@@ -17,7 +17,7 @@ use arrow_ipc::reader::FileReader;
 use arrow_schema::{DataType, TimeUnit as Unit};
 
 use super::LogError;
-use super::columns::{Cells, Column, assemble};
+use super::columns::{Cells, Column, assemble, guarded};
 use super::recording::{ReadOptions, Recording, TimeUnit};
 use crate::error::Error;
 
@@ -25,7 +25,11 @@ const NAME: &str = "Arrow IPC";
 
 pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     let source = path.display().to_string();
-    let refused = |what: String| LogError::Format { file: source.clone(), format: NAME, what };
+    guarded(&source, NAME, || whole_file(path, &source, options))
+}
+
+fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Recording, Error> {
+    let refused = |what: String| LogError::Format { file: source.to_owned(), format: NAME, what };
     let file = File::open(path).map_err(|e| Error::io(path, e))?;
     let reader = FileReader::try_new(BufReader::new(file), None).map_err(|e| refused(e.to_string()))?;
     let (mut columns, mut notes) = (Vec::<Column>::new(), Vec::new());
@@ -49,7 +53,7 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
     }
     let mut said = std::collections::HashSet::new();
     notes.retain(|note| said.insert(note.clone()));
-    assemble(&source, "arrow", NAME, columns, notes, options)
+    assemble(source, "arrow", NAME, columns, notes, options)
 }
 
 /// The next batch of a column behind those before it.

@@ -5,6 +5,14 @@ use super::csv::{named_time, seconds};
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
 use crate::error::Error;
 
+/// What a reader of another crate found, or that it gave up in the middle: some stop the program where parts of a damaged file lie outside of it.
+pub(super) fn guarded<T>(source: &str, format: &'static str, read: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(read)).unwrap_or_else(|_| {
+        let what = "damaged: its parts do not fit together; write it again".into();
+        Err(LogError::Format { file: source.into(), format, what }.into())
+    })
+}
+
 /// One column of a table while it is read.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Column {

@@ -11,6 +11,7 @@ use hdf5_reader::{Dataset, Datatype, Hdf5File};
 
 use super::LogError;
 use super::arrays::{Array, assemble};
+use super::columns::guarded;
 use super::recording::{ReadOptions, Recording};
 use crate::error::Error;
 
@@ -22,15 +23,19 @@ const CLASS: &str = "MATLAB_class";
 
 pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     let source = path.display().to_string();
+    guarded(&source, NAME, || whole_file(path, &source, options))
+}
+
+fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Recording, Error> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
     let mut notes = Vec::new();
     let root = || Hdf5File::from_vec(bytes)?.root_group();
     let variables = root().map(|group| variables(&group, "", 0, &mut notes)).map_err(|e| LogError::Format {
-        file: source.clone(),
+        file: source.to_owned(),
         format: NAME,
         what: e.to_string(),
     })?;
-    assemble(&source, "hdf5", NAME, variables, notes, options)
+    assemble(source, "hdf5", NAME, variables, notes, options)
 }
 
 /// The arrays and groups of a group.

@@ -13,7 +13,7 @@ use ::parquet::file::reader::{FileReader, SerializedFileReader};
 use ::parquet::schema::types::ColumnDescriptor;
 
 use super::LogError;
-use super::columns::{Cells, Column, assemble};
+use super::columns::{Cells, Column, assemble, guarded};
 use super::recording::{ReadOptions, Recording, TimeUnit};
 use crate::error::Error;
 
@@ -23,9 +23,13 @@ const BATCH: usize = 65_536;
 
 pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     let source = path.display().to_string();
+    guarded(&source, NAME, || whole_file(path, &source, options))
+}
+
+fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Recording, Error> {
     let file = File::open(path).map_err(|e| Error::io(path, e))?;
-    let (columns, notes) = read(file).map_err(|e| LogError::Format { file: source.clone(), format: NAME, what: e.to_string() })?;
-    assemble(&source, "parquet", NAME, columns, notes, options)
+    let (columns, notes) = read(file).map_err(|e| LogError::Format { file: source.to_owned(), format: NAME, what: e.to_string() })?;
+    assemble(source, "parquet", NAME, columns, notes, options)
 }
 
 fn read(file: File) -> Result<(Vec<Column>, Vec<String>), ParquetError> {
