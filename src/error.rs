@@ -15,6 +15,9 @@ pub enum Error {
     /// A model that cannot be built, read or converted.
     #[error(transparent)]
     Model(#[from] crate::model::ModelError),
+    /// A channel that cannot be calculated from others.
+    #[error(transparent)]
+    Derived(#[from] crate::model::DerivedError),
     /// A signal that cannot be made.
     #[error(transparent)]
     Signal(#[from] crate::signal::SignalError),
@@ -39,6 +42,9 @@ pub enum Error {
     /// A diagnosis that cannot be read or written.
     #[error(transparent)]
     Diagnosis(#[from] crate::diagnose::DiagnosisError),
+    /// A diagnosis that cannot be handed over.
+    #[error(transparent)]
+    Export(#[from] crate::export::ExportError),
     /// Blind cases, verdicts or labels that cannot be used.
     #[error(transparent)]
     Blind(#[from] crate::blind::BlindError),

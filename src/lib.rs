@@ -8,6 +8,7 @@ pub mod delay;
 pub mod diagnose;
 pub mod effect;
 pub mod error;
+pub mod export;
 pub mod file;
 pub mod fit;
 pub mod identify;

@@ -22,6 +22,7 @@ from .delays import (
 )
 from .diagnosis import Diagnosis, Inspection, Isolability, check, gap, isolability
 from .errors import DeadtimeError
+from .exports import Export, export
 from .logs import as_log, as_logs, read, read_records
 from .models import (
     as_model,
@@ -58,4 +59,4 @@ __all__ += ["Alarm", "Tracker", "Tracking", "methods", "predict_precision"]
 # Studies.
 __all__ += ["GateResult", "Plan", "Study", "gate", "plans", "plants", "read_study", "study"]
 # The gap.
-__all__ += ["Diagnosis", "Inspection", "Isolability", "check", "gap", "isolability"]
+__all__ += ["Diagnosis", "Export", "Inspection", "Isolability", "check", "export", "gap", "isolability"]

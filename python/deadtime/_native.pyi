@@ -55,6 +55,7 @@ def _name_and_unit(header: str) -> tuple[str, str | None]: ...
 
 # --- file
 
+def _read_text(path: str | os.PathLike[str]) -> str: ...
 def _write_whole(path: str | os.PathLike[str], bytes: bytes) -> None: ...
 
 # --- delay
@@ -472,6 +473,16 @@ def _gap(
     threads: int | None,
     progress: Any | None,
 ) -> _Diagnosed: ...
+def _export(
+    text: str,
+    source: str,
+    model: Model | None,
+    deviations: Sequence[tuple[str, float]],
+    widen: float,
+    to: str,
+    options: str,
+) -> tuple[str, str]: ...
+def _targets() -> list[tuple[str, str]]: ...
 def _check(subject: Model | _Simulator, logs: Sequence[Log]) -> tuple[str, str]: ...
 def _isolability(
     subject: Model | _Simulator, logs: Sequence[Log], prediction: str | None, max_delay: float | None, threads: int | None

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use super::Out;
 use super::progress::Waiting;
+use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
 use crate::diagnose::inspect;
 use crate::log::Log;
-use crate::model::ModelDocument;
 use crate::report::checks::text;
 use crate::stop::Stop;
 
@@ -17,9 +17,11 @@ use crate::stop::Stop;
   deadtime check --model model.toml --log flight.csv
   deadtime check --model model.toml --log a.csv --log b.csv --json checks.json")]
 pub(super) struct Check {
-    /// The model, deadtime/model@1
-    #[arg(long, value_name = "MODEL")]
-    model: PathBuf,
+    /// The model, deadtime/model@1; or give --simulator
+    #[arg(long, value_name = "MODEL", required_unless_present = "simulator", conflicts_with = "simulator")]
+    model: Option<PathBuf>,
+    #[command(flatten)]
+    simulator: SimulatorArgs,
     /// A log; may be repeated
     #[arg(long, value_name = "LOG", required = true)]
     log: Vec<PathBuf>,
@@ -30,13 +32,13 @@ pub(super) struct Check {
 impl Check {
     /// Prints what was found; as JSON it is deadtime/check@1.
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
-        let document = ModelDocument::read(&self.model)?;
+        let subject = Simulated::new(self.model.as_deref(), &self.simulator)?;
         let mut logs: Vec<Log> = Vec::new();
         for path in &self.log {
-            logs.extend(self.reading.read_for(path, &document, false)?);
+            logs.extend(subject.read(&self.reading, path, false)?);
         }
         let waiting = Waiting::new(to, "checking");
-        let found = inspect(&document, &logs, &Stop::default())?;
+        let found = inspect(&subject, &logs, &Stop::default())?;
         drop(waiting);
         to.json(&found)?;
         say!(to, "{}", text(&found).trim_end());

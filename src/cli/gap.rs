@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use super::Out;
 use super::criteria::Thresholds;
 use super::progress::{Bar, Waiting};
+use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
 use crate::diagnose::{GapOptions, Mode, diagnose, isolability};
 use crate::log::Log;
-use crate::model::{CandidateEntry, ModelDocument};
+use crate::model::CandidateEntry;
 use crate::report::diagnosis::{ranking, summary};
 use crate::report::isolability::text as isolability_text;
 use crate::report::{save, terminal};
@@ -19,11 +20,14 @@ use crate::report::{save, terminal};
   deadtime gap --model model.toml --log flight.csv --out gap
   deadtime gap --model model.toml --log a.csv --log b.csv --holdout c.csv --out gap --full
   deadtime gap --model tanks.toml --log run.csv --candidate 'level2 += k*(level1 - level2); k in 0 to 1' --out gap
-  deadtime gap --model model.toml --log flight.csv --isolability")]
+  deadtime gap --model model.toml --log flight.csv --isolability
+  deadtime gap --simulator ./servo_model --input u --output angle --parameter damping=0.06 --log run.csv --out gap")]
 pub(super) struct Gap {
-    /// The model, deadtime/model@1
-    #[arg(long, value_name = "MODEL")]
-    model: PathBuf,
+    /// The model, deadtime/model@1; or give --simulator
+    #[arg(long, value_name = "MODEL", required_unless_present = "simulator", conflicts_with = "simulator")]
+    model: Option<PathBuf>,
+    #[command(flatten)]
+    simulator: SimulatorArgs,
     /// A log to learn from; may be repeated
     #[arg(long, value_name = "LOG", required = true)]
     log: Vec<PathBuf>,
@@ -34,7 +38,7 @@ pub(super) struct Gap {
     reading: Reading,
     /// A term that the model may lack, as 'state += expression': names that the model does not know are free parameters, 0 where it is nothing. After a
     /// semicolon their ranges, as 'k in 0 to 2, width = 0.1 in 0.01 to 1'. May be repeated
-    #[arg(long, value_name = "TERM")]
+    #[arg(long, value_name = "TERM", conflicts_with = "simulator")]
     candidate: Vec<String>,
     /// What "predicted" means; default: simulation, or the predictor where the model has poles that do not decay within a log
     #[arg(long, value_enum)]
@@ -74,14 +78,14 @@ enum ModeName {
 
 impl Gap {
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
-        let mut document = ModelDocument::read(&self.model)?;
+        let mut subject = Simulated::new(self.model.as_deref(), &self.simulator)?;
         for term in &self.candidate {
-            document.suspect(CandidateEntry::from_text(term)?)?;
+            subject.suspect(CandidateEntry::from_text(term)?)?;
         }
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Log>> {
             let mut logs = Vec::new();
             for path in paths {
-                logs.extend(self.reading.read_for(path, &document, true)?);
+                logs.extend(subject.read(&self.reading, path, true)?);
             }
             Ok(logs)
         };
@@ -98,14 +102,14 @@ impl Gap {
         };
         let Some(out) = self.out.as_deref().filter(|_| !self.isolability) else {
             let waiting = Waiting::new(to, "telling effects apart");
-            let found = isolability(&document, &logs, &options)?;
+            let found = isolability(&subject, &logs, &options)?;
             drop(waiting);
             to.json(&found)?;
             say!(to, "{}", isolability_text(&found).trim_end());
             return Ok(());
         };
         let bar = Bar::new(to);
-        let found = diagnose(&document, &logs, &holdout, &options, &|stage| bar.show(stage.begins_at(), &stage));
+        let found = diagnose(&subject, &logs, &holdout, &options, &|stage| bar.show(stage.begins_at(), &stage));
         bar.end();
         let found = found?;
         let written = save(&found, out)?;

@@ -10,6 +10,7 @@ use super::Out;
 use crate::delay::{METHODS, Method};
 use crate::diagnose::Criteria;
 use crate::effect;
+use crate::export::TARGETS;
 use crate::identify::IDENTIFIERS;
 use crate::log::READERS;
 use crate::model::ModelDocument;
@@ -21,7 +22,7 @@ use crate::signal::EXCITATIONS;
 use crate::simulate::System;
 use crate::study::{PLANS, PLANTS, Plan};
 
-/// List the methods, identification methods, effects, excitations, conversions, dynamics, plants, plans, readers of log files or thresholds of a diagnosis there are, with their options and
+/// List the methods, identification methods, effects, excitations, conversions, dynamics, plants, plans, readers of log files, targets of an export or thresholds of a diagnosis there are, with their options and
 /// defaults
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -47,6 +48,8 @@ enum What {
     Plans,
     Readers,
     Identifiers,
+    /// What `deadtime export` can make of a diagnosis
+    Targets,
     /// The thresholds of a diagnosis, of which src/diagnose/input/criteria.rs tells the meaning and the origin
     Criteria,
 }
@@ -69,6 +72,7 @@ impl List {
             What::Methods => METHODS.iter().map(|m| describe(&m.entry)).collect(),
             What::Excitations => EXCITATIONS.iter().map(describe).collect(),
             What::Conversions => CONVERSIONS.iter().map(describe).collect(),
+            What::Targets => TARGETS.iter().map(describe).collect(),
             What::Dynamics => Dynamics::ALL
                 .map(|d| {
                     let names = |list: &[(&str, &str)]| list.iter().map(|(n, u)| format!("{n} [{u}]")).collect::<Vec<_>>().join(", ");
@@ -99,6 +103,7 @@ impl List {
             What::Effects => effects::lines_data(&effect::table()),
             What::Excitations => EXCITATIONS.iter().map(Entry::data).collect(),
             What::Conversions => CONVERSIONS.iter().map(Entry::data).collect(),
+            What::Targets => TARGETS.iter().map(Entry::data).collect(),
             What::Dynamics => Dynamics::ALL
                 .iter()
                 .map(|d| json!({ "name": d.name(), "states": d.states(), "input": d.input(), "outputs": d.outputs() }))

@@ -14,6 +14,7 @@ mod criteria;
 mod demo;
 mod estimate;
 mod excite;
+mod export;
 mod gap;
 mod gate;
 mod identify;
@@ -25,6 +26,7 @@ mod model;
 mod progress;
 mod show;
 mod simulate;
+mod simulator;
 mod source;
 mod study;
 mod words;
@@ -75,6 +77,7 @@ enum Command {
     Check(check::Check),
     Identify(identify::Identify),
     Gap(gap::Gap),
+    Export(export::Export),
     Gate(gate::Gate),
     #[command(subcommand)]
     Blind(blind::Blind),
@@ -111,6 +114,7 @@ impl Cli {
             Command::Check(c) => c.run(to),
             Command::Identify(c) => c.run(to),
             Command::Gap(c) => c.run(to),
+            Command::Export(c) => c.run(to),
             Command::Gate(c) => c.run(to),
             Command::Blind(c) => c.run(to),
             Command::List(c) => c.run(to),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 
 use crate::log::{EventTimes, Log, ReadOptions, Stamps, TimeUnit, Wanted, csv, open, read_events, reader};
-use crate::model::ModelDocument;
+use crate::model::{Derived, ModelDocument};
 use crate::time::SampleTime;
 
 /// Where the data come from.
@@ -36,12 +36,15 @@ pub(super) struct Reading {
     /// Column of the log that carries a name of the model; may be repeated
     #[arg(long, value_name = "MODEL_NAME=COLUMN")]
     map: Vec<String>,
+    /// A channel calculated from others, such as "speed [m/s]=hypot(vx,vy)"; may be repeated, see docs/logs.md
+    #[arg(long, value_name = "NAME=EXPRESSION")]
+    channel: Vec<String>,
     #[command(flatten)]
     clock: Clock,
 }
 
 /// How time stamps are to be understood.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub(super) struct Clock {
     /// Column of time in a log of text; default: the one called `time`, or like it
     #[arg(long, value_name = "COLUMN")]
@@ -110,8 +113,8 @@ impl Source {
     /// Two columns of event times; what cuts, renames or resamples a log of samples means nothing there.
     pub(super) fn events(&self, columns: [&str; 2]) -> anyhow::Result<[EventTimes; 2]> {
         let r = &self.reading;
-        if r.records.is_some() || r.from.is_some() || r.to.is_some() || r.resample.is_some() || !r.map.is_empty() {
-            bail!("--events reads whole columns of event times: leave out --records, --from, --to, --resample and --map");
+        if r.records.is_some() || r.from.is_some() || r.to.is_some() || r.resample.is_some() || !r.map.is_empty() || !r.channel.is_empty() {
+            bail!("--events reads whole columns of event times: leave out --records, --from, --to, --resample, --map and --channel");
         }
         if reader(&self.log)?.name != "csv" {
             bail!("{}: --events reads columns of text files only", self.log.display());
@@ -120,7 +123,29 @@ impl Source {
     }
 }
 
+/// What of the file a wanted channel is made of: itself, or the sources of one that is calculated.
+fn of_the_file(wanted: Wanted, derived: &[Derived]) -> Vec<Wanted> {
+    match derived.iter().rposition(|d| d.name() == wanted.name) {
+        // A source may be calculated by one of those before it.
+        Some(at) => {
+            let sources = derived[at].sources().iter().map(|name| Wanted { name: name.clone(), ..wanted });
+            sources.flat_map(|source| of_the_file(source, &derived[..at])).collect()
+        }
+        None => vec![wanted],
+    }
+}
+
+/// A check goes on without channels that are not there; everything else says which one is missing.
+fn sources_there(derived: &Derived, log: &Log, needed: &Needed<'_>) -> bool {
+    needed.required || derived.sources().iter().all(|s| log.names().any(|n| n == s))
+}
+
 impl Reading {
+    /// Whole logs, of a command in which `--to` means something else.
+    pub(super) fn whole(map: Vec<String>, clock: Clock) -> Self {
+        Self { records: None, from: None, to: None, resample: None, map, channel: Vec::new(), clock }
+    }
+
     /// The records of one log with the channels of a model, and the slopes that its inputs ask for.
     pub(super) fn read_for(&self, log: &Path, model: &ModelDocument, required: bool) -> anyhow::Result<Vec<Log>> {
         let inputs: Vec<String> = model.inputs().iter().filter(|c| c.derivative_of.is_none()).map(|c| c.name.clone()).collect();
@@ -138,6 +163,7 @@ impl Reading {
             };
             map.push((name.to_owned(), column.to_owned()));
         }
+        let derived = self.channel.iter().map(|text| Derived::parse(text)).collect::<Result<Vec<_>, _>>()?;
         let options = self.clock.options();
         let grid = self.resample.map(SampleTime::new).transpose()?;
         let mut even = false;
@@ -150,10 +176,12 @@ impl Reading {
                 let column = |name: &String| map.iter().find(|(new, _)| new == name).map_or(name, |(_, column)| column).clone();
                 let input = |name: &String| Wanted { name: column(name), held: true, required: needed.required };
                 let output = |name: &String| Wanted { name: column(name), held: false, required: needed.required };
-                let mut wanted: Vec<Wanted> = needed.inputs.iter().map(input).collect();
-                for one in needed.outputs.iter().map(output) {
-                    if wanted.iter().all(|w| w.name != one.name) {
-                        wanted.push(one);
+                let mut wanted: Vec<Wanted> = Vec::new();
+                for one in needed.inputs.iter().map(input).chain(needed.outputs.iter().map(output)) {
+                    for one in of_the_file(one, &derived) {
+                        if wanted.iter().all(|w| w.name != one.name) {
+                            wanted.push(one);
+                        }
                     }
                 }
                 even = recording.topics.iter().any(|topic| !topic.name.is_empty());
@@ -168,7 +196,9 @@ impl Reading {
         let held: Vec<&str> = needed.inputs.iter().map(String::as_str).collect();
         logs.into_iter()
             .map(|log| {
-                let mut log = log.rename(&map)?;
+                let mut log =
+                    derived.iter().try_fold(log, |log, one| if sources_there(one, &log, needed) { one.add_to(log) } else { Ok(log) })?;
+                log = log.rename(&map)?;
                 if self.from.is_some() || self.to.is_some() {
                     log = log.window(self.from, self.to)?;
                 }

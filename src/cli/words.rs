@@ -3,12 +3,15 @@
 use crate::delay::report::Report;
 
 /// Words of the library's messages, and the option that a reader of the command line has for each.
-const OPTIONS: [(&str, &str); 17] = [
+const OPTIONS: [(&str, &str); 20] = [
     ("the new names make two columns called", "`--map` makes two columns called"),
     ("`max_delay`", "--max-delay"),
     ("give a `model` and", "give --model and"),
     ("(`rename`)", "(--map)"),
     ("give two sequences of them", "give --events A,B"),
+    ("give `model`, such as", "give --model, such as"),
+    ("needs the option physics_dt", "needs --set physics_dt=SECONDS"),
+    ("give the option inertia={", "give --set inertia={"),
     ("give an input and an output", "give --input and --output"),
     ("to `read_records`", "with `--records COLUMN`"),
     ("take another `window` of the log", "cut the log with `--from S --to S`"),

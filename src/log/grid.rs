@@ -58,11 +58,19 @@ impl Log {
     ///
     /// # Errors
     /// [`LogError`] for a channel that is not there or misses samples, and for a name that is taken.
-    pub fn with_slope(mut self, name: &str, of: &str) -> Result<Self, LogError> {
+    pub fn with_slope(self, name: &str, of: &str) -> Result<Self, LogError> {
         let values = self.input(of)?;
         let pairs = values.windows(2).zip(self.time_s.windows(2));
         let slopes = std::iter::once(0.0).chain(pairs.map(|(v, t)| (v[1] - v[0]) / (t[1] - t[0]))).collect();
-        self.channels.push(Channel::new(name, None, slopes));
+        self.with_channel(Channel::new(name, None, slopes))
+    }
+
+    /// The log with one more channel.
+    ///
+    /// # Errors
+    /// [`LogError`] for a name that is taken, and for another number of samples.
+    pub fn with_channel(mut self, channel: Channel) -> Result<Self, LogError> {
+        self.channels.push(channel);
         let early_s = self.early_s;
         Self::assemble(self.source, self.time_s, self.channels, self.unusable, self.rows).map(|log| Self { early_s, ..log })
     }

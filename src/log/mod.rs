@@ -4,13 +4,21 @@
 
 mod align;
 mod arrays;
+#[cfg(feature = "tables")]
+mod arrow;
 mod bag;
+#[cfg(feature = "tables")]
+mod columns;
 pub mod csv;
 mod error;
 mod grid;
+#[cfg(feature = "tables")]
+mod hdf5;
 mod listing;
 mod mat;
 mod mcap;
+#[cfg(feature = "tables")]
+mod parquet;
 mod reader;
 mod recording;
 mod ros;

@@ -3,8 +3,10 @@
 use std::io::Read;
 use std::path::Path;
 
+#[cfg(not(feature = "tables"))]
+use super::LogError;
 use super::recording::{ReadOptions, Recording};
-use super::{Log, LogError, csv, mat, mcap, rosbag2, ulog};
+use super::{Log, csv, mat, mcap, rosbag2, ulog};
 use crate::error::Error;
 
 /// As many bytes as any format is recognised by.
@@ -24,9 +26,11 @@ pub struct Reader {
     pub open: fn(&Path, &ReadOptions) -> Result<Recording, Error>,
 }
 
-/// What the Python package takes as it is.
-const IN_PYTHON: &str = "the Python package takes the table as pandas, polars or pyarrow read it; or write it as CSV";
+/// What a program without those readers says.
+#[cfg(not(feature = "tables"))]
+const WITHOUT: &str = "this program was built without the feature `tables`; write it as CSV";
 
+#[cfg(not(feature = "tables"))]
 fn unread(path: &Path, format: &'static str, remedy: &str) -> Error {
     LogError::Format { file: path.display().to_string(), format, what: format!("this format is recognised but not read: {remedy}") }.into()
 }
@@ -62,31 +66,34 @@ pub const READERS: &[Reader] = &[
         open: mat::open,
     },
     Reader {
-        name: "mat73",
-        summary: "MAT 7.3, which is HDF5: recognised, not read",
+        name: "hdf5",
+        summary: "HDF5 and MAT 7.3: vectors and matrices beside a vector of time, groups and structs of them",
         extensions: &["h5", "hdf5"],
         sniff: |head| [0, 512].iter().any(|at| head.get(*at..).is_some_and(|rest| rest.starts_with(b"\x89HDF\r\n\x1a\n"))),
-        open: |path, _| {
-            Err(unread(
-                path,
-                "HDF5 (MAT 7.3)",
-                "save it in MATLAB with `save -v7`, or read it in Python and hand the arrays to `deadtime.Log`",
-            ))
-        },
+        #[cfg(feature = "tables")]
+        open: super::hdf5::open,
+        #[cfg(not(feature = "tables"))]
+        open: |path, _| Err(unread(path, "HDF5 (MAT 7.3)", WITHOUT)),
     },
     Reader {
         name: "parquet",
-        summary: "Parquet: recognised, not read",
+        summary: "Parquet: every column of numbers beside one of time; snappy, lz4 and zstd",
         extensions: &["parquet", "pq"],
         sniff: |head| head.starts_with(b"PAR1"),
-        open: |path, _| Err(unread(path, "Parquet", IN_PYTHON)),
+        #[cfg(feature = "tables")]
+        open: super::parquet::open,
+        #[cfg(not(feature = "tables"))]
+        open: |path, _| Err(unread(path, "Parquet", WITHOUT)),
     },
     Reader {
         name: "arrow",
-        summary: "Arrow IPC and Feather: recognised, not read",
+        summary: "Arrow IPC and Feather: columns of numbers, structs and lists of a fixed size beside a column of time; plain and lz4",
         extensions: &["arrow", "feather", "ipc"],
         sniff: |head| head.starts_with(b"ARROW1"),
-        open: |path, _| Err(unread(path, "Arrow IPC", IN_PYTHON)),
+        #[cfg(feature = "tables")]
+        open: super::arrow::open,
+        #[cfg(not(feature = "tables"))]
+        open: |path, _| Err(unread(path, "Arrow IPC", WITHOUT)),
     },
     Reader {
         name: "csv",

@@ -3,6 +3,7 @@
 pub mod c2d;
 mod cascade;
 mod d2c;
+mod derived;
 mod equations;
 mod file;
 mod hinf;
@@ -14,6 +15,7 @@ pub mod uav;
 mod zeros;
 
 pub use d2c::d2c;
+pub use derived::{Derived, DerivedError};
 pub use equations::{
     Breakdown, Definition, Directions, EquationError, Equations, Fault, Linearisation, NonFinite, OutputVariable, Parameter, StateVariable,
     Symbol, Workspace, Wrt,

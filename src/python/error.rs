@@ -30,14 +30,14 @@ fn class(error: &Error) -> Option<&'static str> {
         Error::Time(_)
         | Error::Model(crate::model::ModelError::Time(_))
         | Error::Simulate(crate::simulate::SimulateError::DelayTime(_)) => "TimeError",
-        Error::Log(_) => "LogError",
+        Error::Log(_) | Error::Derived(_) => "LogError",
         Error::Model(_) | Error::Structured(_) | Error::Identify(_) => "ModelError",
         Error::Signal(_) => "SignalError",
         Error::Simulate(_) => "SimulateError",
         Error::Gap(_) => "GapError",
         Error::Effect(_) => "EffectError",
         Error::Delay(_) => "DelayError",
-        Error::Diagnosis(_) => "DiagnosisError",
+        Error::Diagnosis(_) | Error::Export(_) => "DiagnosisError",
         Error::Blind(_) => "BlindError",
         Error::Study(_) => "StudyError",
         Error::Registry(_) => "RegistryError",
@@ -82,11 +82,13 @@ fn os_message(source: &std::io::Error) -> String {
 }
 
 /// Words of the library's messages, and what a reader of Python has for each.
-const REMEDIES: [(&str, &str); 16] = [
+const REMEDIES: [(&str, &str); 18] = [
     ("`max_delay`", "max_delay="),
     ("give a `model` and", "give model= and"),
     ("(`rename`)", "(log.rename)"),
     ("give two sequences of them", "give deadtime.estimate_events"),
+    ("give `model`, such as", "give model=, such as"),
+    ("give the option inertia={", "give inertia={"),
     ("give an input and an output", "give input= and output="),
     ("to `read_records`", "with `deadtime.read_records(path, column)`"),
     ("take another `window` of the log", "take another `log.window(start, stop)`"),

@@ -6,12 +6,18 @@ use std::sync::{Mutex, PoisonError};
 use pyo3::prelude::*;
 
 use super::error::OrRaise;
-use crate::file::{Lock as Inner, write_atomic};
+use crate::file::{Lock as Inner, read_text, write_atomic};
 
 /// Writes bytes under a temporary name, which becomes the file's once it is whole.
 #[pyfunction]
 fn _write_whole(py: Python<'_>, path: PathBuf, bytes: &[u8]) -> PyResult<()> {
     py.detach(|| write_atomic(&path, |out| out.write_all(bytes))).or_raise(py)
+}
+
+/// The text of a file that says what to do.
+#[pyfunction]
+fn _read_text(py: Python<'_>, path: PathBuf) -> PyResult<String> {
+    py.detach(|| read_text(&path)).or_raise(py)
 }
 
 /// Held while a run writes to a folder.
@@ -34,5 +40,6 @@ impl Lock {
 
 pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<Lock>()?;
+    m.add_function(wrap_pyfunction!(_read_text, m)?)?;
     m.add_function(wrap_pyfunction!(_write_whole, m)?)
 }

@@ -10,6 +10,7 @@ mod delay;
 mod diagnose;
 mod effect;
 mod error;
+mod export;
 mod file;
 mod log;
 mod model;
@@ -33,6 +34,7 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     diagnose::add(m)?;
     effect::add(m)?;
     error::add(m)?;
+    export::add(m)?;
     file::add(m)?;
     log::add(m)?;
     model::add(m)?;

@@ -12,6 +12,7 @@ mod nonlinear;
 pub mod ode;
 mod piecewise;
 pub mod plan;
+pub mod process;
 mod response;
 mod run;
 mod sampled;

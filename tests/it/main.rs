@@ -31,6 +31,8 @@ mod conditions;
 mod contract;
 mod correlation;
 mod degenerate;
+#[cfg(feature = "cli")]
+mod derived;
 mod diagnosis;
 mod differential;
 mod durable;
@@ -40,6 +42,8 @@ mod effects;
 mod equations;
 #[cfg(feature = "cli")]
 mod events;
+#[cfg(feature = "cli")]
+mod export;
 #[cfg(all(feature = "cli", unix))]
 mod faults;
 mod fuzz;
@@ -83,6 +87,8 @@ mod real_logs;
 mod report_html;
 mod richness;
 mod sampled_models;
+#[cfg(all(feature = "cli", unix))]
+mod simulator_program;
 #[cfg(feature = "cli")]
 mod structured;
 mod study;

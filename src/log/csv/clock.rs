@@ -57,6 +57,16 @@ pub(in crate::log) fn named_time(name: &str) -> Option<Option<TimeUnit>> {
     named(name, false)
 }
 
+/// Stamps of any format, each as text would have it, in seconds (NaN where there is none), and their unit; they are understood as a text file's.
+#[cfg(feature = "tables")]
+pub(in crate::log) fn seconds(cells: impl Iterator<Item = String>, unit: Option<TimeUnit>, plain: bool) -> (Vec<f64>, TimeUnit) {
+    let mut stamps = Stamps::default();
+    let number = |cell: &[u8]| std::str::from_utf8(cell).ok()?.parse().ok();
+    let raw: Vec<f64> = cells.map(|cell| stamps.read(cell.as_bytes(), unit, number).unwrap_or(f64::NAN)).collect();
+    let unit = unit.unwrap_or_else(|| stamps.guess(&raw, plain).0);
+    (raw.iter().map(|stamp| stamp / unit.per_second()).collect(), unit)
+}
+
 /// How the unit of the time came about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Why {

@@ -10,6 +10,8 @@ use std::fmt::Write as _;
 use std::io::{Read, Write};
 use std::path::Path;
 
+#[cfg(feature = "tables")]
+pub(super) use self::clock::seconds;
 use self::clock::{Stamps, Why};
 pub(super) use self::clock::{median_step, named_time};
 use self::lines::{Lines, Separator};

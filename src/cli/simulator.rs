@@ -1,0 +1,147 @@
+//! The options that make a program the simulator: `--simulator "COMMAND"` and the names of its channels.
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::{Context, bail};
+
+use super::source::{Needed, Reading};
+use crate::diagnose::Subject;
+use crate::log::Log;
+use crate::model::{CandidateEntry, ModelDocument};
+use crate::simulate::process::{Children, Program, Talk};
+use crate::simulate::{Face, Port, Start, System};
+
+/// A program as the simulator.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "A program as the simulator")]
+pub(super) struct SimulatorArgs {
+    /// The program, as the shell reads it: it gets CSV (time and inputs) and answers CSV (outputs), see docs/black-box.md
+    #[arg(long, value_name = "COMMAND", requires_all = ["input", "output"])]
+    simulator: Option<String>,
+    /// An input, as the log calls it; may be repeated
+    #[arg(long, value_name = "NAME [UNIT]", requires = "simulator")]
+    input: Vec<String>,
+    /// An output, as log and program call it; may be repeated
+    #[arg(long, value_name = "NAME [UNIT]", requires = "simulator")]
+    output: Vec<String>,
+    /// A parameter that may be wrong, with its nominal value; may be repeated
+    #[arg(long, value_name = "NAME=VALUE [UNIT]", requires = "simulator")]
+    parameter: Vec<String>,
+    /// A state whose start the program takes, and the standard deviation of that (left out: unknown); may be repeated
+    #[arg(long, value_name = "NAME=VALUE[,STD]", requires = "simulator", allow_hyphen_values = true)]
+    start: Vec<String>,
+    /// Start the program once and ask it line by line: `run N`, parameters, a table; it answers with a table
+    #[arg(long, requires = "simulator")]
+    persistent: bool,
+    /// Longest time that one run may take, seconds
+    #[arg(long, value_name = "S", default_value_t = 60.0, requires = "simulator")]
+    timeout: f64,
+}
+
+/// `name [unit]` as its parts.
+fn port(text: &str) -> anyhow::Result<Port> {
+    let (name, unit) = match text.trim().strip_suffix(']').and_then(|t| t.split_once(" [")) {
+        Some((name, unit)) => (name.trim(), Some(unit.trim().to_owned())),
+        None => (text.trim(), None),
+    };
+    if name.is_empty() {
+        bail!("a channel without a name: `{text}`");
+    }
+    Ok(Port { name: name.to_owned(), unit })
+}
+
+fn number(option: &str, text: &str, value: &str) -> anyhow::Result<f64> {
+    value.trim().parse().with_context(|| format!("--{option} {text}: `{value}` is no number"))
+}
+
+impl SimulatorArgs {
+    fn face(&self, command: &str) -> anyhow::Result<Face> {
+        let parameters = self.parameter.iter().map(|text| {
+            let Some((name, rest)) = text.split_once('=') else { bail!("--parameter {text}: write it as NAME=VALUE") };
+            let (value, unit) = match rest.trim().strip_suffix(']').and_then(|t| t.split_once('[')) {
+                Some((value, unit)) => (value, Some(unit.trim().to_owned())),
+                None => (rest, None),
+            };
+            Ok((Port { name: name.trim().to_owned(), unit }, number("parameter", text, value)?))
+        });
+        let states = self.start.iter().map(|text| {
+            let Some((name, rest)) = text.split_once('=') else { bail!("--start {text}: write it as NAME=VALUE,STD") };
+            let (initial, std) = rest.split_once(',').map_or((rest, None), |(initial, std)| (initial, Some(std)));
+            let std = std.map(|std| number("start", text, std)).transpose()?;
+            Ok(Start { port: Port { name: name.trim().to_owned(), unit: None }, initial: number("start", text, initial)?, std })
+        });
+        // What is called by its path is called by its file.
+        let first = command.split_whitespace().next().unwrap_or("simulator");
+        let name = Path::new(first).file_stem().map_or(first.to_owned(), |s| s.to_string_lossy().into_owned());
+        Ok(Face {
+            name,
+            inputs: self.input.iter().map(|t| port(t)).collect::<Result<_, _>>()?,
+            outputs: self.output.iter().map(|t| port(t)).collect::<Result<_, _>>()?,
+            states: states.collect::<Result<_, _>>()?,
+            parameters: parameters.collect::<Result<_, _>>()?,
+        })
+    }
+
+    fn system(&self, command: &str) -> anyhow::Result<System> {
+        if !(self.timeout.is_finite() && self.timeout > 0.0 && self.timeout < 1e9) {
+            bail!("--timeout {}: give seconds above 0", self.timeout);
+        }
+        let face = self.face(command)?;
+        let talk = if self.persistent { Talk::Lines } else { Talk::EachRun };
+        let program = Program { command: command.to_owned(), talk, timeout: Duration::from_secs_f64(self.timeout), folder: None };
+        let children = Children::default();
+        let running = children.clone();
+        // Whoever embeds the command line may have a handler of its own: then ending is theirs.
+        let _ = ctrlc::try_set_handler(move || {
+            running.end_all();
+            std::process::exit(130);
+        });
+        Ok(System::black_box(program.simulator(&face, &children), face)?)
+    }
+}
+
+/// What is held against the logs: a model file, or a program.
+#[derive(Debug)]
+pub(super) enum Simulated {
+    Model(Box<ModelDocument>),
+    Program(Box<System>),
+}
+
+impl Simulated {
+    pub(super) fn new(model: Option<&Path>, program: &SimulatorArgs) -> anyhow::Result<Self> {
+        match (model, &program.simulator) {
+            (Some(path), None) => Ok(Self::Model(Box::new(ModelDocument::read(path)?))),
+            (None, Some(command)) => Ok(Self::Program(Box::new(program.system(command)?))),
+            _ => bail!("give --model MODEL, or --simulator COMMAND with --input and --output"),
+        }
+    }
+
+    /// Adds a term that is suspected to be missing.
+    pub(super) fn suspect(&mut self, candidate: CandidateEntry) -> anyhow::Result<()> {
+        match self {
+            Self::Model(document) => Ok(document.suspect(candidate)?),
+            Self::Program(_) => bail!("a program's equations cannot be changed: --candidate needs --model"),
+        }
+    }
+
+    /// The records of a log with its channels.
+    pub(super) fn read(&self, reading: &Reading, log: &Path, required: bool) -> anyhow::Result<Vec<Log>> {
+        match self {
+            Self::Model(document) => reading.read_for(log, document, required),
+            Self::Program(system) => {
+                let names = |ports: &[Port]| ports.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
+                reading.read(log, &Needed { inputs: &names(&system.inputs), outputs: &names(&system.outputs), required })
+            }
+        }
+    }
+}
+
+impl<'a> From<&'a Simulated> for Subject<'a> {
+    fn from(subject: &'a Simulated) -> Self {
+        match subject {
+            Simulated::Model(document) => document.as_ref().into(),
+            Simulated::Program(system) => system.as_ref().into(),
+        }
+    }
+}
