@@ -33,6 +33,7 @@ impl Check {
         let document = ModelDocument::read(&self.model)?;
         let mut logs: Vec<Log> = Vec::new();
         for path in &self.log {
+            let _reading = Waiting::reading(to, path);
             logs.extend(self.reading.read_for(path, &document, false)?);
         }
         let waiting = Waiting::new(to, "checking");

@@ -9,12 +9,11 @@ use super::Common;
 use crate::cli::Out;
 use crate::cli::progress::Waiting;
 use crate::cli::source::Needed;
-use crate::delay::{Detrend, Feedback, Job, Scope, chosen};
+use crate::delay::{Job, Scope, chosen};
 use crate::identify::subspace::{Direct, Identified, Recordings, identifier};
 use crate::log::Log;
 use crate::registry;
 use crate::report::identify::Report;
-use crate::stop::Stop;
 use crate::time::SampleTime;
 
 /// The options of a linear model.
@@ -189,20 +188,8 @@ impl Linear {
     /// The shortest delay of each input to any output that is to be believed, as the existing estimators say.
     fn estimated(&self, logs: &[Log], ts: SampleTime) -> anyhow::Result<(Vec<usize>, Vec<String>)> {
         let names: Vec<String> = DELAY_METHODS.iter().map(|n| (*n).to_owned()).collect();
-        let job = Job {
-            name: String::new(),
-            logs: logs.to_vec(),
-            inputs: self.input.clone(),
-            outputs: self.output.clone(),
-            methods: chosen(&names, &std::collections::BTreeMap::new(), &[Scope::Pair])?,
-            model: None,
-            max_delay_s: None,
-            degree_bias: None,
-            detrend: Detrend::Mean,
-            feedback: Feedback::Auto,
-            track: false,
-            stop: Stop::default(),
-        };
+        let methods = chosen(&names, &std::collections::BTreeMap::new(), &[Scope::Pair])?;
+        let job = Job { name: String::new(), methods, ..Job::new(logs.to_vec(), &self.input, &self.output) };
         let report = job.run()?;
         let mut notes = Vec::new();
         let delay = |input: &String| {

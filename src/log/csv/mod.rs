@@ -5,6 +5,7 @@
 
 mod clock;
 mod lines;
+mod number;
 
 use std::fmt::Write as _;
 use std::io::{Read, Write};
@@ -13,6 +14,7 @@ use std::path::Path;
 use self::clock::{Stamps, Why};
 pub(super) use self::clock::{median_step, named_time};
 use self::lines::{Lines, Separator};
+use self::number::decimal;
 use super::recording::{ReadOptions, Recording, TimeUnit};
 use super::{Channel, Log, LogError, Origin, Place, Rows, Unusable, time_follows};
 use crate::error::Error;
@@ -422,6 +424,9 @@ enum Cell {
 fn parse(cell: &[u8], separator: Separator) -> Cell {
     if cell.is_empty() {
         return Cell::Missing;
+    }
+    if let Some(x) = decimal(cell) {
+        return Cell::Number(x);
     }
     let number = |text: &str| match text.parse::<f64>() {
         // A decimal comma, where commas separate nothing.
