@@ -392,6 +392,18 @@ pub enum LogError {
         /// The log's length, in seconds.
         duration_s: f64,
     },
+    /// More numbers than are read into memory.
+    #[error("{file}, row {row}: more than {most:e} numbers, {gb:.1} GB of memory; leave out columns, or cut the file into parts")]
+    TooLarge {
+        /// The log.
+        file: String,
+        /// The first row that is too much.
+        row: usize,
+        /// The numbers of all rows that are read.
+        most: f64,
+        /// What they take, 10⁹ bytes.
+        gb: f64,
+    },
     /// A column is given two names.
     #[error("{file}: column `{channel}` is mapped twice, to `{first}` and to `{second}`; `rename` each column once")]
     MappedTwice {

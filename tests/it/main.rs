@@ -31,6 +31,7 @@ mod conditions;
 mod contract;
 mod correlation;
 mod degenerate;
+mod degenerate_gap;
 mod diagnosis;
 mod differential;
 mod durable;
