@@ -1,5 +1,7 @@
 //! The command line: one file per subcommand.
 
+#![deny(clippy::indexing_slicing)]
+
 /// `println!` of what a command has to say: see [`show::Out::line`].
 macro_rules! say {
     ($to:expr, $($text:tt)*) => {

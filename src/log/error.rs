@@ -479,9 +479,7 @@ fn edit_distance(a: &[char], b: &[char]) -> usize {
         let mut row = Vec::with_capacity(above.len());
         let mut left = i + 1;
         row.push(left);
-        for (y, pair) in b.iter().zip(above.windows(2)) {
-            // `windows(2)` yields slices of two.
-            let (diagonal, up) = (pair[0], pair[1]);
+        for (y, (diagonal, up)) in b.iter().zip(super::neighbours(&above)) {
             left = (diagonal + usize::from(x != y)).min(up + 1).min(left + 1);
             row.push(left);
         }

@@ -171,16 +171,18 @@ impl Linear {
     fn given(&self, texts: &[String], ts: SampleTime) -> anyhow::Result<(Vec<usize>, Vec<String>)> {
         let (mut delays, mut notes) = (vec![0; self.input.len()], Vec::new());
         for text in texts {
-            let known = |(name, s): (&str, &str)| Some((self.input.iter().position(|i| i == name)?, s.parse::<f64>().ok()?));
-            let Some((at, delay_s)) = text.split_once('=').and_then(known) else {
+            let Some((name, delay_s)) = text.split_once('=').and_then(|(name, s)| Some((name, s.parse::<f64>().ok()?))) else {
+                bail!("--delay {text}: write it as INPUT=SECONDS with an input of the model ({}), or auto or none", self.input.join(", "));
+            };
+            let Some((_, delay)) = self.input.iter().zip(&mut delays).find(|(input, _)| *input == name) else {
                 bail!("--delay {text}: write it as INPUT=SECONDS with an input of the model ({}), or auto or none", self.input.join(", "));
             };
             let samples = ts.samples(delay_s).with_context(|| format!("--delay {text}"))?;
             if samples.fraction != 0.0 {
                 let share = samples.fraction;
-                notes.push(format!("{}: {share:.2} of a sample of its delay stays within the model", self.input[at]));
+                notes.push(format!("{}: {share:.2} of a sample of its delay stays within the model", name));
             }
-            delays[at] = samples.whole;
+            *delay = samples.whole;
         }
         Ok((delays, notes))
     }
