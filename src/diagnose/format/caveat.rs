@@ -25,7 +25,7 @@ pub enum Caveat {
     /// Only the first part of a long log was looked at.
     #[error(
         "{log} has {rows} rows, of which the first {used} were looked at, up to {until_s} s: everything here, intervals too, is of that part alone; \
-         look at more by more `rows`, or at another part by a window of the log"
+         ask for more rows to be looked at, or cut the log to look at another part"
     )]
     FirstPart {
         /// The log.
