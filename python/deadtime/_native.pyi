@@ -469,6 +469,7 @@ def _gap(
     holdout: Sequence[Log],
     prediction: str | None,
     max_delay: float | None,
+    rows: int,
     seed: int,
     threads: int | None,
     progress: Any | None,

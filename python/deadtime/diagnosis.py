@@ -420,6 +420,7 @@ def gap(
     parameters: Parameters | None = None,
     prediction: Prediction | None = None,
     max_delay: float | None = None,
+    rows: int = 200_000,
     seed: int = 1,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -450,6 +451,8 @@ def gap(
         What predicted means; without it chosen from the model's poles. A function can only be simulated freely.
     max_delay : float, optional
         The longest delay and lag that are looked for, s; without it 35 samples, at most a tenth of the shortest log.
+    rows : int
+        Rows that are looked at, of all logs together. Of longer logs that is the first part, and a caveat says so.
     seed : int
         Seed of the bootstrap.
     threads : int, optional
@@ -490,6 +493,7 @@ def gap(
         [] if holdout is None else as_logs(holdout),
         prediction,
         None if max_delay is None else float(max_delay),
+        whole("rows", rows, 1),
         whole("seed", seed, 0),
         perhaps("threads", threads, 1),
         progress,

@@ -35,6 +35,7 @@ impl Check {
         let subject = Simulated::new(self.model.as_deref(), &self.simulator)?;
         let mut logs: Vec<Log> = Vec::new();
         for path in &self.log {
+            let _reading = Waiting::reading(to, path);
             logs.extend(subject.read(&self.reading, path, false)?);
         }
         let waiting = Waiting::new(to, "checking");

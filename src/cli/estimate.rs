@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 
 use anyhow::bail;
 use serde_json::Value;
@@ -82,9 +83,12 @@ impl Estimate {
         let (report, job) = match &self.events {
             Some(columns) => (self.of_events(columns)?, None),
             None => {
+                let reading = Waiting::reading(to, &self.source.log);
                 let job = self.job()?;
-                let what = format!("estimating by {} methods", job.methods.len());
-                let _waiting = Waiting::new(to, &what);
+                drop(reading);
+                let (all, answered) = (job.methods.len() * self.input.len() * self.output.len(), job.answered.clone());
+                let done = move || format!(", {} of {all} answers", answered.load(Ordering::Relaxed));
+                let _waiting = Waiting::counting(to, "estimating", done);
                 (in_options(job.run()?), Some(job))
             }
         };

@@ -46,6 +46,9 @@ pub(super) struct Gap {
     /// Longest delay and lag to look for, seconds; default: 35 samples, at most a tenth of the shortest log
     #[arg(long, value_name = "S")]
     max_delay: Option<f64>,
+    /// Rows to look at, of all logs together; of longer logs that is the first part, which is said. --from and --to choose another part
+    #[arg(long, value_name = "ROWS", default_value_t = 200_000)]
+    look_at: usize,
     /// Seed of the bootstrap
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -85,6 +88,7 @@ impl Gap {
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Log>> {
             let mut logs = Vec::new();
             for path in paths {
+                let _reading = Waiting::reading(to, path);
                 logs.extend(subject.read(&self.reading, path, true)?);
             }
             Ok(logs)
@@ -96,6 +100,7 @@ impl Gap {
                 ModeName::Predictor => Mode::Predictor,
             }),
             longest_delay_s: self.max_delay,
+            rows: self.look_at,
             seed: self.seed,
             criteria: self.thresholds.criteria()?,
             ..GapOptions::default()

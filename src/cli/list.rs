@@ -113,7 +113,9 @@ impl List {
                 .iter()
                 .map(|i| {
                     let mut data = i.entry.data();
-                    data["needs"] = json!(i.needs);
+                    if let Some(data) = data.as_object_mut() {
+                        data.insert("needs".to_owned(), json!(i.needs));
+                    }
                     data
                 })
                 .collect(),

@@ -1,5 +1,7 @@
 //! The command line: one file per subcommand.
 
+#![deny(clippy::indexing_slicing)]
+
 /// `println!` of what a command has to say: see [`show::Out::line`].
 macro_rules! say {
     ($to:expr, $($text:tt)*) => {
@@ -32,6 +34,7 @@ mod study;
 mod words;
 
 use std::ffi::OsString;
+use std::io::IsTerminal;
 use std::path::PathBuf;
 
 use clap::Parser;
@@ -126,6 +129,22 @@ impl Cli {
             Command::Man(c) => c.run(to),
         }
     }
+}
+
+/// What a shell reports of a program that Ctrl-C ended.
+const INTERRUPTED: i32 = 130;
+
+/// Ctrl-C, and what asks a program to end, end it at once, whatever it does: files that are half-written go, and the terminal's line is empty.
+/// Where no handler can be set they end it as ever.
+pub fn end_when_asked() {
+    let _ = ctrlc::set_handler(|| {
+        simulator::end_programs();
+        crate::file::abandon();
+        if std::io::stderr().is_terminal() {
+            eprintln!("\r\x1b[Kdeadtime: stopped");
+        }
+        std::process::exit(INTERRUPTED);
+    });
 }
 
 /// Runs the program with the words that were typed, its own name first; errors go to standard error. The exit code.

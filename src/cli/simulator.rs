@@ -1,6 +1,7 @@
 //! The options that make a program the simulator: `--simulator "COMMAND"` and the names of its channels.
 
 use std::path::Path;
+use std::sync::LazyLock;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
@@ -11,6 +12,14 @@ use crate::log::Log;
 use crate::model::{CandidateEntry, ModelDocument};
 use crate::simulate::process::{Children, Program, Talk};
 use crate::simulate::{Face, Port, Start, System};
+
+/// The programs that run, for whoever ends this process: they are in process groups of their own.
+static RUNNING: LazyLock<Children> = LazyLock::new(Children::default);
+
+/// Ends every program that runs as a simulator.
+pub(super) fn end_programs() {
+    RUNNING.end_all();
+}
 
 /// A program as the simulator.
 #[derive(Debug, clap::Args)]
@@ -90,14 +99,7 @@ impl SimulatorArgs {
         let face = self.face(command)?;
         let talk = if self.persistent { Talk::Lines } else { Talk::EachRun };
         let program = Program { command: command.to_owned(), talk, timeout: Duration::from_secs_f64(self.timeout), folder: None };
-        let children = Children::default();
-        let running = children.clone();
-        // Whoever embeds the command line may have a handler of its own: then ending is theirs.
-        let _ = ctrlc::try_set_handler(move || {
-            running.end_all();
-            std::process::exit(130);
-        });
-        Ok(System::black_box(program.simulator(&face, &children), face)?)
+        Ok(System::black_box(program.simulator(&face, &RUNNING), face)?)
     }
 }
 

@@ -1,6 +1,8 @@
 //! The whole estimation: the methods asked for, on every pair of a log, with what the record shows, what was to be expected and what to believe.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use nalgebra::DVector;
@@ -119,6 +121,8 @@ pub struct Job {
     pub track: bool,
     /// Looked at between methods, pairs, and the delays of long scans.
     pub stop: Stop,
+    /// How many methods have answered so far, over all pairs: for whoever waits.
+    pub answered: Arc<AtomicUsize>,
 }
 
 impl Job {
@@ -142,6 +146,7 @@ impl Job {
             feedback: Feedback::default(),
             track: false,
             stop: Stop::default(),
+            answered: Arc::default(),
         }
     }
 
@@ -285,6 +290,7 @@ impl Job {
                         Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => return Err(e.into()),
                         Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                     };
+                    self.answered.fetch_add(1, Ordering::Relaxed);
                     Ok(Answer { method: ready.method, estimate, predicted, time_s: clock.elapsed().as_secs_f64() })
                 };
                 let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;

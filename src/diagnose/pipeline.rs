@@ -25,6 +25,7 @@ use crate::diagnose::format::caveat::Caveat;
 use crate::diagnose::format::diagnosis::{Cause, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, NotTried, Prediction};
 use crate::diagnose::format::error::GapError;
 use crate::diagnose::format::progress::Stage;
+use crate::diagnose::input::first_part::Parts;
 use crate::diagnose::input::inputs::{Inputs, Simulator};
 use crate::diagnose::input::log_caveats::log_caveats;
 use crate::diagnose::input::options::GapOptions;
@@ -92,8 +93,10 @@ pub fn diagnose<'a>(
 ) -> Result<Diagnosed> {
     let begin = || {
         let subject = subject.into();
-        let simulator = Simulator::of(subject, logs, &options.stop)?;
-        let mut found = in_stages(subject, &simulator, logs, holdout, options, progress)?;
+        let Parts { logs, holdout, caveats } = Parts::of(logs, holdout, options.rows)?;
+        let simulator = Simulator::of(subject, &logs, &options.stop)?;
+        let mut found = in_stages(subject, &simulator, &logs, &holdout, options, progress)?;
+        found.caveats.splice(0..0, caveats);
         if let Some(memory) = &simulator.memory {
             let calls = memory.calls();
             if let (failed, Some(why)) = memory.failures() {
@@ -115,8 +118,9 @@ pub fn diagnose<'a>(
 pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &GapOptions) -> Result<Isolability> {
     let subject = subject.into();
     let begin = || {
-        let simulator = Simulator::of(subject, logs, &options.stop)?;
-        let mut inputs = Inputs::new(subject, &simulator, logs, &[], options)?;
+        let Parts { logs, .. } = Parts::of(logs, &[], options.rows)?;
+        let simulator = Simulator::of(subject, &logs, &options.stop)?;
+        let mut inputs = Inputs::new(subject, &simulator, &logs, &[], options)?;
         inputs.learn_from_all(&simulator.system);
         let baseline = Baseline::of(&simulator, &inputs, options)?;
         let likelihood = baseline.likelihood(&simulator, &inputs, options)?;

@@ -3,6 +3,7 @@
 mod lock;
 mod name;
 mod read;
+mod unfinished;
 
 use std::io::Write;
 use std::path::Path;
@@ -14,6 +15,7 @@ use crate::error::{Error, Result};
 pub use lock::Lock;
 pub use name::component;
 pub use read::{LARGEST, read_bytes, read_text};
+pub use unfinished::abandon;
 
 /// How the names of files begin and end that are not whole yet.
 const UNFINISHED: [&str; 2] = [".deadtime-", ".tmp"];
@@ -34,9 +36,11 @@ pub fn write_atomic(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::
 pub(crate) fn temporary(path: &Path) -> Result<NamedTempFile> {
     let folder = folder_of(path);
     let [prefix, suffix] = UNFINISHED;
-    std::fs::create_dir_all(folder)
+    let file = std::fs::create_dir_all(folder)
         .and_then(|()| tempfile::Builder::new().prefix(prefix).suffix(suffix).tempfile_in(folder))
-        .map_err(|source| Error::io(path, source))
+        .map_err(|source| Error::io(path, source))?;
+    unfinished::begun(file.path());
+    Ok(file)
 }
 
 /// Gives a temporary file its name.

@@ -392,6 +392,18 @@ pub enum LogError {
         /// The log's length, in seconds.
         duration_s: f64,
     },
+    /// More numbers than are read into memory.
+    #[error("{file}, row {row}: more than {most:e} numbers, {gb:.1} GB of memory; leave out columns, or cut the file into parts")]
+    TooLarge {
+        /// The log.
+        file: String,
+        /// The first row that is too much.
+        row: usize,
+        /// The numbers of all rows that are read.
+        most: f64,
+        /// What they take, 10⁹ bytes.
+        gb: f64,
+    },
     /// A column is given two names.
     #[error("{file}: column `{channel}` is mapped twice, to `{first}` and to `{second}`; `rename` each column once")]
     MappedTwice {
@@ -467,9 +479,7 @@ fn edit_distance(a: &[char], b: &[char]) -> usize {
         let mut row = Vec::with_capacity(above.len());
         let mut left = i + 1;
         row.push(left);
-        for (y, pair) in b.iter().zip(above.windows(2)) {
-            // `windows(2)` yields slices of two.
-            let (diagonal, up) = (pair[0], pair[1]);
+        for (y, (diagonal, up)) in b.iter().zip(super::neighbours(&above)) {
             left = (diagonal + usize::from(x != y)).min(up + 1).min(left + 1);
             row.push(left);
         }

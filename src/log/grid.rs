@@ -1,6 +1,6 @@
 //! Even grids, windows and resampling.
 
-use super::{Channel, Log, LogError, Rows};
+use super::{Channel, Log, LogError, Rows, neighbours};
 use crate::time::SampleTime;
 
 /// No time stamp of an even grid is further than this from the straight line through all, in samples.
@@ -60,8 +60,8 @@ impl Log {
     /// [`LogError`] for a channel that is not there or misses samples, and for a name that is taken.
     pub fn with_slope(self, name: &str, of: &str) -> Result<Self, LogError> {
         let values = self.input(of)?;
-        let pairs = values.windows(2).zip(self.time_s.windows(2));
-        let slopes = std::iter::once(0.0).chain(pairs.map(|(v, t)| (v[1] - v[0]) / (t[1] - t[0]))).collect();
+        let pairs = neighbours(values).zip(neighbours(&self.time_s));
+        let slopes = std::iter::once(0.0).chain(pairs.map(|((from, to), (before, after))| (to - from) / (after - before))).collect();
         self.with_channel(Channel::new(name, None, slopes))
     }
 

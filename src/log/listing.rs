@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::align::shortest_name;
 
-use super::{Channel, Log, Recording, Topic};
+use super::{Channel, Log, Recording, Topic, neighbours};
 
 /// A step longer than this many median steps is a gap.
 pub(super) const GAP_STEPS: f64 = 3.0;
@@ -100,13 +100,13 @@ impl Recording {
 fn topic_listing(topic: &Topic, ends: &HashMap<String, usize>) -> TopicListing {
     let log = &topic.log;
     let time_s = log.time_s();
-    let steps = || time_s.windows(2).map(|pair| pair[1] - pair[0]);
+    let steps = || neighbours(time_s).map(|(before, after)| after - before);
     let step_s = (log.len() > 1).then(|| log.median_step_s());
     let longest_s = step_s.map_or(f64::INFINITY, |step| GAP_STEPS * step);
     let usual: Vec<f64> = steps().filter(|step| *step <= longest_s).collect();
     let mean = usual.iter().sum::<f64>() / usual.len().max(1) as f64;
     let variance = usual.iter().map(|step| (step - mean).powi(2)).sum::<f64>() / usual.len().max(1) as f64;
-    let gaps = || time_s.windows(2).filter(|pair| pair[1] - pair[0] > longest_s);
+    let gaps = || neighbours(time_s).filter(|(from, to)| to - from > longest_s);
     TopicListing {
         name: topic.name.clone(),
         samples: log.len(),
@@ -116,7 +116,7 @@ fn topic_listing(topic: &Topic, ends: &HashMap<String, usize>) -> TopicListing {
         jitter_s: step_s.map(|_| variance.sqrt()),
         even: log.even_grid().is_ok(),
         gap_count: gaps().count(),
-        gaps: gaps().take(LISTED_GAPS).map(|pair| GapListing { from_s: pair[0], to_s: pair[1] }).collect(),
+        gaps: gaps().take(LISTED_GAPS).map(|(from_s, to_s)| GapListing { from_s, to_s }).collect(),
         not_numbers: log.unusable.iter().map(|column| column.name.clone()).collect(),
         channels: log.channels().map(|channel| channel_listing(topic, channel, ends)).collect(),
     }

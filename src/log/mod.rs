@@ -2,6 +2,9 @@
 //!
 //! NaN and infinities never leave this module: a missing sample is a mark beside the value, and only outputs may have one.
 
+// What a file holds decides where these read: no place is taken for granted.
+#![deny(clippy::indexing_slicing)]
+
 mod align;
 mod arrays;
 #[cfg(feature = "tables")]
@@ -28,6 +31,11 @@ mod sqlite;
 #[cfg(test)]
 mod tests;
 mod ulog;
+
+/// Each value with the one behind it.
+pub(crate) fn neighbours<T: Copy>(values: &[T]) -> impl Iterator<Item = (T, T)> {
+    values.iter().copied().zip(values.iter().copied().skip(1))
+}
 
 pub use self::align::Wanted;
 pub use self::csv::{EventTimes, name_and_unit, read_events, read_records};

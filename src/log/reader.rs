@@ -114,8 +114,8 @@ pub fn reader(path: &Path) -> Result<&'static Reader, Error> {
     std::fs::File::open(path).map_err(io)?.take(HEAD as u64).read_to_end(&mut head).map_err(io)?;
     let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
     let called = |r: &&Reader| r.extensions.iter().any(|e| name.strip_suffix(e).is_some_and(|stem| stem.ends_with('.')));
-    let text = &READERS[READERS.len() - 1];
-    Ok(READERS.iter().find(|r| (r.sniff)(&head)).or_else(|| READERS.iter().find(called)).unwrap_or(text))
+    let known = READERS.iter().find(|r| (r.sniff)(&head)).or_else(|| READERS.iter().find(called));
+    known.or(READERS.last()).ok_or_else(|| io(std::io::ErrorKind::Unsupported.into()))
 }
 
 /// Reads a file of any format.

@@ -1,6 +1,6 @@
 //! What a file holds before anyone chooses channels: topics, each with stamps of its own.
 
-use super::{Channel, Log, LogError, Origin, Rows};
+use super::{Channel, Log, LogError, Origin, Rows, neighbours};
 
 /// The unit of time stamps in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -233,11 +233,11 @@ impl Table {
             notes.push(format!("{what}{} infinite values count as missing", self.endless));
         }
         let usable = |t: &f64| t.is_finite() && t.abs() <= super::TIME_LIMIT_S;
-        let increasing = self.time_s.iter().all(usable) && self.time_s.windows(2).all(|pair| pair[0] < pair[1]);
+        let increasing = self.time_s.iter().all(usable) && neighbours(&self.time_s).all(|(before, after)| before < after);
         if !increasing {
             let mut order: Vec<usize> = (0..rows).filter(|&i| self.time_s.get(i).is_some_and(usable)).collect();
             let at = |i: usize| self.time_s.get(i).copied().unwrap_or(0.0);
-            let back = order.windows(2).filter(|pair| at(pair[1]) < at(pair[0])).count();
+            let back = neighbours(&order).filter(|(before, after)| at(*after) < at(*before)).count();
             order.sort_by(|&a, &b| at(a).total_cmp(&at(b)));
             order.dedup_by(|b, a| at(*a) == at(*b));
             if order.len() < rows {

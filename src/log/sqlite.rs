@@ -69,7 +69,7 @@ impl<R: Read + Seek> Database<R> {
         file.seek(SeekFrom::Start(0))?;
         let mut head = Vec::new();
         file.by_ref().take(100).read_to_end(&mut head)?;
-        let size = head.get(16..18).map_or(0, |b| u64::from(u16::from_be_bytes([b[0], b[1]])));
+        let size = head.get(16..).and_then(<[u8]>::first_chunk).map_or(0, |b| u64::from(u16::from_be_bytes(*b)));
         let page_size = if size == 1 { 65536 } else { size };
         let reserved = head.get(20).map_or(0, |b| u64::from(*b));
         if head.len() < 100 || page_size < 512 || !page_size.is_power_of_two() || page_size < reserved + 480 {
@@ -119,7 +119,7 @@ impl<R: Read + Seek> Database<R> {
         *left -= 1;
         let Some(page) = self.page(number) else { return };
         let start = if number == 1 { 100 } else { 0 };
-        let u16_at = |at: usize| page.get(at..at + 2).map_or(0, |b| usize::from(u16::from_be_bytes([b[0], b[1]])));
+        let u16_at = |at: usize| page.get(at..).and_then(<[u8]>::first_chunk).map_or(0, |b| usize::from(u16::from_be_bytes(*b)));
         let u32_at = |at: usize| page.get(at..at + 4).and_then(|b| b.try_into().ok()).map_or(0, u32::from_be_bytes);
         let kind = page.get(start).copied().unwrap_or(0);
         let cells = u16_at(start + 3);

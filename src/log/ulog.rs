@@ -301,12 +301,12 @@ impl Ulog {
         });
         let fields = numbers.iter().filter(|(path, ..)| path != "timestamp").enumerate();
         let fields = fields.map(|(column, (_, kind, at))| Field { kind: *kind, at: *at, column }).collect();
-        let id = u16::from_le_bytes([id[0], id[1]]);
+        let id = id.first_chunk().map_or(0, |id| u16::from_le_bytes(*id));
         self.subscriptions.insert(id, Subscription { topic, stamp, fields });
     }
 
     fn sample(&mut self, payload: &[u8]) {
-        let Some(id) = payload.get(..2).map(|b| u16::from_le_bytes([b[0], b[1]])) else {
+        let Some(id) = payload.first_chunk().map(|b| u16::from_le_bytes(*b)) else {
             self.strange += 1;
             return;
         };

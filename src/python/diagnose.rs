@@ -353,6 +353,7 @@ fn _gap(
     holdout: Vec<PyRef<'_, Log>>,
     prediction: Option<&Bound<'_, PyString>>,
     max_delay: Option<f64>,
+    rows: usize,
     seed: u64,
     threads: Option<usize>,
     progress: Option<Py<PyAny>>,
@@ -371,7 +372,8 @@ fn _gap(
                 stop.set();
             }
         };
-        diagnose(what.subject(), &logs, &holdout, &options(prediction.as_deref(), max_delay, seed, stop), &tell)
+        let options = GapOptions { rows, ..options(prediction.as_deref(), max_delay, seed, stop) };
+        diagnose(what.subject(), &logs, &holdout, &options, &tell)
     };
     let found = raised.over(py, long(py, threads, work))?;
     let simulator = match subject.cast::<PySimulator>() {

@@ -1,5 +1,7 @@
 //! What a study runs: `deadtime/plan@1`, a TOML file whose keys are those of a cell, with lists.
 
+#![deny(clippy::indexing_slicing)]
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

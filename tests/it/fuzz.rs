@@ -1,4 +1,5 @@
-//! Mutated inputs of every reader: an error, or a value that writes and reads back to itself; never a panic.
+//! Mutated inputs of every reader: an error, or a value that writes and reads back to itself; never a panic, and never more memory than [`TIMES`] the input's size and
+//! [`BESIDE`].
 //!
 //! The corpus lies in `tests/corpus/READER`, one input a file; an input that broke something is added to it and stays. `DEADTIME_FUZZ_ROUNDS` mutants of each input are
 //! tried (default few), from the seed `DEADTIME_FUZZ_SEED`: `scripts/fuzz MINUTES` goes on with fresh seeds.
@@ -52,6 +53,12 @@ const WORDS: [&str; 34] = [
     "=",
     "null",
 ];
+
+/// Bytes of memory for each byte of input. A cell of text may be two bytes, its number is eight and its place in lists of rows and columns as much again; lists double as
+/// they grow. Names are kept several times, in errors too.
+const TIMES: u64 = 200;
+/// Bytes of memory whatever the input: buffers, and 1000 times the size of what was compressed.
+const BESIDE: u64 = 4 << 20;
 
 /// One reader: refuses an input, or gives what it reads as the value written again.
 type Reader = fn(&[u8], &Path) -> Option<Box<dyn FnOnce() -> bool>>;
@@ -193,7 +200,13 @@ fn number(name: &str, otherwise: u64) -> u64 {
 
 fn fuzz(name: &str, reader: Reader, rounds: u64) {
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus").join(name);
-    let mut files: Vec<PathBuf> = std::fs::read_dir(&corpus).unwrap().flatten().map(|f| f.path()).collect();
+    fuzz_from(name, &corpus, &[corpus.as_path()], reader, rounds);
+}
+
+/// Inputs from several folders; what breaks the reader is kept in the first argument's.
+fn fuzz_from(name: &str, corpus: &Path, folders: &[&Path], reader: Reader, rounds: u64) {
+    let mut files: Vec<PathBuf> = folders.iter().flat_map(|f| std::fs::read_dir(f).unwrap().flatten().map(|f| f.path())).collect();
+    files.retain(|f| f.extension().is_none_or(|e| e != "md" && e != "json") || name != "log_files");
     files.sort();
     let inputs: Vec<Vec<u8>> = files.iter().map(|f| std::fs::read(f).unwrap()).collect();
     let folder = tempfile::tempdir().unwrap();
@@ -201,13 +214,17 @@ fn fuzz(name: &str, reader: Reader, rounds: u64) {
     let mut rng = ChaCha8Rng::seed_from_u64(number("DEADTIME_FUZZ_SEED", 1));
     let mut read = 0;
     let mut check = |bytes: &[u8], what: &str| {
+        let mut taken = 0;
+        let allowed = TIMES * bytes.len() as u64 + BESIDE;
         let fine = catch_unwind(AssertUnwindSafe(|| {
-            reader(bytes, folder.path()).is_none_or(|again| {
+            let mut read_as = None;
+            taken = allocation_counter::measure(|| read_as = reader(bytes, folder.path())).bytes_max;
+            read_as.is_none_or(|again| {
                 read += 1;
                 again()
             })
         }));
-        if !matches!(fine, Ok(true)) {
+        if !matches!(fine, Ok(true)) || taken > allowed {
             let kept = corpus.join(format!(
                 "broke-{:016x}",
                 bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(*b)).wrapping_mul(0x100_0000_01b3))
@@ -215,7 +232,11 @@ fn fuzz(name: &str, reader: Reader, rounds: u64) {
             std::fs::write(&kept, bytes).unwrap();
             panic!(
                 "{name}, {what}: {}; kept as {}",
-                if fine.is_ok() { "not the same when written and read" } else { "panicked" },
+                match fine {
+                    Ok(true) => format!("{taken} bytes of memory for {} of input", bytes.len()),
+                    Ok(false) => "not the same when written and read".to_owned(),
+                    Err(_) => "panicked".to_owned(),
+                },
                 kept.display()
             );
         }
@@ -236,6 +257,21 @@ fn fuzz(name: &str, reader: Reader, rounds: u64) {
 #[test]
 fn fuzz_csv() {
     fuzz("csv", csv, 400);
+}
+
+/// Files of other programs: an error or a log, whose channels can all be asked for.
+fn log_file(bytes: &[u8], folder: &Path) -> Option<Box<dyn FnOnce() -> bool>> {
+    let recording = log::open(&file(bytes, folder, "fuzz.bin"), &log::ReadOptions::default()).ok()?;
+    let listing = recording.listing();
+    Some(Box::new(move || serde_json::to_string(&listing).is_ok()))
+}
+
+#[test]
+fn fuzz_log_files() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let kept = root.join("tests/corpus/log_files");
+    std::fs::create_dir_all(&kept).unwrap();
+    fuzz_from("log_files", &kept, &[&kept, &root.join("golden/log_files")], log_file, 40);
 }
 
 #[test]

@@ -31,6 +31,7 @@ mod conditions;
 mod contract;
 mod correlation;
 mod degenerate;
+mod degenerate_gap;
 #[cfg(feature = "cli")]
 mod derived;
 mod diagnosis;

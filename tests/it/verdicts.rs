@@ -71,3 +71,17 @@ fn a_record_without_a_response_has_no_verdict() {
         .count();
     assert!(answered <= 1, "{answered} of 40");
 }
+
+/// Without noise the cost of an exact fit falls on for ever, from one side of a whole sample to the other: the search once never ended.
+#[test]
+fn a_pure_delay_without_noise_is_answered() {
+    let u: Vec<f64> = (0..300_u64).map(|k| (((k * 2_654_435_761) % (1 << 32)) >> 13 & 1) as f64).collect();
+    let y: Vec<f64> = (0..300).map(|k| if k < 4 { 0.0 } else { u[k - 4] }).collect();
+    let time_s = (0..300).map(|k| 0.1 * f64::from(k)).collect();
+    let log = Log::new("pure", time_s, vec![Channel::new("u", None, u), Channel::new("y", None, y)]).unwrap();
+    let methods = chosen(&["arxstruc".to_owned()], &BTreeMap::new(), &[Scope::Pair]).unwrap();
+    let report = Job { methods, ..Job::new(vec![log], ["u"], ["y"]) }.run().unwrap();
+    let delay_s = report.pairs[0].estimates[0].delay_s.unwrap();
+    // Four samples, of which one is the hold's.
+    assert!((delay_s - 0.3).abs() < 1e-9, "{delay_s}");
+}

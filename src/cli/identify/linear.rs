@@ -9,12 +9,11 @@ use super::Common;
 use crate::cli::Out;
 use crate::cli::progress::Waiting;
 use crate::cli::source::Needed;
-use crate::delay::{Detrend, Feedback, Job, Scope, chosen};
+use crate::delay::{Job, Scope, chosen};
 use crate::identify::subspace::{Direct, Identified, Recordings, identifier};
 use crate::log::Log;
 use crate::registry;
 use crate::report::identify::Report;
-use crate::stop::Stop;
 use crate::time::SampleTime;
 
 /// The options of a linear model.
@@ -172,16 +171,18 @@ impl Linear {
     fn given(&self, texts: &[String], ts: SampleTime) -> anyhow::Result<(Vec<usize>, Vec<String>)> {
         let (mut delays, mut notes) = (vec![0; self.input.len()], Vec::new());
         for text in texts {
-            let known = |(name, s): (&str, &str)| Some((self.input.iter().position(|i| i == name)?, s.parse::<f64>().ok()?));
-            let Some((at, delay_s)) = text.split_once('=').and_then(known) else {
+            let Some((name, delay_s)) = text.split_once('=').and_then(|(name, s)| Some((name, s.parse::<f64>().ok()?))) else {
+                bail!("--delay {text}: write it as INPUT=SECONDS with an input of the model ({}), or auto or none", self.input.join(", "));
+            };
+            let Some((_, delay)) = self.input.iter().zip(&mut delays).find(|(input, _)| *input == name) else {
                 bail!("--delay {text}: write it as INPUT=SECONDS with an input of the model ({}), or auto or none", self.input.join(", "));
             };
             let samples = ts.samples(delay_s).with_context(|| format!("--delay {text}"))?;
             if samples.fraction != 0.0 {
                 let share = samples.fraction;
-                notes.push(format!("{}: {share:.2} of a sample of its delay stays within the model", self.input[at]));
+                notes.push(format!("{}: {share:.2} of a sample of its delay stays within the model", name));
             }
-            delays[at] = samples.whole;
+            *delay = samples.whole;
         }
         Ok((delays, notes))
     }
@@ -189,20 +190,8 @@ impl Linear {
     /// The shortest delay of each input to any output that is to be believed, as the existing estimators say.
     fn estimated(&self, logs: &[Log], ts: SampleTime) -> anyhow::Result<(Vec<usize>, Vec<String>)> {
         let names: Vec<String> = DELAY_METHODS.iter().map(|n| (*n).to_owned()).collect();
-        let job = Job {
-            name: String::new(),
-            logs: logs.to_vec(),
-            inputs: self.input.clone(),
-            outputs: self.output.clone(),
-            methods: chosen(&names, &std::collections::BTreeMap::new(), &[Scope::Pair])?,
-            model: None,
-            max_delay_s: None,
-            degree_bias: None,
-            detrend: Detrend::Mean,
-            feedback: Feedback::Auto,
-            track: false,
-            stop: Stop::default(),
-        };
+        let methods = chosen(&names, &std::collections::BTreeMap::new(), &[Scope::Pair])?;
+        let job = Job { name: String::new(), methods, ..Job::new(logs.to_vec(), &self.input, &self.output) };
         let report = job.run()?;
         let mut notes = Vec::new();
         let delay = |input: &String| {

@@ -6,7 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::chain::{Chain, INPUT, LEAST_LAG, LEAST_RATIO, MOST_RATIO, REAL_RATIO, Row, Shape};
-use crate::delay::bound;
+use crate::delay::{bound, posterior};
 use crate::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
 use crate::identify::{Initial, Record, dot, lag_vector};
 use crate::stop::Stop;
@@ -268,9 +268,11 @@ impl<'a> Problem<'a> {
     /// Descends over poles and delay together, from one interval into the next where the cost falls on.
     fn descend(&self, theta: &[f64], place: Place, tolerance: f64) -> Option<Found> {
         let mut best = self.within(theta, place, tolerance)?;
+        let (mut came_from, mut turns) = (None, 0);
         loop {
             let Place { lag, g } = best.place;
-            if self.shape.whole() {
+            // Below rounding costs fall on for ever, from one side of a whole sample to the other and back.
+            if self.shape.whole() || best.cost <= posterior::ROUNDING * self.power {
                 return Some(best);
             }
             let next = if g <= EDGE && lag < self.max_delay {
@@ -280,6 +282,11 @@ impl<'a> Problem<'a> {
             } else {
                 return Some(best);
             };
+            turns += usize::from(came_from == Some(next.lag));
+            if turns > TURNS {
+                return Some(best);
+            }
+            came_from = Some(lag);
             match self.within(&best.theta, next, tolerance) {
                 // A whole sample is the end of one interval and the start of another: only a lower cost leads on.
                 Some(found) if found.cost < best.cost * (1.0 - 1e-9) => best = found,
@@ -329,8 +336,57 @@ impl<'a> Problem<'a> {
         starts.filter_map(|theta| self.at(&theta, place)).min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
-    /// The lowest minima, best first: descents from where a table of poles fits best, over all delays.
+    /// The lowest minima, best first. Of long records the first part finds the valleys, the whole their bottoms: where a valley lies takes far fewer samples than how
+    /// deep it is.
     pub(super) fn minima(&self, initial_delay: Option<f64>) -> Vec<Found> {
+        let Some(first) = self.first_part() else { return self.all_minima(initial_delay) };
+        let valleys = first.all_minima(initial_delay);
+        if valleys.is_empty() {
+            return self.all_minima(initial_delay);
+        }
+        let mut minima = Vec::new();
+        for valley in valleys.into_iter().take(VALLEYS) {
+            keep(&mut minima, self.descend(&valley.theta, valley.place, COARSE));
+        }
+        minima.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        minima
+    }
+
+    /// The first samples of each record, of so many that they tell the valleys apart; `None` where that is all there is, or where the commands move in them much less than
+    /// later.
+    fn first_part(&self) -> Option<Problem<'_>> {
+        let total: usize = self.records.iter().map(|w| w.u.len()).sum();
+        if total <= 2 * FIRST {
+            return None;
+        }
+        let movement = |u: &[f64]| u.windows(2).map(|w| (w[1] - w[0]).powi(2)).sum::<f64>();
+        let (mut moved, mut moves) = (0.0, 0.0);
+        let mut work = |w: &Work<'_>| {
+            let n = (w.u.len() * FIRST).div_ceil(total).max(FIRST / 4).min(w.u.len());
+            moved += movement(&w.u[..n]);
+            moves += movement(w.u);
+            let mask = w.mask.as_ref().map(|m| m[..n].to_vec());
+            let mut y = w.y[..n].to_vec();
+            centre(&mut y, mask.as_deref());
+            // What does not count is 0.
+            mask.iter().for_each(|m| y.iter_mut().zip(m).for_each(|(y, m)| *y *= m));
+            (n, y, mask)
+        };
+        let parts: Vec<_> = self.records.iter().map(&mut work).collect();
+        let records: Vec<Work<'_>> = self.records.iter().zip(parts).map(|(w, (n, y, mask))| Work { u: &w.u[..n], y, mask }).collect();
+        let used: usize = records.iter().map(|w| w.u.len()).sum();
+        // At least half of what samples of the record move on average.
+        if moved * count(total) < 0.5 * moves * count(used) {
+            return None;
+        }
+        let power = records.iter().map(|w| dot(&w.y, &w.y)).sum();
+        let samples = records.iter().map(|w| w.mask.as_ref().map_or(count(w.u.len()), |m| m.iter().sum())).sum();
+        let (lower, upper) = (self.lower.clone(), self.upper.clone());
+        Some(Problem { records, power, samples, lower, upper, stop: self.stop.clone(), ..*self })
+    }
+
+    /// The same from all samples: descents from where a table of poles fits best, over all delays.
+    fn all_minima(&self, initial_delay: Option<f64>) -> Vec<Found> {
         let row = |theta: Vec<f64>| (!self.stop.is_set()).then(|| (theta.clone(), self.profile(&theta)));
         let Some(table) = self.table().into_iter().map(row).collect::<Option<Vec<(Vec<f64>, Profile)>>>() else { return Vec::new() };
         let places = table.first().map_or(0, |(_, profile)| profile.len());
@@ -366,12 +422,7 @@ impl<'a> Problem<'a> {
         let mut minima: Vec<Found> = Vec::new();
         for (_, row, at) in starts {
             let (theta, profile) = &table[row];
-            let Some(found) = self.descend(theta, profile[at].0, COARSE) else { continue };
-            match minima.iter_mut().find(|m| (m.place.delay() - found.place.delay()).abs() < 0.25) {
-                Some(known) if known.cost <= found.cost => {}
-                Some(known) => *known = found,
-                None => minima.push(found),
-            }
+            keep(&mut minima, self.descend(theta, profile[at].0, COARSE));
         }
         minima.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         minima
@@ -465,6 +516,16 @@ impl<'a> Problem<'a> {
     }
 }
 
+/// Adds a minimum, unless a lower one is at the same delay.
+fn keep(minima: &mut Vec<Found>, found: Option<Found>) {
+    let Some(found) = found else { return };
+    match minima.iter_mut().find(|m| (m.place.delay() - found.place.delay()).abs() < 0.25) {
+        Some(known) if known.cost <= found.cost => {}
+        Some(known) => *known = found,
+        None => minima.push(found),
+    }
+}
+
 /// Costs by delay, in the order of the delays.
 type Profile = Vec<(Place, f64)>;
 
@@ -476,6 +537,12 @@ const FINE: f64 = 1e-8;
 const SEEN: f64 = 10.0;
 /// A fraction this near to a whole sample is at it.
 const EDGE: f64 = 1e-6;
+/// Samples that tell valleys apart; longer records are searched in their first so many.
+const FIRST: usize = 6000;
+/// Valleys of the first part that the whole is tried in.
+const VALLEYS: usize = 6;
+/// How often a descent goes back into the interval that it came from: a minimum at a whole sample is seen from both sides.
+const TURNS: usize = 4;
 /// Descents; starts at every half sample besides found nothing lower in 94 of 96 random plants (tests/process.rs).
 const STARTS: usize = 12;
 /// Time constants of the table, samples: half a decade apart, as costs vary slowly with the logarithm.

@@ -22,6 +22,21 @@ pub enum Caveat {
         /// The other.
         second: String,
     },
+    /// Only the first part of a long log was looked at.
+    #[error(
+        "{log} has {rows} rows, of which the first {used} were looked at, up to {until_s} s: everything here, intervals too, is of that part alone; \
+         ask for more rows to be looked at, or cut the log to look at another part"
+    )]
+    FirstPart {
+        /// The log.
+        log: String,
+        /// Its rows.
+        rows: usize,
+        /// Those that were looked at.
+        used: usize,
+        /// The end of that part from the log's first sample, s.
+        until_s: String,
+    },
     /// A command that never changes in what is learnt from.
     #[error("`{input}` never changes in what is learnt from: nothing that acts on it can be seen; record a log in which it moves")]
     ConstantInput {

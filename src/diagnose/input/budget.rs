@@ -1,4 +1,4 @@
-//! What a search may cost: all counts and limits, once for a model file and once for a simulator that can only be called.
+//! What a search may cost: all counts and limits, for a model file, for one of many states, and for a simulator that can only be called.
 //!
 //! None of them says what counts as an effect; too small a budget misses one, and a larger one takes longer.
 
@@ -107,9 +107,22 @@ pub(in crate::diagnose) const BLACK_BOX: Budget = Budget {
     ..MODEL_FILE
 };
 
+/// States from which a model is wide: its catalogue grows with their number, and what a simulation costs with its square.
+const WIDE_FROM: usize = 25;
+
+/// Of a wide model: of each candidate a few first guesses, and fewer that are fitted.
+pub(in crate::diagnose) const WIDE: Budget = {
+    let plain = Allowance { first_guesses: 3, fitted: 12, leaders: 4, seconds: 3, pairs: 4, ..MODEL_FILE.plain };
+    Budget { plain, called: plain, on: 5, polishes: 2, firsts: [1, 2], glances: 1, swapped: 1, losing: 1, rivals: 3, ..MODEL_FILE }
+};
+
 impl Budget {
     /// Of a system.
     pub(in crate::diagnose) fn of(system: &System) -> &'static Self {
-        if system.is_black_box() { &BLACK_BOX } else { &MODEL_FILE }
+        match (system.is_black_box(), system.states.len()) {
+            (true, _) => &BLACK_BOX,
+            (false, WIDE_FROM..) => &WIDE,
+            (false, _) => &MODEL_FILE,
+        }
     }
 }

@@ -3,6 +3,7 @@
 pub(in crate::diagnose) mod black_box;
 pub(in crate::diagnose) mod budget;
 pub(in crate::diagnose) mod criteria;
+pub(in crate::diagnose) mod first_part;
 pub(in crate::diagnose) mod inputs;
 pub(in crate::diagnose) mod log_caveats;
 pub(in crate::diagnose) mod options;

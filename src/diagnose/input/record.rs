@@ -99,7 +99,7 @@ impl LogRecord {
 }
 
 /// Fewer samples than this tell nothing about a gap.
-const SHORTEST: usize = 50;
+pub(super) const SHORTEST: usize = 50;
 
 /// That a log has the model's channels, in its units.
 pub(in crate::diagnose) fn channels_fit(log: &Log, inputs: &[Port], outputs: &[Port]) -> Result<()> {

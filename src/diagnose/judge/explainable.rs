@@ -129,16 +129,28 @@ fn predicted(left: &DVector<f64>, mut regressors: DMatrix<f64>) -> f64 {
             column /= size;
         }
     }
-    let fold = |f: usize| (f * count / FOLDS, (f + 1) * count / FOLDS);
+    let missed = if width > count { missed_by_rows(left, &regressors) } else { missed_by_columns(left, &regressors) };
+    let best = missed.into_iter().flatten().fold(whole, f64::min);
+    1.0 - best / whole
+}
+
+/// The rows of a block that is left out.
+fn fold(f: usize, count: usize) -> (usize, usize) {
+    (f * count / FOLDS, (f + 1) * count / FOLDS)
+}
+
+/// By ridge, the square of what is missed of the blocks that are left out in turn; `None` where it cannot be computed.
+fn missed_by_columns(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<f64>; RIDGES.len()] {
+    let (count, width) = regressors.shape();
     let parts: Vec<(DMatrix<f64>, DVector<f64>)> = (0..FOLDS)
         .map(|f| {
-            let (from, to) = fold(f);
+            let (from, to) = fold(f, count);
             let x = regressors.rows(from, to - from);
             (x.tr_mul(&x), x.tr_mul(&left.rows(from, to - from)))
         })
         .collect();
     let (gram, right) = parts.iter().fold((DMatrix::zeros(width, width), DVector::zeros(width)), |(g, r), p| (g + &p.0, r + &p.1));
-    let missed = |ridge: f64| -> Option<f64> {
+    RIDGES.map(|ridge| {
         let mut missed = 0.0;
         for (f, part) in parts.iter().enumerate() {
             let mut others = &gram - &part.0;
@@ -147,11 +159,53 @@ fn predicted(left: &DVector<f64>, mut regressors: DMatrix<f64>) -> f64 {
                 others[(i, i)] += weight;
             }
             let beta = others.cholesky()?.solve(&(&right - &part.1));
-            let (from, to) = fold(f);
+            let (from, to) = fold(f, count);
             missed += (left.rows(from, to - from) - regressors.rows(from, to - from) * beta).norm_squared();
         }
         Some(missed)
-    };
-    let best = RIDGES.iter().filter_map(|&ridge| missed(ridge)).fold(whole, f64::min);
-    1.0 - best / whole
+    })
+}
+
+/// The same where there are more regressors than rows, as a wide model has: X(XᵀX + λI)⁻¹Xᵀ = XXᵀ(XXᵀ + λI)⁻¹ (Saunders, Gammerman and Vovk 1998, "Ridge regression
+/// learning algorithm in dual variables", ICML, eq. 8).
+fn missed_by_rows(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<f64>; RIDGES.len()] {
+    let count = regressors.nrows();
+    let kernel = regressors * regressors.transpose();
+    RIDGES.map(|ridge| {
+        let mut missed = 0.0;
+        for f in 0..FOLDS {
+            let (from, to) = fold(f, count);
+            let others: Vec<usize> = (0..from).chain(to..count).collect();
+            let weight = ridge * count as f64;
+            let among =
+                DMatrix::from_fn(others.len(), others.len(), |i, j| kernel[(others[i], others[j])] + if i == j { weight } else { 0.0 });
+            let alpha = among.cholesky()?.solve(&DVector::from_iterator(others.len(), others.iter().map(|&i| left[i])));
+            for k in from..to {
+                let predicted: f64 = others.iter().zip(alpha.iter()).map(|(&i, a)| kernel[(k, i)] * a).sum();
+                missed += (left[k] - predicted).powi(2);
+            }
+        }
+        Some(missed)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::RngExt;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
+
+    #[test]
+    fn rows_and_columns_give_one_regression() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        for (count, width) in [(40, 12), (40, 70)] {
+            let regressors = DMatrix::from_fn(count, width, |_, _| rng.random_range(-1.0..1.0));
+            let left = regressors.column(0) + DVector::from_fn(count, |_, _| rng.random_range(-0.3..0.3));
+            for (a, b) in missed_by_columns(&left, &regressors).into_iter().zip(missed_by_rows(&left, &regressors)) {
+                let (a, b) = (a.unwrap(), b.unwrap());
+                assert!((a - b).abs() < 1e-7 * a, "{count} × {width}: {a} and {b}");
+            }
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! Time stamps as files write them: which column they stand in, in which unit they are, and dates.
 
+use crate::log::neighbours;
 use crate::log::recording::TimeUnit;
 
 /// Whole numbers beyond this are counted from the first stamp, so that differences of nanoseconds since 1970 keep every digit.
@@ -133,7 +134,7 @@ impl Stamps {
             return (TimeUnit::S, Why::Rule);
         }
         // Logs of buildings are taken every quarter of an hour, every hour, every day.
-        let quarters = stamps.windows(2).all(|pair| (pair[1] - pair[0]) % 900.0 == 0.0);
+        let quarters = neighbours(stamps).all(|(before, after)| (after - before) % 900.0 == 0.0);
         match step {
             s if s >= 1e6 => (TimeUnit::Ns, Why::Size),
             s if s >= 1e3 && !quarters => (TimeUnit::Us, Why::Size),
@@ -145,7 +146,7 @@ impl Stamps {
 
 /// The median difference of neighbours; 0 for fewer than two stamps.
 pub(in crate::log) fn median_step(stamps: &[f64]) -> f64 {
-    let mut steps: Vec<f64> = stamps.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let mut steps: Vec<f64> = neighbours(stamps).map(|(before, after)| after - before).collect();
     let middle = steps.len() / 2;
     if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }

@@ -5,6 +5,7 @@
 
 mod clock;
 mod lines;
+mod number;
 
 use std::fmt::Write as _;
 use std::io::{Read, Write};
@@ -15,6 +16,7 @@ pub(super) use self::clock::seconds;
 use self::clock::{Stamps, Why};
 pub(super) use self::clock::{median_step, named_time};
 use self::lines::{Lines, Separator};
+use self::number::decimal;
 use super::recording::{ReadOptions, Recording, TimeUnit};
 use super::{Channel, Log, LogError, Origin, Place, Rows, Unusable, time_follows};
 use crate::error::Error;
@@ -22,6 +24,8 @@ use crate::file::write_atomic;
 
 /// As much of an offending cell as a message shows, in characters.
 const SHOWN: usize = 40;
+/// Numbers that are read into memory, of all columns together: 3.2 GB.
+const MOST_NUMBERS: usize = 400_000_000;
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
 /// Reads a file of several records: a new one begins wherever the cell of `column` (numbers or text) differs from the row before, and time
@@ -425,6 +429,9 @@ fn parse(cell: &[u8], separator: Separator) -> Cell {
     if cell.is_empty() {
         return Cell::Missing;
     }
+    if let Some(x) = decimal(cell) {
+        return Cell::Number(x);
+    }
     let number = |text: &str| match text.parse::<f64>() {
         // A decimal comma, where commas separate nothing.
         Err(_) if separator.allows_decimal_comma() && text.contains(',') && !text.contains('.') => text.replace(',', ".").parse().ok(),
@@ -444,6 +451,8 @@ struct Part {
     raw: Vec<f64>,
     columns: Vec<Column>,
     rows: Rows,
+    /// Rows that may be read.
+    most: usize,
 }
 
 /// A column that is being read: numbers up to the first cell that is none.
@@ -473,14 +482,19 @@ impl Column {
 impl Part {
     fn new(source: String, header: &Header) -> Self {
         let columns = header.columns.iter().map(|_| Column::default()).collect();
-        Self { source, stamps: Stamps::default(), raw: Vec::new(), columns, rows: Rows::new(Origin::File) }
+        let most = MOST_NUMBERS / (header.columns.len() + 1);
+        Self { source, stamps: Stamps::default(), raw: Vec::new(), columns, rows: Rows::new(Origin::File), most }
     }
 
     /// Adds the current line as a sample.
     fn push(&mut self, lines: &Lines<'_>, header: &mut Header) -> Result<(), LogError> {
         header.check_length(lines)?;
         let row = lines.row;
-        let Self { source, stamps, raw: before, columns, rows } = self;
+        let Self { source, stamps, raw: before, columns, rows, most } = self;
+        if before.len() >= *most {
+            let numbers = *most as f64 * (columns.len() + 1) as f64;
+            return Err(LogError::TooLarge { file: source.clone(), row, most: numbers, gb: numbers * size_of::<f64>() as f64 / 1e9 });
+        }
         let file = || source.clone();
         let not_a_number =
             |channel: &str, cell| LogError::NotANumber { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
@@ -546,4 +560,25 @@ impl Part {
 fn shown(cell: &[u8]) -> String {
     let text = String::from_utf8_lossy(cell);
     if text.chars().count() <= SHOWN { text.into_owned() } else { text.chars().take(SHOWN).chain(['…']).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_beyond_the_limit_are_refused() {
+        let mut lines = Lines::new("a.csv", "time,u\n0,1\n1,2\n2,3\n".as_bytes()).unwrap();
+        let mut header = Header::read(&mut lines, &ReadOptions::default()).unwrap();
+        let mut part = Part::new("a.csv".into(), &header);
+        assert_eq!(part.most, MOST_NUMBERS / 2);
+        part.most = 2;
+        for _ in 0..2 {
+            assert!(lines.next().unwrap());
+            part.push(&lines, &mut header).unwrap();
+        }
+        assert!(lines.next().unwrap());
+        let said = part.push(&lines, &mut header).unwrap_err().to_string();
+        assert!(said.starts_with("a.csv, row 4: more than 4e0 numbers"), "{said}");
+    }
 }

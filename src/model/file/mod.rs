@@ -1,5 +1,7 @@
 //! The model file, `deadtime/model@1`: TOML or JSON, as the extension says; linear, as equations or as transfer functions, as its `kind` says.
 
+#![deny(clippy::indexing_slicing)]
+
 mod candidate;
 mod document;
 mod equations;
@@ -155,7 +157,7 @@ fn check_sizes(path: &Path, [inputs, states, parameters, outputs]: [usize; 4]) -
 
 /// No name twice.
 fn check_names(path: &Path, what: &'static str, names: &[&str]) -> std::result::Result<(), ModelError> {
-    match names.iter().enumerate().find(|(i, n)| names[..*i].contains(n)) {
+    match names.iter().enumerate().find(|(i, n)| names.iter().take(*i).any(|before| before == *n)) {
         Some((_, name)) => Err(ModelError::Duplicate { path: path.to_owned(), what, name: (*name).to_owned() }),
         None => Ok(()),
     }

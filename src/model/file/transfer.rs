@@ -98,7 +98,8 @@ impl TransferFile {
         let mut parts: Vec<(usize, usize, StateSpace<T>)> = Vec::new();
         for transfer in &self.transfer {
             let (i, j) = (place("output", &transfer.output, &self.outputs)?, place("input", &transfer.input, &self.inputs)?);
-            let named = |detail: String| wrong(format!("from {} to {}: {detail}", self.inputs[j].name, self.outputs[i].name));
+            let of = |channels: &[Channel], at: usize| channels.get(at).map_or_else(String::new, |c| c.name.clone());
+            let named = |detail: String| wrong(format!("from {} to {}: {detail}", of(&self.inputs, j), of(&self.outputs, i)));
             if parts.iter().any(|(row, column, _)| (*row, *column) == (i, j)) {
                 return Err(named("two [[transfer]] entries; add them up into one".to_owned()));
             }
@@ -115,7 +116,7 @@ impl TransferFile {
             a.view_mut((at, at), (own, own)).copy_from(part.a());
             b.view_mut((at, *j), (own, 1)).copy_from(part.b());
             c.view_mut((*i, at), (1, own)).copy_from(part.c());
-            d[(*i, *j)] = part.d()[(0, 0)];
+            d.view_mut((*i, *j), (1, 1)).copy_from(part.d());
             at += own;
         }
         Ok([a, b, c, d])
