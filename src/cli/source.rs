@@ -125,14 +125,13 @@ impl Source {
 
 /// What of the file a wanted channel is made of: itself, or the sources of one that is calculated.
 fn of_the_file(wanted: Wanted, derived: &[Derived]) -> Vec<Wanted> {
-    match derived.iter().rposition(|d| d.name() == wanted.name) {
-        // A source may be calculated by one of those before it.
-        Some(at) => {
-            let sources = derived[at].sources().iter().map(|name| Wanted { name: name.clone(), ..wanted });
-            sources.flat_map(|source| of_the_file(source, &derived[..at])).collect()
-        }
-        None => vec![wanted],
+    let Some((last, before)) = derived.split_last() else { return vec![wanted] };
+    if last.name() != wanted.name {
+        return of_the_file(wanted, before);
     }
+    // A source may be calculated by one of those before it.
+    let sources = last.sources().iter().map(|name| Wanted { name: name.clone(), ..wanted });
+    sources.flat_map(|source| of_the_file(source, before)).collect()
 }
 
 /// A check goes on without channels that are not there; everything else says which one is missing.

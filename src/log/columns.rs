@@ -80,12 +80,11 @@ pub(super) fn assemble(
             .or_else(|| place(&|c| c.cells.unit().is_some()))
             .or_else(|| place(&|c| c.name == "t")),
     };
-    let Some(time) = time else {
+    let Some((time, clock)) = time.and_then(|at| Some((at, columns.get(at)?))) else {
         let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
         notes.push(format!("no column of time was found among {}: call one `time`, or name it with --time", names.join(", ")));
         return Err(LogError::NoTopics { file: source.into(), format: title, notes }.into());
     };
-    let clock = &columns[time];
     let known = options.time_unit.or(clock.cells.unit()).or_else(|| named_time(&clock.name).flatten());
     let (stamps, unit) = seconds((0..clock.cells.len()).map(|row| clock.cells.text(row)), known, clock.name == "time");
     if clock.name != "time" || unit != TimeUnit::S {

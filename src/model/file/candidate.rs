@@ -206,7 +206,7 @@ fn vanishes(base: &Equations, extended: &Equations, state: usize) -> bool {
         let mut workspace: Workspace = equations.workspace();
         let mut dx = vec![0.0; x.len()];
         equations.derivatives(0.3, x, u, p, &mut workspace, &mut dx);
-        dx[state]
+        dx.get(state).copied().unwrap_or(f64::NAN)
     };
     [0.5, -0.7, 1.3, 20.0].iter().all(|size| {
         let x: Vec<f64> = initial.iter().enumerate().map(|(i, x)| x + size * (1.0 + 0.37 * i as f64)).collect();
