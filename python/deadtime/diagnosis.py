@@ -420,7 +420,7 @@ def gap(
     parameters: Parameters | None = None,
     prediction: Prediction | None = None,
     max_delay: float | None = None,
-    rows: int = 200_000,
+    rows: int = 100_000,
     seed: int = 1,
     threads: int | None = None,
     progress: Progress | None = None,

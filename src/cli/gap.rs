@@ -47,7 +47,7 @@ pub(super) struct Gap {
     #[arg(long, value_name = "S")]
     max_delay: Option<f64>,
     /// Rows to look at, of all logs together; of longer logs that is the first part, which is said. --from and --to choose another part
-    #[arg(long, value_name = "ROWS", default_value_t = 200_000)]
+    #[arg(long, value_name = "ROWS", default_value_t = 100_000)]
     look_at: usize,
     /// Seed of the bootstrap
     #[arg(long, value_name = "N", default_value_t = 1)]

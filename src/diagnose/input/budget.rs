@@ -112,7 +112,7 @@ const WIDE_FROM: usize = 25;
 
 /// Of a wide model: of each candidate a few first guesses, and fewer that are fitted.
 pub(in crate::diagnose) const WIDE: Budget = {
-    let plain = Allowance { first_guesses: 3, fitted: 12, leaders: 4, seconds: 3, pairs: 4, ..MODEL_FILE.plain };
+    let plain = Allowance { first_guesses: 2, fitted: 10, leaders: 3, seconds: 2, pairs: 3, ..MODEL_FILE.plain };
     Budget { plain, called: plain, on: 5, polishes: 2, firsts: [1, 2], glances: 1, swapped: 1, losing: 1, rivals: 3, ..MODEL_FILE }
 };
 

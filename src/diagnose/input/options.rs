@@ -12,7 +12,7 @@ pub struct GapOptions {
     /// The longest delay and lag that are looked for, seconds; `None`: 35 samples or half the time in which the model settles, at most a tenth of the
     /// shortest log. So much of every log's start carries no weight.
     pub longest_delay_s: Option<f64>,
-    /// Rows that are looked at, of all logs together. Of longer logs that is the first part, a share of each log, and a caveat says so. Default 200 000.
+    /// Rows that are looked at, of all logs together. Of longer logs that is the first part, a share of each log, and a caveat says so. Default 100 000.
     pub rows: usize,
     /// Seed of the bootstrap. Default 1.
     pub seed: u64,
@@ -24,6 +24,6 @@ pub struct GapOptions {
 
 impl Default for GapOptions {
     fn default() -> Self {
-        Self { prediction: None, longest_delay_s: None, rows: 200_000, seed: 1, criteria: Criteria::default(), stop: Stop::default() }
+        Self { prediction: None, longest_delay_s: None, rows: 100_000, seed: 1, criteria: Criteria::default(), stop: Stop::default() }
     }
 }
