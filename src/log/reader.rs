@@ -30,7 +30,6 @@ pub struct Reader {
 #[cfg(not(feature = "tables"))]
 const WITHOUT: &str = "this program was built without the feature `tables`; write it as CSV";
 
-#[cfg(not(feature = "tables"))]
 fn unread(path: &Path, format: &'static str, remedy: &str) -> Error {
     LogError::Format { file: path.display().to_string(), format, what: format!("this format is recognised but not read: {remedy}") }.into()
 }
@@ -87,13 +86,10 @@ pub const READERS: &[Reader] = &[
     },
     Reader {
         name: "arrow",
-        summary: "Arrow IPC and Feather: columns of numbers, structs and lists of a fixed size beside a column of time; plain and lz4",
+        summary: "Arrow IPC and Feather: recognised, not read",
         extensions: &["arrow", "feather", "ipc"],
         sniff: |head| head.starts_with(b"ARROW1"),
-        #[cfg(feature = "tables")]
-        open: super::arrow::open,
-        #[cfg(not(feature = "tables"))]
-        open: |path, _| Err(unread(path, "Arrow IPC", WITHOUT)),
+        open: |path, _| Err(unread(path, "Arrow IPC", "write it as Parquet, or hand the table to the Python package")),
     },
     Reader {
         name: "csv",
