@@ -3,10 +3,8 @@
 use std::io::Read;
 use std::path::Path;
 
-#[cfg(not(feature = "tables"))]
-use super::LogError;
 use super::recording::{ReadOptions, Recording};
-use super::{Log, csv, mat, mcap, rosbag2, ulog};
+use super::{Log, LogError, csv, mat, mcap, rosbag2, ulog};
 use crate::error::Error;
 
 /// As many bytes as any format is recognised by.
