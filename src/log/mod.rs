@@ -7,8 +7,6 @@
 
 mod align;
 mod arrays;
-#[cfg(feature = "tables")]
-mod arrow;
 mod bag;
 #[cfg(feature = "tables")]
 mod columns;
