@@ -216,7 +216,9 @@ mod tests {
             let examples: Vec<&str> = told.lines().filter_map(|l| l.strip_prefix("  deadtime ")).collect();
             assert!(told.starts_with("Examples:\n") && !examples.is_empty(), "{} has no examples", command.get_name());
             for example in examples {
-                let words = example.split(" > ").next().unwrap_or_default().split(' ');
+                // What stands between quotes is one word, as a shell has it.
+                let parts = example.split(" > ").next().unwrap_or_default().split('\'').enumerate();
+                let words = parts.flat_map(|(at, part)| if at % 2 == 1 { vec![part] } else { part.split_whitespace().collect() });
                 let parsed = Cli::try_parse_from(std::iter::once("deadtime").chain(words));
                 let fine = parsed.as_ref().map_or_else(|e| e.kind() == clap::error::ErrorKind::DisplayHelp, |_| true);
                 assert!(fine, "{example}: {}", parsed.unwrap_err());

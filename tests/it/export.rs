@@ -190,7 +190,12 @@ fn every_target_takes_every_effect_without_losing_one() {
     let parts: Vec<Value> = deadtime::effect::table()
         .iter()
         .map(|line| {
-            let parameters: Vec<_> = line.parameters.iter().map(|p| (p.name.as_ref(), p.unit.as_str(), 0.5, Some([0.4, 0.6]))).collect();
+            let mut parameters: Vec<_> =
+                line.parameters.iter().map(|p| (p.name.as_ref(), p.unit.as_str(), 0.5, Some([0.4, 0.6]))).collect();
+            if parameters.is_empty() {
+                // A candidate has the parameters of its own expression.
+                parameters.push(("k", "1", 0.5, Some([0.4, 0.6])));
+            }
             contribution(line.effect, "c", &parameters)
         })
         .collect();

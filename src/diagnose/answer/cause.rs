@@ -12,6 +12,7 @@ use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::judge::prior_sensitivity::PriorSensitivity;
 use crate::diagnose::judge::rule::GapVerdict;
+use crate::diagnose::judge::verdict::Judged;
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::search::catalogue_search::SearchResult;
 use crate::effect::{Applied, Scales};
@@ -72,7 +73,7 @@ pub(in crate::diagnose) fn cause(
 
 /// Every effect and the best pairs by probability, with `none` and `unknown`; `after` gives a hypothesis's training nrmse.
 fn ranking(
-    judged: &crate::diagnose::judge::verdict::Judged,
+    judged: &Judged,
     found: &SearchResult,
     scale: &Probabilities,
     after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
