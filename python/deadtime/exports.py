@@ -72,6 +72,13 @@ def export(
         The file is no diagnosis, or the target needs what is not there.
     FileError, LogError, ModelError
         A file cannot be read.
+
+    Examples
+    --------
+    >>> import deadtime
+    >>> made = deadtime.export("examples/diagnosis.json", "isaaclab", physics_dt=0.005)
+    >>> made.to_dict()["actuators"]
+    {'delta_lat': {'class_type': 'DelayedPDActuatorCfg', 'min_delay': 5, 'max_delay': 7}}
     """
     source = "diagnosis"
     if isinstance(diagnosis, Diagnosis):
