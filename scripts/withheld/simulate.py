@@ -9,7 +9,7 @@ from .integrate import Linear, Stepped
 from .pieces import InputChain
 from .sampled import SampledPlant
 from .sensors import Sensors
-from .system import DYNAMICS, Names, System, sort_effects
+from .system import DECLARED, DYNAMICS, Names, System, sort_effects
 
 MANY = 16  # edges from which a signal is worked out as a whole
 GRID_SLACK = 1e-9  # times closer than this share of a sample time are one
@@ -46,7 +46,7 @@ class Simulator:
             seed = zlib.crc32(np.round(self.stamps, 9).tobytes())
             self.chains.append(InputChain(own, delay + own.get("input_delay", {}).get("delay", 0.0), seed))
         if names.sample_time:
-            if refused := set(found) & DYNAMICS:
+            if refused := set(found) & (DYNAMICS | DECLARED):
                 raise ValueError(f"a sampled model takes no {', '.join(sorted(refused))}")
             self.sampled, self.engine, self.system = SampledPlant(model, names, found), None, None
             self.linear = not self.sensors.limits

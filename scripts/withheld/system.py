@@ -18,13 +18,14 @@ INPUT = {
 }
 MOVING = {"delay_jump", "delay_drift", "delay_jitter", "multi_rate"}  # delays of an input that move: a group of cases of their own
 DYNAMICS = {
-    "candidate", "parameter_error", "cross_coupling", "exchange", "coulomb_friction", "stribeck_friction", "quadratic_drag", "cubic_stiffness", "unmodelled_mode",
+    "parameter_error", "cross_coupling", "exchange", "coulomb_friction", "stribeck_friction", "quadratic_drag", "cubic_stiffness", "unmodelled_mode",
     "constant_disturbance", "periodic_disturbance",
 }
 OUTPUT = {
     "output_delay", "sensor_lag", "sensor_gain", "sensor_bias", "sensor_drift", "sensor_saturation",
     "sensor_quantisation", "misalignment",
 }
+DECLARED = {"candidate"}  # there only where a model file declares it: never drawn
 CLOCK = {"clock_skew", "clock_offset"}
 
 
@@ -55,7 +56,7 @@ def sort_effects(names: Names, effects: list[dict]) -> dict[str, dict[str, dict]
     found: dict[str, dict[str, dict]] = {}
     for item in effects:
         effect, channel = item["effect"], item["channel"]
-        if effect not in INPUT | MOVING | DYNAMICS | OUTPUT | CLOCK:
+        if effect not in INPUT | MOVING | DYNAMICS | DECLARED | OUTPUT | CLOCK:
             raise ValueError(f"unknown effect {effect!r}")
         allowed = {**dict.fromkeys(INPUT | MOVING, names.inputs), **dict.fromkeys(CLOCK, ["*"])}.get(effect)
         if effect in OUTPUT - {"misalignment"}:
