@@ -158,7 +158,8 @@ def page(effect: dict[str, Any], text: sources.About, score: dict[str, str] | No
     if effect["site"] == "dynamics":
         lines[2] = f"{effect['summary'][0].upper()}{effect['summary'][1:]}. It acts in the equations of motion, on {effect['channels']}."
     lines += ["## Equation", "", sources.equation(formula), ""]
-    lines += ["| parameter | unit |", "| --- | --- |", *(f"| {p['name']} | {sources.words(p['unit'])} |" for p in effect["parameters"]), ""]
+    parameters = [f"| {p['name']} | {sources.words(p['unit'])} |" for p in effect["parameters"]]
+    lines += ["| parameter | unit |", "| --- | --- |", *parameters, ""] if parameters else ["Its parameters are those of the expression, each with the unit that the model file gives.", ""]
     lines += ["u is the command, x a state, y an output, t the time since the log's first sample. [All effects](../effects.md) says in which order they act.", ""]
     lines += ["## Picture", "", f"![what {name} does](../images/effects/{name}.svg)", "", "Made by `deadtime simulate` with this entry at the end of the model file:", ""]
     lines += ["```toml", "[[effects]]", f'effect = "{name}"', f'channel = "{channel}"', f"parameters = {{ {', '.join(f'{k} = {v}' for k, v in values.items())} }}", "```", ""]

@@ -1,6 +1,6 @@
 //! A program as the simulator: tables in and out, requests line by line, and everything that can go wrong with a process.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use deadtime::simulate::process::{Children, Program, Talk};
 use deadtime::simulate::{Face, Port, Simulator, Start};
@@ -96,12 +96,10 @@ fn failures_say_code_words_row_and_column() {
 #[test]
 fn a_program_that_hangs_is_ended_with_what_it_started() {
     for talk in [Talk::EachRun, Talk::Lines] {
-        // The shell's own child sleeps, and holds the pipes open.
-        let (simulator, children) = call("sleep 100 & sleep 100 #", talk, 0.3);
-        let began = Instant::now();
+        // The shell's own child sleeps, and holds the pipes open: were it not ended, this would not end either.
+        let (simulator, children) = call("sleep 100000 & sleep 100000 #", talk, 0.3);
         let why = run(&*simulator, 2.0).unwrap_err();
         assert!(why.contains("within 0.3 s"), "{why}");
-        assert!(began.elapsed() < Duration::from_secs(30));
         drop(simulator);
         assert_eq!(children.running(), 0);
     }

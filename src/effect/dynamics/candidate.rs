@@ -1,4 +1,6 @@
 //! A term that the user suspects to be missing, as it stands in the model file or on the command line.
+//!
+//! Equation: x′ = f(x, u; p) + g(x, u, t; k), with g as the user wrote it and k its free parameters; g = 0 at k = 0.
 
 use std::sync::Arc;
 
