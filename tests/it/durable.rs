@@ -27,7 +27,7 @@ fn plan() -> Plan {
     Plan::parse("small", SMALL, Path::new(".")).unwrap()
 }
 
-/// A study that was stopped in the middle, with so many parts at least.
+/// A study that was stopped in the middle: the first parts, with so many estimates. One thread, so that they are the first and not all are made before the stop is seen.
 fn stopped(runner: &Runner, out: &Path, estimates: usize) -> Vec<PathBuf> {
     let stop = Stop::default();
     let enough = |p: deadtime::study::Progress| {
@@ -35,7 +35,8 @@ fn stopped(runner: &Runner, out: &Path, estimates: usize) -> Vec<PathBuf> {
             stop.set();
         }
     };
-    assert!(matches!(runner.run(out, false, &stop, &enough), Err(deadtime::Error::Stopped)));
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    assert!(matches!(one_thread.install(|| runner.run(out, false, &stop, &enough)), Err(deadtime::Error::Stopped)));
     parts(out)
 }
 
