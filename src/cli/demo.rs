@@ -47,8 +47,21 @@ impl Demo {
         for (name, text) in [("uav_flight.csv", FLIGHT), ("uav_lateral_stabilised.toml", MODEL)] {
             write_atomic(&file(name), |out| out.write_all(text.as_bytes()))?;
         }
-        let model = ModelFile::read(&file("uav_lateral_stabilised.toml"))?;
+        self.dead_time(to)?;
+        self.accuracy(to)?;
+        self.gap(to)?;
+        say!(
+            to,
+            "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy/ (the study), diagnosis.json, report.html, model_with_effects.toml.",
+            self.out.display()
+        );
+        say!(to, "Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE");
+        say!(to, "     and simulator:  deadtime gap --model MODEL.toml --log LOG.csv --out DIR");
+        Ok(())
+    }
 
+    fn dead_time(&self, to: &Out<'_>) -> anyhow::Result<()> {
+        let model = ModelFile::read(&self.out.join("uav_lateral_stabilised.toml"))?;
         say!(
             to,
             "1. How long is the dead time? A simulated UAV flies on a random binary roll command r; roll rate p, side acceleration ay and"
@@ -61,15 +74,18 @@ impl Demo {
         let job = Job { model: Some(model.clone()), ..Job::new(logs, ["r"], ["p", "ay"]) };
         let report = in_options(job.run()?);
         to.styled(&report.short())?;
-        write_json(&file("estimate.json"), &report)?;
-        draw(&job, &report, &file("estimate.svg"))?;
+        write_json(&self.out.join("estimate.json"), &report)?;
+        draw(&job, &report, &self.out.join("estimate.svg"))?;
         to.json(&report)?;
         say!(
             to,
             "\n   The truth is {TRUTH_S} s, six samples and a half. Methods that count samples can only come to within one; the one that knows the"
         );
         say!(to, "   dynamics and sees the states resolves the half sample. Their intervals say so.");
+        Ok(())
+    }
 
+    fn accuracy(&self, to: &Out<'_>) -> anyhow::Result<()> {
         say!(
             to,
             "\n2. Which method may be trusted to say so? The same vehicle again, {TRIALS} records for each of four delays that are injected and"
@@ -88,28 +104,23 @@ impl Demo {
         write_atomic(&folder.join("tables.md"), |out| out.write_all(study_page(&study, &plan).as_bytes()))?;
         say!(to, "\n   Errors are in samples of 0.02 s, over the records that got an answer. A method to trust has a small error, and");
         say!(to, "   an interval that holds the truth about as often as it promises.");
+        Ok(())
+    }
 
+    fn gap(&self, to: &Out<'_>) -> anyhow::Result<()> {
         say!(
             to,
             "\n3. Where do simulator and machine differ? The same simulator, which knows of no delay, against the same flight: every effect of the"
         );
         say!(to, "   catalogue on every channel, the last 30 % of the flight held back.\n");
         let logs = [log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?];
-        let document = ModelDocument::read(&file("uav_lateral_stabilised.toml"))?;
+        let document = ModelDocument::read(&self.out.join("uav_lateral_stabilised.toml"))?;
         let found = diagnose(&document, &logs, &[], &GapOptions { seed: self.seed, ..GapOptions::default() }, &|_| ())?;
         for line in summary(&found).lines() {
             say!(to, "   {line}");
         }
         say!(to, "\n{}", ranking(&found.diagnosis, 6).to_string().trim_end());
         save(&found, &self.out)?;
-
-        say!(
-            to,
-            "\nWritten to {}: uav_flight.csv and uav_lateral_stabilised.toml (what went in), estimate.json,\nestimate.svg (the picture), accuracy/ (the study), diagnosis.json, report.html, model_with_effects.toml.",
-            self.out.display()
-        );
-        say!(to, "Next, your own log:  deadtime estimate LOG.csv --input COMMAND --output RESPONSE");
-        say!(to, "     and simulator:  deadtime gap --model MODEL.toml --log LOG.csv --out DIR");
         Ok(())
     }
 }

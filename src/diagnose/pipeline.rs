@@ -14,6 +14,7 @@ use crate::diagnose::answer::contributions::{GapBudget, explained};
 use crate::diagnose::answer::handed::in_a_form_that_helps;
 use crate::diagnose::answer::improvement::improvement;
 use crate::diagnose::answer::isolability::{self as isolability_of, Isolability, Names};
+use crate::diagnose::answer::later_rows::later_rows;
 use crate::diagnose::answer::location::{locate, output_shares};
 use crate::diagnose::answer::traces::{CommandTrace, Trace, command_traces, traces};
 use crate::diagnose::baseline::motion::Motion;
@@ -22,7 +23,7 @@ use crate::diagnose::baseline::runaway::must_not_explode;
 use crate::diagnose::checks::every::checks;
 use crate::diagnose::compose::composed::{Compose, Composed};
 use crate::diagnose::format::caveat::Caveat;
-use crate::diagnose::format::diagnosis::{Cause, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, NotTried, Prediction};
+use crate::diagnose::format::diagnosis::{Cause, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried, Prediction};
 use crate::diagnose::format::error::GapError;
 use crate::diagnose::format::progress::Stage;
 use crate::diagnose::input::first_part::Parts;
@@ -93,10 +94,14 @@ pub fn diagnose<'a>(
 ) -> Result<Diagnosed> {
     let begin = || {
         let subject = subject.into();
-        let Parts { logs, holdout, caveats } = Parts::of(logs, holdout, options.rows)?;
-        let simulator = Simulator::of(subject, &logs, &options.stop)?;
-        let mut found = in_stages(subject, &simulator, &logs, &holdout, options, progress)?;
-        found.caveats.splice(0..0, caveats);
+        let parts = Parts::of(logs, holdout, options.rows)?;
+        let simulator = Simulator::of(subject, &parts.logs, &options.stop)?;
+        let mut found = in_stages(subject, &simulator, &parts.logs, &parts.holdout, options, progress)?;
+        let later = match (subject, &found.model, found.diagnosis.prediction.mode) {
+            (Subject::Model(nominal), Some(model), Mode::Simulation) => later_rows(&parts.cut, nominal, model, &options.criteria),
+            _ => Vec::new(),
+        };
+        found.caveats.splice(0..0, parts.caveats.into_iter().chain(later));
         if let Some(memory) = &simulator.memory {
             let calls = memory.calls();
             if let (failed, Some(why)) = memory.failures() {

@@ -169,6 +169,10 @@ pub trait Effect: Sync {
     fn corrects_model(&self) -> bool {
         false
     }
+    /// The effect of which it is a more elaborate form: the same on a channel at some of its parameters, or as near as many logs can show.
+    fn elaborates(&self) -> Option<&'static str> {
+        None
+    }
     /// What tells it from effects that are like it; `None` where that depends on the case.
     fn told_by(&self) -> Option<Telling> {
         None

@@ -45,37 +45,11 @@ fn span<'a>(ranges: impl Iterator<Item = &'a Range>) -> Option<[f64; 2]> {
 
 impl Target for IsaacLab {
     fn export(&self, ranges: &Ranges, source: &Source<'_>) -> Result<Node> {
-        let dt = self.physics_dt.ok_or(ExportError::NeedsOption {
-            target: "isaaclab",
-            option: "physics_dt",
-            why: "the physics step in seconds, sim.dt",
-        })?;
-        if !(dt.is_finite() && dt > 0.0) {
-            return Err(ExportError::NotPositive { option: "physics_dt", value: dt }.into());
-        }
-        if let Some(&value) = self.inertia.values().find(|v| !(v.is_finite() && **v > 0.0)) {
-            return Err(ExportError::NotPositive { option: "inertia", value }.into());
-        }
-        let (mut actuators, mut events, mut observations, mut by_hand) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let delays = |r: &&Range| r.effect == "input_delay" || (r.effect == "delay_jump" && r.parameter != "time");
-        let biases = |r: &&Range| r.effect == "sensor_bias";
+        let dt = self.checked_step()?;
+        let (mut actuators, mut events, mut by_hand) = (Vec::new(), Vec::new(), Vec::new());
         for range in &ranges.ranges {
-            let first =
-                |kind: &dyn Fn(&&Range) -> bool| ranges.ranges.iter().find(|r| r.channel == range.channel && kind(r)) == Some(range);
             match range.effect.as_str() {
-                "input_delay" | "delay_jump" if delays(&range) => {
-                    let Some([low, high]) = span(ranges.ranges.iter().filter(|r| r.channel == range.channel && delays(r))) else {
-                        continue;
-                    };
-                    if first(&delays) {
-                        let arguments = Node::map([
-                            ("class_type", "DelayedPDActuatorCfg".into()),
-                            ("min_delay", Node::Whole(steps(low, dt, false))),
-                            ("max_delay", Node::Whole(steps(high, dt, true))),
-                        ]);
-                        actuators.push((range.channel.clone(), arguments));
-                    }
-                }
+                _ if is_command_delay(range) => actuators.extend(delayed_actuator(range, ranges, dt)),
                 "coulomb_friction" => match self.inertia.get(&range.channel) {
                     Some(inertia) => events.push((format!("friction_{}", range.channel), friction(range, *inertia))),
                     None => by_hand.push(range.by_hand(&format!(
@@ -91,25 +65,71 @@ impl Target for IsaacLab {
                 _ => by_hand.push(range.by_hand(&format!("no argument of Isaac Lab's classes: {}", range.place()))),
             }
         }
-        let mut outputs: Vec<&str> = ranges.ranges.iter().filter(biases).map(|r| r.channel.as_str()).collect();
-        outputs.extend(
-            ranges.noise.iter().filter(|n| n.std.is_some()).map(|n| n.output.as_str()).filter(|n| !outputs.contains(n)).collect::<Vec<_>>(),
-        );
-        for output in outputs {
-            let std = ranges.noise.iter().find(|n| n.output == output).and_then(|n| n.std);
-            let bias = span(ranges.ranges.iter().filter(|r| r.channel == output && biases(r)));
-            observations.push((output.to_owned(), noise(std, bias)));
-        }
         Ok(Node::map([
             ("format", "deadtime/isaaclab@1".into()),
             ("model", source.diagnosis.model.as_str().into()),
             ("physics_dt", dt.into()),
             ("actuators", Node::Map(actuators)),
             ("events", Node::Map(events)),
-            ("observations", Node::Map(observations)),
+            ("observations", Node::Map(observations(ranges))),
             ("by_hand", Node::List(by_hand)),
         ]))
     }
+}
+
+impl IsaacLab {
+    /// The physics step, seconds, once all options make sense.
+    fn checked_step(&self) -> std::result::Result<f64, ExportError> {
+        let dt = self.physics_dt.ok_or(ExportError::NeedsOption {
+            target: "isaaclab",
+            option: "physics_dt",
+            why: "the physics step in seconds, sim.dt",
+        })?;
+        if !(dt.is_finite() && dt > 0.0) {
+            return Err(ExportError::NotPositive { option: "physics_dt", value: dt });
+        }
+        match self.inertia.values().find(|v| !(v.is_finite() && **v > 0.0)) {
+            Some(&value) => Err(ExportError::NotPositive { option: "inertia", value }),
+            None => Ok(dt),
+        }
+    }
+}
+
+/// A delay of a command, or one of the two of a delay that jumps.
+fn is_command_delay(range: &Range) -> bool {
+    range.effect == "input_delay" || (range.effect == "delay_jump" && range.parameter != "time")
+}
+
+/// The actuator of a command's delays, all of them as one span: at the first of them, `None` at the others.
+fn delayed_actuator(range: &Range, ranges: &Ranges, dt: f64) -> Option<(String, Node)> {
+    let mut own = ranges.ranges.iter().filter(|r| r.channel == range.channel && is_command_delay(r));
+    let [low, high] = span(own.clone())?;
+    let arguments = || {
+        Node::map([
+            ("class_type", "DelayedPDActuatorCfg".into()),
+            ("min_delay", Node::Whole(steps(low, dt, false))),
+            ("max_delay", Node::Whole(steps(high, dt, true))),
+        ])
+    };
+    (own.next() == Some(range)).then(|| (range.channel.clone(), arguments()))
+}
+
+/// The noise of every output that has a bias or a noise.
+fn observations(ranges: &Ranges) -> Vec<(String, Node)> {
+    let biases = |r: &&Range| r.effect == "sensor_bias";
+    let noisy = ranges.noise.iter().filter(|n| n.std.is_some()).map(|n| n.output.as_str());
+    let mut outputs: Vec<&str> = Vec::new();
+    for output in ranges.ranges.iter().filter(biases).map(|r| r.channel.as_str()).chain(noisy) {
+        if !outputs.contains(&output) {
+            outputs.push(output);
+        }
+    }
+    let of = |output: &str| {
+        let std = ranges.noise.iter().find(|n| n.output == output).and_then(|n| n.std);
+        let bias = span(ranges.ranges.iter().filter(|r| r.channel == output && biases(r)));
+        (output.to_owned(), noise(std, bias))
+    };
+    outputs.into_iter().map(of).collect()
 }
 
 /// The event that draws a joint's friction.

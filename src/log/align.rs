@@ -28,6 +28,9 @@ pub struct Wanted {
     pub required: bool,
 }
 
+/// A channel that is wanted, where it was found.
+type Chosen<'w, 'r> = (&'w Wanted, &'r Topic, &'r Channel);
+
 impl Recording {
     /// The channels' full names: `topic.field`, or `field` in a file without topics.
     pub fn names(&self) -> impl Iterator<Item = String> {
@@ -95,14 +98,7 @@ impl Recording {
         {
             return Ok((log.clone(), Vec::new()));
         }
-        let mut chosen: Vec<(&Wanted, &Topic, &Channel)> = Vec::with_capacity(wanted.len());
-        for one in wanted {
-            match self.find(&one.name) {
-                Ok((topic, channel)) => chosen.push((one, topic, channel)),
-                Err(LogError::UnknownChannel { .. }) if !one.required => {}
-                Err(error) => return Err(error),
-            }
-        }
+        let chosen = self.chosen(wanted)?;
         let Some((_, base, _)) = chosen.iter().find(|(one, ..)| one.held).or(chosen.first()).copied() else {
             let name = wanted.first().map_or("", |one| one.name.as_str());
             return self.find(name).map(|(topic, _)| (topic.log.clone(), Vec::new()));
@@ -113,17 +109,7 @@ impl Recording {
             let log = Log::assemble(self.source.clone(), base.log.time_s.clone(), channels, Vec::new(), base.log.rows.clone())?;
             return Ok((log, Vec::new()));
         }
-        let from_s = chosen.iter().map(|(_, t, _)| t.log.start_s()).fold(f64::NEG_INFINITY, f64::max);
-        let to_s = chosen.iter().map(|(_, t, _)| t.log.start_s() + t.log.duration_s()).fold(f64::INFINITY, f64::min);
-        let time_s = match grid {
-            None => base.log.time_s.iter().copied().filter(|t| (from_s..=to_s).contains(t)).collect(),
-            Some(step) => self.even(from_s, to_s, step.seconds())?,
-        };
-        if time_s.is_empty() {
-            let spans =
-                chosen.iter().map(|(one, t, _)| (one.name.clone(), t.log.start_s(), t.log.start_s() + t.log.duration_s())).collect();
-            return Err(LogError::NoCommonTime { file: self.source.clone(), spans });
-        }
+        let time_s = self.common_times(&chosen, base, grid)?;
         let step_s = grid.map_or_else(|| base.log.median_step_s(), SampleTime::seconds);
         let (mut channels, mut early_s) = (Vec::with_capacity(chosen.len()), 0.0_f64);
         let (mut held, mut moved) = (Vec::new(), Vec::new());
@@ -151,6 +137,35 @@ impl Recording {
         }
         let log = Log::new(self.source.clone(), time_s, channels)?;
         Ok((Log { early_s: if moved.is_empty() { 0.0 } else { early_s + step_s }, ..log }, vec![note]))
+    }
+
+    /// The channels that are wanted; those that are not required may be missing.
+    fn chosen<'w>(&self, wanted: &'w [Wanted]) -> Result<Vec<Chosen<'w, '_>>, LogError> {
+        let mut chosen = Vec::with_capacity(wanted.len());
+        for one in wanted {
+            match self.find(&one.name) {
+                Ok((topic, channel)) => chosen.push((one, topic, channel)),
+                Err(LogError::UnknownChannel { .. }) if !one.required => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(chosen)
+    }
+
+    /// The stamps of one topic, or those of an even grid, while all topics last.
+    fn common_times(&self, chosen: &[Chosen<'_, '_>], base: &Topic, grid: Option<SampleTime>) -> Result<Vec<f64>, LogError> {
+        let from_s = chosen.iter().map(|(_, t, _)| t.log.start_s()).fold(f64::NEG_INFINITY, f64::max);
+        let to_s = chosen.iter().map(|(_, t, _)| t.log.start_s() + t.log.duration_s()).fold(f64::INFINITY, f64::min);
+        let time_s: Vec<f64> = match grid {
+            None => base.log.time_s.iter().copied().filter(|t| (from_s..=to_s).contains(t)).collect(),
+            Some(step) => self.even(from_s, to_s, step.seconds())?,
+        };
+        if time_s.is_empty() {
+            let spans =
+                chosen.iter().map(|(one, t, _)| (one.name.clone(), t.log.start_s(), t.log.start_s() + t.log.duration_s())).collect();
+            return Err(LogError::NoCommonTime { file: self.source.clone(), spans });
+        }
+        Ok(time_s)
     }
 
     fn even(&self, from_s: f64, to_s: f64, step_s: f64) -> Result<Vec<f64>, LogError> {

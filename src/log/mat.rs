@@ -152,6 +152,30 @@ fn numbers(kind: u32, content: &[u8], big: bool) -> Option<Vec<f64>> {
     })
 }
 
+/// So many structs of the same fields.
+fn structs(parts: &mut Elements<'_>, count: usize, depth: usize, notes: &mut Vec<String>) -> Option<Array> {
+    let length = parts.numbers()?.first().copied()? as usize;
+    let (_, names, _) = parts.next()?;
+    if length == 0 {
+        return Some(Array::Other);
+    }
+    let name_of = |bytes: &[u8]| String::from_utf8_lossy(bytes.split(|b| *b == 0).next().unwrap_or_default()).into_owned();
+    let fields: Vec<String> = names.chunks(length).map(name_of).collect();
+    let mut elements = Vec::new();
+    while elements.len() < count && !parts.bytes.is_empty() && !fields.is_empty() {
+        let mut element = Vec::with_capacity(fields.len());
+        for field in &fields {
+            let (_, value, _) = parts.next()?;
+            element.push((field.clone(), matrix(value, parts.big, depth + 1, notes)?.1));
+        }
+        elements.push(Array::Struct(element));
+    }
+    match elements.len() {
+        1 => elements.pop(),
+        _ => Some(Array::List(elements)),
+    }
+}
+
 /// A variable: its name and what it holds.
 fn matrix(content: &[u8], big: bool, depth: usize, notes: &mut Vec<String>) -> Option<(String, Array)> {
     let mut parts = Elements { bytes: content, big };
@@ -184,28 +208,7 @@ fn matrix(content: &[u8], big: bool, depth: usize, notes: &mut Vec<String>) -> O
             }
             Array::List(cells)
         }
-        2 => {
-            let length = parts.numbers()?.first().copied()? as usize;
-            let (_, names, _) = parts.next()?;
-            if length == 0 {
-                return Some((name, Array::Other));
-            }
-            let name_of = |bytes: &[u8]| String::from_utf8_lossy(bytes.split(|b| *b == 0).next().unwrap_or_default()).into_owned();
-            let fields: Vec<String> = names.chunks(length).map(name_of).collect();
-            let mut elements = Vec::new();
-            while elements.len() < count && !parts.bytes.is_empty() && !fields.is_empty() {
-                let mut element = Vec::with_capacity(fields.len());
-                for field in &fields {
-                    let (_, value, _) = parts.next()?;
-                    element.push((field.clone(), matrix(value, big, depth + 1, notes)?.1));
-                }
-                elements.push(Array::Struct(element));
-            }
-            match elements.len() {
-                1 => elements.pop()?,
-                _ => Array::List(elements),
-            }
-        }
+        2 => structs(&mut parts, count, depth, notes)?,
         4 => {
             let (kind, letters, _) = parts.next()?;
             let text = match kind {

@@ -41,18 +41,7 @@ impl Assembly {
         build.now[states + m] = 1.0;
 
         let one = states + m;
-        let mut arriving: Vec<Row> = Vec::with_capacity(m);
-        for (i, path) in plan.inputs.iter().enumerate() {
-            let mut v = build.unit(states + i);
-            for &lag_s in &path.lags_s {
-                v = build.lag(&v, lag_s);
-            }
-            for mode in plan.modes.iter().filter(|mode| mode.site == Site::Input(i)) {
-                let q = build.mode(&v, mode.omega_rad_s, mode.damping);
-                v[q] += mode.gain;
-            }
-            arriving.push(v);
-        }
+        let arriving: Vec<Row> = (0..plan.inputs.len()).map(|i| build.arriving(plan, i)).collect();
         let inputs: Vec<Row> = (arriving.iter().zip(&system.input_operating))
             .map(|(v, operating)| {
                 let mut w = v.clone();
@@ -69,36 +58,9 @@ impl Assembly {
                 (0..p).map(|i| build.unit(one + 1 + i)).collect()
             }
         };
-        for mode in &plan.modes {
-            let Some(driver) = arriving.get(mode.input).filter(|_| !matches!(mode.site, Site::Input(_))) else { continue };
-            let q = build.mode(driver, mode.omega_rad_s, mode.damping);
-            match mode.site {
-                Site::State(to) => build.derivatives[to][q] += mode.gain,
-                Site::Output(to) => outputs[to][q] += mode.gain,
-                Site::Input(_) => {}
-            }
-        }
-        for term in &plan.terms {
-            match *term {
-                Term::Linear { to, from: Source::State(from), gain } => build.derivatives[to][from] += gain,
-                Term::Linear { to, from: Source::Input(from), gain } => add(&mut build.derivatives[to], gain, &inputs[from]),
-                Term::Constant { to, level } => build.derivatives[to][one] += level,
-                Term::Sine { to, omega_rad_s, amplitude, phase_rad } => {
-                    let sine = build.oscillator(omega_rad_s, phase_rad);
-                    build.derivatives[to][sine] += amplitude;
-                }
-                Term::Function { .. } | Term::Friction { .. } => {}
-            }
-        }
-        let before = outputs.clone();
-        for (to, path) in plan.outputs.iter().enumerate() {
-            for &(from, gain) in &path.mixing {
-                add(&mut outputs[to], gain, &before[from]);
-            }
-            for &lag_s in &path.lags_s {
-                outputs[to] = build.lag(&outputs[to], lag_s);
-            }
-        }
+        build.modes(plan, &arriving, &mut outputs);
+        build.terms(plan, &inputs, one);
+        build.sensors(plan, &mut outputs);
         let start = build.now[..states].to_vec();
         Self { plant: n, states, signals: m, inputs, derivatives: build.derivatives, outputs, start }
     }
@@ -123,6 +85,61 @@ struct Build {
 }
 
 impl Build {
+    /// What arrives of an input: behind its lags, with the modes that act on it.
+    fn arriving(&mut self, plan: &Plan, input: usize) -> Row {
+        let mut v = self.unit(self.states + input);
+        for &lag_s in &plan.inputs[input].lags_s {
+            v = self.lag(&v, lag_s);
+        }
+        for mode in plan.modes.iter().filter(|mode| mode.site == Site::Input(input)) {
+            let q = self.mode(&v, mode.omega_rad_s, mode.damping);
+            v[q] += mode.gain;
+        }
+        v
+    }
+
+    /// The modes that act on states and outputs.
+    fn modes(&mut self, plan: &Plan, arriving: &[Row], outputs: &mut [Row]) {
+        for mode in &plan.modes {
+            let Some(driver) = arriving.get(mode.input).filter(|_| !matches!(mode.site, Site::Input(_))) else { continue };
+            let q = self.mode(driver, mode.omega_rad_s, mode.damping);
+            match mode.site {
+                Site::State(to) => self.derivatives[to][q] += mode.gain,
+                Site::Output(to) => outputs[to][q] += mode.gain,
+                Site::Input(_) => {}
+            }
+        }
+    }
+
+    /// The terms of derivatives that are linear or run by themselves; `one` is the place of the constant.
+    fn terms(&mut self, plan: &Plan, inputs: &[Row], one: usize) {
+        for term in &plan.terms {
+            match *term {
+                Term::Linear { to, from: Source::State(from), gain } => self.derivatives[to][from] += gain,
+                Term::Linear { to, from: Source::Input(from), gain } => add(&mut self.derivatives[to], gain, &inputs[from]),
+                Term::Constant { to, level } => self.derivatives[to][one] += level,
+                Term::Sine { to, omega_rad_s, amplitude, phase_rad } => {
+                    let sine = self.oscillator(omega_rad_s, phase_rad);
+                    self.derivatives[to][sine] += amplitude;
+                }
+                Term::Function { .. } | Term::Friction { .. } => {}
+            }
+        }
+    }
+
+    /// Between plant and measurement: outputs that mix, then lags.
+    fn sensors(&mut self, plan: &Plan, outputs: &mut [Row]) {
+        let before = outputs.to_vec();
+        for (to, path) in plan.outputs.iter().enumerate() {
+            for &(from, gain) in &path.mixing {
+                add(&mut outputs[to], gain, &before[from]);
+            }
+            for &lag_s in &path.lags_s {
+                outputs[to] = self.lag(&outputs[to], lag_s);
+            }
+        }
+    }
+
     fn zero(&self) -> Row {
         vec![0.0; self.states + self.signals + 1 + self.outputs]
     }

@@ -1,5 +1,7 @@
 //! Response of a linear model to a sampled input.
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -71,6 +73,29 @@ impl Recursion {
         Self { ends, terms, taps: taps.iter().map(|t| (t.0, t.1)).collect(), states: n }
     }
 
+    /// The delayed inputs of a block of samples, sample by sample.
+    fn gather(&self, u: &DMatrix<f64>, prehistory: Prehistory, block: Range<usize>, taps: &mut [f64]) {
+        let (samples, width, start, count) = (u.nrows(), self.taps.len(), block.start, block.len());
+        for (t, &(input, lag)) in self.taps.iter().enumerate() {
+            let column = &u.as_slice()[input * samples..(input + 1) * samples];
+            let past = start.checked_add_signed(-lag).and_then(|from| column.get(from..from + count));
+            if let Some(past) = past {
+                for (k, &value) in past.iter().enumerate() {
+                    taps[k * width + t] = value;
+                }
+                continue;
+            }
+            for k in 0..count {
+                taps[k * width + t] = match (start + k).checked_add_signed(-lag) {
+                    Some(at) if at < samples => column[at],
+                    Some(_) => column[samples - 1],
+                    None if prehistory == Prehistory::Held => column[0],
+                    None => 0.0,
+                };
+            }
+        }
+    }
+
     fn run(&self, u: &DMatrix<f64>, initial: Option<&DVector<f64>>, prehistory: Prehistory, ts: f64) -> Result<Response, SimulateError> {
         let samples = u.nrows();
         let n = self.states;
@@ -93,24 +118,7 @@ impl Recursion {
         }
         for start in (0..samples).step_by(BLOCK) {
             let count = BLOCK.min(samples - start);
-            for (t, &(input, lag)) in self.taps.iter().enumerate() {
-                let column = &u.as_slice()[input * samples..(input + 1) * samples];
-                let past = start.checked_add_signed(-lag).and_then(|from| column.get(from..from + count));
-                if let Some(past) = past {
-                    for (k, &value) in past.iter().enumerate() {
-                        taps[k * width + t] = value;
-                    }
-                    continue;
-                }
-                for k in 0..count {
-                    taps[k * width + t] = match (start + k).checked_add_signed(-lag) {
-                        Some(at) if at < samples => column[at],
-                        Some(_) => column[samples - 1],
-                        None if prehistory == Prehistory::Held => column[0],
-                        None => 0.0,
-                    };
-                }
-            }
+            self.gather(u, prehistory, start..start + count, &mut taps);
             arch.dispatch(Steps { dense: &dense, taps: &taps, count, rows: &mut rows });
             // Row k of the block holds x[start + k + 1], then y[start + k].
             let block = &rows[stride..(count + 1) * stride];
@@ -418,33 +426,59 @@ fn on_even_grid(
     Recursion::new(&phi, sys.c(), &taps).run(u, options.initial.as_ref(), options.prehistory, ts)
 }
 
+/// Inputs at stamps of any kind.
+struct Stamped<'a> {
+    time_s: &'a [f64],
+    u: &'a DMatrix<f64>,
+    hold: Hold,
+    prehistory: Prehistory,
+}
+
+impl Stamped<'_> {
+    /// Value of input j at time t, from the left or from the right of an edge. A time that only rounding parts from a stamp is that stamp.
+    fn value(&self, j: usize, t: f64, from_left: bool) -> f64 {
+        let (stamps, u) = (self.time_s, self.u);
+        let mut after = stamps.partition_point(|s| if from_left { *s < t } else { *s <= t });
+        if from_left && after > 0 && t - stamps[after - 1] <= slack(stamps, after - 1) {
+            after -= 1;
+        } else if !from_left && after < stamps.len() && stamps[after] - t <= slack(stamps, after) {
+            after += 1;
+        }
+        match (after, self.hold) {
+            (0, _) => match self.prehistory {
+                Prehistory::Held => u[(0, j)],
+                Prehistory::Rest => 0.0,
+            },
+            (k, Hold::Linear) if k < stamps.len() => {
+                let share = ((t - stamps[k - 1]) / (stamps[k] - stamps[k - 1])).clamp(0.0, 1.0);
+                u[(k - 1, j)] * (1.0 - share) + u[(k, j)] * share
+            }
+            (k, _) => u[(k - 1, j)],
+        }
+    }
+
+    /// When a delayed input changes between two times, in order; the later time is the last.
+    fn edges(&self, delays: &[f64], (t, end): (f64, f64), edges: &mut Vec<f64>) {
+        edges.clear();
+        let near = COINCIDE * (end - t) + rounding(end);
+        for &delay in delays {
+            let first = self.time_s.partition_point(|s| s + delay <= t + near);
+            edges.extend(self.time_s[first..].iter().map(|s| s + delay).take_while(|&e| e < end - near));
+        }
+        edges.sort_by(f64::total_cmp);
+        edges.dedup_by(|later, earlier| *later - *earlier <= near);
+        edges.push(end);
+    }
+}
+
 /// Response of a continuous model on time stamps of any kind (s, increasing).
 fn at_times(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64>, options: &Options) -> Result<Response, SimulateError> {
     if let Some(k) = (1..time_s.len()).find(|&k| time_s[k].partial_cmp(&time_s[k - 1]) != Some(std::cmp::Ordering::Greater)) {
         return Err(SimulateError::Time { sample: k, before_s: time_s[k - 1], after_s: time_s[k] });
     }
     let (samples, n, m) = (time_s.len().min(u.nrows()), sys.order(), sys.inputs());
-    // Value of input j at time t, from the left or from the right of an edge. A time that only rounding parts from a stamp is that stamp.
-    let value = |j: usize, t: f64, from_left: bool| {
-        let stamps = &time_s[..samples];
-        let mut after = stamps.partition_point(|s| if from_left { *s < t } else { *s <= t });
-        if from_left && after > 0 && t - stamps[after - 1] <= slack(stamps, after - 1) {
-            after -= 1;
-        } else if !from_left && after < samples && stamps[after] - t <= slack(stamps, after) {
-            after += 1;
-        }
-        match (after, options.hold) {
-            (0, _) => match options.prehistory {
-                Prehistory::Held => u[(0, j)],
-                Prehistory::Rest => 0.0,
-            },
-            (k, Hold::Linear) if k < samples => {
-                let share = ((t - time_s[k - 1]) / (time_s[k] - time_s[k - 1])).clamp(0.0, 1.0);
-                u[(k - 1, j)] * (1.0 - share) + u[(k, j)] * share
-            }
-            (k, _) => u[(k - 1, j)],
-        }
-    };
+    let inputs = Stamped { time_s: &time_s[..samples], u, hold: options.hold, prehistory: options.prehistory };
+    let value = |j: usize, t: f64, from_left: bool| inputs.value(j, t, from_left);
     let mut steps = std::collections::HashMap::new();
     let mut state = options.initial.clone().unwrap_or_else(|| DVector::zeros(n));
     let (mut y, mut x) = (DMatrix::zeros(samples, sys.outputs()), DMatrix::zeros(samples, n));
@@ -456,15 +490,7 @@ fn at_times(sys: &StateSpace<Continuous>, time_s: &[f64], u: &DMatrix<f64>, opti
         y.set_row(k, &(sys.c() * &state + sys.d() * input).transpose());
         x.set_row(k, &state.transpose());
         let Some(&end) = time_s[..samples].get(k + 1) else { break };
-        edges.clear();
-        let near = COINCIDE * (end - t) + rounding(end);
-        for &delay in delays {
-            let first = time_s[..samples].partition_point(|s| s + delay <= t + near);
-            edges.extend(time_s[first..samples].iter().map(|s| s + delay).take_while(|&e| e < end - near));
-        }
-        edges.sort_by(f64::total_cmp);
-        edges.dedup_by(|later, earlier| *later - *earlier <= near);
-        edges.push(end);
+        inputs.edges(delays, (t, end), &mut edges);
         let mut at = t;
         for &edge in &edges {
             let h = edge - at;

@@ -83,20 +83,25 @@ impl System {
         let mut integrator = Integrator::with_tolerance(assembly.states, plan.tolerance.relative, plan.tolerance.absolute);
         let operations = equations.map_or(0, |(e, _)| e.operations().0);
         (integrator.max_steps, integrator.budget) =
-            (plan.tolerance.steps, plan.tolerance.budget.min(affordable(operations, assembly.states)));
+            (plan.tolerance.steps, plan.tolerance.budget.min(affordable(operations, assembly.states, time_s.len())));
         let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, integrator);
         walk(&mut stepper, &signals, plan, time_s, correction).map_err(|e| stepper.blame(e, &self.states))
     }
 }
 
-/// Steps of a whole run whose right-hand side takes so many operations: about [`WORK`] operations in all, which is a minute or two. A step takes seven evaluations, or as many as
-/// there are states where its Jacobian is needed; what else an evaluation takes is that of a hundred operations.
-fn affordable(operations: usize, states: usize) -> usize {
-    (WORK / ((operations + 100) as f64 * (7 + states) as f64)) as usize
+/// Steps of a whole run whose right-hand side takes so many operations: about [`WORK`] operations in all, which is a minute. A step takes seven evaluations, or
+/// as many as there are states where its Jacobian is needed; what else an evaluation takes is that of a hundred operations. A long log has [`STEPS_A_SAMPLE`]
+/// for every sample, whatever they cost: its own length asks for them.
+fn affordable(operations: usize, states: usize, samples: usize) -> usize {
+    let steps = (WORK / ((operations + 100) as f64 * (7 + states) as f64)) as usize;
+    steps.max(STEPS_A_SAMPLE.saturating_mul(samples))
 }
 
-/// Operations of a run at most.
-const WORK: f64 = 6e10;
+/// Operations of a run at most; one takes 2 to 4 ns.
+const WORK: f64 = 2e10;
+
+/// Steps from sample to sample that are never too many: ten times what a log needs that is sampled as its model asks for.
+const STEPS_A_SAMPLE: usize = 16;
 
 fn check(system: &System, commands: Commands<'_>, x0: &[f64]) -> Result<(), SimulateError> {
     if commands.inputs.len() != system.inputs.len() {

@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 
 use super::black_box::Simulator;
 use crate::error::Result;
-use crate::model::{Candidates, Channel, Equations, ModelDocument, Operating, StateSpace, TimeDomain};
+use crate::model::{Candidates, Channel, Equations, EquationsFile, ModelDocument, ModelFile, Operating, StateSpace, TimeDomain};
 use crate::time::SampleTime;
 
 /// The name and unit of an input, state, output or parameter.
@@ -100,10 +100,8 @@ impl System {
             };
             channels.iter().map(value).collect()
         };
-        let port = |name: &str, unit: Option<&str>| Port { name: name.to_owned(), unit: unit.map(str::to_owned) };
         let ports = |channels: &[Channel]| channels.iter().map(|c| port(&c.name, c.unit.as_deref())).collect::<Vec<_>>();
         let states: Vec<Port> = document.states().map(|(name, unit)| port(name, unit)).collect();
-        let or_zero = |list: &[f64], n: usize| if list.is_empty() { vec![0.0; n] } else { list.to_vec() };
         let (inputs, outputs) = (ports(document.inputs()), ports(document.outputs()));
         let (input_operating, mut output_operating) = (operating(document.inputs())?, operating(document.outputs())?);
         let as_equations;
@@ -116,30 +114,13 @@ impl System {
             }
             other => other,
         };
-        let mut candidates = None;
-        let (dynamics, parameters, initial, initial_std, input_delay_s) = match document {
-            ModelDocument::Lti(file) => {
-                let std = if file.initial_std.is_empty() {
-                    vec![None; states.len()]
-                } else {
-                    file.initial_std.iter().map(|&v| Some(v)).collect()
-                };
-                let dynamics = if file.is_sampled() {
-                    let sys = file.sampled()?;
-                    Dynamics::Sampled(Matrices::of(&sys), sys.sample_time())
-                } else {
-                    Dynamics::Linear(Matrices::of(&file.continuous()?))
-                };
-                (dynamics, Vec::new(), or_zero(&file.initial, states.len()), std, &file.input_delay_s)
-            }
-            ModelDocument::Equations(file) => {
-                let equations = Arc::new(file.equations()?);
-                candidates = file.candidates()?.map(Arc::new);
-                let parameters = file.parameters.iter().map(|(name, p)| port(name, p.unit.as_deref())).collect();
-                let (initial, nominal) = (equations.initial(), equations.nominal());
-                let std = file.states.iter().map(|(_, s)| s.initial_std).collect();
-                (Dynamics::Equations(equations, nominal), parameters, initial, std, &file.input_delay_s)
-            }
+        let Plant { dynamics, parameters, candidates, initial, initial_std } = match document {
+            ModelDocument::Lti(file) => Plant::linear(file, states.len())?,
+            ModelDocument::Equations(file) => Plant::equations(file)?,
+        };
+        let input_delay_s = match document {
+            ModelDocument::Lti(file) => &file.input_delay_s,
+            ModelDocument::Equations(file) => &file.input_delay_s,
         };
         Ok(Self {
             name: document.name().to_owned(),
@@ -155,6 +136,46 @@ impl System {
             output_operating,
             candidates,
         })
+    }
+}
+
+fn port(name: &str, unit: Option<&str>) -> Port {
+    Port { name: name.to_owned(), unit: unit.map(str::to_owned) }
+}
+
+fn or_zero(list: &[f64], n: usize) -> Vec<f64> {
+    if list.is_empty() { vec![0.0; n] } else { list.to_vec() }
+}
+
+/// What a file says of the dynamics and of where they start.
+struct Plant {
+    dynamics: Dynamics,
+    parameters: Vec<Port>,
+    candidates: Option<Arc<Candidates>>,
+    initial: Vec<f64>,
+    initial_std: Vec<Option<f64>>,
+}
+
+impl Plant {
+    fn linear(file: &ModelFile, states: usize) -> Result<Self> {
+        let known = file.initial_std.iter().map(|&v| Some(v));
+        let initial_std = if file.initial_std.is_empty() { vec![None; states] } else { known.collect() };
+        let dynamics = if file.is_sampled() {
+            let sys = file.sampled()?;
+            Dynamics::Sampled(Matrices::of(&sys), sys.sample_time())
+        } else {
+            Dynamics::Linear(Matrices::of(&file.continuous()?))
+        };
+        Ok(Self { dynamics, parameters: Vec::new(), candidates: None, initial: or_zero(&file.initial, states), initial_std })
+    }
+
+    fn equations(file: &EquationsFile) -> Result<Self> {
+        let equations = Arc::new(file.equations()?);
+        let parameters = file.parameters.iter().map(|(name, p)| port(name, p.unit.as_deref())).collect();
+        let initial_std = file.states.iter().map(|(_, s)| s.initial_std).collect();
+        let (initial, nominal) = (equations.initial(), equations.nominal());
+        let candidates = file.candidates()?.map(Arc::new);
+        Ok(Self { dynamics: Dynamics::Equations(equations, nominal), parameters, candidates, initial, initial_std })
     }
 }
 

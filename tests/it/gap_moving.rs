@@ -1,6 +1,6 @@
 //! `deadtime gap` on machines whose delay moves. What the machine hears is made from what was sent sample by sample, not by the effects themselves.
 
-use deadtime::diagnose::{Diagnosed, GapOptions, RankingRow, diagnose};
+use deadtime::diagnose::{Caveat, Diagnosed, GapOptions, RankingRow, diagnose};
 use deadtime::effect::OnLog;
 use deadtime::log::Log;
 use deadtime::model::ModelDocument;
@@ -190,4 +190,19 @@ fn a_delay_that_stands_still_is_named_as_before() {
     assert_eq!(keys(&found), ["input_delay:u"]);
     assert!((value(&found, "delay") - 0.12).abs() < 0.1 * TS, "{}", value(&found, "delay"));
     assert!(lost(&found) < 0.01, "{:?}", found.diagnosis.cause.ranking);
+}
+
+#[test]
+fn a_long_log_tells_whether_what_was_found_in_its_first_part_holds_later() {
+    let options = GapOptions { rows: 1200, ..GapOptions::default() };
+    for (seed, later, holds_later) in [(780, 5, true), (790, 15, false)] {
+        let log = logged(2400, seed, &late_by(|k| if k < 1800 { 5 } else { later }));
+        let found = diagnose(&model(), &[log], &[], &options, &|_| ()).unwrap();
+        assert_eq!(keys(&found), ["input_delay:u"]);
+        assert!(matches!(found.caveats[0], Caveat::FirstPart { rows: 2400, used: 1200, .. }), "{:?}", found.caveats);
+        let Caveat::LaterRows { before, after, within, holds, .. } = &found.caveats[1] else { panic!("{:?}", found.caveats) };
+        let [before, after, within] = [before, after, within].map(|v| v.parse::<f64>().unwrap());
+        assert_eq!(*holds, holds_later, "{before} {after} {within}");
+        assert!(after < before && (after < 1.5 * within) == holds_later, "{before} {after} {within}");
+    }
 }

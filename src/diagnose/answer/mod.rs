@@ -8,6 +8,7 @@ pub(in crate::diagnose) mod found_effects;
 pub(in crate::diagnose) mod handed;
 pub(in crate::diagnose) mod improvement;
 pub(in crate::diagnose) mod isolability;
+pub(in crate::diagnose) mod later_rows;
 pub(in crate::diagnose) mod location;
 pub(in crate::diagnose) mod probabilities;
 pub(in crate::diagnose) mod traces;

@@ -37,6 +37,23 @@ pub enum Caveat {
         /// The end of that part from the log's first sample, s.
         until_s: String,
     },
+    /// How far what was found holds in the rows that were not looked at.
+    #[error(
+        "later rows of {log}, not looked at: a free run from the log's start is off by {before} there as the model came and by {after} with what was found (nrmse), \
+         by {within} in what was looked at: {}", if *.holds { "it holds there" } else { "something changes later, or adds up; cut the log to look there" }
+    )]
+    LaterRows {
+        /// The log.
+        log: String,
+        /// The error there of the model as it came, as nrmse over all outputs.
+        before: String,
+        /// The same with what was found.
+        after: String,
+        /// With what was found, in the rows that were looked at.
+        within: String,
+        /// It is hardly larger there.
+        holds: bool,
+    },
     /// A command that never changes in what is learnt from.
     #[error("`{input}` never changes in what is learnt from: nothing that acts on it can be seen; record a log in which it moves")]
     ConstantInput {

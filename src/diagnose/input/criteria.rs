@@ -107,6 +107,7 @@ pub struct Criteria {
     /// The same as a part of the fall over the blocks; 1. Chosen.
     pub added_generalises: f64,
     /// The part of the gap's original square that it must take, learnt and held out: a simulator's own inexactness is certain on a precise machine; 1. Chosen.
+    /// An elaborate form of a plain effect must take as much beyond it, or lower the rms by `clear`.
     pub added_matters: f64,
     /// Further causes whose errors over the blocks differ by less than this part are as good as each other; 1. Chosen.
     pub added_equals: f64,

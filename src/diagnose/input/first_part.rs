@@ -3,7 +3,8 @@
 //! The part is the first one, in one piece, because its start is that of the model and because what a clock or a queue adds up to counts from there. Nothing is thinned:
 //! a log of every tenth row would be another log, whose commands and delays are not those of the machine.
 //!
-//! How it can be wrong: what happens later only is not seen. A window of the log shows it.
+//! How it can be wrong: what happens later only is not seen. So the model with what was found is run over the whole log once, and the error in the rows that
+//! were not looked at stands beside that in those that were. A window of the log shows the rest.
 
 use std::borrow::Cow;
 
@@ -17,6 +18,8 @@ pub(in crate::diagnose) struct Parts<'a> {
     pub(in crate::diagnose) logs: Cow<'a, [Log]>,
     pub(in crate::diagnose) holdout: Cow<'a, [Log]>,
     pub(in crate::diagnose) caveats: Vec<Caveat>,
+    /// The logs that were cut, and the rows of each that are looked at.
+    pub(in crate::diagnose) cut: Vec<(&'a Log, usize)>,
 }
 
 impl<'a> Parts<'a> {
@@ -27,10 +30,10 @@ impl<'a> Parts<'a> {
     pub(in crate::diagnose) fn of(logs: &'a [Log], holdout: &'a [Log], rows: usize) -> Result<Self> {
         let total: usize = logs.iter().chain(holdout).map(Log::len).sum();
         if total <= rows {
-            return Ok(Self { logs: logs.into(), holdout: holdout.into(), caveats: Vec::new() });
+            return Ok(Self { logs: logs.into(), holdout: holdout.into(), caveats: Vec::new(), cut: Vec::new() });
         }
-        let mut caveats = Vec::new();
-        let mut part = |log: &Log| -> Result<Log> {
+        let (mut caveats, mut cuts) = (Vec::new(), Vec::new());
+        let mut part = |log: &'a Log| -> Result<Log> {
             let used = (((log.len() as f64) * (rows as f64) / (total as f64)) as usize).max(SHORTEST);
             let (Some(first), Some(last)) = (log.time_s().first(), log.time_s().get(used.saturating_sub(1))) else {
                 return Ok(log.clone());
@@ -41,11 +44,12 @@ impl<'a> Parts<'a> {
             let cut = log.window(None, Some(last - first))?;
             let until_s = format!("{:.1}", last - first);
             caveats.push(Caveat::FirstPart { log: log.source().to_owned(), rows: log.len(), used: cut.len(), until_s });
+            cuts.push((log, cut.len()));
             Ok(cut)
         };
         let logs = logs.iter().map(&mut part).collect::<Result<Vec<_>>>()?;
         let holdout = holdout.iter().map(&mut part).collect::<Result<Vec<_>>>()?;
-        Ok(Self { logs: logs.into(), holdout: holdout.into(), caveats })
+        Ok(Self { logs: logs.into(), holdout: holdout.into(), caveats, cut: cuts })
     }
 }
 

@@ -38,7 +38,7 @@ pub(in crate::diagnose) fn prior_sensitivities(
         _ => &found.singles,
     }
     .iter()
-    .filter(|e| e.fitted)
+    .filter(|e| e.fitted && !found.held_back.contains(&e.key()))
     .take(likelihood.budget.rivals)
     .cloned()
     .collect();

@@ -39,17 +39,6 @@ fn stands_out(before: &Level, after: &Level, factor: f64) -> bool {
     !after.is_chance() && before.white.iter().zip(after.white).all(|(b, a)| *b > factor * factor * a)
 }
 
-/// `after` lowers the rms of some output by more than a factor; `held` too, errors of the held-out data, where a second effect is asked for: the geometric mean.
-fn matters(before: &Errors, after: &Errors, held: Option<[&Errors; 2]>, factor: f64) -> bool {
-    let falls = |before: &Errors, after: &Errors| -> Vec<Option<f64>> {
-        before.nrmse().iter().zip(after.nrmse()).map(|(b, a)| b.zip(a).map(|(b, a)| b / a)).collect()
-    };
-    let elsewhere = held.map(|[before, after]| falls(before, after));
-    // An output without a held-out sample has only the one.
-    let together = |(i, fall): (usize, f64)| elsewhere.as_ref().and_then(|e| e[i]).map_or(fall, |there| (fall * there).sqrt());
-    falls(before, after).into_iter().enumerate().filter_map(|(i, fall)| Some((i, fall?))).map(together).any(|fall| fall > factor)
-}
-
 /// The factor by which a hypothesis must lower the error of the one before it.
 fn needed(before: &Level, after: &Level, criteria: &Criteria) -> f64 {
     let parameters = |level: &Level| level.hypothesis.as_ref().map_or(0, |e| e.free.len());
@@ -81,8 +70,8 @@ pub(in crate::diagnose) fn judge(
         let factor = needed(&best, &next, &criteria);
         let held = (size > 0).then_some([&best.held, &next.held]);
         let (before, after) = (best.smooth(likelihood)?, next.smooth(likelihood)?);
-        let clear = matters(&before, &after, held, factor.max(criteria.clear));
-        let matters = lattice || matters(&before, &after, held, factor);
+        let clear = before.largest_fall(&after, held) > factor.max(criteria.clear);
+        let matters = lattice || before.largest_fall(&after, held) > factor;
         // Two effects that do not matter clearly are named only where each is more than a nominal model that is a little off.
         let established = |e: &Hypothesis| e.effects.len() < 2 || clear || intervals::established(likelihood, e, scales);
         beaten |= better;

@@ -50,6 +50,17 @@ impl Errors {
         parts.iter().sum::<f64>() / parts.len().max(1) as f64
     }
 
+    /// The largest factor by which the rms of an output falls from these to others. `held`, the same two on held-out data: the geometric mean of both factors.
+    pub(in crate::diagnose) fn largest_fall(&self, after: &Self, held: Option<[&Self; 2]>) -> f64 {
+        let falls = |before: &Self, after: &Self| -> Vec<Option<f64>> {
+            before.nrmse().iter().zip(after.nrmse()).map(|(b, a)| b.zip(a).map(|(b, a)| b / a)).collect()
+        };
+        let elsewhere = held.map(|[before, after]| falls(before, after));
+        // An output without a held-out sample has only the one.
+        let together = |(i, fall): (usize, f64)| elsewhere.as_ref().and_then(|e| e[i]).map_or(fall, |there| (fall * there).sqrt());
+        falls(self, after).into_iter().enumerate().filter_map(|(i, fall)| Some((i, fall?))).map(together).fold(0.0, f64::max)
+    }
+
     /// Per output; `None` where it stands still.
     pub(in crate::diagnose) fn nrmse(&self) -> Vec<Option<f64>> {
         self.squares.iter().zip(&self.deviations).map(|(e, d)| (*d > 0.0).then(|| (e / d).sqrt())).collect()

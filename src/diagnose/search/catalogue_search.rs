@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::elaborations::held_back;
 use super::late::beside_lost;
 use super::screen::screen;
 use super::several::pairs;
@@ -22,6 +23,8 @@ pub(in crate::diagnose) struct SearchResult {
     /// Single effects: those fitted, then the rest of the catalogue as screened.
     pub(in crate::diagnose) singles: Vec<Hypothesis>,
     pub(in crate::diagnose) pairs: Vec<Hypothesis>,
+    /// Keys of elaborate forms of a plain effect that do no more than it: they count as gaining as much.
+    pub(in crate::diagnose) held_back: Vec<String>,
 }
 
 /// A search's result, and the likelihood under the noise of the largest hypothesis in play.
@@ -43,7 +46,7 @@ pub(in crate::diagnose) fn search<'a>(
     progress(Stage::Screening(catalogue.len()));
     let pool = screen(&likelihood, catalogue, scales, &nominal);
     progress(Stage::Fitting);
-    let mut found = SearchResult { singles: fit_first(&likelihood, &pool, scales, &nominal), pairs: Vec::new() };
+    let mut found = SearchResult { singles: fit_first(&likelihood, &pool, scales, &nominal), pairs: Vec::new(), held_back: Vec::new() };
     progress(Stage::Pairing);
     found.pairs = pairs(&likelihood, &found.singles, &pool, scales, &nominal);
     members_alone(&likelihood, &mut found, scales, &nominal);
@@ -85,6 +88,7 @@ pub(in crate::diagnose) fn search<'a>(
     }
     beside_lost(&likelihood, &mut found.singles);
     beside_lost(&likelihood, &mut found.pairs);
+    found.held_back = held_back(&likelihood, &mut found.singles, &mut found.pairs);
     Some(Searched { likelihood, found })
 }
 

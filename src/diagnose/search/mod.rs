@@ -3,6 +3,7 @@
 pub(in crate::diagnose) mod beside;
 pub(in crate::diagnose) mod catalogue;
 pub(in crate::diagnose) mod catalogue_search;
+mod elaborations;
 pub(in crate::diagnose) mod late;
 pub(in crate::diagnose) mod moving;
 pub(in crate::diagnose) mod screen;

@@ -31,6 +31,10 @@ impl Effect for StribeckFriction {
         Site::Dynamics
     }
 
+    fn elaborates(&self) -> Option<&'static str> {
+        Some("coulomb_friction")
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         channel::names(&system.states)
     }

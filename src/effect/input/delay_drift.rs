@@ -30,6 +30,10 @@ impl Effect for DelayDrift {
         Site::Input
     }
 
+    fn elaborates(&self) -> Option<&'static str> {
+        Some("input_delay")
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         channel::names(&system.inputs)
     }

@@ -217,17 +217,7 @@ impl Integrator {
             let remaining = target - t;
             let (h, last) = cut(self.h, remaining);
             steps += 1;
-            if self.steps + self.rejected >= self.budget {
-                let (steps, step_s) = (self.budget, self.h);
-                return Err(self.stiff(rhs, t, x, steps, step_s));
-            }
-            if steps > self.max_steps {
-                if self.method == Method::Rosenbrock {
-                    let (steps, step_s) = (self.max_steps, self.h);
-                    return Err(self.stiff(rhs, t, x, steps, step_s));
-                }
-                (self.method, steps) = (Method::Rosenbrock, 0);
-            }
+            self.affords(rhs, t, x, &mut steps)?;
             let error = self.step(rhs, t, h, x);
             let (order, growth) = if self.method == Method::Explicit { (5.0, 10.0) } else { (4.0, 6.0) };
             if error > 1.0 || error.is_nan() {
@@ -269,6 +259,22 @@ impl Integrator {
             t = end;
             self.explicit.advance();
         }
+    }
+
+    /// Another step is within the limits; where an explicit method took too many of this call, the other one begins to count.
+    fn affords<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, x: &[f64], steps: &mut usize) -> Result<(), SimulateError> {
+        let too_many = if self.steps + self.rejected >= self.budget {
+            self.budget
+        } else if *steps > self.max_steps && self.method == Method::Rosenbrock {
+            self.max_steps
+        } else {
+            if *steps > self.max_steps {
+                (self.method, *steps) = (Method::Rosenbrock, 0);
+            }
+            return Ok(());
+        };
+        let step_s = self.h;
+        Err(self.stiff(rhs, t, x, too_many, step_s))
     }
 
     /// Finds the slope where a call begins, or takes it from where the last one ended; `false`: there is nothing to integrate.

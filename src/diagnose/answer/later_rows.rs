@@ -1,0 +1,45 @@
+//! What was found, in the rows of long logs that were not looked at: a free run over the whole log, the error there beside that in what was looked at.
+
+use std::ops::Range;
+
+use crate::diagnose::format::caveat::Caveat;
+use crate::diagnose::input::criteria::Criteria;
+use crate::diagnose::likelihood::errors::overall;
+use crate::effect::OnLog;
+use crate::log::Log;
+use crate::model::{Channel, ModelDocument};
+use crate::signal::stats;
+use crate::simulate::Response;
+
+/// How far what was found holds in the later rows of every log of which so many were looked at; of a model that cannot be run over a log nothing is said.
+pub(in crate::diagnose) fn later_rows(
+    cut: &[(&Log, usize)],
+    nominal: &ModelDocument,
+    found: &ModelDocument,
+    criteria: &Criteria,
+) -> Vec<Caveat> {
+    let of = |(log, used): &(&Log, usize)| {
+        let run = |model| OnLog::new(model, log).ok()?.response().ok();
+        let (as_it_came, with_found) = (run(nominal)?, run(found)?);
+        let later = *used..log.len();
+        let before = nrmse(nominal.outputs(), log, &as_it_came, later.clone())?;
+        let after = nrmse(found.outputs(), log, &with_found, later)?;
+        let within = nrmse(found.outputs(), log, &with_found, 0..*used)?;
+        let holds = after <= criteria.above_floor * within;
+        let [before, after, within] = [before, after, within].map(|v| format!("{v:.3}"));
+        Some(Caveat::LaterRows { log: log.source().to_owned(), before, after, within, holds })
+    };
+    cut.iter().filter_map(of).collect()
+}
+
+/// The error of a run over some rows of a log, all outputs; `None` where none of them moves there.
+fn nrmse(outputs: &[Channel], log: &Log, run: &Response, rows: Range<usize>) -> Option<f64> {
+    let of = |(at, channel): (usize, &Channel)| {
+        let measured = log.output(&channel.name).ok()?;
+        let pairs = || rows.clone().filter_map(|k| Some((*run.y.get((k, at))?, measured.get(k)?)));
+        let mean = stats::mean(pairs().map(|p| p.1))?;
+        let spread = stats::mean(pairs().map(|p| (p.1 - mean).powi(2))).filter(|v| *v > 0.0)?;
+        Some((stats::mean(pairs().map(|p| (p.1 - p.0).powi(2)))? / spread).sqrt())
+    };
+    overall(&outputs.iter().enumerate().map(of).collect::<Vec<_>>())
+}
