@@ -124,7 +124,7 @@ impl Gap {
         }
         if self.full {
             say!(to, "{}", summary(&found));
-            for caveat in &found.caveats {
+            for caveat in found.caveats.iter().filter(|c| !c.comes_first()) {
                 say!(to, "Caveat: {caveat}.");
             }
             say!(to, "\n{}", ranking(&found.diagnosis, self.rows).to_string().trim_end());

@@ -16,6 +16,7 @@ use crate::diagnose::answer::improvement::improvement;
 use crate::diagnose::answer::isolability::{self as isolability_of, Isolability, Names};
 use crate::diagnose::answer::later_rows::later_rows;
 use crate::diagnose::answer::location::{locate, output_shares};
+use crate::diagnose::answer::nominal::nominal_caveats;
 use crate::diagnose::answer::traces::{CommandTrace, Trace, command_traces, traces};
 use crate::diagnose::baseline::motion::Motion;
 use crate::diagnose::baseline::predictor::Predictor;
@@ -232,7 +233,16 @@ fn in_stages(
     progress(Stage::Judging);
     let smallest = &baseline.motion.smallest;
     let judgement = Judgement::of(&likelihood, &found, &candidates, &scales, smallest).ok_or_else(|| not_finite(&inputs.records))?;
-    let answer = Answer { subject, simulator, inputs: &inputs, likelihood: &likelihood, found: &found, scales: &scales, left_out };
+    let answer = Answer {
+        subject,
+        simulator,
+        inputs: &inputs,
+        likelihood: &likelihood,
+        found: &found,
+        scales: &scales,
+        motion: &baseline.motion,
+        left_out,
+    };
     answer.sections(judgement, logs, options.seed).ok_or_else(|| not_finite(&inputs.records))
 }
 
@@ -244,6 +254,7 @@ struct Answer<'a> {
     likelihood: &'a Likelihood<'a>,
     found: &'a SearchResult,
     scales: &'a Scales,
+    motion: &'a Motion,
     left_out: Vec<NotTried>,
 }
 
@@ -286,7 +297,8 @@ impl Answer<'_> {
         };
         let effects: Vec<Applied> = composed.hypothesis.iter().flat_map(|e| e.effects.clone()).collect();
         let traces = traces(likelihood, Some(active).filter(|_| !effects.is_empty()), &floor.floor);
-        let mut caveats = self.caveats(&composed.judged);
+        let mut caveats = nominal_caveats(system, records, &self.motion.predicted, &diagnosis);
+        caveats.extend(self.caveats(&composed.judged));
         caveats.extend(handed.caveat);
         let model = self.subject.with(handed.effects.iter().map(Applied::to_entry));
         let commands = command_traces(likelihood);

@@ -12,7 +12,7 @@ use crate::report::text::{Table, estimate};
 #[must_use]
 pub fn summary(found: &Diagnosed) -> String {
     let d = &found.diagnosis;
-    let lines = [remedies(d), Some(size(d)), Some(place(d)), Some(cause(d)), budget(d), Some(rivals(d)), Some(shrink(d))];
+    let lines = [first(found), Some(size(d)), Some(place(d)), Some(cause(d)), budget(d), Some(rivals(d)), Some(shrink(d))];
     lines.into_iter().flatten().collect::<Vec<_>>().join("\n")
 }
 
@@ -20,11 +20,13 @@ pub(super) fn percent(share: f64) -> String {
     format!("{:.0} %", 100.0 * share)
 }
 
-/// The findings of checks that have a remedy, where one fails.
-pub(super) fn remedies(d: &Diagnosis) -> Option<String> {
+/// What has to be settled before the rest: the findings of checks that have a remedy, and what speaks against the model as it came.
+pub(super) fn first(found: &Diagnosed) -> Option<String> {
     use CheckKind::{Axes, ClockOffset, ClockSkew, Sign, Unit};
-    let failed = d.checks.iter().filter(|c| c.ok == Some(false) && matches!(c.check, Sign | Axes | Unit | ClockOffset | ClockSkew));
-    let findings: Vec<&str> = failed.map(|c| c.finding.trim_end_matches('.')).collect();
+    let failed = found.diagnosis.checks.iter();
+    let failed = failed.filter(|c| c.ok == Some(false) && matches!(c.check, Sign | Axes | Unit | ClockOffset | ClockSkew));
+    let of_model = found.caveats.iter().filter(|c| c.comes_first()).map(ToString::to_string);
+    let findings: Vec<String> = failed.map(|c| c.finding.trim_end_matches('.').to_owned()).chain(of_model).collect();
     (!findings.is_empty()).then(|| format!("First: {}. Mend that before the rest is believed.", findings.join("; ")))
 }
 

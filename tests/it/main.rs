@@ -56,6 +56,7 @@ mod gap_hard;
 mod gap_mixture;
 #[cfg(feature = "cli")]
 mod gap_moving;
+mod gap_nominal;
 mod gate;
 mod golden;
 mod golden_effects;

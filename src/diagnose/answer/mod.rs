@@ -10,5 +10,6 @@ pub(in crate::diagnose) mod improvement;
 pub(in crate::diagnose) mod isolability;
 pub(in crate::diagnose) mod later_rows;
 pub(in crate::diagnose) mod location;
+pub(in crate::diagnose) mod nominal;
 pub(in crate::diagnose) mod probabilities;
 pub(in crate::diagnose) mod traces;

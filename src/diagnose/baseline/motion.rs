@@ -17,7 +17,7 @@ use crate::simulate::{Correction, System};
 /// The nominal motion.
 pub(in crate::diagnose) struct Motion {
     /// Predicted outputs from the nominal start, per record.
-    predicted: Vec<DMatrix<f64>>,
+    pub(in crate::diagnose) predicted: Vec<DMatrix<f64>>,
     states: Vec<DMatrix<f64>>,
     /// Rms motion of every state about its start; of a black box what moves an output as far as that moves.
     pub(in crate::diagnose) rms: Vec<f64>,

@@ -54,6 +54,28 @@ pub enum Caveat {
         /// It is hardly larger there.
         holds: bool,
     },
+    /// Measured about another level than the model's.
+    #[error(
+        "{levels}: the model may be one of deviations from an operating point; give the channels `operating = \"mean\"` in the model file, commands too, \
+         or start the model where the log starts"
+    )]
+    OtherOperatingPoint {
+        /// For each output its mean as measured and as modelled, and how far it moves.
+        levels: String,
+    },
+    /// The model is worse than none, and what was found does not make it good.
+    #[error(
+        "the model as it came misses `{output}` by {percent} % of its spread, so a constant would be nearer, and what was found leaves {left} %: \
+         it is a poor model of these logs, and a cause is no more than what mends it best; look at its parameters, signs, units and start first"
+    )]
+    PoorModel {
+        /// The output.
+        output: String,
+        /// The error of the model as it came.
+        percent: String,
+        /// With what was found.
+        left: String,
+    },
     /// A command that never changes in what is learnt from.
     #[error("`{input}` never changes in what is learnt from: nothing that acts on it can be seen; record a log in which it moves")]
     ConstantInput {
@@ -169,4 +191,12 @@ pub enum Caveat {
         /// The output.
         output: String,
     },
+}
+
+impl Caveat {
+    /// It has to be settled before anything else is believed.
+    #[must_use]
+    pub fn comes_first(&self) -> bool {
+        matches!(self, Self::OtherOperatingPoint { .. } | Self::PoorModel { .. })
+    }
 }

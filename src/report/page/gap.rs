@@ -31,7 +31,7 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
             @let (what, rest) = sentence.split_once(": ").unwrap_or(("", sentence));
             p { strong { (what) ":" } " " (quoted(rest)) }
         }
-        @for caveat in &diagnosed.caveats { p { strong { "Caveat:" } " " (quoted(&caveat.to_string())) "." } }
+        @for caveat in diagnosed.caveats.iter().filter(|c| !c.comes_first()) { p { strong { "Caveat:" } " " (quoted(&caveat.to_string())) "." } }
         (curves(diagnosed))
         (budget(d))
         (parameters(d))

@@ -2,7 +2,7 @@
 
 use super::axis::share as bar;
 use crate::diagnose::{Diagnosed, Diagnosis, FoundParameter, Mode, RankingRow, Share, Strength};
-use crate::report::diagnosis::{percent, probability, remedies, shared};
+use crate::report::diagnosis::{first, percent, probability, shared};
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns};
 use crate::report::text::estimate;
 use crate::text::shown;
@@ -26,13 +26,13 @@ pub fn verdict(d: &Diagnosis) -> Styled {
 pub fn diagnosis(found: &Diagnosed, rows: usize) -> Styled {
     let d = &found.diagnosis;
     let mut text = verdict(d);
-    if let Some(first) = remedies(d) {
+    if let Some(first) = first(found) {
         text.sentence((Role::Doubt, "First: "), first.trim_start_matches("First: "), WIDTH, 2);
     }
     text.sentence((Role::Label, "Gap: "), &size(d), WIDTH, 2);
     text.sentence((Role::Label, "Place: "), &place(d), WIDTH, 2);
     text.sentence((Role::Label, "Shrink: "), &shrink(d), WIDTH, 2);
-    for caveat in &found.caveats {
+    for caveat in found.caveats.iter().filter(|c| !c.comes_first()) {
         text.sentence((Role::Doubt, "Caveat: "), &format!("{caveat}."), WIDTH, 2);
     }
     if shared(d) {
