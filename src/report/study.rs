@@ -254,6 +254,7 @@ const KEYS: &[(&str, &str, KeyText)] = &[
     ("samples", "samples", |c| c.samples.to_string()),
     ("sample time (s)", "sample_time_s", |c| c.sample_time_s.to_string()),
     ("longest delay (samples)", "max_delay", |c| c.max_delay.to_string()),
+    ("logging", "logging", |c| c.logging.clone().unwrap_or_else(|| "plain".to_owned())),
     ("truth", "truth", |c| c.truth.name().to_owned()),
     ("method", "method", Cell::method_text),
     ("trials", "trials", |c| c.trials.to_string()),

@@ -11,11 +11,13 @@ mod error;
 mod estimates;
 mod feedback;
 mod gate;
+mod logging;
 mod origin;
 #[cfg(feature = "parquet")]
 mod parquet;
 #[cfg(feature = "parquet")]
 mod parts;
+mod passages;
 mod plan;
 mod plants;
 mod published;
@@ -32,6 +34,7 @@ pub use budget::{Budget, Needs};
 pub use common::{Common, MethodRow, Score as CommonScore};
 pub use error::StudyError;
 pub use gate::{Finding, Gate, GateGroup, GateReport, Measured};
+pub use logging::Logging;
 pub use origin::Origin;
 #[cfg(feature = "parquet")]
 pub use parquet::{Values, columns};
