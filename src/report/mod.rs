@@ -16,6 +16,7 @@ pub mod log;
 pub mod methods;
 pub mod page;
 pub mod picture;
+pub mod speed;
 pub mod structured;
 pub mod study;
 pub mod styled;

@@ -35,7 +35,7 @@ pub(super) fn share(value: Option<f64>) -> String {
 }
 
 /// A time with three digits in the unit that suits it.
-fn time(seconds: Option<f64>) -> String {
+pub(super) fn time(seconds: Option<f64>) -> String {
     seconds.map_or_else(
         || "–".to_owned(),
         |s| match s {

@@ -27,6 +27,7 @@ mod run;
 mod seal;
 mod setting;
 mod tally;
+mod timings;
 
 pub use aim::{Aim, Measure, Reached};
 pub use block_file::Damaged;
@@ -46,3 +47,4 @@ pub use published::{Beside, Published, Standing, Statistic, Which};
 pub use results::{Cell, FORMAT, Kept, Score, Study};
 pub use run::{Begun, Progress, Runner};
 pub use setting::Key;
+pub use timings::{Speed, SpeedGate, SpeedReport, Timed, TimedPair, Timings};
