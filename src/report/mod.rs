@@ -1,6 +1,7 @@
 //! What people and machines read. Nothing is computed here.
 
 pub mod blind;
+pub mod bounds;
 mod chart;
 pub mod checks;
 pub mod diagnosis;

@@ -99,7 +99,8 @@ mod tests {
         let pairs = (0..12).flat_map(|_| [pair("a<b|c", 2e-6), pair("same", 1.01e-6)]).collect();
         let report = SpeedGate::default().judge(&Timings { pairs }).unwrap();
         assert!(
-            text(&report).contains("slower: a<b|c: 1 µs → 2 µs (medians 1 µs → 2 µs), 2 times, beyond the margin in 12 of 12 pairs"),
+            text(&report)
+                .contains("slower: a<b|c: 1.00 µs → 2.00 µs (medians 1.00 µs → 2.00 µs), 2.00 times, beyond the margin in 12 of 12 pairs"),
             "{}",
             text(&report)
         );

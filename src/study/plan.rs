@@ -36,6 +36,7 @@ pub const PLANS: &[(&str, &str)] = shipped![
     "subsample",
     "unrelated",
     "cost",
+    "bounds",
     "ci"
 ];
 
@@ -315,6 +316,8 @@ pub enum Shown {
     Slope,
     /// Median of their Cramér-Rao bounds.
     Bound,
+    /// Mean of their root mean square errors over the median of their Cramér-Rao bounds.
+    OverBound,
     /// Median of the standard deviations that [`crate::delay::richness`] predicts before estimating.
     Predicted,
 }
@@ -327,7 +330,7 @@ impl TryFrom<String> for Layout {
             None => (Shown::Rms, text.as_str()),
             Some((name, keys)) => {
                 let shown = serde_json::from_value(name.trim().into());
-                (shown.map_err(|_| format!("`by` shows `{name}`: there are rms, wrong, bias, slope, bound, predicted"))?, keys)
+                (shown.map_err(|_| format!("`by` shows `{name}`: there are rms, wrong, bias, slope, bound, over_bound, predicted"))?, keys)
             }
         };
         let keys: Vec<String> = keys.split_whitespace().map(str::to_owned).collect();
