@@ -69,6 +69,7 @@ AFTER = """
 - [Real logs](results/real-logs.md)
 - [All methods compared](results/methods.md)
 - [Thresholds of a diagnosis](results/criteria.md)
+- [How far from the Cramér-Rao bound](results/bounds.md)
 - [Speed beside other tools](results/peers.md)
 """
 

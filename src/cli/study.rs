@@ -8,6 +8,7 @@ use anyhow::bail;
 use super::Out;
 use super::progress::Bar;
 use crate::file::{component, write_atomic};
+use crate::report::bounds;
 use crate::report::study::{full, page, text};
 use crate::stop::Stop;
 use crate::study::{Budget, Plan, Progress, Runner};
@@ -49,6 +50,9 @@ pub(super) struct Study {
     /// Room on the disk that the study may need, GB
     #[arg(long, value_name = "GB", default_value_t = Budget::default().disk_gb)]
     max_disk_gb: f64,
+    /// Also draw errors beside the Cramér-Rao bound, for grids that lay out `over_bound: snr` or `over_bound: samples`, as SVG
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// Every column of every table, as wide as it comes
     #[arg(long)]
     full: bool,
@@ -79,6 +83,12 @@ impl Study {
         let study = study?;
         to.json(&study)?;
         write_atomic(&folder.join("tables.md"), |out| out.write_all(page(&study, &plan).as_bytes()))?;
+        if let Some(path) = &self.plot {
+            let drawing = bounds::svg(&study, &plan);
+            let drawing = drawing
+                .ok_or_else(|| anyhow::anyhow!("--plot: no grid of {} lays out `over_bound: snr` or `over_bound: samples`", plan.name))?;
+            write_atomic(path, |out| out.write_all(drawing.as_bytes()))?;
+        }
         let told = if self.full { full(&study, Some(&plan)) } else { text(&study, Some(&plan)) };
         say!(to, "{}", told.trim_end());
         say!(to, "\n{} estimates. Written to {}: study.json, estimates.csv, tables.md.", runner.estimates(), folder.display());

@@ -3,8 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::arx::scan as arx_scan;
-use super::polynomial::reflected;
-use super::polynomial::{filter, is_stable};
+use super::polynomial::{filter, filter_both, impulse_response, is_stable, reflected};
 use super::regression::{Record, dot};
 use crate::fit::{LevenbergMarquardt, Normal, Stopped};
 use crate::stop::Stop;
@@ -69,13 +68,12 @@ struct Stretch<'a> {
     u: &'a [f64],
     yf: Vec<f64>,
     uf: Vec<f64>,
-    /// nc zeros and the impulse response of 1/C.
+    /// nc zeros and the impulse response of 1/C, as far as it is more than rounding.
     impulse: Vec<f64>,
-    /// What an error before the stretch, the last one first, adds to (A y − B u)/C.
+    /// What an error before the stretch, the last one first, adds to (A y − B u)/C: as long as the impulse response.
     before: Vec<Vec<f64>>,
-    /// nc errors before the stretch, then its own; e/C.
+    /// nc errors before the stretch, then its own.
     e: Vec<f64>,
-    ef: Vec<f64>,
 }
 
 impl Stretch<'_> {
@@ -90,8 +88,7 @@ impl Stretch<'_> {
     }
 
     fn add_impulse(&self, column: &mut [f64], shift: usize, weight: f64) {
-        let zeros = self.impulse.len() - self.rows;
-        for (v, h) in column.iter_mut().zip(&self.impulse[zeros - shift..]) {
+        for (v, h) in column.iter_mut().zip(&self.impulse[self.before.len() - shift..]) {
             *v += weight * h;
         }
     }
@@ -145,10 +142,9 @@ impl<'a> Problem<'a> {
                         u,
                         yf: vec![0.0; y.len()],
                         uf: vec![0.0; u.len()],
-                        impulse: vec![0.0; nc + rows],
-                        before: vec![vec![0.0; rows]; nc],
+                        impulse: vec![0.0; nc],
+                        before: vec![Vec::new(); nc],
                         e: vec![0.0; nc + rows],
-                        ef: vec![0.0; nc + rows],
                     });
                 }
                 from = t + 1;
@@ -159,16 +155,22 @@ impl<'a> Problem<'a> {
 
     fn filter(&mut self, c: &[f64]) {
         self.c = c.to_vec();
+        let nc = c.len();
+        let mut h = Vec::new();
         for s in &mut self.stretches {
-            filter(s.y, c, &mut s.yf);
-            filter(s.u, c, &mut s.uf);
-            let nc = c.len();
-            s.ef.fill(0.0);
-            s.ef[0] = 1.0;
-            filter(&s.ef[..s.rows], c, &mut s.impulse[nc..]);
+            if c.iter().all(|c| *c == 0.0) {
+                s.yf.copy_from_slice(s.y);
+                s.uf.copy_from_slice(s.u);
+            } else {
+                filter_both([s.y, s.u], c, [&mut s.yf, &mut s.uf]);
+            }
+            impulse_response(c, s.rows, NOTHING, &mut h);
+            s.impulse.truncate(nc);
+            s.impulse.extend_from_slice(&h);
             for j in 1..=nc {
                 let mut column = std::mem::take(&mut s.before[j - 1]);
-                column.fill(0.0);
+                column.clear();
+                column.resize((h.len() + nc).min(s.rows), 0.0);
                 for k in 0..=nc - j {
                     s.add_impulse(&mut column, k, c[k + j - 1]);
                 }
@@ -253,7 +255,7 @@ impl<'a> Problem<'a> {
         for (s, block) in stretches.iter().zip(&gram.blocks) {
             let (past, target) = s.e.split_at(nc);
             // What is already taken off as errors before weighs against more of it.
-            let before = DVector::from_fn(nc, |j, _| dot(&s.before[j], target) - past[nc - 1 - j]);
+            let before = DVector::from_fn(nc, |j, _| dot(&s.before[j], &target[..s.before[j].len()]) - past[nc - 1 - j]);
             let of_columns = DVector::from_fn(right.len(), |i, _| dot(&block.columns[i], target));
             right += of_columns - block.cross.tr_mul(&block.own.solve(&before));
             of_before.push(before);
@@ -299,9 +301,19 @@ impl<'a> Problem<'a> {
         let mut moved = vec![Vec::new(); nc];
         for (s, block) in self.stretches.iter_mut().zip(&gram.blocks) {
             // de/dcᵢ = −(1/C) e(t − i), nothing of it before the stretch.
-            for (i, moved) in moved.iter_mut().enumerate() {
-                moved.resize(s.rows, 0.0);
-                filter(&s.e[nc - 1 - i..][..s.rows], c, moved);
+            for i in 0..nc {
+                let mut own = std::mem::take(&mut moved[i]);
+                own.resize(s.rows, 0.0);
+                match i.checked_sub(1).map(|last| &moved[last]) {
+                    None => filter(&s.e[nc - 1..][..s.rows], c, &mut own),
+                    // One sample later, and what the error that came in first leaves.
+                    Some(last) => {
+                        own[0] = 0.0;
+                        own[1..].copy_from_slice(&last[..s.rows - 1]);
+                        s.add_impulse(&mut own, 0, s.e[nc - 1 - i]);
+                    }
+                }
+                moved[i] = own;
             }
             let before = products(&s.before, &moved);
             let own = block.own.solve(&before);
@@ -381,8 +393,13 @@ struct Gram {
     blocks: Vec<Block>,
 }
 
+/// Products of two lists of signals; what is shorter is zero beyond its end.
 fn products(a: &[Vec<f64>], b: &[Vec<f64>]) -> DMatrix<f64> {
-    DMatrix::from_fn(a.len(), b.len(), |i, j| dot(&a[i], &b[j]))
+    let short = |a: &[f64], b: &[f64]| {
+        let rows = a.len().min(b.len());
+        dot(&a[..rows], &b[..rows])
+    };
+    DMatrix::from_fn(a.len(), b.len(), |i, j| short(&a[i], &b[j]))
 }
 
 fn squares(a: &[Vec<f64>]) -> DMatrix<f64> {
@@ -398,16 +415,19 @@ fn squares(a: &[Vec<f64>]) -> DMatrix<f64> {
 
 /// Step of the differences of ln det.
 const DIFFERENCE: f64 = 1e-6;
+/// An impulse response that stays below this adds nothing to a signal that rounding would not take again …
+const NOTHING: f64 = 1e-20;
+/// … and its squares nothing to the square of its first value, 1.
+const NO_SQUARE: f64 = 1e-10;
 /// Rows after which the errors before a stretch count as forgotten.
 const REMEMBERED: usize = 1000;
 
 /// ln det(I + SᵀS), S what the errors before add to `rows` of 1/C.
 fn ln_determinant(c: &[f64], rows: usize) -> Option<f64> {
     let nc = c.len();
-    let mut unit = vec![0.0; rows];
-    *unit.first_mut()? = 1.0;
-    let mut h = vec![0.0; rows];
-    filter(&unit, c, &mut h);
+    let mut h = Vec::new();
+    impulse_response(c, rows, NO_SQUARE, &mut h);
+    let rows = (h.len() + nc).min(rows);
     let before: Vec<Vec<f64>> = (1..=nc)
         .map(|j| {
             let mut column = vec![0.0; rows];
@@ -490,6 +510,7 @@ impl Armax {
         };
         for m in 1..=self.nb {
             problem.m = m;
+            let seeds = self.seeds(&mut problem, (first..delays).filter(|nk| !hopeless(*nk)), delays);
             for upwards in [true, false] {
                 for step in first..delays {
                     if stop.is_set() {
@@ -506,13 +527,15 @@ impl Armax {
                         // On the way back a delay that the long model wrongly gave up is searched after all.
                         match &fits[nk][m - 1] {
                             Some(fit) if !upwards && near(fit) => {
-                                self.best_seed(&mut problem, &errors).into_iter().chain(neighbour).collect()
+                                let seeds = self.seeds(&mut problem, std::iter::once(nk), delays);
+                                problem.nk = nk;
+                                self.best_seed(&mut problem, &errors, &seeds[nk]).into_iter().chain(neighbour).collect()
                             }
                             _ if upwards => vec![vec![0.0; self.nc]],
                             _ => Vec::new(),
                         }
                     } else if upwards {
-                        let own = self.best_seed(&mut problem, &errors);
+                        let own = self.best_seed(&mut problem, &errors, &seeds[nk]);
                         own.into_iter().chain(neighbour).chain(fewer).collect()
                     } else {
                         neighbour.into_iter().collect()
@@ -557,11 +580,27 @@ impl Armax {
         fits.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss))
     }
 
+    /// The costs of the table's noise polynomials at these of all `delays`: each filters the signals once for all of them.
+    fn seeds(&self, problem: &mut Problem<'_>, wanted: impl Iterator<Item = usize>, delays: usize) -> Vec<Vec<(f64, Vec<f64>)>> {
+        let wanted: Vec<usize> = wanted.collect();
+        let mut seeds = vec![Vec::new(); delays];
+        for c in table(self.nc).into_iter().filter(|c| is_stable(c)) {
+            problem.filter(&c);
+            let Some(determinant) = problem.determinant(&c) else { continue };
+            for &nk in &wanted {
+                problem.nk = nk;
+                if let (Some((_, cost)), Some(seeds)) = (problem.project(), seeds.get_mut(nk)) {
+                    seeds.push((cost * determinant.exp(), c.clone()));
+                }
+            }
+        }
+        seeds
+    }
+
     /// The best of the starts that need no other fit.
-    fn best_seed(&self, problem: &mut Problem<'_>, errors: &[Vec<f64>]) -> Option<Vec<f64>> {
-        let starts = table(self.nc).into_iter().chain(problem.start_by_errors(errors));
-        let ranked: Vec<(f64, Vec<f64>)> = starts.filter_map(|c| Some((problem.cost(&c)?, c))).collect();
-        ranked.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, c)| c)
+    fn best_seed(&self, problem: &mut Problem<'_>, errors: &[Vec<f64>], seeds: &[(f64, Vec<f64>)]) -> Option<Vec<f64>> {
+        let own = problem.start_by_errors(errors).and_then(|c| Some((problem.cost(&c)?, c)));
+        seeds.iter().cloned().chain(own).min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, c)| c)
     }
 
     /// The prediction errors of a fitted model and the inputs at the same rows, stretch after stretch; nothing where it cannot be evaluated.

@@ -4,6 +4,7 @@ use nalgebra::DMatrix;
 
 use super::least_squares;
 use super::regression::{DEPENDENT, Record, Regression, Triangle};
+use super::triangle::upper;
 
 /// The losses of A(q) y = B(q) u(t − nk) for nk = 0, 1, …, all over the same rows.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,7 +69,7 @@ impl JointArx {
         // The factor stands for the rows: fewer columns of it have a factor of their own.
         let mut r = DMatrix::zeros(columns.len().max(last + 1), columns.len());
         r.rows_mut(0, last + 1).copy_from(&triangle.r.select_columns(&columns));
-        let triangle = Triangle { r: r.qr().r(), rows: triangle.rows, norms: columns.iter().map(|&c| triangle.norms[c]).collect() };
+        let triangle = Triangle { r: upper(r), rows: triangle.rows, norms: columns.iter().map(|&c| triangle.norms[c]).collect() };
         read(&triangle, beside, *nb, *max_delay)
     }
 

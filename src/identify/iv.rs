@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::polynomial::reflected;
-use super::polynomial::{filter, is_stable};
+use super::lag_products::lag_matrix;
+use super::polynomial::{filter, filter_both, is_stable, reflected};
 use super::regression::{Record, dot};
 use crate::stop::Stop;
 
@@ -64,6 +64,10 @@ fn through(x: &[f64], f: &[f64]) -> Vec<f64> {
 
 /// D x, x being zero before the record.
 fn whitened(x: &[f64], d: &[f64]) -> Vec<f64> {
+    if let &[d1, d2, d3, d4] = d {
+        let padded = [&[0.0; 4], x].concat();
+        return padded.windows(5).map(|w| w[4] + d1 * w[3] + d2 * w[2] + d3 * w[1] + d4 * w[0]).collect();
+    }
     let mut out = x.to_vec();
     for (i, d) in d.iter().enumerate() {
         for (o, x) in out.iter_mut().skip(i + 1).zip(x) {
@@ -81,18 +85,13 @@ fn lagged(x: &[f64], y: &[f64], i: usize, j: usize) -> f64 {
 
 /// The autoregression that predicts the signals best, and Σ of its squared errors from row `order` on.
 fn autoregression(signals: &[Vec<f64>], order: usize) -> Option<(Vec<f64>, f64)> {
-    let (mut gram, mut right) = (DMatrix::zeros(order, order), DVector::zeros(order));
+    let mut products = DMatrix::zeros(order + 1, order + 1);
     let long = || signals.iter().filter(|v| v.len() > order);
     for v in long() {
-        let rows = v.len() - order;
-        let past = |i: usize| &v[order - i..order - i + rows];
-        for i in 1..=order {
-            right[i - 1] -= dot(past(i), past(0));
-            for j in 1..=order {
-                gram[(i - 1, j - 1)] += dot(past(i), past(j));
-            }
-        }
+        products += lag_matrix(v, None, order, (order + 1, order + 1));
     }
+    let gram = products.view((1, 1), (order, order)).into_owned();
+    let right = -DVector::from_fn(order, |i, _| products[(i + 1, 0)]);
     let d: Vec<f64> = solve(gram, &right)?.iter().copied().collect();
     let squares = long().map(|v| {
         let e = whitened(v, &d);
@@ -102,8 +101,39 @@ fn autoregression(signals: &[Vec<f64>], order: usize) -> Option<(Vec<f64>, f64)>
     Some((d, loss))
 }
 
-/// A simulated output, and what the measured one leaves.
-type Simulated = [Vec<f64>; 2];
+/// A record with F given: the output, and the input divided by F.
+struct Filtered<'a> {
+    y: &'a [f64],
+    uf: Vec<f64>,
+}
+
+/// And with D given: both through it, the input divided by F before.
+struct White {
+    u: Vec<f64>,
+    y: Vec<f64>,
+}
+
+impl Filtered<'_> {
+    fn white(&self, d: &[f64]) -> White {
+        White { u: whitened(&self.uf, d), y: whitened(self.y, d) }
+    }
+
+    /// B/F u.
+    fn simulated(&self, nk: usize, b: &[f64]) -> Vec<f64> {
+        combined(&self.uf, nk, b)
+    }
+}
+
+/// B x(t − nk), x being zero before the record.
+fn combined(x: &[f64], nk: usize, b: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; x.len()];
+    for (i, b) in b.iter().enumerate() {
+        for (o, x) in out.iter_mut().skip(nk + i).zip(x) {
+            *o += b * x;
+        }
+    }
+    out
+}
 
 impl RefinedIv {
     /// The best model for nk = 0 … `max_delay`, on records that begin at rest and have no missing sample; `None` for a delay that has none.
@@ -180,32 +210,18 @@ impl RefinedIv {
         self.instrumental(&signals, nk)
     }
 
-    /// B for given F and D, by least squares on the whitened signals; the simulation and what it leaves.
-    fn simulate(&self, records: &[Record], nk: usize, f: &[f64], d: &[f64]) -> Option<(Vec<f64>, Vec<Simulated>)> {
+    /// B for given F and D, by least squares on the whitened signals.
+    fn numerator(&self, white: &[White], nk: usize) -> Option<Vec<f64>> {
         let (mut gram, mut right) = (DMatrix::zeros(self.nb, self.nb), DVector::zeros(self.nb));
-        let filtered: Vec<Vec<f64>> = records.iter().map(|r| through(&r.u[..r.len()], f)).collect();
-        for (r, uf) in records.iter().zip(&filtered) {
-            let (white, y) = (whitened(uf, d), whitened(&r.y[..r.len()], d));
+        for White { u, y } in white {
             for i in 0..self.nb {
-                right[i] += lagged(&white, &y, nk + i, 0);
+                right[i] += lagged(u, y, nk + i, 0);
                 for j in 0..self.nb {
-                    gram[(i, j)] += lagged(&white, &white, nk + i, nk + j);
+                    gram[(i, j)] += lagged(u, u, nk + i, nk + j);
                 }
             }
         }
-        let b: Vec<f64> = solve(gram, &right)?.iter().copied().collect();
-        let simulated = records.iter().zip(&filtered).map(|(r, uf)| {
-            let mut x = vec![0.0; uf.len()];
-            for (i, b) in b.iter().enumerate() {
-                for (x, u) in x.iter_mut().skip(nk + i).zip(uf) {
-                    *x += b * u;
-                }
-            }
-            let rest = r.y.iter().zip(&x).map(|(y, x)| y - x).collect();
-            [x, rest]
-        });
-        let simulated = simulated.collect();
-        Some((b, simulated))
+        Some(solve(gram, &right)?.iter().copied().collect())
     }
 
     fn refine(&self, records: &[Record], nk: usize, start: Vec<f64>) -> Option<IvFit> {
@@ -219,14 +235,25 @@ impl RefinedIv {
                 Some(f) => f,
                 None => break,
             };
-            let Some((_, first)) = self.simulate(records, nk, &f, &d) else { break };
-            let rest: Vec<Vec<f64>> = first.into_iter().map(|[_, v]| v).collect();
+            let filtered: Vec<Filtered> = records
+                .iter()
+                .map(|r| {
+                    let (u, y) = (&r.u[..r.len()], &r.y[..r.len()]);
+                    Filtered { y, uf: through(u, &f) }
+                })
+                .collect();
+            let whitened_by = |d: &[f64]| filtered.iter().map(|r| r.white(d)).collect::<Vec<White>>();
+            let Some(first) = self.numerator(&whitened_by(&d), nk) else { break };
+            let left = |r: &Filtered| -> Vec<f64> { r.y.iter().zip(r.simulated(nk, &first)).map(|(y, x)| y - x).collect() };
+            let rest: Vec<Vec<f64>> = filtered.iter().map(left).collect();
             let Some((noise, _)) = autoregression(&rest, self.noise) else { break };
             d = noise;
             // B again, under the noise just found.
-            let Some((b, simulated)) = self.simulate(records, nk, &f, &d) else { break };
-            let errors = simulated.iter().filter(|[_, v]| v.len() > self.noise).map(|[_, v]| {
-                let e = whitened(v, &d);
+            let white = whitened_by(&d);
+            let Some(b) = self.numerator(&white, nk) else { break };
+            let errors = white.iter().filter(|w| w.y.len() > self.noise).map(|w| {
+                // D(y − B/F u).
+                let e: Vec<f64> = w.y.iter().zip(combined(&w.u, nk, &b)).map(|(y, x)| y - x).collect();
                 dot(&e[self.noise..], &e[self.noise..])
             });
             let loss = errors.sum::<f64>() / rows;
@@ -234,18 +261,22 @@ impl RefinedIv {
                 break;
             }
             if best.as_ref().is_none_or(|b| loss < b.loss) {
-                best = Some(IvFit { loss, b, f: f.clone(), d: d.clone(), converged: false });
+                best = Some(IvFit { loss, b: b.clone(), f: f.clone(), d: d.clone(), converged: false });
             }
             settled |= (loss - last).abs() <= LEVEL * loss;
             if settled {
                 break;
             }
             last = loss;
-            let prefilter = |x: &[f64]| through(&whitened(x, &d), &f);
-            let signals: Vec<[Vec<f64>; 3]> = records
-                .iter()
-                .zip(&simulated)
-                .map(|(r, [x, _])| [prefilter(&r.u[..r.len()]), prefilter(&r.y[..r.len()]), prefilter(x)])
+            // All by D/F: the input is already.
+            let signals: Vec<[Vec<f64>; 3]> = white
+                .into_iter()
+                .map(|White { u, y }| {
+                    let simulated = combined(&u, nk, &b);
+                    let (mut yf, mut xf) = (vec![0.0; y.len()], vec![0.0; y.len()]);
+                    filter_both([&y, &simulated], &f, [&mut yf, &mut xf]);
+                    [u, yf, xf]
+                })
                 .collect();
             let Some(next) = self.instrumental(&signals, nk) else { break };
             let change = next.iter().zip(&f).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);

@@ -16,6 +16,7 @@ mod polynomial;
 mod regression;
 pub mod structured;
 pub mod subspace;
+mod triangle;
 
 pub use armax::{Armax, ArmaxFit, ArmaxScan};
 pub use arx::{ArxScan, JointArx, scan as arx_scan};

@@ -54,6 +54,42 @@ pub(crate) fn filtered(x: &[f64], f: &[f64]) -> Vec<f64> {
     out
 }
 
+/// Two signals divided by F from rest, in one pass: each recursion waits for its own last value, so that two take no longer than one.
+pub(super) fn filter_both(x: [&[f64]; 2], f: &[f64], [first, second]: [&mut [f64]; 2]) {
+    let &[f1, f2] = f else {
+        filter(x[0], f, first);
+        filter(x[1], f, second);
+        return;
+    };
+    let common = x[0].len().min(x[1].len());
+    let (mut p, mut q) = ([0.0; 2], [0.0; 2]);
+    let both = first.iter_mut().zip(x[0]).zip(second.iter_mut().zip(x[1])).take(common);
+    for ((a, &v), (b, &w)) in both {
+        let next = [(v - f2 * p[1]) - f1 * p[0], (w - f2 * q[1]) - f1 * q[0]];
+        (p, q) = ([next[0], p[0]], [next[1], q[0]]);
+        (*a, *b) = (next[0], next[1]);
+    }
+    for (out, x, mut state) in [(first, x[0], p), (second, x[1], q)] {
+        for (o, &v) in out.iter_mut().zip(x).skip(common) {
+            let next = (v - f2 * state[1]) - f1 * state[0];
+            state = [next, state[0]];
+            *o = next;
+        }
+    }
+}
+
+/// The impulse response of 1/F up to where all that follows of it is below `least`; `rows` values at most.
+pub(super) fn impulse_response(f: &[f64], rows: usize, least: f64, h: &mut Vec<f64>) {
+    h.clear();
+    let mut small = 0;
+    while h.len() < rows && small < f.len().max(1) {
+        let past: f64 = f.iter().zip(h.iter().rev()).map(|(c, v)| c * v).sum();
+        let value = if h.is_empty() { 1.0 } else { -past };
+        small = if value.abs() < least { small + 1 } else { 0 };
+        h.push(value);
+    }
+}
+
 /// out = x/F with zero initial state.
 pub(super) fn filter(x: &[f64], f: &[f64], out: &mut [f64]) {
     if let &[f1, f2] = f {

@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use nalgebra::{DMatrix, DVector};
 
 use super::lag_products::lag_matrices;
+use super::triangle::upper;
 
 /// One record of one input and one output on an even grid, owned or borrowed.
 #[derive(Debug, Clone, PartialEq)]
@@ -129,7 +130,7 @@ impl Triangle {
         let mut chosen = keep.clone();
         chosen.push(columns);
         // What remains of a triangle without some of its columns is made a triangle again.
-        let r = if rank == columns { self.r.clone() } else { self.r.select_columns(&chosen).qr().r() };
+        let r = if rank == columns { self.r.clone() } else { upper(self.r.select_columns(&chosen)) };
         let triangle = r.view((0, 0), (rank, rank));
         let solved = triangle.solve_upper_triangular(&r.view((0, rank), (rank, 1)).column(0).into_owned())?;
         let root = triangle.solve_upper_triangular(&DMatrix::identity(rank, rank))?;
@@ -278,7 +279,7 @@ impl Rows {
 
     fn reduce(&mut self) {
         let size = self.squares.len();
-        let r = self.block.rows(0, size + self.filled).into_owned().qr().r();
+        let r = upper(self.block.rows(0, size + self.filled).into_owned());
         self.block.fill(0.0);
         self.block.view_mut((0, 0), (size, size)).copy_from(&r.view((0, 0), (size, size)));
         self.filled = 0;

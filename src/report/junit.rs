@@ -52,7 +52,7 @@ pub fn xml(report: &GateReport) -> String {
 }
 
 /// Text as it may stand in XML 1.0, in an attribute too; what may not stand there at all becomes U+FFFD.
-fn escaped(text: &str) -> String {
+pub(super) fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {

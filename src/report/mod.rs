@@ -1,6 +1,7 @@
 //! What people and machines read. Nothing is computed here.
 
 pub mod blind;
+pub mod bounds;
 mod chart;
 pub mod checks;
 pub mod diagnosis;
@@ -16,6 +17,7 @@ pub mod log;
 pub mod methods;
 pub mod page;
 pub mod picture;
+pub mod speed;
 pub mod structured;
 pub mod study;
 pub mod styled;

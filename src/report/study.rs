@@ -35,7 +35,7 @@ pub(super) fn share(value: Option<f64>) -> String {
 }
 
 /// A time with three digits in the unit that suits it.
-fn time(seconds: Option<f64>) -> String {
+pub(super) fn time(seconds: Option<f64>) -> String {
     seconds.map_or_else(
         || "–".to_owned(),
         |s| match s {
@@ -192,8 +192,16 @@ fn shown(what: Shown, cells: &[&Cell]) -> String {
         Shown::Bias => number(mean(cells, |c| c.bias_samples).map(settled)),
         Shown::Slope => number(slope(cells).map(settled)),
         Shown::Bound => number(median(cells, |c| c.bound_rms_samples)),
+        Shown::OverBound => number(over_bound(cells)),
         Shown::Predicted => number(median(cells, |c| c.predicted_rms_samples)),
     }
+}
+
+/// How far the errors are from the bound; `None` where fewer than half of the records have an answer: what a method leaves out is not what it can do.
+pub(super) fn over_bound(cells: &[&Cell]) -> Option<f64> {
+    let (trials, flagged): (usize, usize) = cells.iter().fold((0, 0), |s, c| (s.0 + c.trials, s.1 + c.flagged));
+    let rms = mean(cells, |c| c.rms_samples).filter(|_| 2 * flagged <= trials)?;
+    Some(rms / median(cells, |c| c.bound_rms_samples)?)
 }
 
 /// The slope of the mean answers over the injected delays; `None` below two different ones.
@@ -254,6 +262,7 @@ const KEYS: &[(&str, &str, KeyText)] = &[
     ("samples", "samples", |c| c.samples.to_string()),
     ("sample time (s)", "sample_time_s", |c| c.sample_time_s.to_string()),
     ("longest delay (samples)", "max_delay", |c| c.max_delay.to_string()),
+    ("logging", "logging", |c| c.logging.clone().unwrap_or_else(|| "plain".to_owned())),
     ("truth", "truth", |c| c.truth.name().to_owned()),
     ("method", "method", Cell::method_text),
     ("trials", "trials", |c| c.trials.to_string()),
@@ -390,6 +399,7 @@ pub fn layouts(study: &Study, plan: &Plan) -> Vec<(String, Table)> {
             Shown::Bias => "mean error (samples)",
             Shown::Slope => "growth of the mean answer with the injected delay: 1 follows it, 0 is a constant",
             Shown::Bound => "Cramér-Rao bound (samples), median over the cells",
+            Shown::OverBound => "RMS error over the Cramér-Rao bound, where half of the records have an answer at least",
             Shown::Predicted => "standard deviation predicted before estimating (samples), median over the cells",
         };
         format!("{} by {}: {what}", grid.name, layout.keys.join(", "))

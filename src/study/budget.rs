@@ -81,6 +81,7 @@ fn combinations(grid: &Grid) -> f64 {
         grid.samples.len(),
         grid.sample_time_s.len(),
         grid.max_delay.len(),
+        grid.logging.len(),
     ];
     lists.into_iter().map(|n| n as f64).product()
 }

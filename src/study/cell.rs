@@ -3,7 +3,8 @@
 use serde_json::Value;
 
 use super::StudyError;
-use super::plan::{Delay, Grid, Loop, Place, Plan, spelt_out};
+use super::passages::EVENTS;
+use super::plan::{Delay, Grid, Loop, PLAIN, Place, Plan, spelt_out};
 use super::setting::{Key, Setting};
 use crate::delay::{DelayEstimator, METHODS, Method, Scope};
 use crate::registry;
@@ -47,8 +48,17 @@ impl Layout {
                 grid.method.iter().flat_map(|text| spelt_out(text)).map(|text| choose(&text)).collect::<crate::Result<Vec<_>>>()?;
             let states = chosen.iter().any(|c| c.method.scope == Scope::States);
             for key in keys(grid) {
+                let events = key.excitation == EVENTS;
+                if let Some(other) = chosen.iter().find(|c| (c.method.scope == Scope::Events) != events) {
+                    let (name, sees) = (other.method.entry.name, if events { "samples" } else { "events" });
+                    let detail = format!(
+                        "{}: method `{name}` looks at {sees}, the excitation is `{}`: give them grids of their own",
+                        grid.name, key.excitation
+                    );
+                    return Err(wrong(detail).into());
+                }
                 for &max_delay in &grid.max_delay {
-                    if key.samples <= max_delay {
+                    if key.samples <= max_delay && !events {
                         let detail = format!(
                             "{}: records of {} samples are too short for a search up to max_delay = {max_delay}",
                             grid.name, key.samples
@@ -99,8 +109,8 @@ impl Layout {
 fn choose(text: &str) -> crate::Result<Chosen> {
     let mut words = text.split_whitespace();
     let name = words.next().unwrap_or_default();
-    let Some(method) = METHODS.iter().find(|m| m.entry.name == name && m.scope != Scope::Events) else {
-        let known = METHODS.iter().filter(|m| m.scope != Scope::Events).map(|m| m.entry.name).collect();
+    let Some(method) = METHODS.iter().find(|m| m.entry.name == name) else {
+        let known = METHODS.iter().map(|m| m.entry.name).collect();
         return Err(registry::RegistryError::Unknown { kind: "method", name: name.to_owned(), known }.into());
     };
     let options = registry::options(words)?;
@@ -128,6 +138,7 @@ fn keys(grid: &Grid) -> Vec<Key> {
         delay: Delay::Same(0.0),
         samples: 0,
         sample_time_s: 1.0,
+        logging: PLAIN.to_owned(),
     };
     // An open loop has no controller to choose.
     let loops: Vec<(Loop, Option<String>)> = (grid.loops.iter())
@@ -144,5 +155,6 @@ fn keys(grid: &Grid) -> Vec<Key> {
     let keys = expand(keys, &loops, |k, v| (k.loops, k.controller) = v);
     let keys = expand(keys, &grid.delay_s, |k, v| k.delay = v);
     let keys = expand(keys, &grid.samples, |k, v| k.samples = v);
-    expand(keys, &grid.sample_time_s, |k, v| k.sample_time_s = v)
+    let keys = expand(keys, &grid.sample_time_s, |k, v| k.sample_time_s = v);
+    expand(keys, &grid.logging, |k, v| k.logging = v)
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::StudyError;
 use super::cell::{Layout, Slot};
-use super::plan::{Place, Plan, Scoring, Shown, Truth};
+use super::plan::{PLAIN, Place, Plan, Scoring, Shown, Truth};
 use super::results::Cell;
 use super::setting::{Record, Setting};
 use crate::delay::{DelayEstimate, Detrend, Experiment, Outcome, Scope, Search, Start, richness};
@@ -60,7 +60,7 @@ pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usiz
             continue;
         }
         // What cannot be used at all has no answers.
-        let views = record.experiment(place).and_then(|e| Views::new(e, setting.detrend));
+        let views = record.experiment(place).filter(|e| e.events().is_empty()).and_then(|e| Views::new(e, setting.detrend));
         for (method, chosen) in layout.methods[setting.grid].iter().enumerate() {
             stop.check()?;
             // A controller answers within the sample where the plant does not.
@@ -85,6 +85,9 @@ pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usiz
             let answers: Vec<Option<DelayEstimate>> = if scope == Scope::States {
                 let all = view.and_then(|v| chosen.estimator.estimate_inputs(v, &search).ok()).unwrap_or_default();
                 mine.iter().map(|(_, slot)| all.get(slot.input).cloned()).collect()
+            } else if scope == Scope::Events {
+                let all = record.experiment(place).and_then(|events| chosen.estimator.estimate(events, &search).ok());
+                mine.iter().map(|_| all.clone()).collect()
             } else {
                 let estimate = |slot: Slot| pair(slot).and_then(|(seen, own)| chosen.estimator.estimate(&seen, &own).ok());
                 mine.iter().map(|(_, slot)| estimate(*slot)).collect()
@@ -212,6 +215,7 @@ pub(super) fn key_fields(number: usize, cell: &Cell) -> Vec<(&'static str, Field
         ("samples", Field::Count(cell.samples as u64)),
         ("sample_time_s", Field::Number(Some(cell.sample_time_s))),
         ("max_delay", Field::Count(cell.max_delay as u64)),
+        ("logging", text(cell.logging.as_deref().unwrap_or(PLAIN))),
         ("truth", text(cell.truth.name())),
         ("method", text(&cell.method)),
         ("options", text(&cell.options.iter().map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" "))),

@@ -655,7 +655,7 @@ fn stratified(tables: &[Counts], shared: f64) -> [f64; 2] {
 }
 
 /// p-values that may be compared with the chance of a single false alarm among all of them.
-fn holm(p: &[f64]) -> Vec<f64> {
+pub(super) fn holm(p: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p.len()).collect();
     order.sort_by(|&i, &j| p[i].total_cmp(&p[j]));
     let mut corrected = vec![1.0; p.len()];

@@ -11,11 +11,13 @@ mod error;
 mod estimates;
 mod feedback;
 mod gate;
+mod logging;
 mod origin;
 #[cfg(feature = "parquet")]
 mod parquet;
 #[cfg(feature = "parquet")]
 mod parts;
+mod passages;
 mod plan;
 mod plants;
 mod published;
@@ -25,6 +27,7 @@ mod run;
 mod seal;
 mod setting;
 mod tally;
+mod timings;
 
 pub use aim::{Aim, Measure, Reached};
 pub use block_file::Damaged;
@@ -32,6 +35,7 @@ pub use budget::{Budget, Needs};
 pub use common::{Common, MethodRow, Score as CommonScore};
 pub use error::StudyError;
 pub use gate::{Finding, Gate, GateGroup, GateReport, Measured};
+pub use logging::Logging;
 pub use origin::Origin;
 #[cfg(feature = "parquet")]
 pub use parquet::{Values, columns};
@@ -43,3 +47,4 @@ pub use published::{Beside, Published, Standing, Statistic, Which};
 pub use results::{Cell, FORMAT, Kept, Score, Study};
 pub use run::{Begun, Progress, Runner};
 pub use setting::Key;
+pub use timings::{Speed, SpeedGate, SpeedReport, Timed, TimedPair, Timings};

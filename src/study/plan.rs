@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::StudyError;
 use super::aim::Aim;
+use super::logging::Logging;
 use super::origin::Origin;
 use super::published::{Published, spread};
 use crate::delay::{Detrend, METHODS, Scope};
@@ -35,6 +36,7 @@ pub const PLANS: &[(&str, &str)] = shipped![
     "subsample",
     "unrelated",
     "cost",
+    "bounds",
     "ci"
 ];
 
@@ -55,6 +57,8 @@ pub struct Plan {
     pub noises: BTreeMap<String, Colour>,
     /// Named controllers.
     pub controllers: BTreeMap<String, Controller>,
+    /// Named ways of logging.
+    pub loggings: BTreeMap<String, Logging>,
     /// The products.
     pub grids: Vec<Grid>,
     /// Published numbers, to stand beside ours.
@@ -266,11 +270,13 @@ pub struct Grid {
     pub sample_time_s: Vec<f64>,
     /// Longest raw delays searched, samples.
     pub max_delay: Vec<usize>,
+    /// `plain`, or a way of logging of the plan's.
+    pub logging: Vec<String>,
     /// Where the delay is estimated from.
     pub place: Vec<Place>,
     /// Outputs; empty: all of the plant.
     pub output: Vec<String>,
-    /// Methods, `NAME KEY=VALUE …`; `all`: every one that looks at pairs.
+    /// Methods, `NAME KEY=VALUE …`; `all`: every one that looks at pairs; `all_events`: every one that looks at events.
     pub method: Vec<String>,
     /// What answers are compared with.
     pub truth: Truth,
@@ -310,6 +316,8 @@ pub enum Shown {
     Slope,
     /// Median of their Cramér-Rao bounds.
     Bound,
+    /// Mean of their root mean square errors over the median of their Cramér-Rao bounds.
+    OverBound,
     /// Median of the standard deviations that [`crate::delay::richness`] predicts before estimating.
     Predicted,
 }
@@ -322,7 +330,7 @@ impl TryFrom<String> for Layout {
             None => (Shown::Rms, text.as_str()),
             Some((name, keys)) => {
                 let shown = serde_json::from_value(name.trim().into());
-                (shown.map_err(|_| format!("`by` shows `{name}`: there are rms, wrong, bias, slope, bound, predicted"))?, keys)
+                (shown.map_err(|_| format!("`by` shows `{name}`: there are rms, wrong, bias, slope, bound, over_bound, predicted"))?, keys)
             }
         };
         let keys: Vec<String> = keys.split_whitespace().map(str::to_owned).collect();
@@ -376,6 +384,8 @@ struct Head {
     #[serde(default)]
     controllers: BTreeMap<String, Controller>,
     #[serde(default)]
+    loggings: BTreeMap<String, Logging>,
+    #[serde(default)]
     published: Vec<Published>,
     #[serde(default)]
     aims: Vec<Aim>,
@@ -403,6 +413,7 @@ struct Keys {
     samples: Option<Many<usize>>,
     sample_time_s: Option<Many<f64>>,
     max_delay: Option<Many<usize>>,
+    logging: Option<Many<String>>,
     place: Option<Many<Place>>,
     output: Option<Many<String>>,
     method: Option<Many<String>>,
@@ -415,9 +426,11 @@ struct Keys {
 }
 
 /// Keys of the head; every other key of the file is one of a cell.
-const HEAD: [&str; 9] = ["format", "name", "about", "seed", "excitations", "noises", "controllers", "published", "aims"];
+const HEAD: [&str; 10] = ["format", "name", "about", "seed", "excitations", "noises", "controllers", "loggings", "published", "aims"];
 /// Keys of cells that tables can be laid out by.
-const BY: [&str; 10] = ["plant", "output", "c2d", "excitation", "snr", "noise", "loop", "delay_s", "samples", "place"];
+const BY: [&str; 11] = ["plant", "output", "c2d", "excitation", "snr", "noise", "loop", "delay_s", "samples", "logging", "place"];
+/// The logging that lacks nothing.
+pub(super) const PLAIN: &str = "plain";
 /// Records of a setting where a plan does not say.
 const TRIALS: usize = 100;
 
@@ -501,6 +514,7 @@ impl Plan {
             excitations: head.excitations,
             noises: head.noises,
             controllers: head.controllers,
+            loggings: head.loggings,
             grids,
             published: head.published,
             aims: head.aims,
@@ -534,6 +548,7 @@ impl Plan {
         put("excitations", toml::Value::try_from(&self.excitations))?;
         put("noises", toml::Value::try_from(&self.noises))?;
         put("controllers", toml::Value::try_from(&self.controllers))?;
+        put("loggings", toml::Value::try_from(&self.loggings))?;
         put("grids", Ok(toml::Value::Array(grids)))?;
         put("published", toml::Value::try_from(&self.published))?;
         put("aims", toml::Value::try_from(&self.aims))?;
@@ -587,21 +602,36 @@ impl Plan {
                 return Err(format!("noises.{name}: `white` is taken, and innovation_std is 0 or more"));
             }
         }
+        for (name, logging) in &self.loggings {
+            if name == PLAIN {
+                return Err(format!("loggings.{name}: that name is taken, by what lacks nothing"));
+            }
+            logging.check().map_err(|e| format!("loggings.{name}: {e}"))?;
+        }
         Ok(())
+    }
+}
+
+/// What the words `all` and `all_events` stand for.
+fn all_of(method: &str) -> Option<Scope> {
+    match method {
+        "all" => Some(Scope::Pair),
+        "all_events" => Some(Scope::Events),
+        _ => None,
     }
 }
 
 /// `all` as the names that it stands for.
 pub(super) fn spelt_out(method: &str) -> Vec<String> {
-    match method {
-        "all" => METHODS.iter().filter(|m| m.scope == Scope::Pair).map(|m| m.entry.name.to_owned()).collect(),
-        other => vec![other.to_owned()],
+    match all_of(method) {
+        Some(scope) => METHODS.iter().filter(|m| m.scope == scope).map(|m| m.entry.name.to_owned()).collect(),
+        None => vec![method.to_owned()],
     }
 }
 
 /// How many names a method stands for.
 pub(super) fn spelt(method: &str) -> usize {
-    if method == "all" { METHODS.iter().filter(|m| m.scope == Scope::Pair).count() } else { 1 }
+    all_of(method).map_or(1, |scope| METHODS.iter().filter(|m| m.scope == scope).count())
 }
 
 fn read<T: DeserializeOwned>(table: toml::Table) -> Result<T, String> {
@@ -664,6 +694,7 @@ impl Grid {
             samples: or(keys.samples, 500),
             sample_time_s: or(keys.sample_time_s, 1.0),
             max_delay: or(keys.max_delay, 35),
+            logging: or(keys.logging, PLAIN.to_owned()),
             place: or(keys.place, Place::U),
             output: keys.output.map(Vec::from).unwrap_or_default(),
             method: must(keys.method, "method", "name methods (`deadtime list methods`), or `all`")?,

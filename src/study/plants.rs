@@ -72,6 +72,7 @@ pub const PLANTS: &[PlantEntry] = &[
     plant!("gain", "Björklund's G9, a dead time alone", rational(&[1.0], &[])),
     plant!("slow2b", "Björklund's G1b, half of slow2", rational(&[0.05], &[[0.1, 0.0], [1.0, 0.0]])),
     plant!("fast2b", "Björklund's G2b, half of fast2", rational(&[5.0], &[[1.0, 0.0], [10.0, 0.0]])),
+    plant!("mixer", "3/((10s + 1)(s + 1)) of `a` and 1/(s + 1) of `b` add up to one output", mixer()),
     plant!("unrelated", "an output that does not follow its input: noise alone", silent()),
     plant!("pole_1.00", "1/(s(s + 0.5)): sampled every second, a pole at z = 1", pole(1.0)),
     plant!("pole_1.02", "1/((s − ln 1.02)(s + 0.5)): sampled every second, a pole at z = 1.02", pole(1.02)),
@@ -107,6 +108,17 @@ fn whole() -> Plant {
 
 fn single(model: Result<StateSpace<Continuous>, ModelError>) -> Result<Plant, ModelError> {
     Ok(Plant { model: PlantModel::Continuous(model?), inputs: vec!["u".to_owned()], outputs: vec!["y".to_owned()] })
+}
+
+/// Two inputs, one output.
+fn mixer() -> Result<Plant, ModelError> {
+    let model = StateSpace::continuous(
+        DMatrix::from_row_slice(3, 3, &[-0.1, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0]),
+        DMatrix::from_row_slice(3, 2, &[0.3, 0.0, 0.0, 0.0, 0.0, 1.0]),
+        DMatrix::from_row_slice(1, 3, &[0.0, 1.0, 1.0]),
+        DMatrix::zeros(1, 2),
+    )?;
+    Ok(Plant { model: PlantModel::Continuous(model), inputs: vec!["a".to_owned(), "b".to_owned()], outputs: vec!["y".to_owned()] })
 }
 
 /// 0/(s + 1).

@@ -78,6 +78,9 @@ pub struct Cell {
     pub method: String,
     /// Options that differ from its defaults.
     pub options: Map<String, Value>,
+    /// How its records were logged; `None`: every sample at its time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub logging: Option<String>,
     /// Digest of what the names of this cell stand for in its plan, and of how answers are scored: cells of one key are comparable where it is the same.
     #[serde(default)]
     pub definition: String,
@@ -187,8 +190,9 @@ impl Cell {
         let Self { grid, plant, input, output, c2d, excitation, noise, delay_s, samples, sample_time_s, max_delay, .. } = self;
         let snr = self.snr.map_or_else(|| "–".to_owned(), |v| v.to_string());
         let controller = self.controller.as_deref().unwrap_or("–");
+        let logging = self.logging.as_ref().map_or_else(String::new, |l| format!(" {l}"));
         format!(
-            "{grid}: {plant} {input}→{output} {c2d} {excitation} snr {snr} {noise} {:?} {controller} {:?} {delay_s} s {samples}×{sample_time_s} s ≤{max_delay}: {}",
+            "{grid}: {plant} {input}→{output} {c2d} {excitation} snr {snr} {noise} {:?} {controller} {:?} {delay_s} s {samples}×{sample_time_s} s ≤{max_delay}{logging}: {}",
             self.loops,
             self.place,
             self.method_text()

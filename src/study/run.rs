@@ -16,7 +16,7 @@ use super::blocks::{BLOCK, Block, Blocks};
 use super::budget::Budget;
 use super::cell::{Layout, Slot};
 use super::estimates::{CsvSink, Field, Row, Sink, key_fields, made, of_record, value_fields};
-use super::plan::{Delay, Plan};
+use super::plan::{Delay, PLAIN, Plan};
 use super::results::{Cell, FORMAT, Kept, Score, Study};
 use super::tally::{Tally, kept};
 use crate::file::{Lock, sweep, write_atomic};
@@ -298,6 +298,7 @@ impl Runner {
                 Value::Object(options) => options.clone(),
                 _ => Map::new(),
             },
+            logging: (key.logging != PLAIN).then(|| key.logging.clone()),
             definition: setting.definition.clone(),
             repeatable: setting.repeatable,
             trials: 0,

@@ -9,7 +9,9 @@ use rand_chacha::rand_core::SeedableRng;
 use sha2::{Digest, Sha256};
 
 use super::bound::bound_samples;
-use super::plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, Place, Plan, Scoring, Signal};
+use super::logging::{Logging, STEPS, held};
+use super::passages::{EVENTS, passages};
+use super::plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, PLAIN, Place, Plan, Scoring, Signal};
 use super::plants::{PLANTS, Plant, PlantEntry};
 use super::{StudyError, feedback};
 use crate::delay::{Detrend, Experiment, PlantModel, Recording};
@@ -45,13 +47,17 @@ pub struct Key {
     pub samples: usize,
     /// The sample time, s.
     pub sample_time_s: f64,
+    /// How it was logged.
+    pub logging: String,
 }
 
 impl std::fmt::Display for Key {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { plant, c2d, excitation, snr, noise, delay, samples, sample_time_s, .. } = self;
+        let Self { plant, c2d, excitation, snr, noise, delay, samples, sample_time_s, logging, .. } = self;
         write!(f, "{plant} {c2d} {excitation} snr {snr} {noise} {:?} ", self.loops)?;
-        write!(f, "{} delay {delay} s, {samples} samples of {sample_time_s} s", self.controller.as_deref().unwrap_or("no controller"))
+        write!(f, "{} delay {delay} s, {samples} samples of {sample_time_s} s", self.controller.as_deref().unwrap_or("no controller"))?;
+        // A record that lacks nothing has the seed that it had before there were others.
+        if logging == PLAIN { Ok(()) } else { write!(f, ", {logging}") }
     }
 }
 
@@ -72,8 +78,10 @@ pub(super) struct Setting {
     pub(super) sample_time: SampleTime,
     source: Source,
     conversion: Box<dyn Conversion>,
-    excitation: Box<dyn Excitation>,
+    /// `None`: events.
+    excitation: Option<Box<dyn Excitation>>,
     draw: Draw,
+    logging: Logging,
     colour: Colour,
     controller: Option<Controller>,
     pub(super) detrend: Detrend,
@@ -186,6 +194,39 @@ fn controller(plan: &Plan, key: &Key, channels: (usize, usize), wrong: Wrong<'_>
     Ok(controller)
 }
 
+/// The way of logging that a key names, for a plant of so many states measured.
+fn logging(plan: &Plan, key: &Key, source: &Source, states: bool, wrong: Wrong<'_>) -> crate::Result<Logging> {
+    let logging = match (key.logging.as_str(), plan.loggings.get(&key.logging)) {
+        (PLAIN, _) => Logging::default(),
+        (_, Some(logging)) => *logging,
+        (name, None) => {
+            let known: Vec<&str> = plan.loggings.keys().map(String::as_str).chain([PLAIN]).collect();
+            return Err(wrong(format!("there is no logging `{name}`; there are: {}", known.join(", "))).into());
+        }
+    };
+    let sampled = matches!(source, Source::File(plant) if matches!(plant.model, PlantModel::Sampled(_)));
+    if logging.jitter > 0.0 && (states || sampled || key.c2d != "zoh" || key.loops != Loop::Open) {
+        let detail = format!(
+            "logging `{}`: uneven stamps are simulated between the samples of continuous plants behind `zoh` in an open loop, for methods that look at pairs",
+            key.logging
+        );
+        return Err(wrong(detail).into());
+    }
+    Ok(logging)
+}
+
+/// Events pass through a dead time and nothing else.
+fn only_events(key: &Key, logging: &Logging, wrong: Wrong<'_>) -> crate::Result<()> {
+    let plain = key.plant == "gain" && key.c2d == "zoh" && key.noise == "white" && key.loops == Loop::Open && logging.jitter == 0.0;
+    if plain {
+        return Ok(());
+    }
+    let detail = format!(
+        "excitation `{EVENTS}`: events pass from place to place through plant `gain`, in an open loop, with `zoh`, white errors of their times and stamps without jitter; this is {key}"
+    );
+    Err(wrong(detail).into())
+}
+
 impl Setting {
     /// Looks up what a key names.
     pub(super) fn new(plan: &Plan, number: usize, key: Key, max_delay: usize, states: bool) -> crate::Result<Self> {
@@ -204,9 +245,16 @@ impl Setting {
             None => Signal { signal: key.excitation.clone(), options: serde_json::Map::new(), draw: Draw::EachTrial },
         };
         let definition = definition(plan, grid, &key, &signal)?;
-        let (entry, more) = named(EXCITATIONS, "excitation", &signal.signal)?;
-        let mut options = signal.options;
-        options.extend(more.as_object().cloned().unwrap_or_default());
+        let logging = logging(plan, &key, &source, states, wrong)?;
+        let excitation = if key.excitation == EVENTS {
+            only_events(&key, &logging, wrong)?;
+            None
+        } else {
+            let (entry, more) = named(EXCITATIONS, "excitation", &signal.signal)?;
+            let mut options = signal.options;
+            options.extend(more.as_object().cloned().unwrap_or_default());
+            Some(entry.with(serde_json::Value::Object(options))?)
+        };
         let colour = colour(plan, &key, wrong)?;
         let controller = controller(plan, &key, (inputs.len(), outputs.len()), wrong)?;
         let mut setting = Self {
@@ -218,8 +266,9 @@ impl Setting {
             sample_time,
             source,
             conversion,
-            excitation: entry.with(serde_json::Value::Object(options))?,
+            excitation,
             draw: signal.draw,
+            logging,
             colour,
             controller,
             detrend: grid.detrend,
@@ -241,7 +290,7 @@ impl Setting {
         let quiet = self.key.snr.is_infinite() && self.colour.innovation_std.is_none_or(|std| std == 0.0);
         let chosen = !matches!(self.key.delay, Delay::Drawn(_));
         let drive = |seed| self.drive(&mut ChaCha8Rng::seed_from_u64(seed));
-        Ok(fixed && quiet && chosen && drive(0)? == drive(1)?)
+        Ok(self.excitation.is_some() && self.logging.is_plain() && fixed && quiet && chosen && drive(0)? == drive(1)?)
     }
 
     /// The seed of a record: a hash of the plan's seed, of what the record is of and of its number, so that no other record of a plan moves it.
@@ -254,6 +303,9 @@ impl Setting {
         let seed = self.seed(plan_seed, trial);
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let delay_s = self.delays(&mut rng);
+        if self.excitation.is_none() {
+            return self.passages(seed, delay_s, &mut rng);
+        }
         let plant = match &self.source {
             Source::Listed(entry) => entry.build(&mut rng)?,
             Source::File(plant) => (**plant).clone(),
@@ -267,7 +319,11 @@ impl Setting {
         let bare = self.sampled(&plant.model, &vec![0.0; delay_s.len()])?;
         let delayed = self.sampled(&plant.model, &delay_s)?;
         let noise = |rng: &mut ChaCha8Rng, clean: &[f64]| self.noisy(clean, rng);
+        let stamps = self.logging.stamps(self.key.samples, &mut rng);
         let (plant_in, clean, states, model) = match self.key.loops {
+            Loop::Open if let Some(stamps) = &stamps => {
+                (drive.clone(), self.between(&plant.model, &delay_s, &drive, stamps)?, Vec::new(), self.told(&plant.model, &bare))
+            }
             Loop::Open => {
                 let [y, x] = simulated(&delayed, &drive)?;
                 (drive.clone(), y, x, self.told(&plant.model, &bare))
@@ -304,16 +360,18 @@ impl Setting {
         let degree = self.degree(&bare);
         let bound_samples = (clean.iter().enumerate())
             .map(|(output, y)| match &plant.model {
-                PlantModel::Continuous(continuous) if self.key.loops == Loop::Open && self.exact_hold() => {
+                PlantModel::Continuous(continuous) if self.key.loops == Loop::Open && self.exact_hold() && self.logging.is_plain() => {
                     bound_samples(continuous, output, &drive, delay_s[0], self.sample_time, self.noise_std(y)?, &self.colour)
                 }
                 _ => None,
             })
             .collect();
+        let (plant_in, outputs) =
+            self.logging.read((&self.inputs, &self.outputs), (&plant_in, &outputs), stamps.as_deref(), self.sample_time, &mut rng)?;
         let from = |inputs: Vec<Vec<f64>>| {
             let recording = Recording {
                 inputs: inputs.into_iter().map(Into::into).collect(),
-                outputs: outputs.iter().cloned().map(Into::into).collect(),
+                outputs: outputs.clone(),
                 states: states.iter().cloned().map(Into::into).collect(),
             };
             let experiment = Experiment::new(self.sample_time, self.inputs.clone(), self.outputs.clone(), vec![recording]);
@@ -321,6 +379,24 @@ impl Setting {
         };
         let reference = self.is_closed().then(|| from(drive.clone())).flatten();
         Ok(Record { seed, from: [from(plant_in), reference], delay_s, degree, bound_samples })
+    }
+
+    /// Record `seed` of events.
+    fn passages(&self, seed: u64, delay_s: Vec<f64>, rng: &mut ChaCha8Rng) -> crate::Result<Record> {
+        let name = |names: &[String]| names.first().cloned().unwrap_or_default();
+        let (first, second, delay) = (name(&self.inputs), name(&self.outputs), delay_s.first().copied().unwrap_or(0.0));
+        let events = passages([&first, &second], self.key.samples, delay, self.key.snr, &self.logging, self.sample_time, rng)?;
+        Ok(Record { seed, from: [Some(events), None], delay_s, degree: vec![vec![0]], bound_samples: vec![None] })
+    }
+
+    /// The outputs at stamps off the grid, of inputs held from stamp to stamp.
+    fn between(&self, model: &PlantModel, delay_s: &[f64], drive: &[Vec<f64>], stamps: &[usize]) -> crate::Result<Vec<Vec<f64>>> {
+        let PlantModel::Continuous(continuous) = model else { return Ok(Vec::new()) };
+        let step = SampleTime::new(self.sample_time.to_seconds(1.0 / STEPS as f64))?;
+        let fine = self.conversion.c2d(&continuous.clone().with_input_delay(delay_s.to_vec())?, step)?;
+        let inputs: Vec<Vec<f64>> = drive.iter().map(|u| held(u, stamps)).collect();
+        let [y, _] = simulated(&fine, &inputs)?;
+        Ok(y.iter().map(|y| stamps.iter().filter_map(|t| y.get(*t)).copied().collect()).collect())
     }
 
     pub(super) fn is_closed(&self) -> bool {
@@ -349,7 +425,8 @@ impl Setting {
     }
 
     fn drive(&self, rng: &mut ChaCha8Rng) -> crate::Result<Vec<Vec<f64>>> {
-        self.inputs.iter().map(|_| Ok(self.excitation.generate(self.key.samples, rng)?)).collect()
+        let Some(excitation) = &self.excitation else { return Ok(Vec::new()) };
+        self.inputs.iter().map(|_| Ok(excitation.generate(self.key.samples, rng)?)).collect()
     }
 
     fn sampled(&self, model: &PlantModel, delay_s: &[f64]) -> crate::Result<StateSpace<Sampled>> {
@@ -449,7 +526,10 @@ fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> crate::Re
     let listed = PLANTS.iter().any(|p| p.name == key.plant);
     let path = plan.folder.join(&key.plant);
     let file = if listed { String::new() } else { read_text(&path)? };
-    let all = serde_json::json!([signal, noise, controller, file, grid.detrend, grid.known_degree, invalid_samples, wrong_samples]);
+    let mut all = serde_json::json!([signal, noise, controller, file, grid.detrend, grid.known_degree, invalid_samples, wrong_samples]);
+    if let (Some(list), Some(logging)) = (all.as_array_mut(), plan.loggings.get(&key.logging)) {
+        list.push(serde_json::json!(logging));
+    }
     Ok(format!("{:016x}", hash(&all.to_string())))
 }
 

@@ -394,6 +394,13 @@ fn junit_is_well_formed_and_counts_a_case_per_method() {
 #[test]
 fn the_projects_own_baseline_is_of_its_plan_and_has_every_method() {
     let plan = Plan::open("ci").unwrap();
+    // It sees what a user can have: every method that needs no model of the states, events, several inputs, loops, missing samples and uneven stamps.
+    let named: Vec<&str> = plan.grids.iter().flat_map(|g| g.method.iter().map(String::as_str)).collect();
+    assert!(["all", "all_events", "state_least_squares"].iter().all(|m| named.contains(m)), "{named:?}");
+    let grid = |sees: &dyn Fn(&deadtime::study::Grid) -> bool| plan.grids.iter().any(|g| g.method.contains(&"all".to_owned()) && sees(g));
+    assert!(grid(&|g| g.loops.contains(&deadtime::study::Loop::Closed)) && grid(&|g| g.plant.contains(&"mixer".to_owned())));
+    let logged = |of: &dyn Fn(&deadtime::study::Logging) -> bool| grid(&|g| g.logging.iter().filter_map(|l| plan.loggings.get(l)).any(of));
+    assert!(logged(&|l| l.missing > 0.0) && logged(&|l| l.jitter > 0.0));
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/golden/study_ci");
     if !std::path::Path::new(path).exists() {
         return; // The published crate comes without golden files.

@@ -192,6 +192,71 @@ fn every_input_has_a_delay_of_its_own() {
     }
 }
 
+/// A plan of one grid, run in memory's stead in a folder of its own.
+fn run(text: &str) -> Study {
+    let plan = Plan::parse("here", text, Path::new(".")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    Runner::new(&plan).unwrap().run(&folder.path().join("out"), false, &Stop::default(), &|_| ()).unwrap()
+}
+
+#[test]
+fn missing_samples_and_uneven_stamps_are_those_of_the_same_plant() {
+    let study = run(r#"
+        format = "deadtime/plan@1"
+        name = "logging"
+        trials = 5
+        samples = 400
+        max_delay = 15
+        plant = "fast1"
+        excitation = "rbs"
+        delay_s = [6]
+        logging = ["plain", "gaps", "uneven"]
+        method = ["oestruc", "arxstruc nb=2"]
+        [loggings]
+        gaps = { missing = 0.2 }
+        uneven = { jitter = 0.4 }
+    "#);
+    let of =
+        |method: &str, logging: Option<&str>| study.cells.iter().find(|c| c.method == method && c.logging.as_deref() == logging).unwrap();
+    // Without noise and with every sample the answer is exact; it stays so where samples are missing.
+    assert_eq!(of("arxstruc", None).rms_samples, Some(0.0));
+    assert_eq!(of("arxstruc", Some("gaps")).rms_samples, Some(0.0));
+    // Commands that are held from stamp to stamp look up to a sample later on the grid than they were, so that the response looks that much sooner; never later.
+    for method in ["oestruc", "arxstruc"] {
+        let bias = of(method, Some("uneven")).bias_samples.unwrap();
+        assert!((-1.0..=0.0).contains(&bias), "{method}: {bias}");
+    }
+    assert!(study.cells.iter().filter(|c| c.logging.is_some()).all(|c| c.key().contains(" gaps:") || c.key().contains(" uneven:")));
+}
+
+#[test]
+fn the_five_event_criteria_are_studied_like_any_method() {
+    let study = run(r#"
+        format = "deadtime/plan@1"
+        name = "events"
+        trials = 20
+        samples = 60
+        sample_time_s = 0.01
+        max_delay = 1000
+        plant = "gain"
+        excitation = "events"
+        snr = ["inf", 100]
+        delay_s = [2.7]
+        logging = ["plain", "losses"]
+        method = "all_events"
+        scoring = { wrong_samples = 5 }
+        [loggings]
+        losses = { missing = 0.01 }
+    "#);
+    assert_eq!(study.cells.len(), 20);
+    for cell in &study.cells {
+        assert_eq!((cell.input.as_str(), cell.output.as_str(), cell.unflagged_wrong), ("u", "y", 0), "{}", cell.key());
+        // Errors of 5 hundredths over the root of 60 events, and what a lost one may add.
+        let limit = if cell.snr.is_none() { 1e-6 } else { 2.0 };
+        assert!(cell.flagged < 12 && cell.rms_samples.unwrap() < limit, "{}: {:?} {}", cell.key(), cell.rms_samples, cell.flagged);
+    }
+}
+
 #[test]
 fn a_closed_loop_is_estimated_from_its_input_and_from_its_reference() {
     let text = r#"
@@ -246,6 +311,22 @@ fn plans_that_cannot_be_are_refused_with_key_and_remedy() {
         ("delays of two inputs".into(), small("delay_s = [4,", "delay_s = [[4, 5],"), "inputs"),
         ("a fraction that Tustin rounds".into(), small("seed = 3", "seed = 3\nc2d = \"tustin\""), "fractional_delay_order"),
         ("too short for the window".into(), small("samples = 200", "samples = 15"), "max_delay"),
+        ("unknown logging".into(), small("seed = 3", "seed = 3\nlogging = \"gaps\""), "plain"),
+        ("too little logged".into(), small("[scoring]", "[loggings.gaps]\nmissing = 0.95\n[scoring]"), "loggings.gaps"),
+        ("stamps that change places".into(), small("[scoring]", "[loggings.late]\njitter = 0.5\n[scoring]"), "0.45"),
+        (
+            "uneven stamps in a loop".into(),
+            small("seed = 3", "seed = 3\nloop = \"stabilised\"\nlogging = \"late\"")
+                .replace("[scoring]", "[loggings.late]\njitter = 0.2\n[scoring]"),
+            "open loop",
+        ),
+        (
+            "events through a plant".into(),
+            small("\"rbs\"", "\"events\"").replace("[\"arxstruc\", \"oestruc\", \"crosscorr\"]", "\"all_events\""),
+            "gain",
+        ),
+        ("methods of samples on events".into(), small("\"rbs\"", "\"events\""), "arxstruc"),
+        ("methods of events on samples".into(), small("\"oestruc\"", "\"event_correlation\""), "event_correlation"),
         ("no trials".into(), small("trials = 60", "trials = 0"), "trials"),
         ("no plant".into(), small("plant = [\"slow2\", \"fast1\"]", ""), "plant"),
         ("share".into(), small("kept_percent = [100, 90]", "kept_percent = [0]"), "kept_percent"),
