@@ -18,6 +18,7 @@ mod parametric;
 mod posterior;
 mod process;
 pub mod report;
+mod response;
 mod richness;
 mod states;
 mod threshold;
@@ -44,6 +45,7 @@ pub use parametric::{
     Armaxstruc, Arxstruc, Center, Cost, Delayest, Elnaggar, Ivstruc, Met1struc, OePosterior, Oestruc, Others, SamplingZero, TwoStep,
 };
 pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel, Slopes};
+pub use response::{BodePhase, RESPONSE_METHODS, Rational, ResponseEstimator, ResponseJob, ResponseMethod, ResponseSearch};
 pub use richness::{Richness, richness};
 pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use threshold::{Cusum, CusumStep, Impulseest, Prewindow, Records, Step, Threshold};

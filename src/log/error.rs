@@ -271,6 +271,14 @@ pub enum LogError {
         /// The time stamp there, in seconds.
         time_s: f64,
     },
+    /// A frequency response that cannot be used.
+    #[error("{file}: {error}")]
+    Frequency {
+        /// The file.
+        file: String,
+        /// What is wrong with it.
+        error: super::FrequencyError,
+    },
     /// A row that belongs to no record.
     #[error("{file}, row {row}: the cell of `{channel}`, which names the record, is empty; fill it or delete the row")]
     EmptyRecord {
