@@ -14,7 +14,7 @@ use super::words::in_options;
 use crate::delay::report::Report;
 use crate::delay::{Detrend, EventsJob, Feedback, Job, ResponseJob, Scope, chosen};
 use crate::file::write_atomic;
-use crate::log::read_frequency_response;
+use crate::log::{Log, STEP, read_frequency_response};
 use crate::model::ModelFile;
 use crate::registry;
 use crate::report::page;
@@ -28,18 +28,19 @@ use crate::report::picture::{Shown, svg};
   deadtime estimate flight.csv --input rudder --output yaw_rate --method oestruc --method arxstruc --max-delay 1
   deadtime estimate flight.csv --input rudder --output yaw_rate --html answer.html
   deadtime estimate gates.csv --events entry,exit
-  deadtime estimate --frf response.csv")]
+  deadtime estimate --frf response.csv
+  deadtime estimate --step-table step.csv --step-size 5")]
 pub(super) struct Estimate {
     /// The log: text with a header row and a column `time` in seconds (.csv, .csv.gz), or another format of `deadtime list readers`
-    #[arg(value_name = "LOG", required_unless_present = "frf", conflicts_with = "frf")]
+    #[arg(value_name = "LOG", required_unless_present_any = ["frf", "step_table"], conflicts_with_all = ["frf", "step_table"])]
     log: Option<PathBuf>,
     #[command(flatten)]
     reading: Reading,
     /// Input channel (the command); may be repeated
-    #[arg(long, value_name = "U", required_unless_present_any = ["events", "frf"])]
+    #[arg(long, value_name = "U", required_unless_present_any = ["events", "frf", "step_table"])]
     input: Vec<String>,
     /// Output channel (the response); may be repeated
-    #[arg(long, value_name = "Y", required_unless_present_any = ["events", "frf"])]
+    #[arg(long, value_name = "Y", required_unless_present_any = ["events", "frf", "step_table"])]
     output: Vec<String>,
     /// Two columns of event times instead of channels: when the same events were seen at two places; no `time` column is needed
     #[arg(long, value_name = "A,B", conflicts_with_all = ["input", "output", "model", "degree_bias", "plot"])]
@@ -51,6 +52,15 @@ pub(super) struct Estimate {
         conflicts_with_all = ["input", "output", "events", "model", "degree_bias", "plot", "track", "from", "to", "resample", "records", "map", "channel", "time", "time_unit"]
     )]
     frf: Option<PathBuf>,
+    /// A table of a step response instead of a log: time, the response, and nothing else (or name it by --output)
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["input", "events", "frf", "records", "from", "to", "degree_bias"])]
+    step_table: Option<PathBuf>,
+    /// Height of the step that a --step-table answers
+    #[arg(long, value_name = "H", default_value_t = 1.0, requires = "step_table", allow_negative_numbers = true)]
+    step_size: f64,
+    /// Time of the step that a --step-table answers; default: 0, where the table holds it, or else its first row
+    #[arg(long, value_name = "S", requires = "step_table", allow_negative_numbers = true)]
+    step_time: Option<f64>,
     /// Method, or `all`; may be repeated; `deadtime list methods` shows them
     #[arg(long, value_name = "NAME", default_value = "all")]
     method: Vec<String>,
@@ -89,6 +99,9 @@ pub(super) struct Estimate {
     html: Option<PathBuf>,
 }
 
+/// Methods that a single step is enough for.
+const FOR_STEPS: [&str; 6] = ["p1d", "p2d", "p3d", "p2dz", "area1", "cusum_step"];
+
 impl Estimate {
     /// Prints the estimates; as JSON they are deadtime/estimate@1.
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
@@ -97,9 +110,9 @@ impl Estimate {
             (None, Some(columns)) => (self.of_events(columns)?, None),
             (None, None) => {
                 let reading = Waiting::reading(to, self.log()?);
-                let job = self.job()?;
+                let job = if self.step_table.is_some() { self.job_of_step()? } else { self.job()? };
                 drop(reading);
-                let (all, answered) = (job.methods.len() * self.input.len() * self.output.len(), job.answered.clone());
+                let (all, answered) = (job.methods.len() * job.inputs.len() * job.outputs.len(), job.answered.clone());
                 let done = move || format!(", {} of {all} answers", answered.load(Ordering::Relaxed));
                 let _waiting = Waiting::counting(to, "estimating", done);
                 (in_options(job.run()?), Some(job))
@@ -125,7 +138,7 @@ impl Estimate {
 
     /// The log; there is one wherever no frequency response is.
     fn log(&self) -> anyhow::Result<&Path> {
-        self.log.as_deref().context("LOG is missing: the log to read")
+        self.step_table.as_deref().or(self.log.as_deref()).context("LOG is missing: the log to read")
     }
 
     fn of_response(&self, path: &Path, to: &Out<'_>) -> anyhow::Result<Report> {
@@ -153,6 +166,29 @@ impl Estimate {
             feedback: self.feedback,
             track: self.track,
             ..Job::new(self.reading.read(self.log()?, &needed)?, &self.input, &self.output)
+        })
+    }
+
+    /// The step beside its response, estimated as any log is; unless it is said otherwise by the methods that are made for it, over a quarter of the table.
+    fn job_of_step(&self) -> anyhow::Result<Job> {
+        let table = self.log()?;
+        let needed = Needed { inputs: &[], outputs: &self.output, required: true };
+        let read = self.reading.read(table, &needed)?;
+        let Some(first) = read.first() else { bail!("{}: no rows", table.display()) };
+        let log = Log::of_step(first, self.output.first().map(String::as_str), self.step_size, self.step_time)?;
+        let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
+        let all = self.method.iter().any(|m| m == "all");
+        let methods: Vec<String> = if all { FOR_STEPS.iter().map(|m| (*m).to_owned()).collect() } else { self.method.clone() };
+        let output: Vec<String> = log.names().filter(|n| *n != STEP).map(str::to_owned).collect();
+        let quarter_s = 0.25 * log.duration_s();
+        Ok(Job {
+            name: table.display().to_string(),
+            methods: chosen(&methods, &options(&self.set)?, scopes)?,
+            model: self.model.as_deref().map(ModelFile::read).transpose()?,
+            max_delay_s: Some(self.max_delay.unwrap_or(quarter_s)),
+            feedback: Feedback::Open,
+            track: self.track,
+            ..Job::new(vec![log], [STEP], output)
         })
     }
 

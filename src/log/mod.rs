@@ -27,6 +27,7 @@ mod ros;
 mod ros_types;
 mod rosbag2;
 mod sqlite;
+mod step;
 #[cfg(test)]
 mod tests;
 mod ulog;
@@ -44,6 +45,7 @@ pub use self::frequency::{FrequencyError, FrequencyResponse, Quality};
 pub use self::listing::{ChannelListing, GapListing, Listing, TopicListing};
 pub use self::reader::{READERS, Reader, open, read, reader};
 pub use self::recording::{ReadOptions, Recording, Stamps, TimeUnit, Topic};
+pub use self::step::STEP;
 
 use std::collections::HashSet;
 

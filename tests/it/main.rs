@@ -47,6 +47,7 @@ mod events;
 mod export;
 #[cfg(all(feature = "cli", unix))]
 mod faults;
+mod frequency;
 mod fuzz;
 #[cfg(feature = "cli")]
 mod gap;

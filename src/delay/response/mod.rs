@@ -70,6 +70,8 @@ pub struct ResponseJob {
     pub stop: Stop,
 }
 
+/// A highest frequency of less than this times the lowest is a narrow band.
+const NARROW: f64 = 4.0;
 /// Default search: so many periods of the highest frequency.
 const PERIODS: f64 = 40.0;
 
@@ -114,7 +116,7 @@ impl ResponseJob {
             };
             answers.push((method, estimate, clock.elapsed().as_secs_f64()));
         }
-        let verdict = verdict(&answers, max_delay_s);
+        let verdict = verdict(&answers, max_delay_s, last / first);
         // As fine as numbers are printed.
         let half = verdict.ci95_s.map_or(f64::INFINITY, |[from, to]| 0.5 * (to - from)).max(1e-9);
         let pair = Pair {
@@ -168,7 +170,7 @@ fn ends(response: &FrequencyResponse) -> (f64, f64) {
 
 /// The first of the list that found a delay which its own leftovers do not contradict; who else holds it in the interval agrees. Where the others differ the answer stays that
 /// of the first, as it weighs how many poles there are, and the others do not; but it is said.
-fn verdict(answers: &[(&ResponseMethod, DelayEstimate, f64)], max_delay_s: f64) -> Verdict {
+fn verdict(answers: &[(&ResponseMethod, DelayEstimate, f64)], max_delay_s: f64, band: f64) -> Verdict {
     let found: Vec<(&str, &DelayEstimate)> =
         answers.iter().filter(|(_, e, _)| e.outcome == Outcome::Found).map(|(m, e, _)| (m.entry.name, e)).collect();
     let none = |why: String| Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
@@ -209,6 +211,11 @@ fn verdict(answers: &[(&ResponseMethod, DelayEstimate, f64)], max_delay_s: f64) 
     }
     if chosen.contradicted {
         let doubt = "what its model leaves over contradicts it, so this is a guess";
+        why.push_str(&format!("; {doubt}"));
+        grounds.doubts.push(doubt.to_owned());
+    }
+    if band < NARROW {
+        let doubt = "the band is less than two octaves wide: lag of poles outside it looks like delay";
         why.push_str(&format!("; {doubt}"));
         grounds.doubts.push(doubt.to_owned());
     }

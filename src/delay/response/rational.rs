@@ -160,13 +160,16 @@ fn answer(
     let orders = best.fitted.orders;
     let plural = |n: usize| if n == 1 { "" } else { "s" };
     let mut notes = vec![format!("{} pole{} and {} zero{}", orders.poles, plural(orders.poles), orders.zeros, plural(orders.zeros))];
+    // What (1 − s/z)/(1 + s/z) turns at low frequencies.
     let right: Vec<f64> =
-        zeros(&best.fitted).into_iter().filter(|z| z.re > 1e-9 * z.norm()).map(|z| z.re * unit / z.norm_sqr() * unit).collect();
+        zeros(&best.fitted).into_iter().filter(|z| z.re > 1e-9 * z.norm()).map(|z| 2.0 * z.re / (z.norm_sqr() * unit)).collect();
     if !right.is_empty() {
-        // What (1 − s/z)/(1 + s/z) turns at low frequencies.
-        let lag: f64 = right.iter().map(|inverse| 2.0 * inverse / (unit * unit)).sum();
-        let count = right.len();
-        notes.push(format!("{count} zero{} in the right half-plane, which turn{} the phase like another {lag:.3e} s of delay at low frequencies and are not part of it", plural(count), if count == 1 { "s" } else { "" }));
+        let (lag, count): (f64, usize) = (right.iter().sum(), right.len());
+        let (turn, are) = if count == 1 { ("turns", "is") } else { ("turn", "are") };
+        notes.push(format!(
+            "{count} zero{} in the right half-plane {turn} the phase like another {lag:.4} s at low frequencies and {are} no part of the delay",
+            plural(count)
+        ));
     }
     let apart: Vec<f64> = candidates
         .iter()
