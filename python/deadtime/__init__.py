@@ -16,9 +16,11 @@ from .delays import (
     estimate,
     estimate_delay,
     estimate_events,
+    estimate_frf,
     estimate_impulse_response,
     methods,
     predict_precision,
+    step_log,
 )
 from .diagnosis import Diagnosis, Inspection, Isolability, check, gap, isolability
 from .errors import DeadtimeError
@@ -54,7 +56,8 @@ __all__ += ["Excitation", "add_noise", "excitations", "excite"]
 __all__ += ["Model", "StateSpace", "TransferFunction", "as_model", "as_system", "c2d", "conversions", "d2c", "dare", "dlqr", "effects"]
 __all__ += ["impulse_response", "lsim", "simulate", "step_response", "to_control", "to_scipy", "uav"]
 # Dead time.
-__all__ += ["Estimate", "Estimates", "Method", "Pair", "Verdict", "estimate", "estimate_delay", "estimate_events", "estimate_impulse_response"]
+__all__ += ["Estimate", "Estimates", "Method", "Pair", "Verdict", "estimate", "estimate_delay", "estimate_events", "estimate_frf"]
+__all__ += ["estimate_impulse_response", "step_log"]
 __all__ += ["Alarm", "Tracker", "Tracking", "methods", "predict_precision"]
 # Studies.
 __all__ += ["GateResult", "Plan", "Study", "gate", "plans", "plants", "read_study", "study"]

@@ -80,6 +80,18 @@ def _estimate_events(
     name: str,
     max_delay: float | None,
 ) -> tuple[str, dict[str, Any]]: ...
+def _estimate_response(
+    path: str | None,
+    omega: ArrayLike,
+    real: ArrayLike,
+    imag: ArrayLike,
+    quality: tuple[str, ArrayLike],
+    methods: Sequence[str],
+    options: Mapping[str, Any],
+    max_delay: float | None,
+    threads: int | None,
+) -> tuple[str, dict[str, Any]]: ...
+def _of_step(table: Log, response: str | None, size: float, time: float | None) -> Log: ...
 def _expected(
     logs: Sequence[Log], model: Model | None, options: Mapping[str, Any], asked: Mapping[str, Any], threads: int | None
 ) -> list[dict[str, Any]]: ...
