@@ -21,6 +21,7 @@ pub mod report;
 mod response;
 mod richness;
 mod states;
+mod taken_out;
 mod threshold;
 pub mod track;
 mod verdict;
@@ -48,6 +49,7 @@ pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel,
 pub use response::{BodePhase, RESPONSE_METHODS, Rational, ResponseEstimator, ResponseJob, ResponseMethod, ResponseSearch};
 pub use richness::{Richness, richness};
 pub use states::{Coefficients, Selection, StateLeastSquares};
+pub use taken_out::{BehindDelays, TakenOut, identify_behind_delays};
 pub use threshold::{Cusum, CusumStep, Impulseest, Prewindow, Records, Step, Threshold};
 pub use verdict::{Grounds, RecordFacts, Said, Verdict, distrust, verdict};
 

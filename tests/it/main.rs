@@ -89,6 +89,7 @@ mod real_logs;
 mod report_html;
 mod richness;
 mod sampled_models;
+mod several_inputs;
 #[cfg(all(feature = "cli", unix))]
 mod simulator_program;
 #[cfg(feature = "cli")]

@@ -1,6 +1,8 @@
 //! Process models of several inputs that act together.
 
-use deadtime::delay::{DelayEstimate, DelayEstimator, Experiment, Job, Others, Outcome, P1d, P2d, Process, ProcessModel, Recording, Search};
+use deadtime::delay::{
+    DelayEstimate, DelayEstimator, Experiment, Job, Others, Outcome, P1d, P2d, Process, ProcessModel, Recording, Search,
+};
 use deadtime::log::{Channel, Log};
 use deadtime::signal::{Excitation, excitation::Rbs};
 use deadtime::time::SampleTime;
@@ -47,7 +49,11 @@ fn two_inputs_with_a_fraction_each_are_found_exactly_where_there_is_no_noise() {
         let y = output(&inputs, &[model(1.0, lags, delays[0]), model(-0.6, lags, delays[1])], 0.0, 3);
         for (answer, truth) in answers(estimator, &inputs, &y).iter().zip(delays) {
             assert!((answer.delay_s.unwrap() - truth).abs() < 1e-5, "{lags:?}: {answer:?}");
-            assert!(answer.note.as_deref().unwrap().contains("fitted together with one other input of the same poles"), "{:?}", answer.note);
+            assert!(
+                answer.note.as_deref().unwrap().contains("fitted together with one other input of the same poles"),
+                "{:?}",
+                answer.note
+            );
             assert!(!answer.contradicted);
         }
     }
