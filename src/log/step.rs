@@ -14,7 +14,7 @@ const NEAR: f64 = 1e-3;
 
 impl Log {
     /// The log of a table of a step response: an input [`STEP`] that moves by `size` at `at_s` (default: 0, where the table holds that time, or else its first row) beside `response`
-    /// (default: the only channel), on an even grid. A table that begins with the step gets 20 samples of rest before it, at the value of its first row.
+    /// (default: the only channel), on an even grid. A table that begins with the step gets 20 samples of rest before it, whose outputs count as missing.
     ///
     /// # Errors
     /// [`LogError::UnknownChannel`] and [`LogError::AmbiguousChannel`] for the response; [`LogError::StepTime`] for a step outside the table or between two of its rows.
@@ -59,13 +59,12 @@ impl Log {
         let input = (0..count).map(|k| if k < before + more { 0.0 } else { size }).collect();
         let values = std::iter::repeat_n(start, more).chain(output.values.iter().copied()).collect();
         let unit = even.unit(&name).map(str::to_owned);
-        let measured = match output.present {
-            None => Channel::new(name.as_str(), unit.as_deref(), values),
-            Some(present) => {
-                let there = output.present.and_then(|p| p.first()).copied().unwrap_or(true);
-                let present = std::iter::repeat_n(there, more).chain(present.iter().copied()).collect();
-                Channel::partial(name.as_str(), unit.as_deref(), values, present)
-            }
+        // What nobody measured does not count.
+        let there = |k: usize| k >= more && output.present.is_none_or(|p| p.get(k - more).copied().unwrap_or(false));
+        let measured = if more == 0 && output.present.is_none() {
+            Channel::new(name.as_str(), unit.as_deref(), values)
+        } else {
+            Channel::partial(name.as_str(), unit.as_deref(), values, (0..count).map(there).collect())
         };
         let log = Self::new(table.source.clone(), time_s, vec![Channel::new(STEP, None, input), measured])?;
         Ok(Self { early_s: even.early_s, ..log })
@@ -88,7 +87,9 @@ mod tests {
         assert_eq!(log.len(), 80);
         let u = log.input(STEP).unwrap();
         assert!(u[..20].iter().all(|v| *v == 0.0) && u[20..].iter().all(|v| *v == 2.0));
-        assert!((log.time_s()[20]).abs() < 1e-12 && log.output("y").unwrap().values[19] == 0.0);
+        assert!((log.time_s()[20]).abs() < 1e-12);
+        let there = log.output("y").unwrap().present.unwrap();
+        assert!(there[..20].iter().all(|t| !t) && there[20..].iter().all(|t| *t));
         assert_eq!(log.unit("y"), Some("m"));
     }
 

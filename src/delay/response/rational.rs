@@ -118,6 +118,10 @@ impl ResponseEstimator for Rational {
         if search.stop.is_set() {
             return Err(DelayError::Stopped);
         }
+        // Beyond the band a zero in the right half-plane is nothing but delay, and is taken for it.
+        let end = last / unit;
+        let beyond = |f: &Fitted| zeros(f).iter().any(|z| z.re > 0.0 && z.norm() > end);
+        let fits: Vec<(usize, Fitted)> = fits.into_iter().filter(|(_, f)| !beyond(f)).collect();
         let mut candidates = weighed(&weightings, fits, numbers, 1.0);
         let Some(share) = candidates.first().map(|best| independent(&weightings, best)) else {
             return Ok(DelayEstimate::without(Outcome::Singular, "no model of any order can be fitted to these numbers"));

@@ -1,6 +1,6 @@
 //! Several inputs: each fitted to what the others leave, then all with common poles.
 
-use super::{COARSE, Found, Problem, VALLEYS, Work, add, keep};
+use super::{COARSE, Found, Problem, VALLEYS, Work, add, keep, project};
 use crate::identify::dot;
 
 /// What one input of several does, through poles of its own.
@@ -12,9 +12,9 @@ pub(super) struct Part {
 }
 
 /// Turns in which each input is fitted to what the others leave.
-const TURNS_OF_INPUTS: usize = 4;
+const TURNS_OF_INPUTS: usize = 40;
 /// Turns are over when one takes less than this share off what is left.
-const SETTLED: f64 = 1e-3;
+const SETTLED: f64 = 1e-6;
 
 impl<'a> Problem<'a> {
     /// Inputs beside the first.
@@ -58,13 +58,25 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// What an input does to an output.
-    fn part(&self, input: usize, y: &[f64]) -> Option<Part> {
+    /// What an input does to an output; from what was found before, where there is such a thing.
+    fn part(&self, input: usize, y: &[f64], from: Option<&Found>) -> Option<Part> {
         let problem = self.single(input, y);
-        let best = problem.minima(None).into_iter().next()?;
-        let found = problem.refine(&best);
+        let found = match from {
+            Some(from) => problem.descend(&from.theta, from.place, COARSE)?,
+            None => problem.refine(problem.minima(None).first()?),
+        };
         let model = problem.signals(&found.theta, found.place)?.model;
         Some(Part { found, model })
+    }
+
+    /// Gains of all parts together: where inputs move alike, turns alone settle slowly.
+    fn weigh(&self, parts: &mut [Option<Part>]) {
+        let columns: Vec<Vec<f64>> = parts.iter().flatten().map(|p| p.model.clone()).collect();
+        let y = self.output_of(parts.len(), &[]);
+        let Some((_, gains)) = project(&columns, &y).filter(|_| !columns.is_empty()) else { return };
+        for (part, gain) in parts.iter_mut().flatten().zip(gains.iter()) {
+            part.model.iter_mut().for_each(|v| *v *= gain);
+        }
     }
 
     /// What each input does, each fitted to what the others leave, in turn until little changes.
@@ -74,16 +86,19 @@ impl<'a> Problem<'a> {
         let inputs = 1 + self.others();
         let mut parts: Vec<Option<Part>> = vec![None; inputs];
         let mut last = f64::INFINITY;
-        for _ in 0..TURNS_OF_INPUTS {
+        for turn in 0..TURNS_OF_INPUTS {
             for input in 0..inputs {
                 let y = self.output_of(input, &parts);
-                if let Some(part) = self.part(input, &y) {
+                // The valleys are known after two turns.
+                let from = parts.get(input).and_then(Option::as_ref).filter(|_| turn > 1).map(|p| p.found.clone());
+                if let Some(part) = self.part(input, &y, from.as_ref()) {
                     parts[input] = Some(part);
                 }
             }
+            self.weigh(&mut parts);
             let left = self.output_of(inputs, &parts);
             let cost = dot(&left, &left);
-            if cost > (1.0 - SETTLED) * last {
+            if cost > (1.0 - SETTLED) * last && turn > 1 {
                 break;
             }
             last = cost;
@@ -100,7 +115,7 @@ impl<'a> Problem<'a> {
         parts[0] = None;
         for input in 1..parts.len() {
             let y = self.output_of(input, &parts);
-            if let Some(part) = self.part(input, &y) {
+            if let Some(part) = self.part(input, &y, None) {
                 parts[input] = Some(part);
             }
         }
