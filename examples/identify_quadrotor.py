@@ -39,6 +39,7 @@ def flight(seed: int, samples: int = 200) -> dict[str, numpy.ndarray]:
         jumps = deadtime.excite("rbs", samples, seed=10 * seed + k, band=[0, 0.5])
         jumps[:5] = 0.0
         log[motor] = hover * (1 + 0.005 * jumps)
+        log[motor.replace("_rads", "_slope")] = numpy.zeros(samples)  # the motors' acceleration, which acts on nothing while the rotors have no inertia
     flown = deadtime.simulate(QUADROTOR, log, delay=dict.fromkeys(MOTORS, LATE)).log
     noise = numpy.random.default_rng(seed)
     return log | {rate: flown[rate] + 0.01 * noise.standard_normal(samples) for rate in RATES}

@@ -286,7 +286,9 @@ impl Process {
         let mut own = None;
         if let Some(apart) = problem.apart() {
             let more = knowledge.counting * (best.cost / knowledge.floored(apart)).ln();
-            let beside = if more > posterior::visible_gain(problem.apart_adds(), 1) {
+            // What is left over of common poles may be so slow that few of its samples count.
+            let beside = if more > posterior::visible_gain(problem.apart_adds(), 1) || (more > 0.0 && knowledge.leaves(records, max_delay))
+            {
                 problem = problem.behind_others();
                 minima = problem.minima(initial);
                 let Some(refined) = minima.first().map(|m| problem.refine(m)) else { return Ok(singular()) };

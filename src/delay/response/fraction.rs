@@ -1,6 +1,6 @@
 //! A rational function times a delay, fitted to a frequency response.
 //!
-//! Equation: min Σ w²·|H(iω) − e^(−iωτ)·B(iω)/A(iω)|², A monic with its roots in the left half-plane. For a given τ the poles and zeros come from linear least squares
+//! Equation: min Σ w²·|H(iω) − e^(−iωτ)·B(iω)/A(iω)|², A monic with its roots in the left half-plane, or slower than half the lowest frequency. For a given τ the poles and zeros come from linear least squares
 //! repeated with the last A as a weight; from the best delays of a grid all parameters and τ descend together.
 //!
 //! Source: Sanathanan and Koerner (1963), IEEE Trans. Autom. Control 8(1), 56-58, doi:10.1109/TAC.1963.1105517, for the repetition.
@@ -65,6 +65,11 @@ impl Points {
         Self { x: each(&self.x), h: self.h.iter().step_by(stride.max(1)).copied().collect(), w: each(&self.w) }
     }
 
+    /// Poles below this are told from integrators by nobody.
+    fn slow(&self) -> f64 {
+        0.5 * self.x.first().copied().unwrap_or(0.0)
+    }
+
     /// Σ w²|H|².
     pub(super) fn power(&self) -> f64 {
         self.h.iter().zip(&self.w).map(|(h, w)| w * w * h.norm_sqr()).sum()
@@ -115,7 +120,7 @@ impl Points {
                 self.x.iter().zip(&self.w).map(|(x, w)| w * w / a.as_ref().map_or(1.0, |a| monic(a, *x).norm_sqr())).collect();
             let solved = self.weighted(orders, &turned, &weights)?;
             let (poles, zeros) = solved.split_at(orders.poles);
-            let (poles, zeros) = match stable(poles) {
+            let (poles, zeros) = match stable(poles, self.slow()) {
                 None => (poles.to_vec(), zeros.to_vec()),
                 Some(mirrored) => {
                     let zeros = self.numerator(orders, &turned, &mirrored)?;
@@ -232,7 +237,7 @@ impl Points {
     fn normal(&self, orders: Orders, parameters: &[f64]) -> Option<Normal> {
         let (delay, coefficients) = parameters.split_last()?;
         let (a, b) = coefficients.split_at(orders.poles);
-        if stable(a).is_some() {
+        if stable(a, self.slow()).is_some() {
             return None;
         }
         let count = parameters.len();
@@ -302,13 +307,13 @@ fn model(a: &[f64], b: &[f64], delay: f64, x: f64) -> Complex<f64> {
     Complex::cis(-x * delay) * horner(b, Complex::new(0.0, x)) / monic(a, x)
 }
 
-/// A with its roots mirrored into the left half-plane; `None` where they are there already.
-fn stable(a: &[f64]) -> Option<Vec<f64>> {
+/// A with its roots mirrored into the left half-plane; `None` where they are there already, or smaller than `slow`: an integrator, on whichever side noise puts it.
+fn stable(a: &[f64], slow: f64) -> Option<Vec<f64>> {
     // A root of 0 is an integrator, on the edge and allowed.
     let first = a.iter().position(|c| *c != 0.0)?;
     let whole: Vec<f64> = a.iter().skip(first).copied().chain([1.0]).collect();
     let found = roots(&whole);
-    if found.iter().all(|r| r.re <= 0.0) {
+    if found.iter().all(|r| r.re <= 0.0 || r.norm() < slow) {
         return None;
     }
     let mut product = vec![Complex::new(1.0, 0.0)];
