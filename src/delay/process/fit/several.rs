@@ -13,6 +13,8 @@ pub(super) struct Part {
 
 /// Turns in which each input is fitted to what the others leave.
 const TURNS_OF_INPUTS: usize = 40;
+/// After these turns only what was found is descended from.
+const SEARCHED: usize = 4;
 /// Turns are over when one takes less than this share off what is left.
 const SETTLED: f64 = 1e-6;
 
@@ -89,8 +91,8 @@ impl<'a> Problem<'a> {
         for turn in 0..TURNS_OF_INPUTS {
             for input in 0..inputs {
                 let y = self.output_of(input, &parts);
-                // The valleys are known after two turns.
-                let from = parts.get(input).and_then(Option::as_ref).filter(|_| turn > 1).map(|p| p.found.clone());
+                // By then the valleys are known.
+                let from = parts.get(input).and_then(Option::as_ref).filter(|_| turn > SEARCHED).map(|p| p.found.clone());
                 if let Some(part) = self.part(input, &y, from.as_ref()) {
                     parts[input] = Some(part);
                 }
@@ -98,7 +100,7 @@ impl<'a> Problem<'a> {
             self.weigh(&mut parts);
             let left = self.output_of(inputs, &parts);
             let cost = dot(&left, &left);
-            if cost > (1.0 - SETTLED) * last && turn > 1 {
+            if cost > (1.0 - SETTLED) * last && turn > SEARCHED {
                 break;
             }
             last = cost;
