@@ -678,7 +678,7 @@ def step_log(table: LogLike, response: str | None = None, *, size: float = 1.0, 
     Returns
     -------
     Log
-        Channels `step` and the response, on an even grid; 20 samples of rest, outputs missing, are put before a table that begins with the step.
+        Channels `step` and the response, on an even grid; 20 samples of rest are put before a table that begins with the step.
 
     Raises
     ------

@@ -14,7 +14,7 @@ const NEAR: f64 = 1e-3;
 
 impl Log {
     /// The log of a table of a step response: an input [`STEP`] that moves by `size` at `at_s` (default: 0, where the table holds that time, or else its first row) beside `response`
-    /// (default: the only channel), on an even grid. A table that begins with the step gets 20 samples of rest before it, whose outputs count as missing.
+    /// (default: the only channel), on an even grid. A table that begins with the step gets 20 samples of rest before it, at the value of its first row.
     ///
     /// # Errors
     /// [`LogError::UnknownChannel`] and [`LogError::AmbiguousChannel`] for the response; [`LogError::StepTime`] for a step outside the table or between two of its rows.
@@ -59,9 +59,9 @@ impl Log {
         let input = (0..count).map(|k| if k < before + more { 0.0 } else { size }).collect();
         let values = std::iter::repeat_n(start, more).chain(output.values.iter().copied()).collect();
         let unit = even.unit(&name).map(str::to_owned);
-        // What nobody measured does not count.
-        let there = |k: usize| k >= more && output.present.is_none_or(|p| p.get(k - more).copied().unwrap_or(false));
-        let measured = if more == 0 && output.present.is_none() {
+        // Rest is taken to have stood at the first value.
+        let there = |k: usize| k < more || output.present.is_none_or(|p| p.get(k - more).copied().unwrap_or(false));
+        let measured = if output.present.is_none() {
             Channel::new(name.as_str(), unit.as_deref(), values)
         } else {
             Channel::partial(name.as_str(), unit.as_deref(), values, (0..count).map(there).collect())
@@ -88,8 +88,7 @@ mod tests {
         let u = log.input(STEP).unwrap();
         assert!(u[..20].iter().all(|v| *v == 0.0) && u[20..].iter().all(|v| *v == 2.0));
         assert!((log.time_s()[20]).abs() < 1e-12);
-        let there = log.output("y").unwrap().present.unwrap();
-        assert!(there[..20].iter().all(|t| !t) && there[20..].iter().all(|t| *t));
+        assert_eq!(log.output("y").unwrap().values[19], 0.0);
         assert_eq!(log.unit("y"), Some("m"));
     }
 
