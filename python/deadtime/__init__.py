@@ -16,13 +16,16 @@ from .delays import (
     estimate,
     estimate_delay,
     estimate_events,
+    estimate_frf,
     estimate_impulse_response,
     methods,
     predict_precision,
+    step_log,
 )
 from .diagnosis import Diagnosis, Inspection, Isolability, check, gap, isolability
 from .errors import DeadtimeError
 from .exports import Export, export
+from .identification import Identified, identify
 from .logs import as_log, as_logs, read, read_records
 from .models import (
     as_model,
@@ -53,8 +56,10 @@ __all__ += ["Excitation", "add_noise", "excitations", "excite"]
 # Models.
 __all__ += ["Model", "StateSpace", "TransferFunction", "as_model", "as_system", "c2d", "conversions", "d2c", "dare", "dlqr", "effects"]
 __all__ += ["impulse_response", "lsim", "simulate", "step_response", "to_control", "to_scipy", "uav"]
+__all__ += ["Identified", "identify"]
 # Dead time.
-__all__ += ["Estimate", "Estimates", "Method", "Pair", "Verdict", "estimate", "estimate_delay", "estimate_events", "estimate_impulse_response"]
+__all__ += ["Estimate", "Estimates", "Method", "Pair", "Verdict", "estimate", "estimate_delay", "estimate_events", "estimate_frf"]
+__all__ += ["estimate_impulse_response", "step_log"]
 __all__ += ["Alarm", "Tracker", "Tracking", "methods", "predict_precision"]
 # Studies.
 __all__ += ["GateResult", "Plan", "Study", "gate", "plans", "plants", "read_study", "study"]

@@ -80,12 +80,30 @@ def _estimate_events(
     name: str,
     max_delay: float | None,
 ) -> tuple[str, dict[str, Any]]: ...
+def _estimate_response(
+    path: str | None,
+    omega: ArrayLike,
+    real: ArrayLike,
+    imag: ArrayLike,
+    quality: tuple[str, ArrayLike],
+    methods: Sequence[str],
+    options: Mapping[str, Any],
+    max_delay: float | None,
+    threads: int | None,
+) -> tuple[str, dict[str, Any]]: ...
+def _of_step(table: Log, response: str | None, size: float, time: float | None) -> Log: ...
 def _expected(
     logs: Sequence[Log], model: Model | None, options: Mapping[str, Any], asked: Mapping[str, Any], threads: int | None
 ) -> list[dict[str, Any]]: ...
 def _impulse_response(logs: Sequence[Log], input: str, output: str, detrend: str) -> tuple[Array, Array] | None: ...
 def _of_arrays(u: ArrayLike, y: ArrayLike, sample_time: float) -> Log: ...
 def _methods() -> list[dict[str, Any]]: ...
+
+# --- identify
+
+def _identify(
+    logs: Sequence[Log], holdout: Sequence[Log], options: Mapping[str, Any], asked: Mapping[str, Any], threads: int | None
+) -> tuple[Model, str, str]: ...
 
 # --- bound
 

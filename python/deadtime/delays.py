@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -570,6 +571,130 @@ def estimate_events(
     sequences = [(name, unit, _flat(times, name)) for name, unit, times in zip(names, units, (first, second), strict=True)]
     file, beside = _native._estimate_events(sequences[0], sequences[1], chosen, _plain(options), "events", max_delay)
     return Estimates(file, beside, [], "none")
+
+
+def estimate_frf(
+    frequency: ArrayLike | str | os.PathLike[str] | Any,
+    response: ArrayLike | None = None,
+    *,
+    unit: Literal["rad/s", "Hz"] = "rad/s",
+    coherence: ArrayLike | None = None,
+    std: ArrayLike | None = None,
+    method: str | Sequence[str] = "all",
+    max_delay: float | None = None,
+    options: Options | None = None,
+    threads: int | None = None,
+) -> Estimates:
+    """The dead time in a measured frequency response, beside the poles and zeros of the plant.
+
+    Parameters
+    ----------
+    frequency : array, shape (N,), path, or frequency response data of python-control
+        Frequencies, increasing; or a text file as `deadtime estimate --frf` reads it; or an object with `omega` and `frdata` (`control.frd`) of one input and one output.
+    response : array of complex, shape (N,), optional
+        The response at each frequency; left out where `frequency` holds it.
+    unit : {"rad/s", "Hz"}
+        Unit of an array of frequencies.
+    coherence : array, shape (N,), optional
+        Squared coherence, between 0 and 1.
+    std : array, shape (N,), optional
+        Standard deviation of the real part, and of the imaginary part. Without it and coherence, errors of one size and errors in proportion to the response are both tried.
+    method : str or sequence of str
+        `rational` (poles, zeros and delay fitted together), `bode_phase` (the phase that the magnitude does not explain), or `all`.
+    max_delay : float, optional
+        Longest delay to search, s; default forty periods of the highest frequency, at most half of what the distance of the frequencies tells apart.
+    options : dict of dict, optional
+        Options by method: `{"rational": {"max_poles": 8}}`.
+    threads : int, optional
+        Threads to use; default one for each core.
+
+    Returns
+    -------
+    Estimates
+        One pair, `input` to `output`.
+
+    Raises
+    ------
+    LogError
+        Frequencies that do not increase, values that are no numbers, too few of them.
+    DelayError
+        A search beyond what the frequencies tell apart.
+
+    Examples
+    --------
+    >>> import deadtime, numpy
+    >>> omega = numpy.geomspace(0.1, 30, 60)
+    >>> response = numpy.exp(-0.43j * omega) * 2 / (1 + 0.8j * omega)
+    >>> round(deadtime.estimate_frf(omega, response).delay_s, 6)
+    0.43
+    """
+    chosen = _names(method)
+    nothing = numpy.zeros(0)
+    if isinstance(frequency, (str, os.PathLike)):
+        if response is not None or coherence is not None or std is not None:
+            raise ValueError("a file holds frequencies, response and quality: leave out response, coherence and std")
+        file, beside = _native._estimate_response(
+            os.fspath(frequency), nothing, nothing, nothing, ("", nothing), chosen, _plain(options), max_delay, threads
+        )
+        return Estimates(file, beside, [], "none")
+    if hasattr(frequency, "omega"):
+        # frequency response data of python-control: `fresp` of older versions, `frdata` of newer ones
+        data = getattr(frequency, "frdata", None)
+        data = getattr(frequency, "fresp", None) if data is None else data
+        if data is None or response is not None:
+            raise ValueError("an object with `omega` must hold the response too, as `frdata`, and response is then left out")
+        values = numpy.asarray(data)
+        if values.ndim == 3 and values.shape[:2] != (1, 1):
+            raise ValueError(f"{values.shape[0]} outputs and {values.shape[1]} inputs: take one response out of the system, such as system[0, 0]")
+        response, frequency, unit = values.reshape(-1), numpy.asarray(frequency.omega), "rad/s"
+    if response is None:
+        raise ValueError("response is missing: the complex value at each frequency")
+    if coherence is not None and std is not None:
+        raise ValueError("give coherence or std, not both")
+    if unit not in ("rad/s", "Hz"):
+        raise ValueError(f"unit is {unit!r}; it must be 'rad/s' or 'Hz'")
+    values = numpy.asarray(response, dtype=complex).reshape(-1)
+    omega = _flat(frequency, "frequency") * (2 * numpy.pi if unit == "Hz" else 1.0)
+    known = ("coherence", _flat(coherence, "coherence")) if coherence is not None else ("std", _flat(std, "std")) if std is not None else ("", nothing)
+    real, imag = numpy.ascontiguousarray(values.real), numpy.ascontiguousarray(values.imag)
+    file, beside = _native._estimate_response(None, omega, real, imag, known, chosen, _plain(options), max_delay, threads)
+    return Estimates(file, beside, [], "none")
+
+
+def step_log(table: LogLike, response: str | None = None, *, size: float = 1.0, time: float | None = None) -> Log:
+    """A table of a step response as a log with the step beside it, which `estimate` takes as any other.
+
+    Parameters
+    ----------
+    table : log-like
+        Time and the response.
+    response : str, optional
+        The channel of the response; default the only one.
+    size : float
+        Height of the step.
+    time : float, optional
+        Time of the step, s; default 0, where the table holds it, or else its first row.
+
+    Returns
+    -------
+    Log
+        Channels `step` and the response, on an even grid; 20 samples of rest are put before a table that begins with the step.
+
+    Raises
+    ------
+    LogError
+        A step outside the table or between two rows, several channels of which none is named.
+
+    Examples
+    --------
+    >>> import deadtime, numpy
+    >>> time = numpy.arange(160.0)
+    >>> level = 3 * (1 - numpy.exp(-numpy.maximum(time - 4.37, 0) / 12))
+    >>> log = deadtime.step_log({"time": time, "level": level}, size=2.0)
+    >>> round(deadtime.estimate(log, "step", "level", method="p1d").delay_s, 3)
+    4.37
+    """
+    return _native._of_step(as_logs(table)[0], response, size, time)
 
 
 def predict_precision(

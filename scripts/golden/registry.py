@@ -11,6 +11,7 @@ from . import simulation_cases as simulation
 from . import subspace_cases
 from . import correlation_cases
 from . import event_cases
+from . import frf_cases
 from . import signal_cases
 from . import ode_cases
 from . import parametric_cases
@@ -25,6 +26,7 @@ CASES = {
     "delays_response": {"reference.json": response_cases.response},
     "delays_process": {"reference.json": process_cases.process},
     "delays_parametric": {"reference.json": parametric_cases.parametric},
+    "delays_frf": {"reference.json": frf_cases.frf},
     "delays_correlation": {"reference.json": correlation_cases.correlation},
     "c2d_zoh": {"reference.json": partial(c2d.held_method, "zoh"), "octave.json": c2d.octave_file("zoh")},
     "c2d_foh": {"reference.json": partial(c2d.held_method, "foh"), "octave.json": c2d.octave_file("foh")},

@@ -4,16 +4,17 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use serde_json::Value;
 
 use super::Out;
 use super::progress::Waiting;
-use super::source::{Needed, Source};
+use super::source::{Needed, Reading};
 use super::words::in_options;
 use crate::delay::report::Report;
-use crate::delay::{Detrend, EventsJob, Feedback, Job, Scope, chosen};
+use crate::delay::{Detrend, EventsJob, Feedback, Job, ResponseJob, Scope, chosen};
 use crate::file::write_atomic;
+use crate::log::{Log, STEP, read_frequency_response};
 use crate::model::ModelFile;
 use crate::registry;
 use crate::report::page;
@@ -26,19 +27,40 @@ use crate::report::picture::{Shown, svg};
   deadtime estimate flight.csv --input rudder --output yaw_rate --brief --json answer.json
   deadtime estimate flight.csv --input rudder --output yaw_rate --method oestruc --method arxstruc --max-delay 1
   deadtime estimate flight.csv --input rudder --output yaw_rate --html answer.html
-  deadtime estimate gates.csv --events entry,exit")]
+  deadtime estimate gates.csv --events entry,exit
+  deadtime estimate --frf response.csv
+  deadtime estimate --step-table step.csv --step-size 5")]
 pub(super) struct Estimate {
+    /// The log: text with a header row and a column `time` in seconds (.csv, .csv.gz), or another format of `deadtime list readers`
+    #[arg(value_name = "LOG", required_unless_present_any = ["frf", "step_table"], conflicts_with_all = ["frf", "step_table"])]
+    log: Option<PathBuf>,
     #[command(flatten)]
-    source: Source,
+    reading: Reading,
     /// Input channel (the command); may be repeated
-    #[arg(long, value_name = "U", required_unless_present = "events")]
+    #[arg(long, value_name = "U", required_unless_present_any = ["events", "frf", "step_table"])]
     input: Vec<String>,
     /// Output channel (the response); may be repeated
-    #[arg(long, value_name = "Y", required_unless_present = "events")]
+    #[arg(long, value_name = "Y", required_unless_present_any = ["events", "frf", "step_table"])]
     output: Vec<String>,
     /// Two columns of event times instead of channels: when the same events were seen at two places; no `time` column is needed
     #[arg(long, value_name = "A,B", conflicts_with_all = ["input", "output", "model", "degree_bias", "plot"])]
     events: Option<String>,
+    /// A frequency response instead of a log, as text: `frequency [Hz]` or `[rad/s]`; `real`, `imag` or `magnitude [dB]`, `phase [deg]`; perhaps `coherence` or `std`
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with_all = ["input", "output", "events", "model", "degree_bias", "plot", "track", "from", "to", "resample", "records", "map", "channel", "time", "time_unit"]
+    )]
+    frf: Option<PathBuf>,
+    /// A table of a step response instead of a log: time, the response, and nothing else (or name it by --output)
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["input", "events", "frf", "records", "from", "to", "degree_bias"])]
+    step_table: Option<PathBuf>,
+    /// Height of the step that a --step-table answers
+    #[arg(long, value_name = "H", default_value_t = 1.0, requires = "step_table", allow_negative_numbers = true)]
+    step_size: f64,
+    /// Time of the step that a --step-table answers; default: 0, where the table holds it, or else its first row
+    #[arg(long, value_name = "S", requires = "step_table", allow_negative_numbers = true)]
+    step_time: Option<f64>,
     /// Method, or `all`; may be repeated; `deadtime list methods` shows them
     #[arg(long, value_name = "NAME", default_value = "all")]
     method: Vec<String>,
@@ -77,16 +99,20 @@ pub(super) struct Estimate {
     html: Option<PathBuf>,
 }
 
+/// Methods that a single step is enough for.
+const FOR_STEPS: [&str; 5] = ["p1d", "p2d", "p2dz", "area1", "cusum_step"];
+
 impl Estimate {
     /// Prints the estimates; as JSON they are deadtime/estimate@1.
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
-        let (report, job) = match &self.events {
-            Some(columns) => (self.of_events(columns)?, None),
-            None => {
-                let reading = Waiting::reading(to, &self.source.log);
-                let job = self.job()?;
+        let (report, job) = match (&self.frf, &self.events) {
+            (Some(path), _) => (self.of_response(path, to)?, None),
+            (None, Some(columns)) => (self.of_events(columns)?, None),
+            (None, None) => {
+                let reading = Waiting::reading(to, self.log()?);
+                let job = if self.step_table.is_some() { self.job_of_step()? } else { self.job()? };
                 drop(reading);
-                let (all, answered) = (job.methods.len() * self.input.len() * self.output.len(), job.answered.clone());
+                let (all, answered) = (job.methods.len() * job.inputs.len() * job.outputs.len(), job.answered.clone());
                 let done = move || format!(", {} of {all} answers", answered.load(Ordering::Relaxed));
                 let _waiting = Waiting::counting(to, "estimating", done);
                 (in_options(job.run()?), Some(job))
@@ -110,11 +136,28 @@ impl Estimate {
         }
     }
 
+    /// The log; there is one wherever no frequency response is.
+    fn log(&self) -> anyhow::Result<&Path> {
+        self.step_table.as_deref().or(self.log.as_deref()).context("LOG is missing: the log to read")
+    }
+
+    fn of_response(&self, path: &Path, to: &Out<'_>) -> anyhow::Result<Report> {
+        let response = read_frequency_response(path)?;
+        let _waiting = Waiting::new(to, "estimating");
+        let job = ResponseJob {
+            methods: self.method.clone(),
+            options: options(&self.set)?,
+            max_delay_s: self.max_delay,
+            ..ResponseJob::new(response)
+        };
+        Ok(in_options(job.run()?))
+    }
+
     fn job(&self) -> anyhow::Result<Job> {
         let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
         let needed = Needed { inputs: &self.input, outputs: &self.output, required: true };
         Ok(Job {
-            name: self.source.log.display().to_string(),
+            name: self.log()?.display().to_string(),
             methods: chosen(&self.method, &options(&self.set)?, scopes)?,
             model: self.model.as_deref().map(ModelFile::read).transpose()?,
             max_delay_s: self.max_delay,
@@ -122,7 +165,30 @@ impl Estimate {
             detrend: self.detrend,
             feedback: self.feedback,
             track: self.track,
-            ..Job::new(self.source.read(&needed)?, &self.input, &self.output)
+            ..Job::new(self.reading.read(self.log()?, &needed)?, &self.input, &self.output)
+        })
+    }
+
+    /// The step beside its response, estimated as any log is; unless it is said otherwise by the methods that are made for it, over a quarter of the table.
+    fn job_of_step(&self) -> anyhow::Result<Job> {
+        let table = self.log()?;
+        let needed = Needed { inputs: &[], outputs: &self.output, required: true };
+        let read = self.reading.read(table, &needed)?;
+        let Some(first) = read.first() else { bail!("{}: no rows", table.display()) };
+        let log = Log::of_step(first, self.output.first().map(String::as_str), self.step_size, self.step_time)?;
+        let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
+        let all = self.method.iter().any(|m| m == "all");
+        let methods: Vec<String> = if all { FOR_STEPS.iter().map(|m| (*m).to_owned()).collect() } else { self.method.clone() };
+        let output: Vec<String> = log.names().filter(|n| *n != STEP).map(str::to_owned).collect();
+        let quarter_s = 0.25 * log.duration_s();
+        Ok(Job {
+            name: table.display().to_string(),
+            methods: chosen(&methods, &options(&self.set)?, scopes)?,
+            model: self.model.as_deref().map(ModelFile::read).transpose()?,
+            max_delay_s: Some(self.max_delay.unwrap_or(quarter_s)),
+            feedback: Feedback::Open,
+            track: self.track,
+            ..Job::new(vec![log], [STEP], output)
         })
     }
 
@@ -133,9 +199,8 @@ impl Estimate {
         else {
             bail!("--events {columns}: write the two columns as A,B");
         };
-        let events = self.source.events([a, b])?;
-        let job =
-            EventsJob { methods, max_delay_s: self.max_delay, ..EventsJob::new(self.source.log.display().to_string(), [a, b], events) };
+        let events = self.reading.events(self.log()?, [a, b])?;
+        let job = EventsJob { methods, max_delay_s: self.max_delay, ..EventsJob::new(self.log()?.display().to_string(), [a, b], events) };
         Ok(in_options(job.run()?))
     }
 }

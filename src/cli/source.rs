@@ -104,25 +104,6 @@ pub(super) struct Needed<'a> {
     pub(super) required: bool,
 }
 
-impl Source {
-    /// The log's records.
-    pub(super) fn read(&self, needed: &Needed<'_>) -> anyhow::Result<Vec<Log>> {
-        self.reading.read(&self.log, needed)
-    }
-
-    /// Two columns of event times; what cuts, renames or resamples a log of samples means nothing there.
-    pub(super) fn events(&self, columns: [&str; 2]) -> anyhow::Result<[EventTimes; 2]> {
-        let r = &self.reading;
-        if r.records.is_some() || r.from.is_some() || r.to.is_some() || r.resample.is_some() || !r.map.is_empty() || !r.channel.is_empty() {
-            bail!("--events reads whole columns of event times: leave out --records, --from, --to, --resample, --map and --channel");
-        }
-        if reader(&self.log)?.name != "csv" {
-            bail!("{}: --events reads columns of text files only", self.log.display());
-        }
-        Ok(read_events(&self.log, columns)?)
-    }
-}
-
 /// What of the file a wanted channel is made of: itself, or the sources of one that is calculated.
 fn of_the_file(wanted: Wanted, derived: &[Derived]) -> Vec<Wanted> {
     let Some((last, before)) = derived.split_last() else { return vec![wanted] };
@@ -140,6 +121,18 @@ fn sources_there(derived: &Derived, log: &Log, needed: &Needed<'_>) -> bool {
 }
 
 impl Reading {
+    /// Two columns of event times; what cuts, renames or resamples a log of samples means nothing there.
+    pub(super) fn events(&self, log: &Path, columns: [&str; 2]) -> anyhow::Result<[EventTimes; 2]> {
+        let cut = self.records.is_some() || self.from.is_some() || self.to.is_some() || self.resample.is_some();
+        if cut || !self.map.is_empty() || !self.channel.is_empty() {
+            bail!("--events reads whole columns of event times: leave out --records, --from, --to, --resample, --map and --channel");
+        }
+        if reader(log)?.name != "csv" {
+            bail!("{}: --events reads columns of text files only", log.display());
+        }
+        Ok(read_events(log, columns)?)
+    }
+
     /// Whole logs, of a command in which `--to` means something else.
     pub(super) fn whole(map: Vec<String>, clock: Clock) -> Self {
         Self { records: None, from: None, to: None, resample: None, map, channel: Vec::new(), clock }

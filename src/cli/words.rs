@@ -3,9 +3,10 @@
 use crate::delay::report::Report;
 
 /// Words of the library's messages, and the option that a reader of the command line has for each.
-const OPTIONS: [(&str, &str); 20] = [
+const OPTIONS: [(&str, &str); 21] = [
     ("the new names make two columns called", "`--map` makes two columns called"),
     ("`max_delay`", "--max-delay"),
+    ("`step_time`", "--step-time"),
     ("give a `model` and", "give --model and"),
     ("(`rename`)", "(--map)"),
     ("give two sequences of them", "give --events A,B"),

@@ -122,6 +122,24 @@ pub enum DelayError {
         /// Samples of the longest record.
         samples: usize,
     },
+    /// A delay of something that is no input.
+    #[error("a delay is given for `{input}`, which is no input; there are: {}", inputs.join(", "))]
+    NoInput {
+        /// The name.
+        input: String,
+        /// The inputs.
+        inputs: Vec<String>,
+    },
+    /// A search window of a frequency response that is none, or longer than its frequencies tell delays apart.
+    #[error(
+        "`max_delay` {seconds} s: give more than 0 and at most {unambiguous_s:.4} s, as delays that far apart look alike at these frequencies"
+    )]
+    Turns {
+        /// The window asked for, s.
+        seconds: f64,
+        /// Delays that far apart look alike, s.
+        unambiguous_s: f64,
+    },
     /// A search window of nothing, for event times.
     #[error("the window holds no delay: give a longer `max_delay`")]
     NoWindow,

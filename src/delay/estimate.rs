@@ -114,6 +114,24 @@ impl DelayEstimate {
         }
     }
 
+    /// The answer of a method that knows no samples: everything in seconds, nothing to take off.
+    pub(super) fn in_seconds(delay_s: f64, std_s: f64, ci95_s: [f64; 2], at_edge: bool) -> Self {
+        if [delay_s, std_s, ci95_s[0], ci95_s[1]].iter().any(|v| !v.is_finite()) {
+            return Self::without(Outcome::Singular, "the numbers leave no finite answer: too large, too small, or too alike");
+        }
+        Self {
+            outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
+            delay_s: Some(delay_s),
+            std_s: Some(std_s),
+            ci95_s: Some(ci95_s),
+            raw_delay_s: Some(delay_s),
+            degree_bias_samples: 0.0,
+            contradicted: false,
+            open_part: false,
+            note: at_edge.then(|| "the best delay is the longest searched: give a longer `max_delay`".to_owned()),
+        }
+    }
+
     /// The answer for a record whose input was given `later` seconds too late: no delay is below zero, and one that would be is said.
     pub(super) fn finished(mut self, later_s: f64) -> Self {
         let whole = |v: f64| (v + later_s).max(0.0);

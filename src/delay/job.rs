@@ -280,7 +280,8 @@ impl Job {
                     self.stop.check()?;
                     let clock = Instant::now();
                     // What a method cannot do with this log is its answer; the others go on.
-                    let sees = if ready.estimator.is_joint() { &seen.together } else { seen.by_start(ready.method.start) };
+                    let sees =
+                        if ready.estimator.is_joint() { seen.all_inputs(ready.method.start) } else { seen.by_start(ready.method.start) };
                     // What does not withstand feedback sees what is free of it.
                     let freed = open.as_ref().filter(|_| !ready.method.withstands(Condition::Feedback));
                     let estimate = match ready.estimator.estimate(freed.unwrap_or(sees), &search) {
@@ -329,22 +330,29 @@ impl Job {
         (i, o): (usize, usize),
     ) -> Result<Seen<'a>> {
         let one = experiment.select(i, o)?;
-        let logged = logged.select(i, o)?;
-        let rested = if self.detrend == Detrend::Mean { self.best_start(&one, logged, search.max_delay)? } else { None };
-        Ok(Seen { rested, together: experiment.towards(i, o)?, search: search.towards(i, o, self.inputs.len()), one })
+        let logged_one = logged.select(i, o)?;
+        let rested = if self.detrend == Detrend::Mean { self.best_start(&one, logged_one, search.max_delay)? } else { None };
+        let together = experiment.towards(i, o)?;
+        let (rested, together_rested) = match rested {
+            None => (None, None),
+            Some((rested, Level::BeforeMoving)) => (Some(rested), together.from_rest()),
+            Some((rested, Level::AsLogged)) => (Some(rested), Some(logged.towards(i, o)?)),
+        };
+        Ok(Seen { rested, together, together_rested, search: search.towards(i, o, self.inputs.len()), one })
     }
 
     /// The pair measured from where it rested, where that explains it better than its mean: from its level before the inputs moved, or as logged, where that is zero. A
     /// rough model judges, as an input that is still for a while at first may be one that moves seldom, and a controller that rests at zero moves at once.
-    fn best_start<'a>(&self, one: &Experiment<'a>, logged: Experiment<'a>, max_delay: usize) -> Result<Option<Experiment<'a>>> {
+    fn best_start<'a>(&self, one: &Experiment<'a>, logged: Experiment<'a>, max_delay: usize) -> Result<Option<(Experiment<'a>, Level)>> {
         let left = |seen: &Experiment<'_>| -> Result<f64> {
             let fitted = rough(&seen.pair(0, 0)?, 2, max_delay, 0);
             Ok(fitted.map_or(f64::INFINITY, |r| r.residual.iter().map(|e| e * e).sum()))
         };
         let mut best = (left(one)?, None);
-        for start in [one.from_rest(), Some(logged)].into_iter().flatten() {
+        let starts = [one.from_rest().map(|e| (e, Level::BeforeMoving)), Some((logged, Level::AsLogged))];
+        for start in starts.into_iter().flatten() {
             self.stop.check()?;
-            let less = left(&start)?;
+            let less = left(&start.0)?;
             if less < best.0 {
                 best = (less, Some(start));
             }
@@ -425,11 +433,29 @@ struct Seen<'a> {
     rested: Option<Experiment<'a>>,
     /// What a method that takes all inputs together sees: this one first.
     together: Experiment<'a>,
+    /// The same from where the pair rested, where all inputs did.
+    together_rested: Option<Experiment<'a>>,
     /// The window, with this pair's bias.
     search: Search,
 }
 
+/// From where a pair is measured that rests at its start.
+enum Level {
+    /// From its level before the inputs moved.
+    BeforeMoving,
+    /// From zero.
+    AsLogged,
+}
+
 impl<'a> Seen<'a> {
+    /// What a method that takes all inputs together sees.
+    fn all_inputs(&self, start: Start) -> &Experiment<'a> {
+        match start {
+            Start::Rest => self.together_rested.as_ref().unwrap_or(&self.together),
+            Start::Any => &self.together,
+        }
+    }
+
     fn by_start(&self, start: Start) -> &Experiment<'a> {
         match start {
             Start::Rest => self.rested.as_ref().unwrap_or(&self.one),

@@ -18,8 +18,10 @@ mod parametric;
 mod posterior;
 mod process;
 pub mod report;
+mod response;
 mod richness;
 mod states;
+mod taken_out;
 mod threshold;
 pub mod track;
 mod verdict;
@@ -44,8 +46,10 @@ pub use parametric::{
     Armaxstruc, Arxstruc, Center, Cost, Delayest, Elnaggar, Ivstruc, Met1struc, OePosterior, Oestruc, Others, SamplingZero, TwoStep,
 };
 pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel, Slopes};
+pub use response::{BodePhase, RESPONSE_METHODS, Rational, ResponseEstimator, ResponseJob, ResponseMethod, ResponseSearch};
 pub use richness::{Richness, richness};
 pub use states::{Coefficients, Selection, StateLeastSquares};
+pub use taken_out::{BehindDelays, TakenOut, identify_behind_delays};
 pub use threshold::{Cusum, CusumStep, Impulseest, Prewindow, Records, Step, Threshold};
 pub use verdict::{Grounds, RecordFacts, Said, Verdict, distrust, verdict};
 

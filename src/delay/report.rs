@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::track::{Moving, Tracked};
-use super::{Class, Condition, DelayEstimate, Finding, Method, Outcome, Verdict, distrust};
+use super::{Class, Condition, DelayEstimate, Finding, Method, Outcome, ResponseMethod, Verdict, distrust};
 
 /// One method's answer, as the file has it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -62,6 +62,28 @@ impl Estimate {
     }
 }
 
+impl Estimate {
+    /// The answer of a method for frequency responses, and its run time.
+    #[must_use]
+    pub fn of_response(method: &ResponseMethod, estimate: &DelayEstimate, time_s: f64) -> Self {
+        Self {
+            method: method.entry.name.to_owned(),
+            outcome: estimate.outcome,
+            delay_s: estimate.delay_s,
+            std_s: estimate.std_s,
+            ci95_s: estimate.ci95_s,
+            raw_delay_s: estimate.raw_delay_s,
+            degree_bias_samples: estimate.degree_bias_samples,
+            note: estimate.note.clone(),
+            predicted_std_s: None,
+            time_s,
+            class: method.class,
+            distrust: Vec::new(),
+            contradicted: estimate.contradicted,
+        }
+    }
+}
+
 /// All answers for one pair.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Pair {
@@ -97,7 +119,7 @@ pub struct Report {
     pub format: &'static str,
     /// The log.
     pub log: String,
-    /// The sample time, s.
+    /// The sample time, s; of a frequency response half the period of the highest frequency, or half the width of the verdict's interval where that is less.
     pub sample_time_s: f64,
     /// The longest delay searched, s.
     pub max_delay_s: f64,
@@ -128,6 +150,17 @@ pub enum Searched {
         counts: [usize; 2],
         /// The typical interval between events of the first, s.
         interval_s: f64,
+    },
+    /// A frequency response.
+    Frequencies {
+        /// How many.
+        count: usize,
+        /// The first and the last, Hz.
+        band_hz: [f64; 2],
+        /// Delays this far apart look alike, s.
+        unambiguous_s: f64,
+        /// How it was read.
+        notes: Vec<String>,
     },
 }
 

@@ -271,6 +271,30 @@ pub enum LogError {
         /// The time stamp there, in seconds.
         time_s: f64,
     },
+    /// A frequency response that cannot be used.
+    #[error("{file}: {error}")]
+    Frequency {
+        /// The file.
+        file: String,
+        /// What is wrong with it.
+        error: super::FrequencyError,
+    },
+    /// A step that a table of its response cannot have.
+    #[error(
+        "{file}: the step at {at_s} s is not at a row of the table, which reaches from {first_s} s to {last_s} s, a row every {step_s} s; give the time of a row as `step_time`"
+    )]
+    StepTime {
+        /// The table.
+        file: String,
+        /// Where the step is said to be, s.
+        at_s: f64,
+        /// The first row, s.
+        first_s: f64,
+        /// The last, s.
+        last_s: f64,
+        /// Their distance, s.
+        step_s: f64,
+    },
     /// A row that belongs to no record.
     #[error("{file}, row {row}: the cell of `{channel}`, which names the record, is empty; fill it or delete the row")]
     EmptyRecord {

@@ -12,6 +12,7 @@ mod bag;
 mod columns;
 pub mod csv;
 mod error;
+mod frequency;
 mod grid;
 #[cfg(feature = "tables")]
 mod hdf5;
@@ -26,6 +27,7 @@ mod ros;
 mod ros_types;
 mod rosbag2;
 mod sqlite;
+mod step;
 #[cfg(test)]
 mod tests;
 mod ulog;
@@ -36,11 +38,14 @@ pub(crate) fn neighbours<T: Copy>(values: &[T]) -> impl Iterator<Item = (T, T)> 
 }
 
 pub use self::align::Wanted;
+pub use self::csv::frequency::{read_frequency_response, read_frequency_response_from};
 pub use self::csv::{EventTimes, name_and_unit, read_events, read_records};
 pub use self::error::LogError;
+pub use self::frequency::{FrequencyError, FrequencyResponse, Quality};
 pub use self::listing::{ChannelListing, GapListing, Listing, TopicListing};
 pub use self::reader::{READERS, Reader, open, read, reader};
 pub use self::recording::{ReadOptions, Recording, Stamps, TimeUnit, Topic};
+pub use self::step::STEP;
 
 use std::collections::HashSet;
 

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::Complex;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde::de::DeserializeOwned;
@@ -13,8 +14,8 @@ use super::log::{Log, channel};
 use super::model::Model;
 use super::work::long;
 use crate::delay::report::{Estimate, Pair, Report};
-use crate::delay::{self, DelayError, EventsJob, Job, METHODS, Method, Scope, chosen};
-use crate::log::EventTimes;
+use crate::delay::{self, DelayError, EventsJob, Job, METHODS, Method, ResponseJob, Scope, chosen};
+use crate::log::{EventTimes, FrequencyResponse, LogError, Quality, read_frequency_response};
 use crate::model::{ModelDocument, ModelFile};
 use crate::time::SampleTime;
 
@@ -85,6 +86,48 @@ fn _estimate_events<'py>(
     let job = EventsJob { name, channels, events, methods, max_delay_s: max_delay, stop: Default::default() };
     let report = long(py, None, move |stop| EventsJob { stop: stop.clone(), ..job }.run())?;
     told(py, &report)
+}
+
+/// The delay in a frequency response: of a file, or of angular frequencies (rad/s), real and imaginary parts, and what is known of their noise.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn _estimate_response<'py>(
+    py: Python<'py>,
+    path: Option<std::path::PathBuf>,
+    omega: Numbers<'py>,
+    real: Numbers<'py>,
+    imag: Numbers<'py>,
+    quality: (String, Numbers<'py>),
+    methods: Vec<String>,
+    options: &Bound<'py, PyAny>,
+    max_delay: Option<f64>,
+    threads: Option<usize>,
+) -> PyResult<Told<'py>> {
+    let response = match path {
+        Some(path) => read_frequency_response(&path).or_raise(py)?,
+        None => {
+            let more = vector(&quality.1);
+            let known = match quality.0.as_str() {
+                "coherence" => Quality::Coherence(more),
+                "std" => Quality::Std(more),
+                _ => Quality::Unknown,
+            };
+            let values = vector(&real).into_iter().zip(vector(&imag)).map(|(re, im)| Complex::new(re, im)).collect();
+            let file = "frequency response";
+            FrequencyResponse::new(file, vector(&omega), values, known)
+                .map_err(|error| LogError::Frequency { file: file.into(), error })
+                .or_raise(py)?
+        }
+    };
+    let job = ResponseJob { methods, options: by_method(options)?, max_delay_s: max_delay, ..ResponseJob::new(response) };
+    let report = long(py, threads, move |stop| ResponseJob { stop: stop.clone(), ..job }.run())?;
+    told(py, &report)
+}
+
+/// The log of a step response: a step of this size beside the response.
+#[pyfunction]
+fn _of_step(py: Python<'_>, table: PyRef<'_, Log>, response: Option<String>, size: f64, time: Option<f64>) -> PyResult<Log> {
+    crate::log::Log::of_step(&table.0, response.as_deref(), size, time).map(Log).or_raise(py)
 }
 
 /// What is to be expected of each method, for each pair: (input, output, dict of method to dict or None).
@@ -201,6 +244,8 @@ fn told<'py>(py: Python<'py>, report: &Report) -> PyResult<Told<'py>> {
 pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(_estimate, m)?)?;
     m.add_function(wrap_pyfunction!(_estimate_events, m)?)?;
+    m.add_function(wrap_pyfunction!(_estimate_response, m)?)?;
+    m.add_function(wrap_pyfunction!(_of_step, m)?)?;
     m.add_function(wrap_pyfunction!(_expected, m)?)?;
     m.add_function(wrap_pyfunction!(_impulse_response, m)?)?;
     m.add_function(wrap_pyfunction!(_of_arrays, m)?)?;

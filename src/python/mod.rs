@@ -12,6 +12,7 @@ mod effect;
 mod error;
 mod export;
 mod file;
+mod identify;
 mod log;
 mod model;
 mod signal;
@@ -36,6 +37,7 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     error::add(m)?;
     export::add(m)?;
     file::add(m)?;
+    identify::add(m)?;
     log::add(m)?;
     model::add(m)?;
     signal::add(m)?;

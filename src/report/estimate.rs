@@ -36,6 +36,15 @@ impl Report {
                     counts[0], counts[1]
                 )
             }
+            Searched::Frequencies { count, band_hz: [from, to], unambiguous_s, notes } => {
+                let notes: String = notes.iter().map(|n| format!("; {n}")).collect();
+                let beyond = if unambiguous_s.is_finite() && *unambiguous_s < 1e3 * until {
+                    format!("; delays {unambiguous_s:.4} s apart look alike")
+                } else {
+                    String::new()
+                };
+                format!("{name}: {count} frequencies from {from:.4} to {to:.4} Hz; searched 0 to {until:.4} s{beyond}{notes}")
+            }
         }
     }
 

@@ -689,7 +689,13 @@ fn option_structs_survive_the_way_through_json_with_other_values() {
     }
     there_and_back(Impulseest { taps: 9, false_alarm: 0.2 });
     let start = Some(0.25);
-    there_and_back(P3dz(Process { poles: Poles::Any, initial: Initial::Estimated, initial_delay_s: start, max_samples: 17 }));
+    there_and_back(P3dz(Process {
+        poles: Poles::Any,
+        initial: Initial::Estimated,
+        initial_delay_s: start,
+        max_samples: 17,
+        others: Others::Apart,
+    }));
     for selection in [Selection::Largest, Selection::ProductSum, Selection::LargestProduct] {
         there_and_back(StateLeastSquares { selection, ..StateLeastSquares::default() });
     }

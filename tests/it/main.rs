@@ -47,6 +47,7 @@ mod events;
 mod export;
 #[cfg(all(feature = "cli", unix))]
 mod faults;
+mod frequency;
 mod fuzz;
 #[cfg(feature = "cli")]
 mod gap;
@@ -89,6 +90,7 @@ mod real_logs;
 mod report_html;
 mod richness;
 mod sampled_models;
+mod several_inputs;
 #[cfg(all(feature = "cli", unix))]
 mod simulator_program;
 #[cfg(feature = "cli")]

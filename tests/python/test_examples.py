@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-SCRIPTS = ["estimate_a_delay.py", "which_method.py"]
+SCRIPTS = ["estimate_a_delay.py", "which_method.py", "identify_quadrotor.py"]
 
 
 @pytest.mark.parametrize("name", SCRIPTS)

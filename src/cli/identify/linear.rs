@@ -9,12 +9,12 @@ use super::Common;
 use crate::cli::Out;
 use crate::cli::progress::Waiting;
 use crate::cli::source::Needed;
-use crate::delay::{Job, Scope, chosen};
-use crate::identify::subspace::{Direct, Identified, Recordings, identifier};
+use crate::delay::{BehindDelays, TakenOut, identify_behind_delays};
+use crate::identify::subspace::{Direct, Recordings};
 use crate::log::Log;
 use crate::registry;
 use crate::report::identify::Report;
-use crate::time::SampleTime;
+use crate::stop::Stop;
 
 /// The options of a linear model.
 #[derive(Debug, clap::Args)]
@@ -51,12 +51,6 @@ pub(super) struct Linear {
 
 /// Share of each log that the model is learnt from where nothing is named to judge it on.
 const LEARNT: f64 = 0.7;
-/// What the delays are estimated by: established, fast, and of several classes.
-const DELAY_METHODS: [&str; 3] = ["arxstruc", "oestruc", "threshold"];
-/// A delay that misses a whole sample by less than this is that whole sample.
-const NEARLY_WHOLE: f64 = 0.1;
-/// A delay stays unless the model behind it is worse by this much in twice the log-likelihood.
-const WORSE: f64 = 6.0;
 
 impl Linear {
     pub(super) fn run(&self, common: &Common, to: &Out<'_>) -> anyhow::Result<()> {
@@ -72,7 +66,8 @@ impl Linear {
             all.sample_time.must_equal(judged.sample_time).context("--holdout")?;
             (all, judged, common.holdout.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", "))
         };
-        let (identified, delays, delay_notes) = self.identified(&learnt, &logs)?;
+        let found = identify_behind_delays(&learnt, &logs, &self.method, &self.options()?, &self.taken_out()?, &Stop::default())?;
+        let BehindDelays { model: identified, delays, notes: delay_notes } = found;
         let file = identified.file(&name(out), &delays, self.continuous).map_err(|e| {
             anyhow::Error::new(e).context(if self.continuous {
                 "--continuous: leave it out to write the sampled model"
@@ -106,7 +101,7 @@ impl Linear {
     }
 
     /// The method's options.
-    fn options(&self, draws: Option<usize>) -> anyhow::Result<Value> {
+    fn options(&self) -> anyhow::Result<Value> {
         let mut options = registry::options(self.set.iter().map(String::as_str))?;
         let number = |option: &str, text: &str| match text {
             "auto" => Ok(None),
@@ -124,97 +119,27 @@ impl Linear {
             if self.direct {
                 object.insert("direct".to_owned(), json!(Direct::Free));
             }
-            if let Some(draws) = draws {
-                object.insert("draws".to_owned(), json!(draws));
-            }
         }
         Ok(options)
     }
 
-    /// The model and the delays, in samples, that were taken out first.
-    fn identified(&self, learnt: &Recordings, logs: &[Log]) -> anyhow::Result<(Identified, Vec<usize>, Vec<String>)> {
-        let line = identifier(&self.method)?;
-        let whole = line.entry.with(self.options(None)?)?;
-        let ts = learnt.sample_time;
-        let none = vec![0; self.input.len()];
-        let (delays, mut notes, estimated) = match self.delay.as_slice() {
-            [one] if one == "auto" => {
-                let (delays, notes) = self.estimated(logs, ts)?;
-                (delays, notes, true)
-            }
-            [one] if one == "none" => (none.clone(), Vec::new(), false),
-            given => {
-                let (delays, notes) = self.given(given, ts)?;
-                (delays, notes, false)
-            }
-        };
-        if estimated && delays != none {
-            // Without the delays the model must not be better.
-            let quick = line.entry.with(self.options(Some(0))?)?;
-            let longest = delays.iter().max().copied().unwrap_or(0);
-            let same_rows = learnt.behind_delays(&vec![longest; delays.len()]).and(learnt.behind_delays(&delays))?;
-            let (with, without) = (quick.identify(&same_rows)?, quick.identify(learnt)?);
-            let criterion = |m: &Identified| {
-                let parameters = m.order.order * (m.inputs.len() + 2 * m.outputs.len());
-                let loss = m.order.candidates.get(m.order.order - 1).and_then(|c| c.log_loss).unwrap_or(f64::INFINITY);
-                loss * m.rows as f64 + parameters as f64 * (m.rows as f64).ln()
-            };
-            let scaled = criterion(&without) * with.rows as f64 / without.rows as f64;
-            if criterion(&with) > scaled + WORSE {
-                notes.push("the estimated delays make the model worse, so none was taken out; give them with --delay".to_owned());
-                return Ok((whole.identify(learnt)?, none, notes));
-            }
+    /// Which delays are taken out first.
+    fn taken_out(&self) -> anyhow::Result<TakenOut> {
+        match self.delay.as_slice() {
+            [one] if one == "auto" => Ok(TakenOut::Estimated),
+            [one] if one == "none" => Ok(TakenOut::Nothing),
+            given => Ok(TakenOut::Given(given.iter().map(|text| self.given(text)).collect::<anyhow::Result<_>>()?)),
         }
-        Ok((whole.identify(&learnt.behind_delays(&delays)?)?, delays, notes))
     }
 
-    fn given(&self, texts: &[String], ts: SampleTime) -> anyhow::Result<(Vec<usize>, Vec<String>)> {
-        let (mut delays, mut notes) = (vec![0; self.input.len()], Vec::new());
-        for text in texts {
-            let Some((name, delay_s)) = text.split_once('=').and_then(|(name, s)| Some((name, s.parse::<f64>().ok()?))) else {
-                bail!("--delay {text}: write it as INPUT=SECONDS with an input of the model ({}), or auto or none", self.input.join(", "));
-            };
-            let Some((_, delay)) = self.input.iter().zip(&mut delays).find(|(input, _)| *input == name) else {
-                bail!("--delay {text}: write it as INPUT=SECONDS with an input of the model ({}), or auto or none", self.input.join(", "));
-            };
-            let samples = ts.samples(delay_s).with_context(|| format!("--delay {text}"))?;
-            if samples.fraction != 0.0 {
-                let share = samples.fraction;
-                notes.push(format!("{}: {share:.2} of a sample of its delay stays within the model", name));
-            }
-            *delay = samples.whole;
-        }
-        Ok((delays, notes))
-    }
-
-    /// The shortest delay of each input to any output that is to be believed, as the existing estimators say.
-    fn estimated(&self, logs: &[Log], ts: SampleTime) -> anyhow::Result<(Vec<usize>, Vec<String>)> {
-        let names: Vec<String> = DELAY_METHODS.iter().map(|n| (*n).to_owned()).collect();
-        let methods = chosen(&names, &std::collections::BTreeMap::new(), &[Scope::Pair])?;
-        let job = Job { name: String::new(), methods, ..Job::new(logs.to_vec(), &self.input, &self.output) };
-        let report = job.run()?;
-        let mut notes = Vec::new();
-        let delay = |input: &String| {
-            let of_input = report.pairs.iter().filter(|p| p.input == *input);
-            let believed = of_input.filter_map(|p| {
-                let delay_s = p.verdict.delay_s?;
-                // Where the interval is wider than two samples, its lower end: too long a delay harms, too short a one costs a state.
-                let unsure = p.verdict.ci95_s.filter(|ci| ci[1] - ci[0] > 2.0 * ts.seconds());
-                Some(unsure.map_or(delay_s, |ci| ci[0].min(delay_s)))
-            });
-            believed.reduce(f64::min).map(|s| (s.max(0.0) / ts.seconds() + NEARLY_WHOLE).floor() as usize)
-        };
-        let delays = self.input.iter().map(|input| match delay(input) {
-            Some(samples) => samples,
+    fn given(&self, text: &str) -> anyhow::Result<(String, f64)> {
+        let parts = text.split_once('=').and_then(|(name, s)| Some((name, s.parse::<f64>().ok()?)));
+        match parts.filter(|(name, _)| self.input.iter().any(|input| input == name)) {
+            Some((name, delay_s)) => Ok((name.to_owned(), delay_s)),
             None => {
-                notes.push(format!(
-                    "{input}: its dead time cannot be told beforehand, so none is taken out; give it with --delay if it is known"
-                ));
-                0
+                bail!("--delay {text}: write it as INPUT=SECONDS with an input of the model ({}), or auto or none", self.input.join(", "))
             }
-        });
-        let delays = delays.collect();
-        Ok((delays, notes))
+        }
     }
 }
 

@@ -3,8 +3,11 @@
 //! Source: Golub and Pereyra (2003), doi:10.1088/0266-5611/19/2/201, for the elimination (Kaufman's Jacobian); Björklund (2003), LiU-TEK-LIC-2003:60, p. 47, for the
 //! cost as a function of the delay: one minimum per sampling interval, so whole samples are searched and fractions descended.
 
+mod several;
+
 use nalgebra::{DMatrix, DVector};
 
+use self::several::Part;
 use super::chain::{Chain, INPUT, LEAST_LAG, LEAST_RATIO, MOST_RATIO, REAL_RATIO, Row, Shape};
 use crate::delay::{bound, posterior};
 use crate::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
@@ -44,6 +47,8 @@ pub(super) struct Found {
 /// One record: what does not change during a search.
 struct Work<'a> {
     u: &'a [f64],
+    /// Further inputs that act through the same poles.
+    others: Vec<&'a [f64]>,
     /// Zero where it does not count.
     y: Vec<f64>,
     /// 1 where the output counts, else 0; `None`: everywhere.
@@ -73,6 +78,10 @@ pub(super) struct Problem<'a> {
     pub(super) power: f64,
     /// Samples that count.
     pub(super) samples: f64,
+    /// What every input does, found one after the other, where there are several.
+    parts: Vec<Part>,
+    /// Σ e² of the best model without the first input; of one input Σ y².
+    pub(super) without: f64,
     /// Once it is set nothing can be evaluated any more, so that every search ends.
     stop: Stop,
 }
@@ -92,18 +101,34 @@ pub(super) struct Signals {
 }
 
 impl<'a> Problem<'a> {
+    /// One input.
     pub(super) fn new(shape: Shape, real: bool, initial: Initial, records: &'a [Record], max_delay: usize, stop: &Stop) -> Self {
+        Self::beside(shape, real, initial, records, &[], max_delay, stop)
+    }
+
+    /// The first input beside others, each a list of as many records: one set of poles for all, a numerator and a delay for each. The delays of the others stand behind the
+    /// parameters of D.
+    pub(super) fn beside(
+        shape: Shape,
+        real: bool,
+        initial: Initial,
+        records: &'a [Record],
+        others: &'a [Vec<Record>],
+        max_delay: usize,
+        stop: &Stop,
+    ) -> Self {
         let first = if initial == Initial::Estimated { max_delay } else { 0 };
-        let work = |r: &'a Record| {
+        let work = |(number, r): (usize, &'a Record)| {
             let n = r.len();
+            let others = others.iter().filter_map(|records| records.get(number)?.u.get(..n)).collect();
             let counts = |t: usize| t >= first && r.present.as_ref().is_none_or(|p| p[t]);
             let mask: Option<Vec<f64>> =
                 (r.present.is_some() || first > 0).then(|| (0..n).map(|t| f64::from(u8::from(counts(t)))).collect());
             let mut y: Vec<f64> = (0..n).map(|t| if counts(t) { r.y[t] } else { 0.0 }).collect();
             centre(&mut y, mask.as_deref());
-            Work { u: &r.u[..n], y, mask }
+            Work { u: &r.u[..n], others, y, mask }
         };
-        let records: Vec<Work<'a>> = records.iter().map(work).collect();
+        let records: Vec<Work<'a>> = records.iter().enumerate().map(work).collect();
         let longest = records.iter().map(|w| w.u.len()).max().unwrap_or(0);
         let longest = (longest.max(2) as f64).ln();
         let (mut lower, mut upper) = (vec![LEAST_LAG.ln(); shape.denominator()], vec![longest; shape.denominator()]);
@@ -111,15 +136,34 @@ impl<'a> Problem<'a> {
             lower[at] = LEAST_RATIO;
             upper[at] = if real { REAL_RATIO } else { MOST_RATIO };
         }
+        lower.extend(others.iter().map(|_| 0.0));
+        upper.extend(others.iter().map(|_| count(max_delay)));
         let power = records.iter().map(|w| dot(&w.y, &w.y)).sum();
         let samples = records.iter().map(|w| w.mask.as_ref().map_or(count(w.u.len()), |m| m.iter().sum())).sum();
-        Self { shape, initial, max_delay, records, lower, upper, power, samples, stop: stop.clone() }
+        let mut problem = Self {
+            shape,
+            initial,
+            max_delay,
+            records,
+            lower,
+            upper,
+            power,
+            samples,
+            parts: Vec::new(),
+            without: power,
+            stop: stop.clone(),
+        };
+        if !others.is_empty() {
+            problem.parts = problem.one_after_the_other();
+            problem.without = problem.of_others();
+        }
+        problem
     }
 
     /// Free parameters of a fit, the delay among them.
     pub(super) fn parameters(&self) -> usize {
         let starts = if self.initial == Initial::Estimated { self.shape.poles * self.records.len() } else { 0 };
-        self.shape.denominator() + self.shape.numerator() + starts + self.records.len() + 1
+        self.shape.denominator() + (self.shape.numerator() + 1) * (1 + self.others()) + starts + self.records.len()
     }
 
     /// Delays count in whole samples.
@@ -134,13 +178,15 @@ impl<'a> Problem<'a> {
 
     /// A time constant is as long as the records.
     pub(super) fn integrates(&self, theta: &[f64]) -> bool {
-        theta.iter().enumerate().any(|(i, v)| Some(i) != self.shape.ratio() && *v >= self.upper[i] - 1e-6)
+        let poles = theta.iter().take(self.shape.denominator()).enumerate();
+        poles.into_iter().any(|(i, v)| Some(i) != self.shape.ratio() && *v >= self.upper[i] - 1e-6)
     }
 
     /// The same with poles so fast that the longest record shows several of their time constants.
     pub(super) fn of_seen_poles(mut self) -> Self {
         let ratio = self.shape.ratio();
-        for (_, upper) in self.upper.iter_mut().enumerate().filter(|(i, _)| Some(*i) != ratio) {
+        let poles = self.shape.denominator();
+        for (_, upper) in self.upper.iter_mut().take(poles).enumerate().filter(|(i, _)| Some(*i) != ratio) {
             *upper -= SEEN.ln();
         }
         self
@@ -151,24 +197,32 @@ impl<'a> Problem<'a> {
         if self.stop.is_set() {
             return None;
         }
-        let chain = Chain::new(self.shape, theta);
         let (k, poles) = (self.shape.numerator(), self.shape.denominator());
+        let (theta, delays) = theta.split_at(poles.min(theta.len()));
+        let chain = Chain::new(self.shape, theta);
         // The numerator's rows, those of their slopes by each pole, and those of their rates of change.
         let mut rows: Vec<Row> = chain.basis.clone();
         rows.extend(chain.slopes.iter().flatten());
         rows.extend(chain.basis.iter().map(|r| chain.rate(r)));
-        let rows = chain.after(place.g, &rows);
+        let places: Vec<Place> = std::iter::once(place).chain(delays.iter().map(|d| Place::of(*d))).collect();
+        let rows: Vec<Vec<Row>> = places.iter().map(|p| chain.after(p.g, &rows)).collect();
+        let each = rows.first().map_or(0, Vec::len);
         let total: usize = self.records.iter().map(|w| w.u.len()).sum();
         let starts = if self.initial == Initial::Estimated { self.shape.poles * self.records.len() } else { 0 };
-        let mut linear = vec![vec![0.0; total]; k + starts];
-        let mut other = vec![vec![0.0; total]; rows.len() - k];
+        let numerators = k * places.len();
+        let mut linear = vec![vec![0.0; total]; numerators + starts];
+        let mut other = vec![vec![0.0; total]; (each - k) * places.len()];
         let mut start_slopes = vec![Vec::new(); starts];
         let mut from = 0;
         for (number, work) in self.records.iter().enumerate() {
             let n = work.u.len();
-            let states = chain.states(work.u, &[]);
-            for (row, to) in rows.iter().zip(linear[..k].iter_mut().chain(&mut other)) {
-                combine(row, &states, work.u, place.lag, work.mask.as_deref(), &mut to[from..from + n]);
+            let inputs = std::iter::once(work.u).chain(work.others.iter().copied());
+            for (input, ((rows, place), u)) in rows.iter().zip(&places).zip(inputs).enumerate() {
+                let states = chain.states(u, &[]);
+                let to = linear[input * k..(input + 1) * k].iter_mut().chain(&mut other[input * (each - k)..(input + 1) * (each - k)]);
+                for (row, to) in rows.iter().zip(to) {
+                    combine(row, &states, u, place.lag, work.mask.as_deref(), &mut to[from..from + n]);
+                }
             }
             if starts > 0 {
                 let first = self.max_delay.min(n);
@@ -179,7 +233,7 @@ impl<'a> Problem<'a> {
                     let free = chain.states(&still, &start);
                     let mask = work.mask.as_ref().map(|m| &m[first..]);
                     let at = number * self.shape.poles + i;
-                    combine(&chain.basis[0], &free, &still, 0, mask, &mut linear[k + at][from + first..from + n]);
+                    combine(&chain.basis[0], &free, &still, 0, mask, &mut linear[numerators + at][from + first..from + n]);
                     for slope in &chain.slopes[0] {
                         let mut column = vec![0.0; total];
                         combine(slope, &free, &still, 0, mask, &mut column[from + first..from + n]);
@@ -199,14 +253,19 @@ impl<'a> Problem<'a> {
             add(&mut model, *c, column);
         }
         let residual: Vec<f64> = y.iter().zip(&model).map(|(y, m)| y - m).collect();
-        let mut slopes = vec![vec![0.0; total]; poles + 1];
-        for (i, c) in coefficients.iter().enumerate().take(k) {
+        // By the poles, by the delays of the others, by g.
+        let mut slopes = vec![vec![0.0; total]; poles + places.len()];
+        for (i, c) in coefficients.iter().enumerate().take(numerators) {
+            let (input, i) = (i / k, i % k);
+            let own = &other[input * (each - k)..(input + 1) * (each - k)];
             for j in 0..poles {
-                add(&mut slopes[j], *c, &other[i * poles + j]);
+                add(&mut slopes[j], *c, &own[i * poles + j]);
             }
-            add(&mut slopes[poles], *c, &other[k * poles + i]);
+            // A longer delay is a smaller g.
+            let (at, sign) = if input == 0 { (poles + places.len() - 1, 1.0) } else { (poles + input - 1, -1.0) };
+            add(&mut slopes[at], sign * c, &own[k * poles + i]);
         }
-        for (c, columns) in coefficients.iter().skip(k).zip(&start_slopes) {
+        for (c, columns) in coefficients.iter().skip(numerators).zip(&start_slopes) {
             for (slope, column) in slopes.iter_mut().zip(columns) {
                 add(slope, *c, column);
             }
@@ -216,7 +275,7 @@ impl<'a> Problem<'a> {
 
     /// The model's answer to a unit pulse of one sample.
     pub(super) fn impulse(&self, theta: &[f64], place: Place, signals: &Signals, samples: usize) -> Vec<f64> {
-        let chain = Chain::new(self.shape, theta);
+        let chain = Chain::new(self.shape, &theta[..self.shape.denominator().min(theta.len())]);
         let pulse: Vec<f64> = (0..samples).map(|t| f64::from(u8::from(t == 0))).collect();
         let states = chain.states(&pulse, &[]);
         let mut response = vec![0.0; samples];
@@ -339,6 +398,9 @@ impl<'a> Problem<'a> {
     /// The lowest minima, best first. Of long records the first part finds the valleys, the whole their bottoms: where a valley lies takes far fewer samples than how
     /// deep it is.
     pub(super) fn minima(&self, initial_delay: Option<f64>) -> Vec<Found> {
+        if self.others() > 0 {
+            return self.joint_minima();
+        }
         let Some(first) = self.first_part() else { return self.all_minima(initial_delay) };
         let valleys = first.all_minima(initial_delay);
         if valleys.is_empty() {
@@ -373,7 +435,8 @@ impl<'a> Problem<'a> {
             (n, y, mask)
         };
         let parts: Vec<_> = self.records.iter().map(&mut work).collect();
-        let records: Vec<Work<'_>> = self.records.iter().zip(parts).map(|(w, (n, y, mask))| Work { u: &w.u[..n], y, mask }).collect();
+        let records: Vec<Work<'_>> =
+            self.records.iter().zip(parts).map(|(w, (n, y, mask))| Work { u: &w.u[..n], others: Vec::new(), y, mask }).collect();
         let used: usize = records.iter().map(|w| w.u.len()).sum();
         // At least half of what samples of the record move on average.
         if moved * count(total) < 0.5 * moves * count(used) {
@@ -382,7 +445,7 @@ impl<'a> Problem<'a> {
         let power = records.iter().map(|w| dot(&w.y, &w.y)).sum();
         let samples = records.iter().map(|w| w.mask.as_ref().map_or(count(w.u.len()), |m| m.iter().sum())).sum();
         let (lower, upper) = (self.lower.clone(), self.upper.clone());
-        Some(Problem { records, power, samples, lower, upper, stop: self.stop.clone(), ..*self })
+        Some(Problem { records, power, samples, lower, upper, parts: Vec::new(), without: power, stop: self.stop.clone(), ..*self })
     }
 
     /// The same from all samples: descents from where a table of poles fits best, over all delays.

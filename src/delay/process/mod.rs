@@ -14,8 +14,8 @@ use self::chain::Shape;
 use self::fit::{Found, Place, Problem};
 use super::method::WHOLE;
 use super::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Others, Outcome,
+    ReferenceExperiment, Scope, Search, Start, joint_inputs, one_pair, posterior,
 };
 use crate::identify::{Initial, Record};
 use crate::registry::entry;
@@ -35,7 +35,7 @@ pub enum Poles {
 
 /// The options of a process model: one to three poles, with a zero or not, and a dead time that need not be whole samples.
 ///
-/// Inputs: u, held between its samples, and y on one even grid; several records share one model. Output: seconds, positive = y lags u. The hold's own sample is in
+/// Inputs: u, held between its samples, and y on one even grid; several records share one model. Further inputs are fitted with it (`others`). Output: seconds, positive = y lags u. The hold's own sample is in
 /// the model: nothing is taken off the answer, whatever degree bias was assumed.
 ///
 /// Assumes: a stable plant of this order in open loop, noise that is not correlated with the input, a record that starts at rest (or `initial: estimated`).
@@ -80,11 +80,14 @@ pub struct Process {
     pub initial_delay_s: Option<f64>,
     /// Longest part of a record that is used, samples; default 50 000.
     pub max_samples: usize,
+    /// What further inputs are: regressors (default), each with a gain, a zero and a delay of its own and the poles in common (or of its own, where the data say so), or noise.
+    /// A model of one pole and a zero takes one input at a time.
+    pub others: Others,
 }
 
 impl Default for Process {
     fn default() -> Self {
-        Self { poles: Poles::Real, initial: Initial::Zero, initial_delay_s: None, max_samples: 50_000 }
+        Self { poles: Poles::Real, initial: Initial::Zero, initial_delay_s: None, max_samples: 50_000, others: Others::Regressors }
     }
 }
 
@@ -117,12 +120,18 @@ macro_rules! process {
             fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
                 self.0.run($name, Shape { poles: $poles, zero: $zero }, experiment, search)
             }
+
+            fn is_joint(&self) -> bool {
+                self.0.others == Others::Regressors && !Shape { poles: $poles, zero: $zero }.whole()
+            }
         }
     };
 }
 
-const LAG: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs];
-const LAGS: &[Condition] = &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs];
+const LAG: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs, Condition::OtherInputs];
+/// One pole and a zero: one input at a time.
+const LAG_WITH_ZERO: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs];
+const LAGS: &[Condition] = &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs, Condition::OtherInputs];
 const CONTINUOUS: &[(Law, &str)] = &[INEXACT];
 const INEXACT: (Law, &str) = (Law::Exact, "exact for continuous plants of its order behind a hold, not for any sampled plant");
 const NEARLY_FLAT: &[(Law, &str)] = &[
@@ -146,7 +155,7 @@ const OVERSIZED: &[(Law, &str)] = &[
     (Law::Shift, "on plants of one pole 17 of 100 answers moved by another number of samples, as pole and zero cancelled elsewhere"),
 ];
 /// A slow pole beside a zero that all but cancels it can follow slow noise.
-const WITH_ZERO: &[Condition] = &[Condition::Dynamics, Condition::MissingOutputs];
+const WITH_ZERO: &[Condition] = &[Condition::Dynamics, Condition::MissingOutputs, Condition::OtherInputs];
 
 process!(P1d, P1D, "p1d", "continuous model of one pole, fractional dead time", 1, false, 0.1, LAG, CONTINUOUS, "K/(1 + T₁s)·e^(−τs).");
 process!(
@@ -181,7 +190,7 @@ process!(
     1,
     true,
     WHOLE,
-    LAG,
+    LAG_WITH_ZERO,
     CONTINUOUS,
     "K(1 + T_z·s)/(1 + T₁s)·e^(−τs)."
 );
@@ -221,20 +230,27 @@ impl Process {
         }
         // Raw delays count the sample that a hold takes to show; here it is in the model.
         let search = Search { min_delay: search.min_delay.saturating_sub(1), ..search.clone() };
-        one_pair(experiment, &search, |records, max_delay, _| self.pair(method, shape, records, max_delay, experiment, &search.stop))
+        if self.others == Others::Regressors && !shape.whole() && experiment.inputs().len() > 1 {
+            let all = joint_inputs(experiment, &search, |inputs, max_delay, _| {
+                let Some((first, others)) = inputs.split_first() else { return Ok(Vec::new()) };
+                Ok(vec![self.pair(method, shape, (first, others), max_delay, experiment, &search.stop)?])
+            })?;
+            return all.into_iter().next().ok_or(DelayError::Count { what: "inputs", needed: 1, got: 0 });
+        }
+        one_pair(experiment, &search, |records, max_delay, _| self.pair(method, shape, (records, &[]), max_delay, experiment, &search.stop))
     }
 
     fn pair(
         &self,
         method: &'static str,
         shape: Shape,
-        records: &[Record],
+        (records, others): (&[Record], &[Vec<Record>]),
         max_delay: usize,
         experiment: &Experiment,
         stop: &Stop,
     ) -> Result<DelayEstimate, DelayError> {
         let start = if self.initial == Initial::Estimated { shape.poles } else { 0 };
-        let needed = max_delay + 3 * (shape.denominator() + shape.numerator() + 1 + start);
+        let needed = max_delay + 3 * (shape.denominator() + (shape.numerator() + 1) * (1 + others.len()) + start);
         let got = experiment.longest();
         if got < needed {
             return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter `max_delay`" });
@@ -247,7 +263,8 @@ impl Process {
         } else {
             records
         };
-        let mut problem = Problem::new(shape, self.poles == Poles::Real, self.initial, records, max_delay, stop);
+        let others: Vec<Vec<Record>> = others.iter().map(|all| all.iter().map(|r| r.head(self.max_samples)).collect()).collect();
+        let mut problem = Problem::beside(shape, self.poles == Poles::Real, self.initial, records, &others, max_delay, stop);
         let initial = self.initial_delay_s.map(|s| s / experiment.sample_time().seconds());
         let mut minima = problem.minima(initial);
         let Some(mut best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite()) else {
@@ -259,12 +276,30 @@ impl Process {
         let singular = || DelayEstimate::without(Outcome::Singular, "the model cannot be evaluated at its own minimum; scale the channels");
         let Some(mut knowledge) = Knowledge::of(&problem, &best) else { return Ok(singular()) };
         let delays = max_delay + 1;
-        let gain = knowledge.counting * (problem.power / knowledge.floored(best.cost)).ln();
+        let gain = knowledge.counting * (problem.without / knowledge.floored(best.cost)).ln();
         // A pair of poles may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
         let resonances = if self.poles == Poles::Any && shape.poles > 1 { (knowledge.counting / 2.0) as usize } else { 0 };
-        if gain.is_nan() || gain < posterior::visible_gain(problem.parameters() - 1, delays + resonances) {
+        if gain.is_nan() || gain < posterior::visible_gain(problem.added(), delays + resonances) {
             let note = format!("no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input");
             return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+        }
+        let mut own = None;
+        if let Some(apart) = problem.apart() {
+            let more = knowledge.counting * (best.cost / knowledge.floored(apart)).ln();
+            // What is left over of common poles may be so slow that few of its samples count.
+            let beside = if more > posterior::visible_gain(problem.apart_adds(), 1) || (more > 0.0 && knowledge.leaves(records, max_delay))
+            {
+                problem = problem.behind_others();
+                minima = problem.minima(initial);
+                let Some(refined) = minima.first().map(|m| problem.refine(m)) else { return Ok(singular()) };
+                best = refined;
+                let Some(known) = Knowledge::of(&problem, &best) else { return Ok(singular()) };
+                knowledge = known;
+                "poles of their own"
+            } else {
+                "the same poles"
+            };
+            own = Some(format!("fitted together with {} of {beside}", inputs(others.len())));
         }
         if problem.integrates(&best.theta) {
             // A pole beside a zero that all but cancels it may grow as slow as the record and follow its drift: two parameters of chance. A plant that integrates
@@ -298,8 +333,13 @@ impl Process {
             "what the model leaves over still follows the input: a plant of another shape, whose lag may be in the dead time".to_owned()
         });
         let estimate = DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time());
-        Ok(estimate.noting(used).contradicted(left))
+        Ok(estimate.noting(own).noting(used).contradicted(left))
     }
+}
+
+/// `one other input`, `3 other inputs`.
+fn inputs(others: usize) -> String {
+    if others == 1 { "one other input".to_owned() } else { format!("{others} other inputs") }
 }
 
 /// A model of some poles, fitted quickly: what a record can know of a delay is read from it before any method runs.

@@ -4,6 +4,7 @@
 //! ends: the row in a message is the line that an editor shows. The csv crate takes apart lines with quotes.
 
 mod clock;
+pub(super) mod frequency;
 mod lines;
 mod number;
 

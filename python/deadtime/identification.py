@@ -1,0 +1,248 @@
+"""Models from logs: states, how sure they are, and how they do on data that they have not seen."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy
+from numpy.typing import NDArray
+
+from . import _native, models
+from ._native import Model, StateSpace
+from .logs import LogLike, as_logs
+from .results import FileResult
+
+if TYPE_CHECKING:
+    import control
+    import scipy.signal
+
+#: How a model is identified.
+Identifier: TypeAlias = Literal["pbsidopt", "n4sid", "moesp"]
+
+_Array: TypeAlias = "NDArray[numpy.float64]"
+
+
+class Identified(FileResult):
+    """A linear model of n states, m inputs and p outputs, with how sure it is; printed, it is what `deadtime identify` prints.
+
+    Made by `identify`. Inputs and outputs are deviations from their means in the data, `operating`.
+
+    Parameters
+    ----------
+    model : Model
+        The model as a model file has it.
+    file : str
+        The text of `deadtime/identify@1`.
+    text : str
+        What the command line prints.
+
+    Attributes
+    ----------
+    model : Model
+        The model, for `estimate`, `simulate` and `gap`.
+    A, B, C, D, K : arrays, shapes (n, n), (n, m), (p, n), (p, m), (n, p)
+        x(t + 1) = A x + B u + K e, y = C x + D u + e, u behind `input_delay_s`; always sampled, whatever `model` is.
+    innovations_covariance : array, shape (p, p)
+        Covariance of e.
+    sample_time_s : float
+        Sample time, s.
+    inputs, outputs : list of str
+        Their names.
+    input_delay_s : dict of str to float
+        The dead time of each input that was taken out first, s.
+    operating : dict of str to float
+        The mean of each input and output in the data.
+    order : int
+        Number of states.
+    order_sure : str
+        `clear`, `likely` or `unclear`: how many criteria agree on the order; `given` where it was.
+    poles, zeros : list of dict
+        Each with `re`, `im` and their standard deviations `std_re`, `std_im`, time constant, frequency and damping.
+    frequency_responses : list of dict
+        For each input and output the response with its 95 % bands.
+    fits : list of dict
+        For each output, on data that the model has not seen: `one_step` and `simulation` fits and the tests of the errors.
+    """
+
+    def __init__(self, model: Model, file: str, text: str) -> None:
+        self.model, self._file, self._text = model, file, text
+        data = self._data
+        matrices = data["model"]
+        self.inputs: list[str] = [channel["name"] for channel in data["inputs"]]
+        self.outputs: list[str] = [channel["name"] for channel in data["outputs"]]
+        self.order: int = data["order"]["order"]
+        self.order_sure: str = data["order"]["sure"]
+        n, m, p = self.order, len(self.inputs), len(self.outputs)
+        shapes = {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m), "K": (n, p), "innovations_covariance": (p, p)}
+        arrays = {name: numpy.array(matrices[name], dtype=float).reshape(shape) for name, shape in shapes.items()}
+        self.A, self.B, self.C, self.D, self.K = (arrays[name] for name in "ABCDK")
+        self.innovations_covariance: _Array = arrays["innovations_covariance"]
+        self.sample_time_s: float = data["sample_time_s"]
+        self.input_delay_s: dict[str, float] = dict(zip(self.inputs, data["input_delay_s"], strict=True))
+        means = [*matrices["operating"]["inputs"], *matrices["operating"]["outputs"]]
+        self.operating: dict[str, float] = dict(zip([*self.inputs, *self.outputs], means, strict=True))
+        self.poles: list[dict[str, Any]] = data["poles"]
+        self.zeros: list[dict[str, Any]] = data["zeros"]
+        self.frequency_responses: list[dict[str, Any]] = data["frequency_responses"]
+        self.fits: list[dict[str, Any]] = data["held_out"]["outputs"]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Identified) and self._file == other._file
+
+    def __hash__(self) -> int:
+        return hash(self._file)
+
+    @property
+    def system(self) -> StateSpace:
+        """The model as a system, its delays at the inputs."""
+        return self.model.system()
+
+    def to_control(self) -> control.StateSpace:
+        """The model as a `control.StateSpace`; whole samples of delay become states.
+
+        Raises
+        ------
+        ImportError
+            python-control is not installed.
+        ValueError
+            A continuous model with a delay, which python-control's systems do not have.
+
+        Examples
+        --------
+        >>> import deadtime
+        >>> found = deadtime.identify("examples/two_inputs.csv", ["heater", "fan"], "temperature", order=2, delay="none")
+        >>> found.to_control().nstates
+        2
+        """
+        return models.to_control(self.system)
+
+    def to_scipy(self) -> scipy.signal.StateSpace:
+        """The model as a `scipy.signal.StateSpace`; errors and delays as of `to_control`.
+
+        Examples
+        --------
+        >>> import deadtime
+        >>> found = deadtime.identify("examples/two_inputs.csv", ["heater", "fan"], "temperature", order=2, delay="none")
+        >>> found.to_scipy().A.shape
+        (2, 2)
+        """
+        return models.to_scipy(self.system)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the model file, TOML or JSON by the name's end; `to_json` has everything else.
+
+        Parameters
+        ----------
+        path : path
+            The file, `.toml` or `.json`.
+
+        Raises
+        ------
+        ModelError
+            A name with another end.
+        FileError
+            The operating system refused it.
+        """
+        self.model.write(path)
+
+    def to_json(self) -> str:
+        """The text of the file format `deadtime/identify@1`."""
+        return self._file
+
+    def to_text(self) -> str:
+        """What the command line prints."""
+        return self._text
+
+    def __repr__(self) -> str:
+        return self._text
+
+
+def identify(
+    log: LogLike | Iterable[LogLike],
+    inputs: str | Sequence[str],
+    outputs: str | Sequence[str],
+    *,
+    method: Identifier = "pbsidopt",
+    order: int | None = None,
+    past: int | None = None,
+    delay: Literal["auto", "none"] | Mapping[str, float] = "auto",
+    direct: bool = False,
+    continuous: bool = False,
+    holdout: LogLike | Iterable[LogLike] | None = None,
+    learn: float = 0.7,
+    options: Mapping[str, Any] | None = None,
+    name: str = "identified",
+    threads: int | None = None,
+) -> Identified:
+    """A linear model of inputs and outputs from logs, as `deadtime identify` makes it.
+
+    Parameters
+    ----------
+    log : log-like, or several
+        A `Log`, the path of a CSV file, a frame, a dict of arrays with a key `time`; several are records of one machine on one even grid.
+    inputs, outputs : str or sequence of str
+        Channels: commands and responses.
+    method : {"pbsidopt", "n4sid", "moesp"}
+        `pbsidopt` also under feedback and for unstable plants.
+    order : int, optional
+        Number of states; default by Schwarz's criterion.
+    past : int, optional
+        Samples of the past that predict; default by Akaike's criterion.
+    delay : "auto", "none" or dict of str to float
+        Dead times that are taken out first: estimated, none, or by input, s.
+    direct : bool
+        Estimate D too: the input acts within the sample.
+    continuous : bool
+        The model is the continuous one behind a zero-order hold; the matrices stay those of the sampled one.
+    holdout : log-like, or several, optional
+        Logs to judge the model on, which take no part in the fit; default the last part of each log.
+    learn : float
+        The share of each log that is learnt from where there is no `holdout`, between 0 and 1.
+    options : dict, optional
+        Further options of the method: `{"max_order": 20}`.
+    name : str
+        What the model is called.
+    threads : int, optional
+        Threads to use; default one for each core.
+
+    Returns
+    -------
+    Identified
+        The model, with standard deviations, and how it does on held-out data.
+
+    Raises
+    ------
+    ModelError
+        Too few samples, channels that do not move, a continuous model of what has none.
+    LogError, RegistryError, DelayError
+        Unknown channels, methods or options; a delay of something that is no input.
+
+    Examples
+    --------
+    >>> import deadtime
+    >>> found = deadtime.identify("examples/two_inputs.csv", ["heater", "fan"], "temperature", order=2, delay="none")
+    >>> found.A.shape, found.B.shape, found.order
+    ((2, 2), (2, 2), 2)
+    """
+    if not 0.0 < learn < 1.0:
+        raise ValueError(f"learn is {learn}; it must be between 0 and 1")
+    chosen = dict(options or {})
+    chosen |= {key: value for key, value in (("order", order), ("past", past)) if value is not None}
+    if direct:
+        chosen["direct"] = "free"
+    if isinstance(delay, str) and delay not in ("auto", "none"):
+        raise ValueError(f"delay is {delay!r}; it must be 'auto', 'none', or a dict of seconds by input")
+    asked = {
+        "name": name,
+        "inputs": [inputs] if isinstance(inputs, str) else list(inputs),
+        "outputs": [outputs] if isinstance(outputs, str) else list(outputs),
+        "method": method,
+        "delay": delay if isinstance(delay, str) else "",
+        "delays": [] if isinstance(delay, str) else [(key, float(value)) for key, value in delay.items()],
+        "continuous": continuous,
+        "learnt": learn,
+    }
+    judged = [] if holdout is None else as_logs(holdout)
+    return Identified(*_native._identify(as_logs(log), judged, chosen, asked, threads))
