@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use statrs::function::beta::checked_beta_reg;
 
 use super::{Arxstruc, Condition, Finding};
 use crate::identify::{Record, Regression};
@@ -120,9 +120,9 @@ pub(super) fn residual(regression: Regression, records: &[Record<'_>]) -> Option
 
 /// The share of the residual that goes with `more` columns, and the probability that chance explains as much.
 fn explained(without: f64, with: f64, more: usize, freedom: usize) -> (f64, f64) {
-    let share = 1.0 - with / without.max(f64::MIN_POSITIVE);
-    let ratio = (without - with).max(0.0) / more as f64 / (with / freedom as f64).max(f64::MIN_POSITIVE);
-    (share, FisherSnedecor::new(more as f64, freedom as f64).map_or(1.0, |f| f.sf(ratio)))
+    let left = (with / without.max(f64::MIN_POSITIVE)).min(1.0);
+    // The tail of Fisher's F as an incomplete beta function of what is left, which is there for a residual of nothing, too.
+    (1.0 - left, checked_beta_reg(0.5 * freedom as f64, 0.5 * more as f64, left).unwrap_or(1.0))
 }
 
 /// The share of the output's innovations that later inputs explain, if that says anything, and the probability that chance explains as much.
