@@ -111,11 +111,16 @@ pub(super) fn lags(records: &[Record<'_>], max_delay: usize) -> usize {
     LAGS.max(max_delay + 1).min(samples / 6)
 }
 
-/// Σ e² and rows of a regression over all its columns.
+/// What a residual of exact arithmetic may leave by rounding, as a part of what it is the residual of: a command of a few steps is known exactly from its past, and the
+/// ratio of two roundings says nothing. The factorisation's own error is some 1e-15 of the amplitude for each of a hundred columns.
+const ROUNDING: f64 = 1e-26;
+
+/// Σ e² and rows of a regression over all its columns; nothing below rounding.
 pub(super) fn residual(regression: Regression, records: &[Record<'_>]) -> Option<(f64, usize)> {
     let triangle = regression.factor(records);
     let last = regression.columns();
-    (triangle.rows > 2 * last).then(|| (triangle.r[(last, last)].powi(2), triangle.rows))
+    let whole: f64 = (0..=last).map(|i| triangle.r[(i, last)].powi(2)).sum();
+    (triangle.rows > 2 * last).then(|| (triangle.r[(last, last)].powi(2).max(ROUNDING * whole), triangle.rows))
 }
 
 /// The share of the residual that goes with `more` columns, and the probability that chance explains as much.
