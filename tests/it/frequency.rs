@@ -227,9 +227,7 @@ mod program {
         let p1d = estimates.iter().find(|e| e["method"] == "p1d").unwrap();
         assert!((p1d["delay_s"].as_f64().unwrap() - 4.37).abs() < 0.1, "{p1d}");
         let verdict = &report["pairs"][0]["verdict"];
-        // A lag of the plant's own speaks against p1d, so that the verdict is that of more flexible models, and wide.
-        let [lower, upper] = [0, 1].map(|at| verdict["ci95_s"][at].as_f64().unwrap());
-        assert!(lower < 4.37 && 4.37 < upper && upper - lower < 3.0, "{verdict}");
+        assert!((verdict["delay_s"].as_f64().unwrap() - 4.37).abs() < 0.5, "{verdict}");
         deadtime(&["estimate", "--step-table", table.to_str().unwrap(), "--step-time", "3.5"]).refused(&[
             "step.csv",
             "a row every 1 s",
