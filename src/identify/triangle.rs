@@ -25,7 +25,8 @@ pub(crate) fn upper(a: DMatrix<f64>) -> DMatrix<f64> {
     let depends = |j: usize| {
         let norm = (0..=j).map(|i| qr[(i, j)].powi(2)).sum::<f64>().sqrt();
         // What is not a number depends, too.
-        !(qr[(j, j)].abs() > DEPENDENT * norm)
+        let left = qr[(j, j)].abs();
+        left.is_nan() || norm.is_nan() || left <= DEPENDENT * norm
     };
     if (0..columns).any(depends) {
         return a.qr().r();
