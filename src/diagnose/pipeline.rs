@@ -24,7 +24,7 @@ use crate::diagnose::baseline::runaway::must_not_explode;
 use crate::diagnose::checks::every::checks;
 use crate::diagnose::compose::composed::{Compose, Composed};
 use crate::diagnose::format::caveat::Caveat;
-use crate::diagnose::format::diagnosis::{Cause, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried, Prediction};
+use crate::diagnose::format::diagnosis::{Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried, Prediction};
 use crate::diagnose::format::error::GapError;
 use crate::diagnose::format::progress::Stage;
 use crate::diagnose::input::first_part::Parts;
@@ -216,10 +216,13 @@ fn in_stages(
     must_not_explode(system, &inputs.records, &before)?;
     let mut scales = baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
 
+    let chosen = Predictor::of(system, &inputs.records, &inputs.poles, inputs.probed.as_ref(), None, &options.criteria);
+    let checked = checks(system, &inputs.model_effects, &inputs.records, chosen);
     let Catalogue { candidates, left_out } = catalogue(system, inputs.probed.as_ref());
     scales.moves = moves(&likelihood, &candidates, &scales);
     let Searched { likelihood, found } =
-        search(likelihood, candidates.clone(), &scales, &baseline.motion.smallest, progress).ok_or_else(|| not_finite(&inputs.records))?;
+        search(likelihood, candidates.clone(), &checked.remedies, &scales, &baseline.motion.smallest, progress)
+            .ok_or_else(|| not_finite(&inputs.records))?;
     let longer_s = f64::min(options.criteria.longer * inputs.longest_delay_s, 0.5 * inputs.limit_s);
     if options.longest_delay_s.is_none()
         && longer_s > options.criteria.longer_at_least * inputs.longest_delay_s
@@ -241,6 +244,7 @@ fn in_stages(
         found: &found,
         scales: &scales,
         motion: &baseline.motion,
+        checks: checked.checks,
         left_out,
     };
     answer.sections(judgement, logs, options.seed).ok_or_else(|| not_finite(&inputs.records))
@@ -255,6 +259,7 @@ struct Answer<'a> {
     found: &'a SearchResult,
     scales: &'a Scales,
     motion: &'a Motion,
+    checks: Vec<Check>,
     left_out: Vec<NotTried>,
 }
 
@@ -285,7 +290,7 @@ impl Answer<'_> {
             prediction: Prediction { mode: predictor.mode, why: predictor.why.clone() },
             gap,
             place: locate(system, records, &before, floor, &shares, &likelihood.memory()),
-            checks: checks(system, &self.inputs.model_effects, records, self.chosen_predictor()),
+            checks: self.checks.clone(),
             cause: Cause {
                 explained: Some(explained(composed)),
                 contributions,
@@ -303,18 +308,6 @@ impl Answer<'_> {
         let model = self.subject.with(handed.effects.iter().map(Applied::to_entry));
         let commands = command_traces(likelihood);
         Some(Diagnosed { diagnosis, model, effects, handed_over: handed.effects, traces, commands, caveats, calls: None })
-    }
-
-    /// As it follows from the simulator, whatever was asked for.
-    fn chosen_predictor(&self) -> Predictor {
-        Predictor::of(
-            &self.simulator.system,
-            &self.inputs.records,
-            &self.inputs.poles,
-            self.inputs.probed.as_ref(),
-            None,
-            &self.likelihood.criteria,
-        )
     }
 
     fn cause(&self, judgement: &Judgement) -> Cause {

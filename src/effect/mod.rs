@@ -173,6 +173,11 @@ pub trait Effect: Sync {
     fn elaborates(&self) -> Option<&'static str> {
         None
     }
+    /// The values with which it does what a column does that is logged as so many times what the channel is: a wrong sign (−1), or a wrong unit.
+    fn of_factor(&self, factor: f64) -> Option<Vec<f64>> {
+        let _ = factor;
+        None
+    }
     /// What tells it from effects that are like it; `None` where that depends on the case.
     fn told_by(&self) -> Option<Telling> {
         None

@@ -1,12 +1,54 @@
 //! Functions of matrices: exponential and logarithm.
 
+use faer::Mat;
+use faer::linalg::solvers::Solve;
 use nalgebra::{Complex, DMatrix, Schur};
+
+/// Rows from which on a small exponent takes faer's products and solution (benches/dense.rs).
+const FAER: usize = 16;
 
 /// exp(M).
 ///
-/// Source: Al-Mohy and Higham (2009), SIAM J. Matrix Anal. Appl. 31(3), 970-989, doi:10.1137/09074721X (nalgebra's implementation).
+/// Source: Al-Mohy and Higham (2009), SIAM J. Matrix Anal. Appl. 31(3), 970-989, doi:10.1137/09074721X (nalgebra's implementation); large matrices that need
+/// no scaling by [`pade_13`].
 pub(crate) fn exp(m: &DMatrix<f64>) -> DMatrix<f64> {
-    if m.is_empty() { m.clone() } else { m.exp() }
+    if m.is_empty() {
+        return m.clone();
+    }
+    let norm = m.column_iter().map(|column| column.lp_norm(1)).fold(0.0, f64::max);
+    // In this order, so that what is no number goes to the library.
+    if m.nrows() >= FAER && norm <= UNSCALED { pade_13(m) } else { m.exp() }
+}
+
+/// The largest 1-norm of M for which [`pade_13`] is exact to rounding (Higham 2005, table 2.3).
+const UNSCALED: f64 = 5.371920351148152;
+
+/// exp(M) by the [13/13] Padé approximant, (V − U)⁻¹(V + U) with U odd and V even in M.
+///
+/// Source: Higham (2005), SIAM J. Matrix Anal. Appl. 26(4), 1179-1193, doi:10.1137/04061101X, equations 2.11 and 2.12.
+fn pade_13(m: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = m.nrows();
+    let mut b = [1.0; 14];
+    for k in 0..13 {
+        b[k + 1] = b[k] * (13 - k) as f64 / ((26 - k) * (k + 1)) as f64;
+    }
+    let one = Mat::<f64>::identity(n, n);
+    let a = Mat::from_fn(n, n, |i, j| m[(i, j)]);
+    let a2 = &a * &a;
+    let a4 = &a2 * &a2;
+    let a6 = &a4 * &a2;
+    let sum = |at: [usize; 4]| {
+        let [by_6, by_4, by_2, by_1] = at.map(|k| b[k]);
+        Mat::from_fn(n, n, |i, j| by_6 * a6[(i, j)] + by_4 * a4[(i, j)] + by_2 * a2[(i, j)] + by_1 * one[(i, j)])
+    };
+    let high = |at: [usize; 3]| {
+        let [by_6, by_4, by_2] = at.map(|k| b[k]);
+        &a6 * Mat::from_fn(n, n, |i, j| by_6 * a6[(i, j)] + by_4 * a4[(i, j)] + by_2 * a2[(i, j)])
+    };
+    let odd = &a * (high([13, 11, 9]) + sum([7, 5, 3, 1]));
+    let even = high([12, 10, 8]) + sum([6, 4, 2, 0]);
+    let e = (&even - &odd).partial_piv_lu().solve(&even + &odd);
+    DMatrix::from_fn(n, n, |i, j| e[(i, j)])
 }
 
 /// The real principal logarithm, or the eigenvalue (zero, or real and negative) that forbids it.
@@ -81,6 +123,32 @@ mod tests {
         let m = DMatrix::from_row_slice(4, 4, &[-0.2, 0.3, 9.8, 0.1, -3.6, 0.0, 0.0, 8.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]) * 0.1;
         let back = log(&exp(&m)).unwrap();
         assert!((back - &m).norm() < 1e-13 * m.norm().max(1.0));
+    }
+
+    #[test]
+    fn the_exponential_of_a_large_matrix_is_that_of_its_blocks() {
+        // exp of a chain of n equal lags has entries tᵏ/k!·e⁻ᵗ on its k-th lower diagonal.
+        for (n, t) in [(16, 0.3), (40, 2.5), (62, 2.0), (62, 3.0)] {
+            let chain = DMatrix::from_fn(n, n, |i, j| {
+                if i == j {
+                    -t
+                } else if i == j + 1 {
+                    t
+                } else {
+                    0.0
+                }
+            });
+            let e = exp(&chain);
+            for i in 0..n {
+                for j in 0..n {
+                    let expected = if i < j { 0.0 } else { (1..=i - j).fold((-t).exp(), |product, k| product * t / k as f64) };
+                    assert!((e[(i, j)] - expected).abs() < 1e-15, "{n}, {t}: {i} {j}");
+                }
+            }
+        }
+        let turned = DMatrix::from_fn(24, 24, |i, j| ((7 * i + 3 * j * j) as f64).sin() / 6.0);
+        let (got, expected) = (exp(&turned), turned.exp());
+        assert!((&got - &expected).amax() < 1e-14 * expected.amax());
     }
 
     #[test]

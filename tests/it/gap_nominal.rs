@@ -56,3 +56,32 @@ fn a_model_that_a_constant_beats_is_called_poor_where_nothing_mends_it() {
     assert!(poor.is_some(), "{:?} {:?}", found.caveats, found.diagnosis.shrink);
     assert!(summary(&found).starts_with("First: "), "{}", summary(&found));
 }
+
+/// A log of the example's flight with one column multiplied.
+fn flight(channel: &str, factor: f64) -> Log {
+    let log = deadtime::log::read(std::path::Path::new("examples/uav_flight.csv")).unwrap();
+    let scaled = |c: &deadtime::log::Channel| {
+        let by = if c.name() == channel { factor } else { 1.0 };
+        let samples = c.samples();
+        let values = (0..log.len()).map(|k| by * samples.get(k).unwrap()).collect();
+        deadtime::log::Channel::new(c.name(), c.unit(), values)
+    };
+    Log::new("flight.csv", log.time_s().to_vec(), log.channels().map(scaled).collect()).unwrap()
+}
+
+/// Turned round and late by half a period, a rate fits no gain alone: the remedy that the check names must be tried beside a delay.
+#[test]
+fn a_wrong_sign_or_unit_beside_a_delay_is_the_cause_and_not_a_resonance() {
+    let model = deadtime::model::ModelDocument::read(std::path::Path::new("examples/uav_lateral_stabilised.toml")).unwrap();
+    for (channel, factor, effect, gain) in
+        [("p", -1.0, "sensor_gain", -1.0), ("p", 57.29578, "sensor_gain", 57.29578), ("r", -1.0, "input_gain", -1.0)]
+    {
+        let found = diagnose(&model, &[flight(channel, factor)], &[], &GapOptions::default(), &|_| ()).unwrap().diagnosis;
+        let named: Vec<String> = found.cause.contributions.iter().map(|c| format!("{}:{}", c.effect, c.channel)).collect();
+        assert_eq!(found.cause.verdict, effect, "{channel} {factor}: {named:?}");
+        assert_eq!(found.cause.contributions.len(), 2, "{channel} {factor}: {named:?}");
+        let of = |name: &str| found.cause.contributions.iter().find(|c| c.effect == name).and_then(|c| c.parameters[0].value);
+        assert!((of(effect).unwrap() / gain - 1.0).abs() < 0.02, "{channel} {factor}: {named:?}");
+        assert!((of("input_delay").unwrap() - 0.13).abs() < 0.002, "{channel} {factor}: {named:?}");
+    }
+}

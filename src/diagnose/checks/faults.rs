@@ -7,7 +7,8 @@ use rayon::prelude::*;
 
 use super::units::{Factor, alternatives};
 use super::view::{Columns, Fit, View};
-use crate::simulate::Measured;
+use crate::effect::{Applied, EFFECTS, Effect, Site};
+use crate::simulate::{Measured, System};
 
 /// A correlation from which on two signals go together.
 pub(super) const AGREES: f64 = 0.7;
@@ -91,6 +92,24 @@ impl Fault {
             Self::Sign(p) | Self::Unit(p, _) => vec![p],
             Self::Swap(p, q) => vec![p, q],
         }
+    }
+
+    /// The effect of the catalogue that does what the fault does; none exchanges channels.
+    pub(super) fn as_effect(self, system: &System) -> Option<Applied> {
+        let (port, factor) = match self {
+            Self::Sign(port) => (port, -1.0),
+            Self::Unit(port, factor) => (port, factor.factor),
+            Self::Swap(..) => return None,
+        };
+        let (site, port) = match port {
+            Port::Input(k) => (Site::Input, system.inputs.get(k)?),
+            Port::Output(i) => (Site::Output, system.outputs.get(i)?),
+        };
+        let of_effect = |effect: &&'static dyn Effect| {
+            let values = effect.of_factor(factor).filter(|_| effect.site() == site)?;
+            Some(Applied { values, ..Applied::nominal(system, *effect, &port.name).ok()? })
+        };
+        EFFECTS.iter().find_map(of_effect)
     }
 
     fn is_input(self) -> bool {

@@ -222,5 +222,5 @@ fn checks(subject: Subject<'_>, logs: &[Log], reports: &[LogReport], stop: &Stop
     let probed = probe(&system, memory.as_ref(), &records)?;
     let poles = probed.as_ref().map_or_else(|| Poles::of(&system, &records), Poles::probed);
     let predictor = Predictor::of(&system, &records, &poles, probed.as_ref(), None, &Criteria::default());
-    Ok(every::checks(&system, &model_effects, &records, predictor))
+    Ok(every::checks(&system, &model_effects, &records, predictor).checks)
 }

@@ -5,6 +5,7 @@
 //! decoded sample by sample (lost commands, a lattice) is no part of a sum and stays as it is.
 
 use rayon::prelude::*;
+use statrs::function::erf::erfc_inv;
 
 use super::composer::{Composer, Composition};
 use super::gate::Gate;
@@ -71,6 +72,11 @@ impl Composed {
         let Some(hypothesis) = &self.hypothesis else { return Vec::new() };
         (0..hypothesis.effects.len()).filter(|&at| in_block(self.recalibration, &hypothesis.effects[at])).collect()
     }
+}
+
+/// So many standard deviations does the largest of a number of normal variables exceed, on either side, with this chance at most (Bonferroni's inequality).
+fn by_chance_of_many(chance: f64, many: usize) -> f64 {
+    erfc_inv(chance / many.max(1) as f64) * std::f64::consts::SQRT_2
 }
 
 fn in_block(recalibration: Option<f64>, applied: &Applied) -> bool {
@@ -149,6 +155,11 @@ impl Compose<'_, '_> {
     fn judged_weak(&self, judged: Judged, weak: Hypothesis) -> Option<Composed> {
         let beside = self.likelihood.with_noise(noise_of(self.likelihood, (&weak).into(), self.smallest)?);
         let estimate = intervals::estimate(&beside, &weak, self.scales);
+        // The likelihood takes the model's other numbers as exact, and every sample as one of its own. The interval does not.
+        if estimate.as_ref().is_some_and(|e| !e.apart(&weak, by_chance_of_many(self.likelihood.criteria.weak_chance, self.catalogue.len())))
+        {
+            return Some(Composed::nothing(judged));
+        }
         let without = self.without(&weak, &[vec![0]]);
         let judged = Judged { verdict: GapVerdict::Effects, found: Some(weak.clone()), best: Some(weak.clone()), ..judged };
         Some(Composed {

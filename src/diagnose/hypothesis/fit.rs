@@ -6,7 +6,7 @@ use super::effects::Hypothesis;
 use super::slopes::{Slopes, slopes};
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
-use crate::effect::{Applied, Scales};
+use crate::effect::{Applied, Role, Scales};
 use crate::fit::{LevenbergMarquardt, Normal};
 
 impl Hypothesis {
@@ -103,6 +103,15 @@ impl Hypothesis {
         let (lower, upper) = self.effects[e].range(i, scales);
         let value = self.effects[e].values[i];
         value <= lower || value >= upper
+    }
+
+    /// A resonance whose damping stands at the most that is searched is none: it takes the shape of a gain, a lag or a friction, and hides it.
+    pub(in crate::diagnose) fn is_no_resonance(&self, scales: &Scales) -> bool {
+        let overdamped = |(at, applied): (usize, &Applied)| {
+            let damped = applied.parameters.iter().position(|p| p.role == Role::Damping);
+            damped.is_some_and(|i| self.free.contains(&(at, i)) && applied.values[i] >= applied.range(i, scales).1)
+        };
+        self.effects.iter().enumerate().any(overdamped)
     }
 }
 

@@ -129,6 +129,9 @@ pub struct Criteria {
     /// The best further effect beside a weak one promises less, in twice the log-likelihood: beside a true one little is left, beside a simulator that is a
     /// little off everywhere much. Chosen.
     pub weak_beside: f64,
+    /// A weak effect is further from doing nothing than any of the catalogue is by chance, in standard deviations of its interval; the chance. Null: the normal
+    /// distribution with Bonferroni's inequality.
+    pub weak_chance: f64,
 }
 
 impl Default for Criteria {
@@ -189,6 +192,7 @@ impl Default for Criteria {
             weak_t: 1.5,
             weak_held_out_t: 0.5,
             weak_beside: 20.0,
+            weak_chance: 0.01,
         }
     }
 }

@@ -109,15 +109,21 @@ pub(in crate::diagnose) fn estimate(likelihood: &Likelihood<'_>, hypothesis: &Hy
 /// No effect has an interval that holds the value at which it does nothing: as far as these data go, each is more than nominal parameters that are a little
 /// off. What has no such value (a limit) or no interval counts as it is.
 pub(in crate::diagnose) fn established(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, scales: &Scales) -> bool {
-    let Some(estimate) = estimate(likelihood, hypothesis, scales) else { return true };
-    hypothesis.effects.iter().enumerate().all(|(e, applied)| {
-        let own = hypothesis.free.iter().zip(&estimate.std).filter(|((of, _), _)| *of == e);
-        let sizes = own.map(|((_, i), std)| (&applied.parameters[*i], applied.values[*i], std));
-        let sizes = sizes.filter(|(p, _, _)| p.nominal.is_finite() && !p.role.is_shape());
-        let mut apart = sizes.map(|(p, value, std)| std.is_none_or(|s| (value - p.nominal).abs() > NORMAL_95 * s));
-        let first = apart.next();
-        first.is_none_or(|first| first || apart.any(|a| a))
-    })
+    estimate(likelihood, hypothesis, scales).is_none_or(|estimate| estimate.apart(hypothesis, NORMAL_95))
+}
+
+impl Estimate {
+    /// Every effect is so many standard deviations away from the value at which it does nothing. What has no such value (a limit) or no interval counts as it is.
+    pub(in crate::diagnose) fn apart(&self, hypothesis: &Hypothesis, deviations: f64) -> bool {
+        hypothesis.effects.iter().enumerate().all(|(e, applied)| {
+            let own = hypothesis.free.iter().zip(&self.std).filter(|((of, _), _)| *of == e);
+            let sizes = own.map(|((_, i), std)| (&applied.parameters[*i], applied.values[*i], std));
+            let sizes = sizes.filter(|(p, _, _)| p.nominal.is_finite() && !p.role.is_shape());
+            let mut apart = sizes.map(|(p, value, std)| std.is_none_or(|s| (value - p.nominal).abs() > deviations * s));
+            let first = apart.next();
+            first.is_none_or(|first| first || apart.any(|a| a))
+        })
+    }
 }
 
 /// The standard deviation, doubled for as long as the parameter alone can move to the end of its interval, on either side, and the likelihood hardly notices:

@@ -28,22 +28,28 @@ fn firsts<'h>(singles: &'h [Hypothesis], penalties: &Penalties, [any, plain]: [u
     chosen
 }
 
-/// Pairs: for each of the leading singles the seconds that promise most beside it, refitted together.
+/// Pairs: for each of the leading singles the seconds that promise most beside it, refitted together. `remedies`: effects that the checks ask for, at the values
+/// that they ask for. They are firsts as they stand: a gain of −1 fitted alone turns to nearly 0 where a delay is missing beside it.
 pub(in crate::diagnose) fn pairs(
     likelihood: &Likelihood<'_>,
     singles: &[Hypothesis],
+    remedies: &[Applied],
     pool: &[Screened],
     scales: &Scales,
     nominal: &Whitened,
 ) -> Vec<Hypothesis> {
     let penalties = Penalties::of(likelihood);
-    let firsts: Vec<Hypothesis> = firsts(singles, &penalties, likelihood.budget.firsts).into_iter().cloned().collect();
+    let as_first = |r: &Applied| Hypothesis { free: vec![(0, 0)], ..Hypothesis::screened(r.clone(), 0.0) };
+    let asked_for: Vec<Hypothesis> = remedies.iter().map(as_first).collect();
+    let leading = firsts(singles, &penalties, likelihood.budget.firsts).into_iter().cloned();
+    let firsts: Vec<Hypothesis> = leading.filter(|single| asked_for.iter().all(|r| r.key() != single.key())).collect();
     // A hidden sequence takes a little of everything: what is left beside it does not speak for the others.
     let plain = firsts.iter().find(|first| !first.loses_commands());
     let mut asked = firsts.first().filter(|best| best.loses_commands()).into_iter().chain(plain);
-    if !asked.any(|first| something_beside(likelihood, first, pool, scales, nominal)) {
+    if asked_for.is_empty() && !asked.any(|first| something_beside(likelihood, first, pool, scales, nominal)) {
         return Vec::new();
     }
+    let firsts = [asked_for, firsts].concat();
     let mut pairs = with_seconds(likelihood, &firsts, pool, scales, nominal, &[]);
     // Forward and backward: what only a second effect made visible takes the first place.
     let mut kept: Vec<Hypothesis> = Vec::new();
@@ -115,10 +121,17 @@ fn promises(likelihood: &Likelihood<'_>, beside: &[Beside], pool: &[Screened], s
         let whole = has_limit(applied) || likelihood.calls(applied) || screened.proportional;
         for start in starts {
             for share in if whole { &[1.0][..] } else { &[NEAR, 1.0] } {
-                let Some(there) = likelihood.whitened(&[with(applied, &between(applied, &start, *share))]) else { continue };
+                let moved = with(applied, &between(applied, &start, *share));
+                let Some(there) = likelihood.whitened(&[moved.clone()]) else { continue };
                 let signature = difference(nominal, &there, 1.0);
                 for (best, beside) in best.iter_mut().zip(beside) {
-                    let promise = beside.promise(likelihood, &signature);
+                    // What a remedy turns round, it turns round in the others' signatures, too.
+                    let together = || {
+                        let effects: Vec<Applied> = beside.first.effects.iter().cloned().chain([moved.clone()]).collect();
+                        likelihood.whitened(&effects).map(|there| difference(&beside.residual, &there, 1.0))
+                    };
+                    let joint = if beside.first.fitted { None } else { together() };
+                    let promise = beside.promise(likelihood, joint.as_ref().unwrap_or(&signature));
                     if promise > best.0 {
                         *best = (promise, with(applied, &start));
                     }
@@ -302,7 +315,7 @@ D = [[0.0], [0.0]]
         let whitened = likelihood.whitened(NO_EFFECT).unwrap();
         let pool = screen(&likelihood, candidates, &scales, &whitened);
         let singles = fit_first(&likelihood, &pool, &scales, &whitened);
-        let pairs = pairs(&likelihood, &singles, &pool, &scales, &whitened);
+        let pairs = pairs(&likelihood, &singles, &[], &pool, &scales, &whitened);
 
         let pair = pairs.iter().find(|p| p.key() == "dropped_commands:u + sensor_bias:angle").unwrap();
         let cost = likelihood.inner(&whitened, &whitened);

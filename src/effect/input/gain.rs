@@ -39,6 +39,10 @@ impl Effect for InputGain {
         vec![vec![0.8], vec![1.25], vec![-1.0]]
     }
 
+    fn of_factor(&self, factor: f64) -> Option<Vec<f64>> {
+        Some(vec![1.0 / factor])
+    }
+
     fn told_by(&self) -> Option<Telling> {
         Some(Telling::Amplitude)
     }

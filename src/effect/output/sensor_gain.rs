@@ -45,6 +45,10 @@ impl Effect for SensorGain {
         vec![vec![0.8], vec![1.25], vec![-1.0]]
     }
 
+    fn of_factor(&self, factor: f64) -> Option<Vec<f64>> {
+        Some(vec![factor])
+    }
+
     fn told_by(&self) -> Option<Telling> {
         Some(Telling::Amplitude)
     }
