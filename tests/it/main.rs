@@ -104,3 +104,4 @@ mod thresholds;
 mod transfer_files;
 mod verdicts;
 mod verdicts_loop;
+mod watch;
