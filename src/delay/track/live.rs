@@ -10,12 +10,18 @@ use crate::time::SampleTime;
 
 /// Rows from which the sample time is told.
 const FIRST: usize = 100;
-/// Part of a row's distance from the grid by which the grid follows: a clock of the log that runs a little fast is no row too many.
+/// Parts of a row's distance from the grid by which the grid and its step follow (critically damped): a clock of the log that runs a little fast is no row too many.
 const FOLLOWED: f64 = 0.02;
+const STEP_FOLLOWED: f64 = FOLLOWED * FOLLOWED / 4.0;
+/// Behind so many missing rows the grid begins anew.
+const ANEW: f64 = 10.0;
 /// Stamps that are remembered, to say since when.
 const STAMPS: usize = 1 << 16;
 /// Samples after an alarm within which the band comes to lie around what the alarm told.
 const SETTLING: usize = 200;
+/// A dead time has moved where its band is no wider than this, samples, and lies beside the one told for so many samples: at a jump it is wide.
+const NARROW: f64 = 5.0;
+const HELD: usize = 100;
 
 /// How a log that grows is watched.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -110,10 +116,13 @@ struct Sample {
 struct Running {
     tracker: Tracker,
     ts: SampleTime,
+    /// The grid's step, s: the sample time, as the stamps go on.
+    step_s: f64,
     /// Samples behind a missing command in which its consequences pass.
     window: usize,
-    /// Where the grid has its sample `at`, s.
+    /// The last sample on the grid, s.
     grid_s: f64,
+    /// And its stamp, s.
     at_s: f64,
     /// The command held where none is known.
     u: f64,
@@ -123,6 +132,8 @@ struct Running {
     /// Stamps of the last samples.
     stamps: VecDeque<f64>,
     told: Option<(f64, [f64; 2])>,
+    /// Samples for which the band has lain beside the one told.
+    beside: usize,
     /// Dead time of an alarm, and the samples since.
     alarmed: Option<(f64, usize)>,
     extra: u64,
@@ -203,6 +214,7 @@ impl Running {
         Ok(Self {
             tracker: Tracker::new(ts, tracker)?,
             ts,
+            step_s: ts.seconds(),
             window,
             grid_s: first.first().map_or(0.0, |s| s.time_s - ts.seconds()),
             at_s: first.first().map_or(0.0, |s| s.time_s),
@@ -211,6 +223,7 @@ impl Running {
             pushed: 0,
             stamps: VecDeque::new(),
             told: None,
+            beside: 0,
             alarmed: None,
             extra: 0,
         })
@@ -218,7 +231,7 @@ impl Running {
 
     /// Puts a row onto the grid.
     fn take(&mut self, sample: Sample, told: &mut Vec<Told>) -> crate::Result<()> {
-        let ts_s = self.ts.seconds();
+        let ts_s = self.step_s;
         let steps = ((sample.time_s - self.grid_s) / ts_s).round();
         if steps < 1.0 {
             self.extra += 1;
@@ -235,7 +248,12 @@ impl Running {
             self.one(sample.time_s - k as f64 * ts_s, self.u, None, told)?;
         }
         let due_s = self.grid_s + steps * ts_s;
-        self.grid_s = due_s + FOLLOWED * (sample.time_s - due_s);
+        if missing >= ANEW {
+            self.grid_s = sample.time_s;
+        } else {
+            self.grid_s = due_s + FOLLOWED * (sample.time_s - due_s);
+            self.step_s += STEP_FOLLOWED * (sample.time_s - due_s);
+        }
         self.at_s = sample.time_s;
         match sample.u {
             Some(u) => self.u = u,
@@ -258,7 +276,7 @@ impl Running {
         match tracking.alarm {
             Some(Alarm::DelayChanged { from_s, to_s, since_s }) => {
                 told.push(Told::DelayChanged { time_s, from_s, to_s, since_s: self.stamp(since_s) });
-                self.alarmed = Some((to_s, 0));
+                (self.alarmed, self.beside) = (Some((to_s, 0)), 0);
             }
             Some(Alarm::ResponseChanged { since_s }) => {
                 told.push(Told::ResponseChanged { time_s, since_s: self.stamp(since_s) });
@@ -271,21 +289,28 @@ impl Running {
             (Some((to_s, _)), _) if (delay_s - to_s).abs() <= self.ts.seconds() => {
                 (self.told, self.alarmed) = (Some((delay_s, ci95_s)), None);
             }
-            (Some((to_s, SETTLING..)), _) => self.moved(time_s, to_s, delay_s, ci95_s, told),
+            (Some((to_s, SETTLING..)), _) if ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW) => {
+                self.moved(time_s, to_s, delay_s, ci95_s, told)
+            }
             (Some((to_s, samples)), _) => self.alarmed = Some((to_s, samples + 1)),
             (None, None) => {
                 told.push(Told::Delay { time_s, delay_s, ci95_s });
                 self.told = Some((delay_s, ci95_s));
             }
-            (None, Some((from_s, [low, high]))) if ci95_s[0] > high || ci95_s[1] < low => self.moved(time_s, from_s, delay_s, ci95_s, told),
-            (None, Some(_)) => {}
+            (None, Some((from_s, [low, high]))) => {
+                let narrow = ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW);
+                self.beside = if narrow && (ci95_s[0] > high || ci95_s[1] < low) { self.beside + 1 } else { 0 };
+                if self.beside >= HELD {
+                    self.moved(time_s, from_s, delay_s, ci95_s, told);
+                }
+            }
         }
         Ok(())
     }
 
     fn moved(&mut self, time_s: f64, from_s: f64, delay_s: f64, ci95_s: [f64; 2], told: &mut Vec<Told>) {
         told.push(Told::DelayMoved { time_s, from_s, delay_s, ci95_s });
-        (self.told, self.alarmed) = (Some((delay_s, ci95_s)), None);
+        (self.told, self.alarmed, self.beside) = (Some((delay_s, ci95_s)), None, 0);
     }
 
     /// The stamp of a sample that the tracker names by its own time, s.
