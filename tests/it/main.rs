@@ -27,6 +27,7 @@ mod budgets;
 mod checks;
 #[cfg(feature = "cli")]
 mod cli;
+mod clocks;
 mod conditions;
 mod contract;
 mod correlation;
