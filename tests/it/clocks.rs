@@ -16,7 +16,11 @@ impl Motion {
         Self(
             (0..lines)
                 .map(|k| {
-                    [0.2 + 3.8 * (k as f64 + rng.random::<f64>()) / lines as f64, 6.28 * rng.random::<f64>(), 0.5 + rng.random::<f64>()]
+                    [
+                        0.2 + 3.8 * (k as f64 + rng.random::<f64>()) / lines as f64,
+                        std::f64::consts::TAU * rng.random::<f64>(),
+                        0.5 + rng.random::<f64>(),
+                    ]
                 })
                 .collect(),
         )
