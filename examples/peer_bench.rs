@@ -8,6 +8,7 @@ use std::io::{BufRead, Write};
 use std::time::Instant;
 
 use deadtime::identify::{Initial, OutputError, Record, arx_scan, fir};
+use deadtime::log::read;
 use deadtime::model::c2d::{Conversion, ZeroOrderHold};
 use deadtime::model::{StateSpace, dlqr, uav};
 use deadtime::simulate::{Hold, Options, lsim};
@@ -105,6 +106,11 @@ fn task(request: &Request) -> Result<Box<dyn Fn() -> Answer>, Box<dyn Error>> {
                 let fir = fir(&records, taps).ok_or("the input does not excite all taps")?;
                 Ok(fir.coefficients.iter().chain(fir.covariance.diagonal().iter()).copied().collect())
             })
+        }
+        "csv" => {
+            let path = std::path::PathBuf::from(&request.u);
+            // The sum of every channel: all of it was read.
+            Box::new(move || Ok(read(&path)?.channels().map(|c| c.samples().values.iter().sum()).collect()))
         }
         other => return Err(format!("there is no task `{other}`").into()),
     })

@@ -27,7 +27,7 @@ LogLike: TypeAlias = (
 )
 
 
-def read(path: str | os.PathLike[str]) -> Log:
+def read(path: str | os.PathLike[str], *, channels: Mapping[str, str] | None = None) -> Log:
     """The log in the file at `path`: text with a header row, a column `time` in seconds and channels as `name` or `name [unit]`, or another format with one topic
     (docs/logs.md). What was guessed, such as the unit of time, is a warning.
 
@@ -37,11 +37,14 @@ def read(path: str | os.PathLike[str]) -> Log:
     ----------
     path : path
         The file.
+    channels : dict of str to str, optional
+        Channels that are calculated from others: `name` or `name [unit]` to an expression (docs/logs.md); later ones may use earlier ones. A log that is no file takes
+        them by `log.with_channels`.
 
     Raises
     ------
     LogError
-        What is wrong, with file, row and channel.
+        What is wrong, with file, row and channel, or with an expression.
     FileError
         The file cannot be read.
 
@@ -53,11 +56,21 @@ def read(path: str | os.PathLike[str]) -> Log:
     >>> flight = deadtime.read("examples/uav_flight.csv")
     >>> len(flight), round(flight.sample_time, 6)
     (1500, 0.02)
+
+    With a channel in degrees:
+
+    >>> flight = deadtime.read("examples/uav_flight.csv", channels={"roll_deg [deg]": "deg(phi)"})
+    >>> flight.units["roll_deg"]
+    'deg'
     """
-    return Log._read(path)[0]
+    return _calculated(Log._read(path)[0], channels)
 
 
-def read_records(path: str | os.PathLike[str], column: str) -> list[Log]:
+def _calculated(log: Log, channels: Mapping[str, str] | None) -> Log:
+    return log if channels is None else log.with_channels(dict(channels))
+
+
+def read_records(path: str | os.PathLike[str], column: str, *, channels: Mapping[str, str] | None = None) -> list[Log]:
     """The records of the CSV file at `path`, a new one at each new value of `column`.
 
     Parameters
@@ -66,6 +79,8 @@ def read_records(path: str | os.PathLike[str], column: str) -> list[Log]:
         The file.
     column : str
         The column that tells records apart; time may start afresh in each.
+    channels : dict of str to str, optional
+        As `read` takes them.
 
     Raises
     ------
@@ -81,7 +96,7 @@ def read_records(path: str | os.PathLike[str], column: str) -> list[Log]:
     ...     [log["u"].tolist() for log in deadtime.read_records(path, "run")]
     [[1.0, 2.0], [3.0, 4.0]]
     """
-    return Log._read(path, column)
+    return [_calculated(log, channels) for log in Log._read(path, column)]
 
 
 def as_log(data: LogLike, units: Mapping[str, str] | None = None) -> Log:

@@ -99,15 +99,29 @@ def _output(model: mujoco.MjModel, name: str) -> tuple[str, int]:
     return "sensordata", int(sensor.adr[0]) + at
 
 
+def _input(model: mujoco.MjModel, name: str) -> tuple[str, int]:
+    """Where an input stands: an actuator's control, or the force on a joint that has none."""
+    joint, _, rest = name.rpartition(".")
+    if joint and rest == "qfrc":
+        try:
+            return "qfrc_applied", int(model.joint(joint).dofadr[0])
+        except KeyError as missing:
+            raise ValueError(f"input {name!r}: {missing.args[0]}") from None
+    try:
+        actuator = _row(model, "actuator", name, "ctrl")
+    except ValueError as missing:
+        raise ValueError(f"{missing}; the force or torque on a joint is JOINT.qfrc, as in a URDF file, which has no actuators") from None
+    # From MuJoCo 4 on an actuator may have several controls; the first one is meant.
+    return "ctrl", int(model.actuator_ctrladr[actuator]) if hasattr(model, "actuator_ctrladr") else actuator
+
+
 class _Simulator:
     """f(u, time, x0, parameters) of a MuJoCo model."""
 
     def __init__(self, model: mujoco.MjModel, inputs: list[str], outputs: list[str], states: list[str], parameters: list[str]) -> None:
         self.model = model
         self.__name__ = "MuJoCo"
-        actuators = [_row(model, "actuator", name, "ctrl") for name in inputs]
-        # From MuJoCo 4 on an actuator may have several controls; the first one is meant.
-        self._controls = [int(model.actuator_ctrladr[a]) for a in actuators] if hasattr(model, "actuator_ctrladr") else actuators
+        self._inputs = [_input(model, name) for name in inputs]
         self._outputs = [_output(model, name) for name in outputs]
         self._states = [_output(model, name) for name in states]
         for name, (array, _) in zip(states, self._states, strict=True):
@@ -132,9 +146,11 @@ class _Simulator:
         steps = numpy.diff(numpy.rint(time / model.opt.timestep).astype(int), append=0)
         sensors = any(array == "sensordata" for array, _ in self._outputs)
         y = numpy.empty((len(time), len(self._outputs)))
+        commands = [(getattr(data, array), at) for array, at in self._inputs]
         places = [(getattr(data, array), at) for array, at in self._outputs]
         for k in range(len(time)):
-            data.ctrl[self._controls] = u[k]
+            for (array, at), value in zip(commands, u[k], strict=True):
+                array[at] = value
             if sensors:
                 mujoco.mj_forward(model, data)
             y[k] = [array[at] for array, at in places]
@@ -157,7 +173,7 @@ def simulator(
     model : MjModel or path
         The model, or its MJCF or URDF file. It is copied.
     inputs : names, or name to unit
-        Actuators.
+        Actuators; and the force or torque on a joint as `elbow.qfrc`, for models without actuators, as those of URDF files.
     outputs : names, or name to unit
         Sensors (`gyro[0]` where one has several values), and joints as `elbow.qpos`, `elbow.qvel`. Where a log calls them otherwise, `log.rename`.
     parameters : paths, or path to unit

@@ -6,7 +6,7 @@ use super::Out;
 use super::progress::Waiting;
 use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
-use crate::diagnose::inspect;
+use crate::diagnose::{clocks, inspect};
 use crate::log::Log;
 use crate::report::checks::text;
 use crate::stop::Stop;
@@ -34,12 +34,14 @@ impl Check {
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let subject = Simulated::new(self.model.as_deref(), &self.simulator)?;
         let mut logs: Vec<Log> = Vec::new();
+        let mut seen = Vec::new();
         for path in &self.log {
             let _reading = Waiting::reading(to, path);
-            logs.extend(subject.read(&self.reading, path, false)?);
+            logs.extend(subject.read(&self.reading, path, false, &mut |recording, wanted| seen.push(clocks(recording, wanted)))?);
         }
         let waiting = Waiting::new(to, "checking");
-        let found = inspect(&subject, &logs, &Stop::default())?;
+        let mut found = inspect(&subject, &logs, &Stop::default())?;
+        found.clocks = seen;
         drop(waiting);
         to.json(&found)?;
         say!(to, "{}", text(&found).trim_end());

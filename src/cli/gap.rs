@@ -89,7 +89,7 @@ impl Gap {
             let mut logs = Vec::new();
             for path in paths {
                 let _reading = Waiting::reading(to, path);
-                logs.extend(subject.read(&self.reading, path, true)?);
+                logs.extend(subject.read(&self.reading, path, true, &mut |_, _| {})?);
             }
             Ok(logs)
         };

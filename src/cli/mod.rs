@@ -31,6 +31,7 @@ mod simulate;
 mod simulator;
 mod source;
 mod study;
+mod watch;
 mod words;
 
 use std::ffi::OsString;
@@ -90,6 +91,7 @@ enum Command {
     #[command(subcommand)]
     Model(model::Model),
     Study(study::Study),
+    Watch(watch::Watch),
     Completions(manual::Completions),
     Man(manual::Man),
 }
@@ -125,6 +127,7 @@ impl Cli {
             Command::Methods(c) => c.run(to),
             Command::Model(c) => c.run(to),
             Command::Study(c) => c.run(to),
+            Command::Watch(c) => c.run(to),
             Command::Completions(c) => c.run(),
             Command::Man(c) => c.run(to),
         }

@@ -62,6 +62,11 @@ impl<'a> Out<'a> {
         !self.quiet
     }
 
+    /// The file that JSON is wanted in.
+    pub(super) fn json_file(&self) -> Option<&Path> {
+        self.json
+    }
+
     pub(super) fn wants_json(&self) -> bool {
         self.json.is_some()
     }

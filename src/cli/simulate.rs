@@ -55,7 +55,7 @@ impl Simulate {
         let model = ModelDocument::read(&self.model)?;
         let inputs: Vec<String> = model.inputs().iter().map(|c| c.name.clone()).collect();
         let reading = Waiting::reading(to, &self.source.log);
-        let logs = self.source.reading.read_for(&self.source.log, &model, false)?;
+        let logs = self.source.reading.read_for(&self.source.log, &model, false, &mut |_, _| {})?;
         drop(reading);
         let [log] = logs.as_slice() else {
             bail!("{}: simulate takes one record at a time; cut it out with --from and --to", self.source.log.display());

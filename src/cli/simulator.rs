@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::{Context, bail};
 
-use super::source::{Needed, Reading};
+use super::source::{Needed, Reading, See};
 use crate::diagnose::Subject;
 use crate::log::Log;
 use crate::model::{CandidateEntry, ModelDocument};
@@ -128,12 +128,12 @@ impl Simulated {
     }
 
     /// The records of a log with its channels.
-    pub(super) fn read(&self, reading: &Reading, log: &Path, required: bool) -> anyhow::Result<Vec<Log>> {
+    pub(super) fn read(&self, reading: &Reading, log: &Path, required: bool, see: See<'_>) -> anyhow::Result<Vec<Log>> {
         match self {
-            Self::Model(document) => reading.read_for(log, document, required),
+            Self::Model(document) => reading.read_for(log, document, required, see),
             Self::Program(system) => {
                 let names = |ports: &[Port]| ports.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
-                reading.read(log, &Needed { inputs: &names(&system.inputs), outputs: &names(&system.outputs), required })
+                reading.read_seeing(log, &Needed { inputs: &names(&system.inputs), outputs: &names(&system.outputs), required }, see)
             }
         }
     }

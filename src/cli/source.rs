@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 
-use crate::log::{EventTimes, Log, ReadOptions, Stamps, TimeUnit, Wanted, csv, open, read_events, reader};
+use crate::log::{EventTimes, Log, ReadOptions, Recording, Stamps, TimeUnit, Wanted, csv, open, read_events, reader};
 use crate::model::{Derived, ModelDocument};
 use crate::time::SampleTime;
 
@@ -104,6 +104,9 @@ pub(super) struct Needed<'a> {
     pub(super) required: bool,
 }
 
+/// Looks at a file that was read.
+pub(super) type See<'a> = &'a mut dyn FnMut(&Recording, &[Wanted]);
+
 /// What of the file a wanted channel is made of: itself, or the sources of one that is calculated.
 fn of_the_file(wanted: Wanted, derived: &[Derived]) -> Vec<Wanted> {
     let Some((last, before)) = derived.split_last() else { return vec![wanted] };
@@ -139,15 +142,20 @@ impl Reading {
     }
 
     /// The records of one log with the channels of a model, and the slopes that its inputs ask for.
-    pub(super) fn read_for(&self, log: &Path, model: &ModelDocument, required: bool) -> anyhow::Result<Vec<Log>> {
+    pub(super) fn read_for(&self, log: &Path, model: &ModelDocument, required: bool, see: See<'_>) -> anyhow::Result<Vec<Log>> {
         let inputs: Vec<String> = model.inputs().iter().filter(|c| c.derivative_of.is_none()).map(|c| c.name.clone()).collect();
         let outputs: Vec<String> = model.outputs().iter().map(|c| c.name.clone()).collect();
-        let logs = self.read(log, &Needed { inputs: &inputs, outputs: &outputs, required })?;
+        let logs = self.read_seeing(log, &Needed { inputs: &inputs, outputs: &outputs, required }, see)?;
         Ok(logs.into_iter().map(|log| model.complete(log)).collect::<Result<_, _>>()?)
     }
 
     /// The records of one log.
     pub(super) fn read(&self, log: &Path, needed: &Needed<'_>) -> anyhow::Result<Vec<Log>> {
+        self.read_seeing(log, needed, &mut |_, _| {})
+    }
+
+    /// The same; what the file holds, and what of it is wanted, is shown before channels of several topics come onto one grid. Records of a file are of one topic.
+    pub(super) fn read_seeing(&self, log: &Path, needed: &Needed<'_>, see: See<'_>) -> anyhow::Result<Vec<Log>> {
         let mut map = Vec::with_capacity(self.map.len());
         for text in &self.map {
             let Some((name, column)) = text.split_once('=') else {
@@ -176,6 +184,7 @@ impl Reading {
                         }
                     }
                 }
+                see(&recording, &wanted);
                 even = recording.topics.iter().any(|topic| !topic.name.is_empty());
                 let (log, more) = recording.together(&wanted, grid.filter(|_| even))?;
                 notes.extend(more);

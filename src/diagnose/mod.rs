@@ -28,6 +28,7 @@ mod pipeline;
 pub use answer::isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size};
 pub use answer::traces::{CommandTrace, Trace};
 pub use checks::inspection::{ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect};
+pub use checks::topics::{ClockOffset, LogClocks, TopicClock, clocks};
 pub use format::caveat::Caveat;
 pub use format::contributions::{Contribution, Description, Explained, Recalibration, Remainder, Share, Strength};
 pub use format::diagnosis::{

@@ -83,6 +83,12 @@ impl Recording {
         }
     }
 
+    /// A channel with its topic, by its full name or by an end of it that is unique.
+    #[must_use]
+    pub fn channel(&self, name: &str) -> Option<(&Topic, &Channel)> {
+        self.find(name).ok()
+    }
+
     /// The wanted channels as one log, each called as it was asked for; a file without topics gives all its channels.
     ///
     /// Channels of one topic keep its stamps. Where they come from several, all are put onto the stamps of the first held channel's topic, or onto an even grid of

@@ -38,6 +38,7 @@ pub(crate) fn neighbours<T: Copy>(values: &[T]) -> impl Iterator<Item = (T, T)> 
 }
 
 pub use self::align::Wanted;
+pub use self::csv::follow::{Follower, News, Polled, Row};
 pub use self::csv::frequency::{read_frequency_response, read_frequency_response_from};
 pub use self::csv::{EventTimes, name_and_unit, read_events, read_records};
 pub use self::error::LogError;

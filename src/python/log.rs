@@ -10,6 +10,7 @@ use pyo3::types::PyDict;
 use super::convert::{Numbers, array1, vector};
 use super::error::OrRaise;
 use crate::log::{Channel, Log as Inner, ReadOptions, csv, name_and_unit, open};
+use crate::model::Derived;
 use crate::time::SampleTime;
 
 /// A measured log: time stamps and named channels of as many samples.
@@ -107,6 +108,16 @@ impl Log {
     fn rename(&self, py: Python<'_>, names: &Bound<'_, PyDict>) -> PyResult<Self> {
         let map: Vec<(String, String)> = names.iter().map(|(new, old)| Ok((new.extract()?, old.extract()?))).collect::<PyResult<_>>()?;
         Ok(Self(self.0.clone().rename(&map).or_raise(py)?))
+    }
+
+    /// The log with channels that are calculated from others, one after the other: `name` or `name [unit]` to an expression, as `--channel NAME=EXPRESSION` takes it.
+    fn with_channels(&self, py: Python<'_>, channels: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let mut log = self.0.clone();
+        for (name, expression) in channels {
+            let text = format!("{}={}", name.extract::<String>()?, expression.extract::<String>()?);
+            log = Derived::parse(&text).or_raise(py)?.add_to(log).or_raise(py)?;
+        }
+        Ok(Self(log))
     }
 
     /// The log as a pandas frame: `time` and a column a channel, NaN where a sample is missing; units stand in `frame.attrs["units"]`, and, with `headers`, in the

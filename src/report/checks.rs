@@ -28,6 +28,23 @@ pub fn text(found: &Inspection) -> String {
             let _ = writeln!(text, "  `{}` misses {} samples ({percent:.1} %)", c.channel, c.missing);
         }
     }
+    for clocks in &found.clocks {
+        for topic in &clocks.topics {
+            let name = if topic.topic.is_empty() { clocks.log.clone() } else { format!("{}, {}", clocks.log, topic.topic) };
+            if let (Some([low, middle, high]), Some(longest)) = (topic.steps_s, topic.longest_s)
+                && (!topic.topic.is_empty() || low < 0.95 * middle || longest > 1.05 * middle)
+            {
+                let _ = writeln!(
+                    text,
+                    "{name}: {} stamps, {middle:.4e} s apart; 90 % of the steps {low:.4e} s to {high:.4e} s, the longest {longest:.4e} s",
+                    topic.samples
+                );
+            }
+        }
+        for offset in &clocks.offsets {
+            let _ = writeln!(text, "  `{}` and `{}`: {}", offset.first, offset.second, offset.finding);
+        }
+    }
     if let Some(why) = &found.not_run {
         let _ = writeln!(text, "The checks were not run: {why}.");
     }

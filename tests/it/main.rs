@@ -27,6 +27,7 @@ mod budgets;
 mod checks;
 #[cfg(feature = "cli")]
 mod cli;
+mod clocks;
 mod conditions;
 mod contract;
 mod correlation;
@@ -104,3 +105,4 @@ mod thresholds;
 mod transfer_files;
 mod verdicts;
 mod verdicts_loop;
+mod watch;

@@ -181,3 +181,19 @@ def test_a_notebook_shows_channels_units_and_gaps() -> None:
     log = deadtime.Log(TIME, {"u<1>": U, "y": numpy.where(TIME == 1.0, numpy.nan, U)}, {"y": "m/s"})
     page = log._repr_html_()
     assert "u&lt;1&gt;" in page and "<td>m/s</td>" in page and "<td>1</td>" in page
+
+
+def test_channels_are_calculated_from_others(tmp_path: Path) -> None:
+    path = tmp_path / "flight.csv"
+    path.write_text("time,run,vx [m/s],vy [m/s]\n" + "".join(f"{0.1 * k:.1f},{k // 3},{k},{2 * k}\n" for k in range(6)))
+    log = deadtime.read(path, channels={"speed [m/s]": "hypot(vx,vy)", "twice": "2*speed"})
+    numpy.testing.assert_allclose(log["speed"], numpy.hypot(log["vx"], log["vy"]), rtol=1e-15)
+    numpy.testing.assert_allclose(log["twice"], 2 * log["speed"], rtol=1e-15)
+    assert log.units["speed"] == "m/s" and "twice" not in log.units
+    runs = deadtime.read_records(path, "run", channels={"sum": "vx + vy"})
+    assert [run["sum"].tolist() for run in runs] == [[0.0, 3.0, 6.0], [9.0, 12.0, 15.0]]
+    missing = deadtime.Log(TIME, {"u": U, "y": numpy.where(TIME > 1, U, numpy.nan)}).with_channels({"ratio": "u/y"})
+    assert numpy.isnan(missing["ratio"][[0, 3, 5]]).all() and missing["ratio"][4] == 1.0
+    for channels, says in (({"s": "hypot(vx)"}, "2 arguments"), ({"s": "vz"}, "vz"), ({"vx": "vy"}, "vx"), ({"s": ""}, "NAME=EXPRESSION")):
+        with pytest.raises(errors.LogError, match=says):
+            deadtime.read(path, channels=channels)

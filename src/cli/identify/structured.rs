@@ -112,7 +112,7 @@ impl Structured {
 fn read(common: &Common, document: &ModelDocument, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
     let mut logs = Vec::new();
     for path in paths {
-        logs.extend(common.reading.read_for(path, document, true)?);
+        logs.extend(common.reading.read_for(path, document, true, &mut |_, _| {})?);
     }
     Ok(logs)
 }

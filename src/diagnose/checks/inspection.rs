@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::every;
 use super::evidence::{ALL, result, short};
+use super::topics::LogClocks;
 use super::units;
 use crate::diagnose::baseline::predictor::Predictor;
 use crate::diagnose::format::diagnosis::{Check, CheckKind};
@@ -36,6 +37,9 @@ pub struct Inspection {
     pub model: String,
     /// Every log, as the model sees it.
     pub logs: Vec<LogReport>,
+    /// The clocks of the logs' topics, of logs that were read from files.
+    #[serde(default)]
+    pub clocks: Vec<LogClocks>,
     /// Why the checks could not be run; missing where they were.
     pub not_run: Option<String>,
     /// The checks of `deadtime/diagnosis@1`.
@@ -182,8 +186,14 @@ pub fn inspect<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], stop: &Stop) -
 
 fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop) -> Result<Inspection> {
     let reports: Vec<LogReport> = logs.iter().map(|log| report(log, subject)).collect();
-    let mut found =
-        Inspection { format: InspectionFormat::V1, model: subject.name().to_owned(), logs: reports, not_run: None, checks: Vec::new() };
+    let mut found = Inspection {
+        format: InspectionFormat::V1,
+        model: subject.name().to_owned(),
+        logs: reports,
+        clocks: Vec::new(),
+        not_run: None,
+        checks: Vec::new(),
+    };
     let lost = found.logs.iter().flat_map(|l| l.channels.iter().map(move |c| (l, c))).find(|(_, c)| c.role == Role::Input && !c.ok);
     if let Some((log, c)) = lost {
         found.not_run = Some(format!("{}: without the command `{}` nothing can be compared", log.log, c.channel));

@@ -20,6 +20,7 @@ mod runs;
 mod sign;
 mod stuck;
 mod timing;
+pub(in crate::diagnose) mod topics;
 mod unit;
 mod units;
 mod view;

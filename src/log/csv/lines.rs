@@ -12,7 +12,7 @@ use crate::error::Error;
 use crate::log::LogError;
 
 /// A longer line is no row of a log, whatever the file is.
-const LONGEST_LINE: u64 = 1 << 24;
+pub(super) const LONGEST_LINE: u64 = 1 << 24;
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 /// What may separate columns, in the order in which it is tried.
 const SEPARATORS: [u8; 4] = [b',', b';', b'\t', b'|'];
@@ -55,6 +55,17 @@ impl<'a> Lines<'a> {
             if gzip { Box::new(BufReader::with_capacity(1 << 18, MultiGzDecoder::new(whole))) } else { Box::new(whole) };
         let separator = Separator::Byte(b',');
         Ok(Self { file, row: 0, separator, gzip, reader, read: 0, ahead: VecDeque::new(), line: Vec::new(), cells: Vec::new() })
+    }
+
+    /// Rows below a header that was read before: plain text, the line in front of it is number `before`.
+    pub(super) fn rows(file: &'a str, bytes: &'a [u8], separator: Separator, before: usize) -> Self {
+        let (ahead, line, cells) = (VecDeque::new(), Vec::new(), Vec::new());
+        Self { file, row: before, separator, gzip: false, reader: Box::new(bytes), read: before, ahead, line, cells }
+    }
+
+    /// A row stands below the header that was just found.
+    pub(super) fn has_row(&self) -> bool {
+        !self.ahead.is_empty()
     }
 
     /// Goes to the header row and finds out what separates columns; false when the file holds nothing. Where the first row is numbers and the comment above it has as many

@@ -4,6 +4,7 @@
 //! ends: the row in a message is the line that an editor shows. The csv crate takes apart lines with quotes.
 
 mod clock;
+pub(super) mod follow;
 pub(super) mod frequency;
 mod lines;
 mod number;
@@ -269,6 +270,7 @@ fn first_bytes(bytes: &mut impl Read) -> std::io::Result<Vec<u8>> {
 }
 
 /// The header row: where the time stands, and the channels.
+#[derive(Debug)]
 struct Header {
     separator: Separator,
     time: usize,
@@ -280,6 +282,7 @@ struct Header {
 }
 
 /// What is known of the time before its stamps are read.
+#[derive(Debug)]
 struct Clock {
     column: String,
     unit: Option<(TimeUnit, Why)>,
@@ -338,6 +341,42 @@ impl Header {
     fn check_length(&self, lines: &Lines<'_>) -> Result<(), LogError> {
         let (expected, found) = (self.cells, lines.len());
         if expected == found { Ok(()) } else { Err(LogError::RowLength { file: lines.file.into(), row: lines.row, expected, found }) }
+    }
+
+    /// The time stamp of the current line, in the file's unit.
+    fn stamp(&self, source: &str, lines: &Lines<'_>, stamps: &mut Stamps) -> Result<f64, LogError> {
+        let (time, row) = (lines.cell(self.time), lines.row);
+        let number = |cell: &[u8]| match parse(cell, self.separator) {
+            Cell::Number(x) => Some(x),
+            _ => None,
+        };
+        if let Some(raw) = stamps.read(time, self.clock.unit.map(|(unit, _)| unit), number) {
+            return Ok(raw);
+        }
+        let (file, place, channel, text) = (source.to_owned(), Place::Row(row), self.clock.column.clone(), shown(time));
+        Err(match parse(time, self.separator) {
+            Cell::Missing => LogError::EmptyTime { file, row },
+            Cell::NotFinite => LogError::NotFinite { file, place, channel, text },
+            Cell::Number(_) | Cell::Text => LogError::NotANumber { file, place, channel, text },
+        })
+    }
+
+    /// The number of a channel in the current line; `None` where it is missing.
+    fn number(&self, source: &str, lines: &Lines<'_>, place: usize, name: &str) -> Result<Option<f64>, LogError> {
+        let cell = lines.cell(place);
+        let facts = || (source.to_owned(), Place::Row(lines.row), name.to_owned(), shown(cell));
+        match parse(cell, self.separator) {
+            Cell::Number(x) => Ok(Some(x)),
+            Cell::Missing => Ok(None),
+            Cell::NotFinite => {
+                let (file, place, channel, text) = facts();
+                Err(LogError::NotFinite { file, place, channel, text })
+            }
+            Cell::Text => {
+                let (file, place, channel, text) = facts();
+                Err(LogError::NotANumber { file, place, channel, text })
+            }
+        }
     }
 
     /// The unit of time, settled by the first record that shows it.
@@ -496,25 +535,7 @@ impl Part {
             let numbers = *most as f64 * (columns.len() + 1) as f64;
             return Err(LogError::TooLarge { file: source.clone(), row, most: numbers, gb: numbers * size_of::<f64>() as f64 / 1e9 });
         }
-        let file = || source.clone();
-        let not_a_number =
-            |channel: &str, cell| LogError::NotANumber { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
-        let not_finite =
-            |channel: &str, cell| LogError::NotFinite { file: file(), place: Place::Row(row), channel: channel.into(), text: shown(cell) };
-        let time = lines.cell(header.time);
-        let number = |cell: &[u8]| match parse(cell, header.separator) {
-            Cell::Number(x) => Some(x),
-            _ => None,
-        };
-        let unit = header.clock.unit.map(|(unit, _)| unit);
-        let Some(raw) = stamps.read(time, unit, number) else {
-            let column = &header.clock.column;
-            return Err(match parse(time, header.separator) {
-                Cell::Missing => LogError::EmptyTime { file: file(), row },
-                Cell::NotFinite => not_finite(column, time),
-                Cell::Number(_) | Cell::Text => not_a_number(column, time),
-            });
-        };
+        let raw = header.stamp(source, lines, stamps)?;
         if before.last().is_none_or(|before| *before < raw) && raw.abs() <= super::TIME_LIMIT_S {
             rows.note(before.len(), row);
             before.push(raw);
@@ -524,12 +545,9 @@ impl Part {
         }
         let places = columns.iter_mut().zip(&header.columns);
         for (column, (place, name, _)) in places.filter(|(column, _)| column.refused.is_none()) {
-            let cell = lines.cell(*place);
-            match parse(cell, header.separator) {
-                Cell::Number(x) => column.push(Some(x)),
-                Cell::Missing => column.push(None),
-                Cell::NotFinite => column.refuse(not_finite(name, cell)),
-                Cell::Text => column.refuse(not_a_number(name, cell)),
+            match header.number(source, lines, *place, name) {
+                Ok(value) => column.push(value),
+                Err(error) => column.refuse(error),
             }
         }
         Ok(())

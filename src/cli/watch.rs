@@ -1,0 +1,216 @@
+//! `deadtime watch`: the dead time of a machine whose log still grows.
+
+use std::fs::File;
+use std::io::{Write, stdout};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use serde::Serialize;
+
+use super::Out;
+use super::source::Clock;
+use super::words::with_options;
+use crate::delay::track::{Live, LiveOptions, Told, TrackerOptions};
+use crate::log::{Follower, News, Row, reader};
+
+/// Watch a log of text that grows, and print changes of the dead time as they come
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  deadtime watch flight.csv --input rudder --output yaw_rate
+  deadtime watch flight.csv --input rudder --output yaw_rate --until-idle 10 --json changes.jsonl
+  deadtime watch flight.csv --input rudder --output yaw_rate --once --quiet --json -")]
+pub(super) struct Watch {
+    /// The log: text with a header row and a column of time; rows are added at its end
+    #[arg(value_name = "LOG")]
+    log: PathBuf,
+    /// Input channel (the command)
+    #[arg(long, value_name = "U")]
+    input: String,
+    /// Output channel (the response)
+    #[arg(long, value_name = "Y")]
+    output: String,
+    /// Longest delay to search, seconds; default 34 samples
+    #[arg(long, value_name = "S")]
+    max_delay: Option<f64>,
+    /// Samples that the plant needs to respond without any dead time (its relative degree when sampled)
+    #[arg(long, value_name = "N", default_value_t = TrackerOptions::default().bias)]
+    degree_bias: usize,
+    /// Samples from which the response is learnt before anything is told
+    #[arg(long, value_name = "N", default_value_t = TrackerOptions::default().learn)]
+    learn: usize,
+    /// What a change must gain before it is told, in units of the logarithm of the likelihood: the lower, the sooner and the oftener wrong
+    #[arg(long, value_name = "GAIN", default_value_t = TrackerOptions::default().alarm)]
+    alarm: f64,
+    /// Seconds from look to look at the file
+    #[arg(long, value_name = "S", default_value_t = 0.2)]
+    every: f64,
+    /// End when nothing was added for so many seconds; default: never
+    #[arg(long, value_name = "S")]
+    until_idle: Option<f64>,
+    /// Read what is there, and end
+    #[arg(long, conflicts_with = "until_idle")]
+    once: bool,
+    #[command(flatten)]
+    clock: Clock,
+}
+
+/// Refused rows that are named on standard error; those behind are counted.
+const NAMED: u64 = 20;
+
+/// A line of JSON; beside those of [`Told`].
+#[derive(Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+enum Line<'a> {
+    Started { format: &'static str, log: &'a str, input: &'a str, output: &'a str },
+    RowSkipped { why: &'a str },
+    Replaced {},
+    TimeBegins { row: usize },
+    Ended { rows: u64, skipped: u64, between: u64, unfinished_row: Option<usize>, learnt: bool },
+}
+
+/// Where lines go, and what was counted.
+struct Said<'a> {
+    to: &'a Out<'a>,
+    json: Option<Box<dyn Write>>,
+    log: String,
+    rows: u64,
+    skipped: u64,
+}
+
+impl Watch {
+    /// Prints changes until it is ended; the JSON lines are deadtime/watch@1.
+    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
+        let every = seconds("--every", self.every)?;
+        let idle = self.until_idle.map(|s| seconds("--until-idle", s)).transpose()?;
+        if self.max_delay.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
+            bail!("--max-delay {}: give a finite number of seconds above 0", self.max_delay.unwrap_or_default());
+        }
+        if reader(&self.log)?.name != "csv" || self.log.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz")) {
+            bail!("{}: only plain text can be watched while it grows; `deadtime estimate --track` reads whole logs", self.log.display());
+        }
+        let mut follower = Follower::open(&self.log, &[&self.input, &self.output], &self.clock.options())?;
+        let tracker = TrackerOptions { bias: self.degree_bias, learn: self.learn, alarm: self.alarm, ..TrackerOptions::default() };
+        let mut live = Live::new(LiveOptions { max_delay_s: self.max_delay, tracker });
+        let mut out = Said { to, json: to.json_file().map(lines).transpose()?, log: self.log.display().to_string(), rows: 0, skipped: 0 };
+        let log = out.log.clone();
+        out.line(&Line::Started { format: "deadtime/watch@1", log: &log, input: &self.input, output: &self.output })?;
+        let mut grew = Instant::now();
+        loop {
+            let polled = follower.poll()?;
+            for news in polled.news {
+                out.news(news, &mut live)?;
+            }
+            if polled.grown {
+                grew = Instant::now();
+            } else if self.once || idle.is_some_and(|idle| grew.elapsed() >= idle) {
+                break;
+            } else {
+                std::thread::sleep(every);
+            }
+        }
+        for news in follower.finish() {
+            out.news(news, &mut live)?;
+        }
+        out.end(&live, follower.unfinished())
+    }
+}
+
+fn seconds(option: &str, s: f64) -> anyhow::Result<Duration> {
+    let duration = Duration::try_from_secs_f64(s).ok().filter(|d| !d.is_zero());
+    duration.with_context(|| format!("{option} {s}: give a finite number of seconds above 0"))
+}
+
+/// Where JSON lines go: `-` is standard output.
+fn lines(path: &Path) -> anyhow::Result<Box<dyn Write>> {
+    if path.as_os_str() == "-" {
+        return Ok(Box::new(stdout()));
+    }
+    Ok(Box::new(File::create(path).with_context(|| path.display().to_string())?))
+}
+
+impl Said<'_> {
+    fn line(&mut self, what: &impl Serialize) -> anyhow::Result<()> {
+        let Some(json) = &mut self.json else { return Ok(()) };
+        let mut text = serde_json::to_string(what)?;
+        text.push('\n');
+        json.write_all(text.as_bytes()).and_then(|()| json.flush()).context("JSON lines")
+    }
+
+    fn news(&mut self, news: News, live: &mut Live) -> anyhow::Result<()> {
+        match news {
+            News::Row(Row { time_s, values, .. }) => {
+                self.rows += 1;
+                let mut values = values.into_iter();
+                for told in live.push(time_s, values.next().flatten(), values.next().flatten())? {
+                    self.line(&told)?;
+                    self.to.line(&said(&told))?;
+                }
+            }
+            News::Bad(error) => {
+                self.skipped += 1;
+                let why = with_options(&error.to_string());
+                self.line(&Line::RowSkipped { why: &why })?;
+                if self.skipped <= NAMED {
+                    eprintln!("{}; skipped", crate::text::message(&why));
+                }
+                if self.skipped == NAMED {
+                    eprintln!("{}: more rows that are skipped are counted, not named", crate::text::shown(&self.log));
+                }
+            }
+            News::Note(note) => eprintln!("{}", crate::text::message(&format!("{}: {note}", self.log))),
+            News::Replaced => {
+                self.line(&Line::Replaced {})?;
+                eprintln!("{}: cut, or another file stands in its place: read from its beginning", crate::text::shown(&self.log));
+            }
+            News::TimeBegins { row } => {
+                live.restart();
+                self.line(&Line::TimeBegins { row })?;
+                self.to.line(&format!("row {row}: time begins anew, learning the response anew"))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn end(&mut self, live: &Live, unfinished_row: Option<usize>) -> anyhow::Result<()> {
+        let (rows, skipped, between, learnt) = (self.rows, self.skipped, live.extra(), live.has_learnt());
+        self.line(&Line::Ended { rows, skipped, between, unfinished_row, learnt })?;
+        let mut text = format!("{rows} rows read");
+        for (count, what) in [(skipped, "skipped"), (between, "left out between two samples of the even grid")] {
+            if count > 0 {
+                text += &format!(", {count} {what}");
+            }
+        }
+        if let Some(row) = unfinished_row {
+            text += &format!("; row {row} has no end yet and was left out");
+        }
+        if !learnt {
+            text += "; the response is not learnt yet: more rows in which the input moves are needed";
+        }
+        self.to.line(&text)
+    }
+}
+
+/// What is new, in words.
+fn said(told: &Told) -> String {
+    let since = |since_s: &Option<f64>| since_s.map_or_else(|| "long ago".to_owned(), |s| format!("{s:.3} s"));
+    match told {
+        Told::Learning { time_s, sample_time_s, max_delay_s } => {
+            let ts = format!("{sample_time_s:.4e}").parse().unwrap_or(*sample_time_s);
+            format!("{time_s:.3} s: a sample every {ts} s, dead times up to {max_delay_s:.4} s; learning the response")
+        }
+        Told::Delay { time_s, delay_s, ci95_s: [low, high] } => {
+            format!("{time_s:.3} s: dead time {delay_s:.4} s ({:.4} to {high:.4})", low.max(0.0))
+        }
+        Told::DelayChanged { time_s, from_s, to_s, since_s } => {
+            format!("{time_s:.3} s: dead time changed from {from_s:.4} s to {to_s:.4} s, since {}", since(since_s))
+        }
+        Told::DelayMoved { time_s, from_s, delay_s, ci95_s: [low, high] } => {
+            format!("{time_s:.3} s: dead time moved from {from_s:.4} s to {delay_s:.4} s ({low:.4} to {high:.4})")
+        }
+        Told::ResponseChanged { time_s, since_s } => {
+            format!("{time_s:.3} s: the response changed, since {}; learning it anew", since(since_s))
+        }
+        Told::RowsMissing { from_s, to_s } => format!("{to_s:.3} s: no rows since {from_s:.3} s"),
+    }
+}
