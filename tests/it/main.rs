@@ -51,6 +51,7 @@ mod frequency;
 mod fuzz;
 #[cfg(feature = "cli")]
 mod gap;
+mod gap_bend;
 mod gap_candidates;
 mod gap_coarse;
 mod gap_hard;
