@@ -59,6 +59,7 @@ mod gap_mixture;
 #[cfg(feature = "cli")]
 mod gap_moving;
 mod gap_nominal;
+mod gap_rest;
 mod gate;
 mod golden;
 mod golden_effects;
