@@ -177,8 +177,8 @@ def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float,
 
 
 def _bend(peak: float, size: float, share: float) -> dict:
-    """A characteristic that is bent by 0.3*size of the largest value there: by its square, by its cube, or by both."""
-    square, cube = (1.0, 0.0) if share < 0.4 else (0.0, 1.0) if share < 0.7 else (0.5, -0.5)
+    """A characteristic that is bent by about 0.3*size of the largest value there: by its square, by its cube, or by both. Neither is 0: errors are told relative to them."""
+    square, cube = (0.8, 0.2) if share < 0.4 else (0.2, 0.8) if share < 0.7 else (0.5, -0.5)
     return {"quadratic": 0.3 * size * square / peak, "cubic": 0.3 * size * cube / peak**2}
 
 
