@@ -93,6 +93,7 @@ SHOWN: dict[str, tuple[str, str, dict[str, float]]] = {
     "periodic_disturbance": (SPRING, "v", {"frequency": 1.0, "amplitude": 12.0, "phase": 0.0}),
     "output_delay": (TWO, "y", {"delay": 0.4}),
     "sensor_lag": (TWO, "y", {"time_constant": 0.5}),
+    "static_nonlinearity": (TWO, "y", {"quadratic": 0.15, "cubic": -0.3}),
     "sensor_gain": (TWO, "y", {"gain": 1.3}),
     "sensor_bias": (TWO, "y", {"offset": 0.25}),
     "sensor_drift": (TWO, "y", {"rate": 0.05}),

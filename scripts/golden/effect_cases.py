@@ -136,6 +136,12 @@ def effects(stored: dict | None) -> dict:
     cases.append(_case("lti_stribeck_friction_1", CRAFT, [stribeck], 701, starts["lti"]))
     cases.append(_case("lti_stribeck_friction_2", CRAFT, [stribeck, _one("input_delay", "roll", delay=0.0233)], 702, uneven=True))
     cases.append(_case("equations_stribeck_friction_1", ARM, [_one("stribeck_friction", "speed", level=0.6, extra=0.9, velocity=0.25)], 703, starts["equations"]))
+    bends = [_one("static_nonlinearity", "rate", quadratic=0.3, cubic=-0.15), _one("static_nonlinearity", "accel", quadratic=-0.2, cubic=0.05)]
+    for number, bent in enumerate(bends, start=1):
+        cases.append(_case(f"lti_static_nonlinearity_{number}", CRAFT, [bent], 730 + number, starts["lti"]))
+        more = [bent, _one("sensor_gain", bent["channel"], gain=1.2), _one("sensor_bias", bent["channel"], offset=-0.1), _one("sensor_lag", "*", time_constant=0.03)]
+        cases.append(_case(f"sampled_static_nonlinearity_{number}", SAMPLED, more, 740 + number, starts["sampled"]))
+    cases.append(_case("equations_static_nonlinearity_1", ARM, [_one("static_nonlinearity", "angle", quadratic=0.0, cubic=-0.9)], 751, starts["equations"], uneven=True))
     moving = [
         [_one("delay_jump", "roll", delay=0.0213, time=0.71, later=0.0831)], [_one("delay_jump", "roll", delay=0.0831, time=0.6213, later=0.0113)],
         [_one("delay_drift", "roll", delay=0.0113, rate=0.043)], [_one("delay_drift", "roll", delay=0.061, rate=-0.09)],

@@ -26,6 +26,7 @@ class Scales:
         steps = np.diff(time)
         self.rate = np.sqrt(((np.diff(x, axis=0) / steps[:, None]) ** 2).mean(axis=0))
         self.step, self.span, self.settling = float(np.median(steps)), time[-1], plant.settling
+        self.raw_peak_y = np.abs(y).max(axis=0)
         self.absolute_u, self.raw_peak_u = np.abs(u).mean(axis=0), np.abs(u).max(axis=0)
 
 
@@ -37,7 +38,7 @@ def channels(model: dict, effect: str) -> list[str]:
         return []
     if effect in ("output_delay", "sensor_lag", "sensor_gain"):
         return ["*"] + (o if len(o) > 1 else [])
-    if effect.startswith("sensor_"):
+    if effect.startswith("sensor_") or effect == "static_nonlinearity":
         return o
     if effect.startswith("clock"):
         return ["*"]
@@ -171,7 +172,14 @@ def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float,
         "sensor_bias": {"offset": 0.3 * sign * size * y}, "sensor_drift": {"rate": 0.6 * sign * size * y / s.span},
         "sensor_saturation": {"lower": s.middle_y[j] - reach if b < 0.75 else None, "upper": s.middle_y[j] + reach * (0.8 + 0.2 * a) if b > 0.25 else None},
         "sensor_quantisation": {"step": min(0.6 * size, 1.2) * y},
+        "static_nonlinearity": _bend(s.raw_peak_y[j], min(size, 1.8) * sign, a),
     }[effect])
+
+
+def _bend(peak: float, size: float, share: float) -> dict:
+    """A characteristic that is bent by about 0.3*size of the largest value there: by its square, by its cube, or by both. Neither is 0: errors are told relative to them."""
+    square, cube = (0.8, 0.2) if share < 0.4 else (0.2, 0.8) if share < 0.7 else (0.5, -0.5)
+    return {"quadratic": 0.3 * size * square / peak, "cubic": 0.3 * size * cube / peak**2}
 
 
 def _moving(s: Scales, effect: str, late: float, sign: float, shape: tuple[float, float, float]) -> dict:

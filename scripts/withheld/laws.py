@@ -47,6 +47,7 @@ NOMINAL = [
     effect("actuator_lag", "u", time_constant=1e-7), effect("unmodelled_mode", "u->input:u", frequency=2.0, damping=0.1, gain=0.0),
     effect("output_delay", "*", delay=0.0), effect("sensor_lag", "y", time_constant=1e-7), effect("sensor_gain", "y", gain=1.0),
     effect("sensor_bias", "y", offset=0.0), effect("sensor_drift", "y", rate=0.0), effect("misalignment", "w->y", gain=0.0),
+    effect("static_nonlinearity", "y", quadratic=0.0, cubic=0.0),
     effect("clock_skew", "*", ratio=1.0), effect("clock_offset", "*", offset=0.0), effect("cross_coupling", "u->x", gain=0.0), effect("exchange", "x<->z", gain=0.0),
     effect("coulomb_friction", "z", level=0.0), effect("stribeck_friction", "z", level=0.0, extra=0.0, velocity=0.4), effect("quadratic_drag", "z", coefficient=0.0),
     effect("cubic_stiffness", "x->z", coefficient=0.0), effect("unmodelled_mode", "u->state:z", frequency=2.0, damping=0.1, gain=0.0),
@@ -117,6 +118,9 @@ def static_maps():
     close(passed(effect("rate_limit", "u", rate=3.0)), expected, 1e-13, "rate limit")
     grid = passed(effect("sensor_quantisation", "y", step=0.25))
     close(grid, 0.25 * np.sign(v) * np.floor(np.abs(v) / 0.25 + 0.5), 1e-15, "quantisation")
+    ways = np.linspace(0.0, 1.0, 20001)[:, None] * v
+    risen = np.abs(ways + 0.2 * ways**2 - 0.3 * ways**3).max(axis=0)
+    close(passed(effect("static_nonlinearity", "y", quadratic=0.2, cubic=-0.3)), np.sign(v) * risen, 1e-8, "bend, level past its turn")
     # Whole samples and a bit, so that no rounding decides which side of an edge a sample sees.
     index, late = np.arange(len(v)), 1e-6
 

@@ -22,7 +22,7 @@ DYNAMICS = {
     "constant_disturbance", "periodic_disturbance",
 }
 OUTPUT = {
-    "output_delay", "sensor_lag", "sensor_gain", "sensor_bias", "sensor_drift", "sensor_saturation",
+    "output_delay", "sensor_lag", "static_nonlinearity", "sensor_gain", "sensor_bias", "sensor_drift", "sensor_saturation",
     "sensor_quantisation", "misalignment",
 }
 DECLARED = {"candidate"}  # there only where a model file declares it: never drawn

@@ -16,6 +16,7 @@ use crate::diagnose::answer::improvement::improvement;
 use crate::diagnose::answer::isolability::{self as isolability_of, Isolability, Names};
 use crate::diagnose::answer::later_rows::later_rows;
 use crate::diagnose::answer::location::{locate, output_shares};
+use crate::diagnose::answer::missing_force::describe;
 use crate::diagnose::answer::nominal::nominal_caveats;
 use crate::diagnose::answer::traces::{CommandTrace, Trace, command_traces, traces};
 use crate::diagnose::baseline::motion::Motion;
@@ -281,7 +282,10 @@ impl Answer<'_> {
         let shares: Vec<Option<f64>> = gap.outputs.iter().map(|o| o.share).collect();
         let predictor = likelihood.predictor;
         let budget = GapBudget { likelihood, composed, before: &before, after: &after, scales: self.scales, seed };
-        let (contributions, recalibration, remainder) = budget.sections(composed.estimate.as_ref());
+        let (contributions, recalibration, mut remainder) = budget.sections(composed.estimate.as_ref());
+        if composed.judged.verdict != GapVerdict::Effects {
+            remainder.description = describe(likelihood, &handed.effects, &after, seed);
+        }
         let diagnosis = Diagnosis {
             format: DiagnosisFormat::V2,
             model: self.subject.name().to_owned(),

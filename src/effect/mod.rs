@@ -194,7 +194,7 @@ pub trait Effect: Sync {
 }
 
 /// All effects, in the order of the format's table: of equals the first one leads.
-pub static EFFECTS: [&dyn Effect; 36] = [
+pub static EFFECTS: [&dyn Effect; 37] = [
     &input::delay::InputDelay,
     &input::delay_jump::DelayJump,
     &input::delay_drift::DelayDrift,
@@ -223,6 +223,7 @@ pub static EFFECTS: [&dyn Effect; 36] = [
     &dynamics::periodic_disturbance::PeriodicDisturbance,
     &output::delay::OutputDelay,
     &output::sensor_lag::SensorLag,
+    &output::static_nonlinearity::StaticNonlinearity,
     &output::sensor_gain::SensorGain,
     &output::sensor_bias::SensorBias,
     &output::sensor_drift::SensorDrift,

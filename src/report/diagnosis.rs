@@ -8,11 +8,12 @@ use crate::report::text::{Table, estimate};
 
 /// First, what the checks say of signs, axes, units and clocks where one fails: no dynamics has to be named for what a remedy at the log or the model settles.
 /// Five sentences: how big the gap is, where it sits, what causes it and how sure that is, what else it could be, how far it shrinks; and one more where
-/// several effects contribute or something stays: how much each takes.
+/// several effects contribute or something stays: how much each takes. What stays is described in a sentence of its own where that is more than chance.
 #[must_use]
 pub fn summary(found: &Diagnosed) -> String {
     let d = &found.diagnosis;
-    let lines = [first(found), Some(size(d)), Some(place(d)), Some(cause(d)), budget(d), Some(rivals(d)), Some(shrink(d))];
+    let rest = described(d).map(|sentence| format!("Rest: {sentence}."));
+    let lines = [first(found), Some(size(d)), Some(place(d)), Some(cause(d)), budget(d), rest, Some(rivals(d)), Some(shrink(d))];
     lines.into_iter().flatten().collect::<Vec<_>>().join("\n")
 }
 
@@ -127,6 +128,11 @@ fn budget(d: &Diagnosis) -> Option<String> {
     };
     let all: Vec<String> = d.cause.contributions.iter().map(one).chain(recalibrated(d).map(numbers)).collect();
     Some(format!("Budget: {}{}.", all.join("; "), stays.unwrap_or_default()))
+}
+
+/// What stays, as a missing force.
+pub(super) fn described(d: &Diagnosis) -> Option<&str> {
+    Some(d.cause.remainder.as_ref()?.description.as_ref()?.sentence.as_str())
 }
 
 /// The probability of the verdict.

@@ -52,6 +52,7 @@ mod frequency;
 mod fuzz;
 #[cfg(feature = "cli")]
 mod gap;
+mod gap_bend;
 mod gap_candidates;
 mod gap_coarse;
 mod gap_hard;
@@ -59,6 +60,7 @@ mod gap_mixture;
 #[cfg(feature = "cli")]
 mod gap_moving;
 mod gap_nominal;
+mod gap_rest;
 mod gate;
 mod golden;
 mod golden_effects;

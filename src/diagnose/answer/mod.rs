@@ -1,5 +1,6 @@
 //! The sections of a diagnosis.
 
+mod along_the_run;
 pub(in crate::diagnose) mod alternatives;
 pub(in crate::diagnose) mod cause;
 pub(in crate::diagnose) mod contributions;
@@ -10,6 +11,7 @@ pub(in crate::diagnose) mod improvement;
 pub(in crate::diagnose) mod isolability;
 pub(in crate::diagnose) mod later_rows;
 pub(in crate::diagnose) mod location;
+pub(in crate::diagnose) mod missing_force;
 pub(in crate::diagnose) mod nominal;
 pub(in crate::diagnose) mod probabilities;
 pub(in crate::diagnose) mod traces;

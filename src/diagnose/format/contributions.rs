@@ -102,7 +102,7 @@ pub struct Remainder {
     pub description: Option<Description>,
 }
 
-/// A missing force or input, as smoothed from the data. It describes, and is no cause.
+/// A missing force, as regressed from what stays. It describes, and is no cause.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {

@@ -1,4 +1,5 @@
-//! More elaborate forms of a plain effect: a delay that jumps beside one that stands still, a friction that falls with speed beside one that does not.
+//! More elaborate forms of a plain effect: a delay that jumps beside one that stands still, a friction that falls with speed beside one that does not, a sensor
+//! that is bent beside one of another gain.
 //!
 //! How it goes wrong without a rule of its own: a simulator that is a little off leaves a residual of its own shape, and the form with more numbers takes some
 //! of it with a likelihood that no penalty on numbers outweighs. So the elaborate form must do what any further cause must: take a part of the gap that
@@ -74,7 +75,9 @@ fn plainer_keys(hypothesis: &Hypothesis) -> Vec<String> {
         others.join(" + ")
     };
     let elaborate = hypothesis.effects.iter().enumerate();
-    elaborate.filter_map(|(at, a)| Some((at, format!("{}:{}", a.effect.elaborates()?, a.channel)))).map(instead).collect()
+    // The plain form may also act on all outputs; it does where there is but one.
+    let forms = |(at, a): (usize, &Applied)| a.effect.elaborates().map(|plain| [&a.channel, "*"].map(|c| (at, format!("{plain}:{c}"))));
+    elaborate.filter_map(forms).flatten().map(instead).collect()
 }
 
 /// What a further cause must do: take a part of the gap that matters, learnt and held out, or lower the error of an output plainly, both together.

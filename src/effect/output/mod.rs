@@ -8,3 +8,4 @@ pub(super) mod sensor_gain;
 pub(super) mod sensor_lag;
 pub(super) mod sensor_quantisation;
 pub(super) mod sensor_saturation;
+pub(super) mod static_nonlinearity;

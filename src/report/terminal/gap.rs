@@ -2,7 +2,7 @@
 
 use super::axis::share as bar;
 use crate::diagnose::{Diagnosed, Diagnosis, FoundParameter, Mode, RankingRow, Share, Strength};
-use crate::report::diagnosis::{first, percent, probability, shared};
+use crate::report::diagnosis::{described, first, percent, probability, shared};
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns};
 use crate::report::text::estimate;
 use crate::text::shown;
@@ -32,6 +32,9 @@ pub fn diagnosis(found: &Diagnosed, rows: usize) -> Styled {
     text.sentence((Role::Label, "Gap: "), &size(d), WIDTH, 2);
     text.sentence((Role::Label, "Place: "), &place(d), WIDTH, 2);
     text.sentence((Role::Label, "Shrink: "), &shrink(d), WIDTH, 2);
+    if let Some(rest) = described(d) {
+        text.sentence((Role::Doubt, "Rest: "), &format!("{rest}."), WIDTH, 2);
+    }
     for caveat in found.caveats.iter().filter(|c| !c.comes_first()) {
         text.sentence((Role::Doubt, "Caveat: "), &format!("{caveat}."), WIDTH, 2);
     }

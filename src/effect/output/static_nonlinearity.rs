@@ -1,0 +1,79 @@
+//! A sensor's characteristic is not straight: y + quadratic·y² + cubic·y³.
+//!
+//! Equation: v = p(min(max(y, lower), upper)) with p(y) = y + quadratic·y² + cubic·y³; from 0 to `lower` and to `upper` the curve p rises, and beyond it stays level.
+
+use std::sync::Arc;
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
+use crate::simulate::{Plan, System};
+
+/// The sensor's characteristic is not straight.
+///
+/// Assumes: a smooth characteristic without memory that never falls, of slope one at zero; offset and scale factor are effects of their own.
+/// Fails when: what is measured stays far from zero or hardly moves: there a bend is a gain and an offset. A plant that is itself bent, driven slowly, shows the same.
+/// Source: IEEE Std 1293-1998, section 8.3, model equation of a linear accelerometer (second- and third-order coefficients).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct StaticNonlinearity;
+
+impl Effect for StaticNonlinearity {
+    fn name(&self) -> &'static str {
+        "static_nonlinearity"
+    }
+
+    fn summary(&self) -> &'static str {
+        "the sensor's characteristic is bent"
+    }
+
+    fn site(&self) -> Site {
+        Site::Output
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.outputs)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let unit = channel::unit(&system.outputs[channel::output(self, system, channel)?]);
+        Ok(vec![channel::free("quadratic", format!("1/({unit})"), 0.0), channel::free("cubic", format!("1/({unit})^2"), 0.0)])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Some(spread) = channel::output(self, system, channel).ok().and_then(|i| scales.outputs.get(i)) else { return Vec::new() };
+        let largest = spread.quantiles[5].max(f64::MIN_POSITIVE);
+        // The screen goes along both of either sign.
+        vec![vec![0.2 / largest, 0.0], vec![0.0, 0.2 / (largest * largest)]]
+    }
+
+    fn elaborates(&self) -> Option<&'static str> {
+        Some("sensor_gain")
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Amplitude)
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let (quadratic, cubic) = (values[0], values[1]);
+        let (lower, upper) = rising(quadratic, cubic);
+        let bent = move |_, y: f64| {
+            let y = y.clamp(lower, upper);
+            y * (1.0 + y * (quadratic + y * cubic))
+        };
+        plan.outputs[channel::output(self, system, channel)?].maps.push(Arc::new(bent));
+        Ok(())
+    }
+}
+
+/// From where to where about 0 the curve rises. Its slope is 1 + 2·quadratic·y + 3·cubic·y²; with w = 1/y it is 0 where w² + 2·quadratic·w + 3·cubic is.
+fn rising(quadratic: f64, cubic: f64) -> (f64, f64) {
+    let square = quadratic * quadratic - 3.0 * cubic;
+    if square <= 0.0 || !square.is_finite() {
+        return (f64::NEG_INFINITY, f64::INFINITY);
+    }
+    // The root that nothing cancels in, and the other by their product.
+    let one = -quadratic - square.sqrt().copysign(quadratic);
+    let other = 3.0 * cubic / one;
+    let (most, least) = (one.max(other), one.min(other));
+    (if least < 0.0 { 1.0 / least } else { f64::NEG_INFINITY }, if most > 0.0 { 1.0 / most } else { f64::INFINITY })
+}

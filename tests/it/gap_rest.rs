@@ -1,0 +1,95 @@
+//! What stays of a gap that no effect explains (or that is taken for noise), told as a missing force: right where there is one, nothing where there is none.
+
+use deadtime::diagnose::{Description, Diagnosis, GapOptions, diagnose};
+use deadtime::log::Log;
+use deadtime::model::ModelDocument;
+use deadtime::simulate::{Commands, System};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::StandardNormal;
+
+use super::gap_hard::{as_log, commands, diagnosed, document, log, noisy, servo};
+
+fn plain() -> ModelDocument {
+    document(&servo(", initial_std = 0.02", ""))
+}
+
+fn described(d: &Diagnosis) -> Option<&Description> {
+    d.cause.remainder.as_ref()?.description.as_ref()
+}
+
+#[test]
+fn a_force_of_no_catalogue_is_told_by_what_it_goes_with() {
+    for (at, (more, goes_with, sign)) in [(" + 4*x*u", "x*u", 1.0), (" - 0.6*v*v", "v^2", -1.0)].into_iter().enumerate() {
+        let machine = document(&servo(", initial_std = 0.02", more));
+        let logged = |i: u64| log(&machine, &[], 1300, 5100 + 10 * at as u64 + i, &[0.0, 0.0]);
+        let d = diagnosed(&plain(), &[logged(0), logged(1)], &[logged(2)]);
+        assert!(d.cause.effects.is_empty(), "{more}: {:?}", d.cause.effects);
+        let told = described(&d).unwrap_or_else(|| panic!("{more}: {:?}", d.cause.remainder));
+        assert_eq!((told.state.as_str(), told.goes_with.as_str()), ("v", goes_with), "{told:?}");
+        assert!(told.held_out_r2 > 0.5 && told.held_out_r2 <= 1.0, "{told:?}");
+        let size: f64 = told.sentence.split_once(&format!("{goes_with}, ")).unwrap().1.split_once(" times").unwrap().0.parse().unwrap();
+        assert!(size * sign > 0.0, "{told:?}");
+    }
+}
+
+/// Logs of the servo with a force that nobody logged.
+fn pushed(seed: u64) -> Log {
+    let text = servo(", initial_std = 0.02", " + w").replace("inputs = [", "inputs = [{ name = \"w\", unit = \"rad/s^2\" }, ");
+    let system = System::new(&document(&text), |_| Ok(0.0)).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let u = commands(1300, &mut rng);
+    let mut force = vec![0.0; u.len()];
+    for k in 1..force.len() {
+        force[k] = 0.97 * force[k - 1] + 0.25 * rng.sample::<f64, _>(StandardNormal);
+    }
+    let time_s: Vec<f64> = (0..u.len()).map(|k| 0.02 * k as f64).collect();
+    let inputs = [force, u.clone()];
+    let plan = deadtime::effect::Applied::plan(&system, &[], deadtime::effect::Chance::Mean).unwrap();
+    let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &[0.0, 0.0], None).unwrap();
+    let outputs: Vec<Vec<f64>> = run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
+    as_log(&format!("log{seed}.csv"), time_s, &u, &outputs)
+}
+
+#[test]
+fn gusts_go_with_nothing_and_nothing_is_said() {
+    let model = plain();
+    for seed in [5200, 5210, 5220, 5230] {
+        let d = diagnosed(&model, &[pushed(seed), pushed(seed + 1)], &[pushed(seed + 2)]);
+        assert!(d.gap.before.unwrap() > 0.1 && d.cause.effects.is_empty(), "{:?}", d.cause.effects);
+        assert_eq!(described(&d), None, "{seed}");
+    }
+}
+
+#[test]
+fn what_is_explained_needs_no_description() {
+    let model = plain();
+    for acting in [&[][..], &[("quadratic_drag", "v", &[1.5][..])]] {
+        let logged = |i: u64| log(&model, acting, 1300, 5300 + i, &[0.0, 0.0]);
+        let d = diagnosed(&model, &[logged(0), logged(1)], &[logged(2)]);
+        assert!(d.cause.verdict == acting.first().map_or("none", |a| a.0) && described(&d).is_none(), "{:?}", d.cause.remainder);
+    }
+}
+
+#[test]
+fn the_answer_has_the_sentence_and_the_file_keeps_it() {
+    let machine = document(&servo(", initial_std = 0.02", " + 4*x*u"));
+    let logged = |seed: u64| log(&machine, &[], 1300, seed, &[0.0, 0.0]);
+    let found = diagnose(&plain(), &[logged(5400)], &[logged(5401)], &GapOptions::default(), &|_| ()).unwrap();
+    let told = described(&found.diagnosis).unwrap().clone();
+    let summary = deadtime::report::diagnosis::summary(&found);
+    assert!(summary.contains(&format!("Rest: {}.", told.sentence)), "{summary}");
+    let value = serde_json::to_value(&found.diagnosis).unwrap();
+    let schema: serde_json::Value = serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
+    let errors: Vec<String> = jsonschema::draft202012::new(&schema).unwrap().iter_errors(&value).map(|e| e.to_string()).collect();
+    assert!(errors.is_empty(), "{errors:?}");
+    let again: Diagnosis = serde_json::from_value(value).unwrap();
+    assert_eq!(described(&again), Some(&told));
+    // The term that it offers is one that the program takes.
+    let term = told.sentence.split('\'').nth(1).unwrap();
+    let mut suspecting = plain();
+    suspecting.suspect(deadtime::model::CandidateEntry::from_text(term).unwrap()).unwrap();
+    let d = diagnosed(&suspecting, &[logged(5400)], &[logged(5401)]);
+    assert_eq!((d.cause.verdict.as_str(), d.cause.channel.as_deref()), ("candidate", Some(term)), "{:?}", d.cause.contributions);
+}
