@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
 use super::series::{Thinning, base64};
-use super::{Cell, page, plots, quoted, table};
+use super::{Cell, made_by, page, plots, quoted, table};
 use crate::delay::Outcome;
 use crate::delay::report::{Estimate, Pair, Report, Response};
 use crate::log::Log;
@@ -37,7 +37,7 @@ pub fn estimate(report: &Report, logs: &[Log], responses: &[Option<Response>]) -
             (methods(pair, report.sample_time_s))
             @if let Some(response) = responses.get(at).and_then(Option::as_ref) { (picture(pair, response, report.sample_time_s)) }
         }
-        p .faint { "deadtime " (env!("CARGO_PKG_VERSION")) "; curves by uPlot 1.6.32 (MIT, Leon Sorokin)." }
+        (made_by())
     };
     page(&format!("Dead time in {}", report.log), &body, &data(report, logs))
 }

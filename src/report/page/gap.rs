@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
 use super::series::Thinning;
-use super::{Cell, number, page, percent, plots, quoted, table};
+use super::{Cell, made_by, number, page, percent, plots, quoted, table};
 use crate::diagnose::{CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, Mode, RankingRow, Strength, Trace};
 use crate::report::diagnosis::{recalibrated, summary};
 
@@ -366,6 +366,6 @@ fn origin(d: &Diagnosis) -> Markup {
         h2 { "Data" }
         p { "Learnt from: " (names(&d.logs)) ". Simulated means " (mode) ": " (d.prediction.why) "." }
         (table("What the shrink was measured on", &["log", "from (s)", "to (s)"], &rows))
-        p .faint { "deadtime " (env!("CARGO_PKG_VERSION")) "; curves by uPlot 1.6.32 (MIT, Leon Sorokin)." }
+        (made_by())
     }
 }
