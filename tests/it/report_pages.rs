@@ -123,7 +123,8 @@ fn a_page_of_withheld_effects_counts_every_case_once() {
     deadtime(&["blind", "score", text(&check.verdicts()), text(&check.labels()), "--html", text(&page)]).done();
     let page = std::fs::read_to_string(page).unwrap();
     assert!(stands(&page).contains("8 cases"));
-    let matrix = &figure(&drawn(&page), "confusion")[0];
+    let data = drawn(&page);
+    let matrix = &figure(&data, "confusion")[0];
     let cases: u64 =
         matrix["rows"].as_array().unwrap().iter().flat_map(|r| r["values"].as_array().unwrap()).filter_map(Value::as_u64).sum();
     assert_eq!(cases, 8);

@@ -173,6 +173,7 @@ const lines = (box, v) => {
     focus: { alpha: 0.3 },
     hooks: {
       drawClear: [(u) => {
+        if (v.map) tiles(u, v.map);
         for (const m of marks) {
           u.ctx.save();
           u.ctx.fillStyle = color(m.color);
@@ -188,7 +189,6 @@ const lines = (box, v) => {
       }],
       draw: [(u) => {
         if (v.names) named(u, v);
-        if (v.map) tiles(u, v.map);
       }],
     },
   }, rows, wrap);

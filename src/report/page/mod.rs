@@ -6,6 +6,8 @@ mod check;
 mod estimate;
 mod gap;
 mod identify;
+mod laws;
+mod residual;
 mod series;
 mod study;
 
