@@ -198,3 +198,22 @@ pub(in crate::diagnose) fn of_starts(sensitivities: &[PriorSensitivity]) -> Stri
         "The verdict hangs on how far the start of {states} is trusted: begin from a known state (and say so with initial_std), or step the operating point."
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_proposal_that_is_a_signal_has_its_commands() {
+        let logged = vec![vec![1.0, 3.0, 1.0, 3.0], vec![0.0, 0.0, 1.0, 1.0]];
+        let twice = proposed("To separate a, b: repeat the commands at twice the amplitude (expected log Bayes factor 9 in 4 s).", &logged);
+        assert_eq!(twice, Some(vec![vec![0.0, 4.0, 0.0, 4.0], vec![-0.5, -0.5, 1.5, 1.5]]));
+        let rest = proposed("To separate a, b: record at rest, commands held (expected…).", &logged);
+        assert_eq!(rest, Some(vec![vec![2.0; 4], vec![0.5; 4]]));
+        assert_eq!(
+            proposed("To separate a, b: none of the experiments that were simulated does; measure at another place.", &logged),
+            None
+        );
+        assert_eq!(proposed("repeat the commands at twice the amplitude", &[]), None);
+    }
+}

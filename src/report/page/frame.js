@@ -236,7 +236,7 @@ const tiles = (u, m) => {
       if (!shade) continue;
       u.ctx.globalAlpha = shade / 255;
       const [low, high] = [u.valToPos(m.y[r], "y", true), u.valToPos(m.y[r + 1], "y", true)];
-      u.ctx.fillRect(Math.floor(a), Math.floor(high), Math.ceil(b) - Math.floor(a), Math.ceil(low) - Math.floor(high));
+      u.ctx.fillRect(Math.round(a), Math.round(high), Math.round(b) - Math.round(a), Math.round(low) - Math.round(high));
     }
   }
   u.ctx.restore();

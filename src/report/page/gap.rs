@@ -104,7 +104,7 @@ fn sides(there: &std::collections::BTreeSet<&str>) -> Markup {
         }
         @if there.contains("coherence") {
             h3 { "Coherence with the commands" }
-            p { "Near 1, a better linear model would still explain the residual there. What goes with no command is noise, a disturbance, or bends." }
+            p { "Near 1, a better linear model would still explain the residual there. What goes with no command is noise, a disturbance, or nonlinear." }
             (figure("coherence", "The coherence"))
         }
     }

@@ -203,7 +203,10 @@ fn spectrum(output: &[Trace]) -> Option<Value> {
     let mut floor = floor_line(2.0 * step_s * first.floor.powi(2), x.len());
     floor["label"] = json!("noise floor, if white");
     curves.push(floor);
-    let unit = first.unit.as_deref().filter(|u| *u != "1").map_or_else(|| "1/Hz".to_owned(), |u| format!("({u})²/Hz"));
+    let unit = first.unit.as_deref().filter(|u| *u != "1").map_or_else(
+        || "1/Hz".to_owned(),
+        |u| if u.chars().all(char::is_alphanumeric) { format!("{u}²/Hz") } else { format!("({u})²/Hz") },
+    );
     Some(json!({
         "kind": "lines", "keys": [first.output], "about": format!("Spectrum of {} and of its residual", first.output),
         "x": { "label": "frequency (Hz)", "log": true, "values": x }, "y": { "label": format!("power density ({unit})"), "log": true }, "curves": curves,
@@ -269,10 +272,13 @@ fn map(t: &Trace, after: bool, step_s: f64) -> Option<Value> {
     // The strongest of a row's lines; a row between two lines is the nearer one's.
     let nearest = |hz: f64| ((hz / lowest).round() as usize).clamp(1, size / 2);
     let mut powers: Vec<Option<Vec<f64>>> = Vec::new();
+    let mut strongest: Vec<Option<(f64, f64)>> = Vec::new();
     for c in 0..columns {
         let part: Option<Vec<f64>> = (c * size..(c + 1) * size).map(|at| left(t, after, at)).collect();
-        powers.push(part.map(|part| {
-            let s = CrossSpectra::welch([(part.as_slice(), part.as_slice())], size);
+        let spectrum = part.map(|part| CrossSpectra::welch([(part.as_slice(), part.as_slice())], size));
+        let line = |s: &CrossSpectra| (1..s.uu.len()).map(|k| (s.uu[k], k as f64 * lowest)).max_by(|a, b| a.0.total_cmp(&b.0));
+        strongest.push(spectrum.as_ref().and_then(line));
+        powers.push(spectrum.map(|s| {
             let row = |r: usize| (nearest(edges[r])..=nearest(edges[r + 1])).filter_map(|k| s.uu.get(k).copied()).fold(0.0, f64::max);
             (0..ROWS).map(row).collect()
         }));
@@ -288,10 +294,7 @@ fn map(t: &Trace, after: bool, step_s: f64) -> Option<Value> {
         Some(c) => c.iter().map(|p| if db(*p) < 6.0 { 0 } else { (255.0 * db(*p) / FULL_DB).min(255.0) as u8 }).collect::<Vec<u8>>(),
         None => vec![0; ROWS],
     });
-    let strongest = |c: &Option<Vec<f64>>| {
-        let (at, p) = c.as_ref()?.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
-        (db(p) >= 6.0).then(|| (edges[at] * edges[at + 1]).sqrt())
-    };
+    let strongest: Vec<Option<f64>> = strongest.into_iter().map(|s| s.filter(|s| db(s.0) >= 6.0).and_then(|s| brief(s.1))).collect();
     let start = |c: usize| t.time_s.get(c * size).or(t.time_s.last()).copied();
     let times: Vec<f64> = (0..=columns).filter_map(start).collect();
     let middles = times.windows(2).map(|w| w[0].midpoint(w[1]));
@@ -299,7 +302,7 @@ fn map(t: &Trace, after: bool, step_s: f64) -> Option<Value> {
         "kind": "lines", "keys": [t.output, t.log, if after { "with causes" } else { "as it came" }], "height": 340,
         "about": format!("Excess of the residual of {} over its noise, time by frequency", t.output),
         "x": { "label": "time (s)", "values": briefly(middles) }, "y": { "label": "frequency (Hz)", "log": true, "range": [lowest, highest] },
-        "curves": [{ "label": "strongest at (Hz)", "y": powers.iter().map(|c| strongest(c).and_then(brief)).collect::<Vec<_>>(), "color": "ink", "points": "only" }],
+        "curves": [{ "label": "strongest at (Hz)", "y": strongest, "color": "ink", "points": "only" }],
         "map": { "x": briefly(times), "y": briefly(edges.iter().copied()), "u8": base64(shades) },
     }))
 }
