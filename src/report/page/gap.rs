@@ -47,7 +47,7 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
             h2 { "Next experiment" }
             div .next { p { (quoted(next_text)) } }
             @if let Some((_, file)) = &next {
-                p { "The commands, as large as those of the first log that was learnt from. Keep them within what the machine stands." }
+                p { "The commands, scaled from those of the first log that was learnt from. Keep them within what the machine stands." }
                 (figure("experiment", "The commands"))
                 p { a href=(file) download="next_experiment.csv" { "The experiment as CSV" } }
             }
