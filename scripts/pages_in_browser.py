@@ -1,4 +1,5 @@
-"""Opens pages of `deadtime gap` and `deadtime estimate` in headless Chromium and checks them: no error on the console, plots drawn, zoom linked, names shown and not run.
+"""Opens pages of `deadtime` in headless Chromium and checks them: no error on the console, plots drawn, zoom linked, names shown and not run; figures zoom, show numbers,
+switch their curves and change with their pickers; tables sort.
 
     python scripts/pages_in_browser.py [--shots FOLDER] PAGE.html ...
 
@@ -74,7 +75,7 @@ class Browser:
 
 
 def key(browser: Browser, name: str) -> None:
-    browser.script(f"document.querySelector('.plot').dispatchEvent(new KeyboardEvent('keydown', {{key: '{name}', bubbles: true}}))")
+    browser.script(f"document.querySelector('#plots .plot').dispatchEvent(new KeyboardEvent('keydown', {{key: '{name}', bubbles: true}}))")
 
 
 def range_shown(browser: Browser) -> list[float]:
@@ -101,12 +102,12 @@ def check(browser: Browser, page: Path, shots: Path | None) -> list[str]:
                     told = "a name was run: a dialog opened"
                 if told:
                     wrong.append(f"{width} {scheme}: {told}")
-            charts = browser.script("document.querySelectorAll('#plots canvas').length")
+            charts = browser.script("document.querySelectorAll('#plots canvas, .figure canvas, .figure table, main table').length")
             # Pixels that are not the background's, in every plot.
             blank = browser.script(
-                "[...document.querySelectorAll('#plots canvas')].filter((c) => { const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
+                "[...document.querySelectorAll('#plots canvas, .figure canvas')].filter((c) => { const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
                 " let n = 0; for (let i = 3; i < d.length; i += 4) n += d[i] > 0; return n < 200; }).length"
-            )
+            ) + browser.script("[...document.querySelectorAll('.figure')].filter((f) => !f.querySelector('canvas') && !f.querySelector('td')).length")
             over = browser.script("document.documentElement.scrollWidth - document.documentElement.clientWidth")
             if not charts or blank or over > 0:
                 wrong.append(f"{width} {scheme}: {charts} plots, {blank} of them blank, {over} pixels too wide")
@@ -114,6 +115,79 @@ def check(browser: Browser, page: Path, shots: Path | None) -> list[str]:
                 height = int(browser.script("document.documentElement.scrollHeight"))
                 shot = browser.call("Page.captureScreenshot", captureBeyondViewport=True, clip={"x": 0, "y": 0, "width": width, "height": min(height, 6000), "scale": 1})
                 (shots / f"{page.stem}-{width}-{scheme}.png").write_bytes(base64.b64decode(shot["data"]))
+    wrong += figures(browser) + tables(browser)
+    if browser.script("document.querySelector('#plots canvas') !== null"):
+        wrong += linked(browser)
+    if shots:
+        (shots / f"{page.stem}.pdf").write_bytes(base64.b64decode(browser.call("Page.printToPDF", printBackground=True)["data"]))
+    return wrong
+
+
+def figures(browser: Browser) -> list[str]:
+    """What figures with pickers do not do."""
+    wrong: list[str] = []
+    pause = lambda: browser.script("new Promise((done) => setTimeout(done, 250))")  # noqa: E731
+    for name in browser.script("[...document.querySelectorAll('.figure')].map((f) => f.id)"):  # type: ignore[union-attr]
+        of = f"document.getElementById('{name}')"
+        drawn = f"(() => {{ const c = {of}.querySelector('canvas'); return c ? c.toDataURL() : {of}.textContent; }})()"
+        if browser.script(f"{of}.querySelector('canvas') !== null"):
+            whole = browser.script(drawn)
+            press = f"{of}.querySelector('.plot').dispatchEvent(new KeyboardEvent('keydown', {{key: '%s', bubbles: true}}))"
+            browser.script(press % "+")
+            pause()
+            near = browser.script(drawn)
+            browser.script(press % "0")
+            pause()
+            if near == whole or browser.script(drawn) != whole:
+                wrong.append(f"{name}: + does not zoom, or 0 does not show all again")
+            box = browser.script(f"(() => {{ {of}.scrollIntoView(); const b = {of}.querySelector('.u-over').getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; }})()")
+            left, top, width, height = (float(v) for v in box)  # type: ignore[union-attr]
+            for share in (0.3, 0.35, 0.4, 0.5):
+                browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=left + share * width, y=top + height / 2)
+            pause()
+            told = browser.script(f"[...{of}.querySelectorAll('.u-legend .u-value')].map((v) => v.textContent).join(' ')")
+            if not any(c.isdigit() for c in str(told)):
+                wrong.append(f"{name}: hovering shows no value: {told}")
+            switched = f"(() => {{ const l = {of}.querySelectorAll('.u-legend tr')[1]; l.querySelector('th').dispatchEvent(new KeyboardEvent('keydown', {{key: 'Enter', bubbles: true}})); return l.classList.contains('u-off'); }})()"
+            if browser.script(switched) == browser.script(switched):
+                wrong.append(f"{name}: a name in the legend does not switch its curve")
+        # Every choice of every picker is drawn, and the last differs from the first.
+        for at in range(int(browser.script(f"{of}.querySelectorAll('select').length"))):  # type: ignore[call-overload]
+            menu = f"{of}.querySelectorAll('select')[{at}]"
+            choices = int(browser.script(f"{menu}.options.length"))  # type: ignore[call-overload]
+            pictures = []
+            for choice in range(choices):
+                browser.script(f"(() => {{ const m = {menu}; m.selectedIndex = Math.min({choice}, m.options.length - 1); m.dispatchEvent(new Event('change')); }})()")
+                pause()
+                pictures.append(browser.script(drawn))
+                if not browser.script(f"{of}.querySelector('canvas, td') !== null"):
+                    wrong.append(f"{name}: nothing is drawn for choice {choice} of picker {at}")
+            if choices > 1 and len(set(pictures)) < 2:
+                wrong.append(f"{name}: picker {at} changes nothing")
+    told = [str(e["params"])[:300] for e in browser.events if e["method"] in ("Runtime.exceptionThrown", "Page.javascriptDialogOpening")]
+    return wrong + told
+
+
+def tables(browser: Browser) -> list[str]:
+    """What tables whose headings sort do not do."""
+    return browser.script(
+        """[...document.querySelectorAll('table.sorts, table.heat')].flatMap((t) => {
+          const rows = t.tBodies[0].rows.length, buttons = [...t.tHead.querySelectorAll('button')];
+          if (rows < 2 || !buttons.length) return [];
+          const order = () => [...t.tBodies[0].rows].map((r) => r.textContent).join('|');
+          const last = buttons[0];
+          last.click();
+          const rising = order(), said = last.parentElement.getAttribute('aria-sort');
+          last.click();
+          const same = new Set([...t.tBodies[0].rows].map((r) => r.cells[0].textContent)).size < 2;
+          return said === 'ascending' && t.tBodies[0].rows.length === rows && (same || order() !== rising) ? [] : ['the table ' + t.caption.textContent + ' does not sort'];
+        })"""
+    )  # type: ignore[return-value]
+
+
+def linked(browser: Browser) -> list[str]:
+    """What curves over time that share an axis do not do."""
+    wrong: list[str] = []
     before = range_shown(browser)
     key(browser, "0")
     whole = range_shown(browser)
@@ -124,7 +198,7 @@ def check(browser: Browser, page: Path, shots: Path | None) -> list[str]:
     if not (whole[0] <= before[0] < before[1] <= whole[1] and near[1] - near[0] < 0.6 * (whole[1] - whole[0]) and moved[0] > near[0]):
         wrong.append(f"keys: opened on {before}, 0 shows {whole}, + {near}, then right {moved}")
     # A drag across the first plot zooms the last one.
-    box = browser.script("(() => { const b = document.querySelector('.u-over').getBoundingClientRect(); scrollTo(0, scrollY + b.top - 200); const c = document.querySelector('.u-over').getBoundingClientRect(); return [c.left, c.top, c.width, c.height]; })()")
+    box = browser.script("(() => { const b = document.querySelector('#plots .u-over').getBoundingClientRect(); scrollTo(0, scrollY + b.top - 200); const c = document.querySelector('#plots .u-over').getBoundingClientRect(); return [c.left, c.top, c.width, c.height]; })()")
     left, top, width, height = (float(v) for v in box)  # type: ignore[union-attr]
     drag = lambda kind, share: browser.call("Input.dispatchMouseEvent", type=kind, x=left + share * width, y=top + height / 2, button="left", buttons=1, clickCount=1)  # noqa: E731
     drag("mouseMoved", 0.3)
@@ -137,11 +211,9 @@ def check(browser: Browser, page: Path, shots: Path | None) -> list[str]:
     expected = 0.3 * (moved[1] - moved[0])
     if abs((zoomed[1] - zoomed[0]) - expected) > 0.1 * expected:
         wrong.append(f"a drag over three tenths of {moved} shows {zoomed}")
-    values = browser.script("[...document.querySelectorAll('.u-legend .u-value')].map((v) => v.textContent)")
+    values = browser.script("[...document.querySelectorAll('#plots .u-legend .u-value')].map((v) => v.textContent)")
     if not any(any(c.isdigit() for c in str(v)) for v in values):  # type: ignore[union-attr]
         wrong.append(f"hovering shows no value: {values}")
-    if shots:
-        (shots / f"{page.stem}.pdf").write_bytes(base64.b64decode(browser.call("Page.printToPDF", printBackground=True)["data"]))
     return wrong
 
 

@@ -127,7 +127,7 @@ def run_study(
     client : distributed.Client
         A synchronous client. Workers need the client's version of deadtime; a task uses one thread.
     out : path
-        Folder for study.json, tables.md, tasks.json and estimates/part-*.parquet, one data set to DuckDB, Polars and pandas.
+        Folder for study.json, tables.md, report.html, tasks.json and estimates/part-*.parquet, one data set to DuckDB, Polars and pandas.
     trials, seed : int, optional
         In place of the plan's.
     block : int, optional

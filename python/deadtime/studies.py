@@ -96,7 +96,7 @@ def study(
     plan : str, path, dict or Plan
         A shipped plan by name (`plans()`), a plan file, its text, or its keys.
     out : path, optional
-        Folder for study.json, estimates.csv, estimates.parquet and tables.md. Without it everything is kept in memory.
+        Folder for study.json, estimates.csv, estimates.parquet, tables.md and report.html. Without it everything is kept in memory.
     trials : int, optional
         Records of each setting; default: as the plan says.
     seed : int, optional

@@ -10,7 +10,7 @@ use super::{LimitNotMet, Out};
 use crate::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, load, run, score};
 use crate::diagnose::{GapOptions, diagnose_files};
 use crate::file::write_atomic;
-use crate::report::blind;
+use crate::report::{blind, page};
 use crate::text::{message, printed, shown};
 
 /// Diagnose cases whose cause is withheld, and score the verdicts once the labels are known
@@ -64,6 +64,9 @@ pub(super) struct ScoreVerdicts {
     /// Also write the report as Markdown
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
+    /// Also write the report as a page, one file that needs no network
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
     /// Exit with 1 when a score's 95 % interval lies beyond this limit as a whole; may be repeated
     #[arg(long, value_name = "NAME>=VALUE|NAME<=VALUE")]
     require: Vec<String>,
@@ -109,6 +112,9 @@ impl ScoreVerdicts {
         to.json(&scores)?;
         if let Some(path) = &self.markdown {
             write_atomic(path, |out| out.write_all(blind::markdown(&scores).as_bytes()))?;
+        }
+        if let Some(path) = &self.html {
+            write_atomic(path, |out| out.write_all(page::blind(&scores).as_bytes()))?;
         }
         std::io::stdout().lock().write_all(printed(&blind::text(&scores)).as_bytes()).context("standard output")?;
         let unmet: Vec<String> = limits.iter().filter_map(|limit| limit.unmet(&scores)).collect();

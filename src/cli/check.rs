@@ -7,8 +7,10 @@ use super::progress::Waiting;
 use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
 use crate::diagnose::{clocks, inspect};
+use crate::file::write_atomic;
 use crate::log::Log;
 use crate::report::checks::text;
+use crate::report::page;
 use crate::stop::Stop;
 
 /// Check a model and logs before diagnosing: names, units, time stamps, signs, axes, clocks, stuck and clipped channels, excitation
@@ -27,6 +29,9 @@ pub(super) struct Check {
     log: Vec<PathBuf>,
     #[command(flatten)]
     reading: Reading,
+    /// Also write what was found as a page, one file that needs no network
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
 }
 
 impl Check {
@@ -44,6 +49,9 @@ impl Check {
         found.clocks = seen;
         drop(waiting);
         to.json(&found)?;
+        if let Some(path) = &self.html {
+            write_atomic(path, |out| out.write_all(page::check(&found).as_bytes()))?;
+        }
         say!(to, "{}", text(&found).trim_end());
         Ok(())
     }

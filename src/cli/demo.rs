@@ -12,8 +12,8 @@ use crate::file::write_atomic;
 use crate::log;
 use crate::model::{ModelDocument, ModelFile};
 use crate::report::diagnosis::{ranking, summary};
-use crate::report::save;
-use crate::report::study::{cells, page as study_page};
+use crate::report::study::cells;
+use crate::report::{save, save_study};
 use crate::stop::Stop;
 use crate::study::{Plan, Runner};
 
@@ -101,7 +101,7 @@ impl Demo {
         let study = Runner::new(&plan)?.run(&folder, true, &Stop::default(), &|_| ())?;
         let (_, accuracy) = cells(&study, &plan.name);
         say!(to, "{}", accuracy.to_string().trim_end_matches('\n'));
-        write_atomic(&folder.join("tables.md"), |out| out.write_all(study_page(&study, &plan).as_bytes()))?;
+        save_study(&study, &plan, &folder)?;
         say!(to, "\n   Errors are in samples of 0.02 s, over the records that got an answer. A method to trust has a small error, and");
         say!(to, "   an interval that holds the truth about as often as it promises.");
         Ok(())

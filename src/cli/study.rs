@@ -9,7 +9,8 @@ use super::Out;
 use super::progress::Bar;
 use crate::file::{component, write_atomic};
 use crate::report::bounds;
-use crate::report::study::{full, page, text};
+use crate::report::save_study;
+use crate::report::study::{full, text};
 use crate::stop::Stop;
 use crate::study::{Budget, Plan, Progress, Runner};
 use crate::text::message;
@@ -26,7 +27,7 @@ pub(super) struct Study {
     /// A shipped plan (`deadtime list plans`) or a plan file
     #[arg(value_name = "PLAN", default_value = "thesis")]
     plan: String,
-    /// Folder for study.json, estimates.csv and tables.md; default study-PLAN
+    /// Folder for study.json, estimates.csv, tables.md and report.html, the page; default study-PLAN
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Only this grid of the plan (again for further ones)
@@ -82,7 +83,7 @@ impl Study {
         bar.end();
         let study = study?;
         to.json(&study)?;
-        write_atomic(&folder.join("tables.md"), |out| out.write_all(page(&study, &plan).as_bytes()))?;
+        save_study(&study, &plan, &folder)?;
         if let Some(path) = &self.plot {
             let drawing = bounds::svg(&study, &plan);
             let drawing = drawing
@@ -91,7 +92,7 @@ impl Study {
         }
         let told = if self.full { full(&study, Some(&plan)) } else { text(&study, Some(&plan)) };
         say!(to, "{}", told.trim_end());
-        say!(to, "\n{} estimates. Written to {}: study.json, estimates.csv, tables.md.", runner.estimates(), folder.display());
+        say!(to, "\n{} estimates. Written to {}: study.json, estimates.csv, tables.md, report.html.", runner.estimates(), folder.display());
         Ok(())
     }
 }

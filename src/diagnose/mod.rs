@@ -25,6 +25,7 @@ mod answer;
 
 mod pipeline;
 
+pub use answer::experiment::proposed;
 pub use answer::isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size};
 pub use answer::traces::{CommandTrace, Trace};
 pub use checks::inspection::{ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect};

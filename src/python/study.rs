@@ -304,7 +304,7 @@ fn warn(py: Python<'_>, damaged: &[study::Damaged]) -> PyResult<()> {
     damaged.iter().try_for_each(|d| warnings.call_method1("warn", (message(&d.to_string()),)).map(|_| ()))
 }
 
-/// Runs a plan on this machine and writes `study.json`, `estimates.csv`, `estimates.parquet` and `tables.md`; `progress` is called with (done, all).
+/// Runs a plan on this machine and writes `study.json`, `estimates.csv`, `estimates.parquet`, `tables.md` and `report.html`; `progress` is called with (done, all).
 #[pyfunction]
 fn _study(
     py: Python<'_>,
@@ -328,7 +328,7 @@ fn _study(
         let begun = runner.begin(&folder, resume, stop)?;
         let damaged = begun.damaged().to_vec();
         let study = begun.run(stop, &|p| *count.lock().unwrap_or_else(PoisonError::into_inner) = Some(p))?;
-        write_atomic(&folder.join("tables.md"), |out| out.write_all(report::page(&study, &plan).as_bytes()))?;
+        crate::report::save_study(&study, &plan, &folder)?;
         Ok((study, damaged))
     };
     let (study, damaged) = long_told(py, threads, tell, run)?;
@@ -478,12 +478,12 @@ impl Tasks {
         py.detach(|| self.0.keep(task, part)).or_raise(py)
     }
 
-    /// Adds all parts up and writes `study.json` and `tables.md`.
+    /// Adds all parts up and writes `study.json`, `tables.md` and `report.html`.
     fn gather(&self, py: Python<'_>, runner: &Bound<'_, Runner>, threads: Option<usize>) -> PyResult<StudyResult> {
         let (tasks, runner) = (self.0.clone(), runner.get().0.clone());
         let gather = move |stop: &crate::stop::Stop| {
             let study = tasks.gather(&runner, stop)?;
-            write_atomic(&tasks.folder().join("tables.md"), |out| out.write_all(report::page(&study, runner.plan()).as_bytes()))?;
+            crate::report::save_study(&study, runner.plan(), &tasks.folder())?;
             Ok(study)
         };
         long(py, threads, gather).map(StudyResult)

@@ -32,12 +32,12 @@ pub fn markdown(scores: &BlindScore) -> String {
     text
 }
 
-fn headline(scores: &BlindScore) -> String {
+pub(super) fn headline(scores: &BlindScore) -> String {
     let groups: Vec<String> = scores.groups.iter().filter(|(_, n)| **n > 0).map(|(g, n)| format!("{n} {g}")).collect();
     format!("{} cases ({}); every label matches its commitment", scores.cases, groups.join(", "))
 }
 
-fn tables(scores: &BlindScore) -> Vec<(String, Table)> {
+pub(super) fn tables(scores: &BlindScore) -> Vec<(String, Table)> {
     let mut tables = vec![("scores over all cases".to_owned(), overall(scores))];
     for (key, title) in PARTS {
         let parts = scores.by.iter().filter(|b| b.key == key);
@@ -103,12 +103,12 @@ fn interval(score: &Score) -> String {
     ends(score.ci95)
 }
 
-fn ends(ci95: Option<[f64; 2]>) -> String {
+pub(super) fn ends(ci95: Option<[f64; 2]>) -> String {
     ci95.map_or_else(|| "–".to_owned(), |[low, high]| format!("{} … {}", number(Some(low)), number(Some(high))))
 }
 
 /// Three decimals; large numbers with fewer, small ones in powers of ten.
-fn number(value: Option<f64>) -> String {
+pub(super) fn number(value: Option<f64>) -> String {
     match value {
         None => "–".to_owned(),
         Some(v) if v != 0.0 && v.abs() < 5e-4 => format!("{v:.1e}"),

@@ -1,8 +1,12 @@
 //! What a gate found, as text and as Markdown.
 
 use super::study::{number, share};
+use super::styled::wrapped;
 use super::text::Table;
 use crate::study::{Finding, GateGroup, GateReport, Measured};
+
+/// Columns that the text keeps to.
+const WIDE: usize = 100;
 
 /// One sentence: what was compared, and whether anything is worse.
 #[must_use]
@@ -63,11 +67,14 @@ fn chance(p: f64) -> String {
     if p < 1e-12 { "below 1e-12".to_owned() } else { number(Some(p)) }
 }
 
-/// For a terminal: the sentence, and a line for each finding.
+/// For a terminal of 100 columns: the sentence, and what is worse and better as tables.
 #[must_use]
 pub fn text(report: &GateReport) -> String {
-    let list = |word: &str, findings: &[Finding]| findings.iter().map(|f| format!("  {word}: {}\n", line(f))).collect::<String>();
-    format!("{}\n{}{}", headline(report), list("worse", &report.worse), list("better", &report.better))
+    let list = |word: &str, findings: &[Finding]| match findings {
+        [] => String::new(),
+        some => format!("\n{word}\n{}", changes(some).fit(WIDE)),
+    };
+    format!("{}\n{}{}", wrapped(&headline(report), WIDE, 0).join("\n"), list("worse", &report.worse), list("better", &report.better))
 }
 
 /// A page: the sentence, what changed, every method.
@@ -86,8 +93,7 @@ fn changes(findings: &[Finding]) -> Table {
     let mut table = Table::new(&["cell", "what", "before", "of", "now", "of", "p"], &[0, 1]);
     for f in findings {
         table.row(vec![
-            // A bar would end the cell of the table.
-            place(f).replace('|', "\\|"),
+            place(f),
             f.measured.words().to_owned(),
             with_interval(f.measured, f.before, f.before_ci95),
             f.before_count.to_string(),
@@ -105,7 +111,7 @@ fn methods(groups: &[GateGroup]) -> Table {
     let mut table = Table::new(&headings, &[0, 1, 2]);
     for group in groups {
         let name = if group.new { format!("{} (new)", group.method) } else { group.method.clone() };
-        let mut row = vec![group.grid.clone(), group.place.name().to_owned(), name.replace('|', "\\|"), group.cells.to_string()];
+        let mut row = vec![group.grid.clone(), group.place.name().to_owned(), name, group.cells.to_string()];
         row.extend(group.means.iter().map(|(m, before, after)| match (value(*m, *before), value(*m, *after)) {
             (before, after) if before == after => before,
             (before, after) => format!("{before} → {after}"),

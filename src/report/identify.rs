@@ -6,7 +6,7 @@ use super::text::Table;
 use crate::identify::subspace::{Fit, Identified, OutputCheck, Response, Root, Test};
 
 /// Frequencies of every response.
-const FREQUENCIES: usize = 40;
+pub(super) const FREQUENCIES: usize = 40;
 
 /// What was identified, from which logs, and how it does on data that it has not seen.
 pub struct Report<'a> {
@@ -71,18 +71,23 @@ impl Report<'_> {
             "\norders: {} by Schwarz's criterion, {} by Akaike's, {} by the largest gap of the singular values\n",
             order.by_schwarz, order.by_akaike, order.by_gap
         );
-        let mut table = Table::new(&["order", "singular value", "Schwarz", "weight"], &[]);
-        for c in &order.candidates {
-            let schwarz = c.schwarz.map_or_else(|| "no stable predictor".to_owned(), |s| format!("{s:.2}"));
-            table.row(vec![c.order.to_string(), format!("{:.4}", c.singular_value), schwarz, format!("{:.3}", c.weight)]);
-        }
-        text += &format!("{table}\n");
+        text += &format!("{}\n", self.orders());
         text += &format!("poles (z plane, standard deviations in brackets)\n{}\n", poles(&m.poles()));
         text += &format!("on held-out data ({}, {} samples)\n{}", self.held_out, self.held_out_samples, self.fits());
+        text += &self.about_fits();
         text
     }
 
-    fn fits(&self) -> String {
+    pub(super) fn orders(&self) -> Table {
+        let mut table = Table::new(&["order", "singular value", "Schwarz", "weight"], &[]);
+        for c in &self.model.order.candidates {
+            let schwarz = c.schwarz.map_or_else(|| "no stable predictor".to_owned(), |s| format!("{s:.2}"));
+            table.row(vec![c.order.to_string(), format!("{:.4}", c.singular_value), schwarz, format!("{:.3}", c.weight)]);
+        }
+        table
+    }
+
+    pub(super) fn fits(&self) -> Table {
         let mut table =
             Table::new(&["output", "one-step fit %", "simulation fit %", "VAF %", "nrmse", "white, p", "inputs, least p"], &[0]);
         let percent = |f: Option<Fit>| f.map_or_else(|| "-".to_owned(), |f| format!("{:.1}", f.fit_percent));
@@ -100,13 +105,18 @@ impl Report<'_> {
                 p(worst),
             ]);
         }
+        table
+    }
+
+    /// What the numbers of the table of fits mean.
+    pub(super) fn about_fits(&self) -> String {
         let unstable = self.checks.iter().all(|c| c.simulation.is_none());
         let note = if unstable { "VAF and nrmse are those of one-step predictions: there is no free run to compare.\n" } else { "" };
-        format!("{table}{note}A p below 0.01 says that the one-step errors still contain something that a larger model could explain.\n")
+        format!("{note}A p below 0.01 says that the one-step errors still contain something that a larger model could explain.\n")
     }
 }
 
-fn poles(roots: &[Root]) -> String {
+pub(super) fn poles(roots: &[Root]) -> Table {
     let mut table = Table::new(&["pole", "size", "time constant", "frequency", "damping"], &[0]);
     let deviation = |s: Option<f64>| s.map_or_else(String::new, |s| format!(" ({s:.2e})"));
     for r in roots.iter().filter(|r| r.im >= 0.0) {
@@ -119,11 +129,11 @@ fn poles(roots: &[Root]) -> String {
             r.damping.map_or_else(|| "-".to_owned(), |d| format!("{d:.3}")),
         ]);
     }
-    table.to_string()
+    table
 }
 
 /// Five digits.
-fn seconds(value_s: f64) -> String {
+pub(super) fn seconds(value_s: f64) -> String {
     let digits = 4 - value_s.abs().max(1e-9).log10().floor() as i32;
     let decimals = usize::try_from(digits.clamp(0, 9)).unwrap_or(0);
     if value_s == 0.0 { "0 s".to_owned() } else { format!("{value_s:.decimals$} s") }

@@ -24,5 +24,5 @@ pub mod styled;
 pub mod terminal;
 mod text;
 
-pub use folder::save;
+pub use folder::{save, save_study};
 pub use text::{Table, seconds};

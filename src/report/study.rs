@@ -47,7 +47,7 @@ pub(super) fn time(seconds: Option<f64>) -> String {
 }
 
 /// The cells of one method, grid and place, in a study's order.
-fn groups(study: &Study) -> Vec<Vec<&Cell>> {
+pub(super) fn groups(study: &Study) -> Vec<Vec<&Cell>> {
     let mut groups: Vec<Vec<&Cell>> = Vec::new();
     for cell in &study.cells {
         let same = |g: &&mut Vec<&Cell>| {
@@ -160,19 +160,19 @@ pub fn by(study: &Study, grid: &str, layout: &Layout) -> Table {
 }
 
 /// The place of a value in a list that it is added to where it is new.
-fn place<T: PartialEq>(list: &mut Vec<T>, value: T) -> usize {
+pub(super) fn place<T: PartialEq>(list: &mut Vec<T>, value: T) -> usize {
     list.iter().position(|v| *v == value).unwrap_or_else(|| {
         list.push(value);
         list.len() - 1
     })
 }
 
-fn mean(cells: &[&Cell], value: impl Fn(&Cell) -> Option<f64>) -> Option<f64> {
+pub(super) fn mean(cells: &[&Cell], value: impl Fn(&Cell) -> Option<f64>) -> Option<f64> {
     stats::mean(cells.iter().filter_map(|c| value(c)))
 }
 
 /// Where the data hardly tell the delay a bound is hundreds of samples: one such cell would be all of a mean.
-fn median(cells: &[&Cell], value: impl Fn(&Cell) -> Option<f64>) -> Option<f64> {
+pub(super) fn median(cells: &[&Cell], value: impl Fn(&Cell) -> Option<f64>) -> Option<f64> {
     stats::upper_median(cells.iter().filter_map(|c| value(c)).collect())
 }
 
@@ -244,10 +244,10 @@ pub fn cells(study: &Study, grid: &str) -> (String, Table) {
     (told.join(", "), table)
 }
 
-type KeyText = fn(&Cell) -> String;
+pub(super) type KeyText = fn(&Cell) -> String;
 
 /// The keys of a cell as columns: heading, key of a plan.
-const KEYS: &[(&str, &str, KeyText)] = &[
+pub(super) const KEYS: &[(&str, &str, KeyText)] = &[
     ("plant", "plant", |c| c.plant.clone()),
     ("input", "input", |c| c.input.clone()),
     ("output", "output", |c| c.output.clone()),

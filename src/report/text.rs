@@ -22,6 +22,11 @@ impl Table {
         Self { rows: vec![headings.iter().map(|h| (*h).to_owned()).collect()], left: left.to_vec(), marked_up: Vec::new() }
     }
 
+    /// Rows, the headings first, and which columns are flush left.
+    pub(super) fn parts(&self) -> (&[Vec<String>], &[usize]) {
+        (&self.rows, &self.left)
+    }
+
     /// Adds a row. Names in it are data: nothing in it commands a terminal or is markup.
     pub fn row(&mut self, cells: Vec<String>) {
         self.rows.push(cells);

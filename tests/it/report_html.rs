@@ -4,7 +4,7 @@ use crate::support::program::{Folder, deadtime, text};
 use deadtime::diagnose::Diagnosis;
 
 /// Names that are markup; the second output is measured seldom, and both have a gap.
-const MODEL: &str = r#"
+pub(crate) const MODEL: &str = r#"
 format = "deadtime/model@1"
 name = "<script>alert(1)</script>"
 kind = "lti"
@@ -20,7 +20,7 @@ D = [[0.0], [0.0]]
 "#;
 
 /// The machine: the model with its command late by some samples, measured with a little noise.
-fn log(samples: usize, late: usize) -> String {
+pub(crate) fn log(samples: usize, late: usize) -> String {
     let mut out = String::from("time,u<b>,\"angle & \"\"co\"\"\",rate\n");
     let (mut x, mut v, mut noise) = (0.0_f64, 0.0_f64, 1_u64);
     let command = |k: usize| [0.6, -0.9, 0.2, 0.9, -0.4, -0.1, 0.7][(k / 35) % 7] * if (k / 245).is_multiple_of(2) { 1.0 } else { 0.7 };
@@ -58,7 +58,7 @@ fn report(late: usize) -> (String, Diagnosis) {
 const VOID: [&str; 3] = ["meta", "img", "br"];
 
 /// Every element in order of appearance; fails where tags do not match, attributes are not quoted or a character stands that should be escaped.
-fn elements(page: &str) -> Vec<String> {
+pub(crate) fn elements(page: &str) -> Vec<String> {
     let mut rest = page.strip_prefix("<!DOCTYPE html>").expect("a doctype");
     let (mut open, mut all): (Vec<&str>, Vec<String>) = (Vec::new(), Vec::new());
     while let Some(start) = rest.find('<') {
@@ -96,13 +96,13 @@ fn elements(page: &str) -> Vec<String> {
 }
 
 /// What the page's script draws.
-fn drawn(page: &str) -> serde_json::Value {
+pub(crate) fn drawn(page: &str) -> serde_json::Value {
     let (_, rest) = page.split_once("<script id=\"data\" type=\"application/json\">").expect("the data");
     serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
 }
 
 /// The page without its scripts and styles: what is read where no script runs.
-fn read(page: &str) -> String {
+pub(crate) fn read(page: &str) -> String {
     let mut text = page.split("<script").next().unwrap().to_owned();
     while let Some((before, rest)) = text.split_once("<style>") {
         text = format!("{before}{}", rest.split_once("</style>").unwrap().1);

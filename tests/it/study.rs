@@ -148,7 +148,7 @@ fn tables_are_what_the_estimates_say() {
     let drawn: Vec<f64> = rows.iter().filter(|r| at(r, "injected") == "2..9").filter_map(|r| number(r, "true_delay_s")).collect();
     assert!(drawn.iter().all(|d| (2.0..9.0).contains(d)) && drawn.iter().any(|d| d.fract() > 0.1));
     #[cfg(unix)]
-    for name in ["study.json", "estimates.csv", "tables.md"] {
+    for name in ["study.json", "estimates.csv", "tables.md", "report.html"] {
         use std::os::unix::fs::PermissionsExt;
         assert_eq!(out.join(name).metadata().unwrap().permissions().mode() & 0o777, 0o644, "{name}");
     }

@@ -99,7 +99,7 @@ def test_a_cluster_finds_to_the_bit_what_one_machine_finds(client, alone, tmp_pa
     assert agree(ours, alone) and agree(deadtime.read_study(tmp_path), alone)
     assert told[0] == (0, 1320) and told[-1] == (1320, 1320) and told == sorted(told)
     assert (tmp_path / "tables.md").read_text().startswith("# spread")
-    assert set(os.listdir(tmp_path)) == {"estimates", "study.json", "tables.md", "tasks.json"}
+    assert set(os.listdir(tmp_path)) == {"estimates", "report.html", "study.json", "tables.md", "tasks.json"}
 
 
 def test_parts_that_are_sent_back_are_the_same(client, alone, tmp_path):

@@ -10,10 +10,12 @@ use crate::cli::Out;
 use crate::cli::progress::Waiting;
 use crate::cli::source::Needed;
 use crate::delay::{BehindDelays, TakenOut, identify_behind_delays};
+use crate::file::write_atomic;
 use crate::identify::subspace::{Direct, Recordings};
 use crate::log::Log;
 use crate::registry;
 use crate::report::identify::Report;
+use crate::report::page;
 use crate::stop::Stop;
 
 /// The options of a linear model.
@@ -44,6 +46,9 @@ pub(super) struct Linear {
     /// Write the continuous model behind a zero-order hold, not the sampled one
     #[arg(long)]
     continuous: bool,
+    /// Also write what was found as a page, one file that needs no network
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
     /// Another option of the method, such as `max_order=20`; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -87,6 +92,10 @@ impl Linear {
         };
         drop(waiting);
         file.write(out)?;
+        if let Some(path) = &self.html {
+            let page = page::identify(&report)?;
+            write_atomic(path, |to| to.write_all(page.as_bytes()))?;
+        }
         if to.wants_json() {
             to.json(&report.data()?)?;
         }

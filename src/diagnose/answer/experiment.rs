@@ -16,6 +16,7 @@ use crate::diagnose::format::diagnosis::Mode;
 use crate::diagnose::judge::prior_sensitivity::PriorSensitivity;
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Chance, Scales, Site, Telling};
+use crate::signal::stats;
 use crate::simulate::Commands;
 
 /// Samples of an experiment that is simulated.
@@ -37,42 +38,58 @@ fn trials(likelihood: &Likelihood<'_>, scales: &Scales) -> Option<(Vec<f64>, Vec
     let time_s = record.time_s[..count].to_vec();
     let still = likelihood.system.initial.clone();
     let moved: Vec<f64> = still.iter().enumerate().map(|(j, x)| x + scales.states.get(j).map_or(0.0, |s| s.std)).collect();
-    let mean: Vec<f64> = record.inputs.iter().map(|u| u.iter().sum::<f64>() / u.len().max(1) as f64).collect();
     let spread: Vec<f64> = scales.inputs.iter().map(|s| s.std).collect();
-    let each = |value: &mut dyn FnMut(usize, usize) -> f64| -> Vec<Vec<f64>> {
-        (0..record.inputs.len()).map(|j| (0..count).map(|k| value(j, k)).collect()).collect()
+    let trial = |(words, inputs, released): (&'static str, Vec<Vec<f64>>, bool)| {
+        let start = if released { moved.clone() } else { still.clone() };
+        Trial { words, inputs, released: start != still, start }
     };
-    let logged = |scale: f64, shift: f64| each(&mut |j, k| mean[j] + scale * (record.inputs[j][k] - mean[j]) + shift * spread[j]);
+    Some((time_s, commands(&record.inputs, &spread, count).into_iter().map(trial).collect()))
+}
+
+/// The commands of the experiments that are tried, `count` samples each: what it is called, a list per input, whether the state is to begin displaced.
+fn commands(inputs: &[Vec<f64>], spread: &[f64], count: usize) -> Vec<(&'static str, Vec<Vec<f64>>, bool)> {
+    let mean: Vec<f64> = inputs.iter().map(|u| u.iter().sum::<f64>() / u.len().max(1) as f64).collect();
+    let each = |value: &mut dyn FnMut(usize, usize) -> f64| -> Vec<Vec<f64>> {
+        (0..inputs.len()).map(|j| (0..count).map(|k| value(j, k)).collect()).collect()
+    };
+    let logged = |scale: f64, shift: f64| each(&mut |j, k| mean[j] + scale * (inputs[j][k] - mean[j]) + shift * spread[j]);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let phase = |k: usize| (4 * k) as f64 / count as f64 % 1.0;
-    let trial = |words, inputs, start: &Vec<f64>| Trial { words, inputs, start: start.clone(), released: *start != still };
-    let all = vec![
-        trial("repeat the commands at twice the amplitude", logged(2.0, 0.0), &still),
-        trial("repeat the commands at a third of the amplitude", logged(1.0 / 3.0, 0.0), &still),
-        trial("repeat the commands about another operating point", logged(1.0, 2.0), &still),
-        trial(
+    vec![
+        ("repeat the commands at twice the amplitude", logged(2.0, 0.0), false),
+        ("repeat the commands at a third of the amplitude", logged(1.0 / 3.0, 0.0), false),
+        ("repeat the commands about another operating point", logged(1.0, 2.0), false),
+        (
             "excite with a signal that reverses at random at every sample",
             each(&mut |j, _| mean[j] + if rng.random::<bool>() { spread[j] } else { -spread[j] }),
-            &still,
+            false,
         ),
-        trial(
+        (
             "move slowly to and fro, with reversals through zero",
             each(&mut |j, k| mean[j] + 2.0 * spread[j] * (1.0 - 4.0 * (phase(k) - 0.5).abs())),
-            &still,
+            false,
         ),
-        trial(
+        (
             "command steps and hold them until everything has settled",
             each(&mut |j, k| mean[j] + if phase(k) < 0.5 { 1.5 } else { -1.5 } * spread[j]),
-            &still,
+            false,
         ),
-        trial("record at rest, commands held", logged(0.0, 0.0), &still),
-        trial(
+        ("record at rest, commands held", logged(0.0, 0.0), false),
+        (
             "record motion that is not caused by the commands (a release from a displaced start, a push by hand), commands held",
             logged(0.0, 0.0),
-            &moved,
+            true,
         ),
-    ];
-    Some((time_s, all))
+    ]
+}
+
+/// The commands that a proposed experiment asks for, as long as the logged ones (one list per input, equally long): what is drawn of `next_experiment`. Amplitudes
+/// are in standard deviations of the commands given. `None` where the proposal is no signal, but words.
+#[must_use]
+pub fn proposed(next_experiment: &str, logged: &[Vec<f64>]) -> Option<Vec<Vec<f64>>> {
+    let count = logged.iter().map(Vec::len).min()?.min(SAMPLES);
+    let spread: Vec<f64> = logged.iter().map(|u| stats::deviation(u).unwrap_or(0.0)).collect();
+    commands(logged, &spread, count).into_iter().find(|(words, ..)| next_experiment.contains(words)).map(|(_, inputs, _)| inputs)
 }
 
 /// What would tell two hypotheses apart, as a sentence about a class of effects; `own` and `rival` are all effects at work under each.
@@ -180,4 +197,23 @@ pub(in crate::diagnose) fn of_starts(sensitivities: &[PriorSensitivity]) -> Stri
     format!(
         "The verdict hangs on how far the start of {states} is trusted: begin from a known state (and say so with initial_std), or step the operating point."
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_proposal_that_is_a_signal_has_its_commands() {
+        let logged = vec![vec![1.0, 3.0, 1.0, 3.0], vec![0.0, 0.0, 1.0, 1.0]];
+        let twice = proposed("To separate a, b: repeat the commands at twice the amplitude (expected log Bayes factor 9 in 4 s).", &logged);
+        assert_eq!(twice, Some(vec![vec![0.0, 4.0, 0.0, 4.0], vec![-0.5, -0.5, 1.5, 1.5]]));
+        let rest = proposed("To separate a, b: record at rest, commands held (expected…).", &logged);
+        assert_eq!(rest, Some(vec![vec![2.0; 4], vec![0.5; 4]]));
+        assert_eq!(
+            proposed("To separate a, b: none of the experiments that were simulated does; measure at another place.", &logged),
+            None
+        );
+        assert_eq!(proposed("repeat the commands at twice the amplitude", &[]), None);
+    }
 }

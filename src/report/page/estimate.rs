@@ -5,9 +5,10 @@ use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
 use super::series::{Thinning, base64};
-use super::{Cell, page, plots, quoted, table};
+use super::{Cell, figure, made_by, page, plots, quoted, table};
 use crate::delay::Outcome;
 use crate::delay::report::{Estimate, Pair, Report, Response};
+use crate::delay::track::Tracked;
 use crate::log::Log;
 use crate::report::picture::{Shown, svg};
 use crate::report::terminal::{Axis, without_lists};
@@ -33,11 +34,16 @@ pub fn estimate(report: &Report, logs: &[Log], responses: &[Option<Response>]) -
             (plots("The curves"))
             @if logs.len() > LOGS { p .faint { "The first " (LOGS) " of " (logs.len()) " records." } }
         }
+        @if report.pairs.iter().any(|p| p.track.is_some()) {
+            h2 { "Dead time against time" }
+            p { "With its 95 % band, which is wide where the input does not move." }
+            (figure("track", "The track"))
+        }
         @for (at, pair) in report.pairs.iter().enumerate() {
             (methods(pair, report.sample_time_s))
             @if let Some(response) = responses.get(at).and_then(Option::as_ref) { (picture(pair, response, report.sample_time_s)) }
         }
-        p .faint { "deadtime " (env!("CARGO_PKG_VERSION")) "; curves by uPlot 1.6.32 (MIT, Leon Sorokin)." }
+        (made_by())
     };
     page(&format!("Dead time in {}", report.log), &body, &data(report, logs))
 }
@@ -117,6 +123,35 @@ fn picture(pair: &Pair, response: &Response, step_s: f64) -> Markup {
     }
 }
 
+/// Points of a track that are drawn.
+const POINTS: usize = 4000;
+
+/// The dead time of every record over its time; of neighbouring samples beyond what is drawn their mean, and the widest ends of their bands.
+fn tracks(pair: &Pair, track: &Tracked) -> Vec<Value> {
+    let records = track.record.iter().max().map_or(0, |last| last + 1);
+    let view = |record: usize| {
+        let at: Vec<usize> = (0..track.record.len()).filter(|&i| track.record[i] == record).collect();
+        let parts: Vec<&[usize]> = at.chunks(at.len().div_ceil(POINTS).max(1)).collect();
+        let brief = |v: f64| format!("{v:.5e}").parse::<f64>().ok().filter(|v| v.is_finite());
+        let of = |values: &[f64], fold: fn(&[f64]) -> f64| -> Vec<Option<f64>> {
+            let part = |p: &&[usize]| brief(fold(&p.iter().filter_map(|&i| values.get(i).copied()).collect::<Vec<_>>()));
+            parts.iter().map(part).collect()
+        };
+        let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len().max(1) as f64;
+        let low = of(&track.low_s, |v| v.iter().copied().fold(f64::INFINITY, f64::min));
+        let high = of(&track.high_s, |v| v.iter().copied().fold(f64::NEG_INFINITY, f64::max));
+        (!parts.is_empty()).then(|| {
+            json!({
+                "kind": "lines", "keys": [format!("{} → {}", pair.input, target(pair)), format!("record {}", record + 1)],
+                "about": format!("Dead time from {} to {} over time", pair.input, target(pair)),
+                "x": { "label": "time (s)", "values": of(&track.time_s, mean), "tight": true }, "y": { "label": "dead time (s)" },
+                "curves": [{ "label": "dead time", "y": of(&track.delay_s, mean), "low": low, "high": high, "color": "after", "points": false, "width": 2.2 }],
+            })
+        })
+    };
+    (0..records.min(LOGS)).filter_map(view).collect()
+}
+
 /// What the script draws: every pair of two channels, record by record.
 fn data(report: &Report, logs: &[Log]) -> Value {
     let pairs: Vec<&Pair> = report.pairs.iter().filter(|p| p.output != "*").collect();
@@ -144,5 +179,7 @@ fn data(report: &Report, logs: &[Log]) -> Value {
         let name = if logs.len() > 1 { format!("record {}", at + 1) } else { log.source().to_owned() };
         json!({ "name": name, "bucket": thinning.bucket(), "time": thinning.times(&time_s), "pairs": pairs.iter().filter_map(one).collect::<Vec<Value>>() })
     };
-    json!({ "kind": "estimate", "logs": logs.iter().take(shown).enumerate().map(record).collect::<Vec<Value>>(), "opens": 0 })
+    let tracks: Vec<Value> = report.pairs.iter().filter_map(|p| Some((p, p.track.as_ref()?))).flat_map(|(p, t)| tracks(p, t)).collect();
+    let figures = if tracks.is_empty() { Vec::new() } else { vec![json!({ "id": "track", "pick": ["pair", "record"], "views": tracks })] };
+    json!({ "kind": "estimate", "figures": figures, "logs": logs.iter().take(shown).enumerate().map(record).collect::<Vec<Value>>(), "opens": 0 })
 }

@@ -4,9 +4,9 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::series::Thinning;
-use super::{Cell, number, page, percent, plots, quoted, table};
-use crate::diagnose::{CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, Mode, RankingRow, Strength, Trace};
+use super::series::{Thinning, base64};
+use super::{Cell, figure, laws, made_by, number, page, percent, plots, quoted, residual, table};
+use crate::diagnose::{CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, Mode, RankingRow, Strength, Trace, proposed};
 use crate::report::diagnosis::{recalibrated, summary};
 
 /// Logs that the page holds.
@@ -24,6 +24,9 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
         [] => d.cause.verdict.clone(),
         found => found.iter().map(|e| format!("{} on {}", e.effect, e.channel)).collect::<Vec<_>>().join(" and "),
     };
+    let (mut figures, laws, next) = (residual::figures(diagnosed), laws::figure(diagnosed), experiment(diagnosed));
+    figures.extend(laws.iter().cloned());
+    figures.extend(next.iter().map(|(figure, _)| figure.clone()));
     let body = html! {
         h1 { "Sim-to-real gap of " (d.model) }
         p .verdict { "Verdict: " strong { (verdict) } }
@@ -35,17 +38,27 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
         (curves(diagnosed))
         (budget(d))
         (parameters(d))
+        @if laws.is_some() {
+            h3 { "Each effect as itself" }
+            (figure("laws", "The effect"))
+        }
         (candidates(d))
-        @if let Some(next) = &d.cause.next_experiment {
+        @if let Some(next_text) = &d.cause.next_experiment {
             h2 { "Next experiment" }
-            div .next { p { (quoted(next)) } }
+            div .next { p { (quoted(next_text)) } }
+            @if let Some((_, file)) = &next {
+                p { "The commands, scaled from those of the first log that was learnt from. Keep them within what the machine stands." }
+                (figure("experiment", "The commands"))
+                p { a href=(file) download="next_experiment.csv" { "The experiment as CSV" } }
+            }
         }
         (size(d))
         (place(d))
+        (sides(&residual::ids(&figures)))
         (checks(d))
         (origin(d))
     };
-    page(&format!("Gap of {}: {verdict}", d.model), &body, &data(diagnosed))
+    page(&format!("Gap of {}: {verdict}", d.model), &body, &data(diagnosed, &figures))
 }
 
 /// The plots' place, and what their colours mean.
@@ -72,6 +85,65 @@ fn curves(diagnosed: &Diagnosed) -> Markup {
     }
 }
 
+/// The residual from four sides.
+fn sides(there: &std::collections::BTreeSet<&str>) -> Markup {
+    html! {
+        @if there.contains("regimes") {
+            h3 { "Against what the machine does" }
+            p { "Where a curve rises, the gap grows with the variable; a step at zero speaks of friction or a dead band." }
+            (figure("regimes", "The picture"))
+        }
+        @if there.contains("map") {
+            h3 { "Over time and frequency" }
+            p { "Colour is how far the residual is above a white noise of the floor's size: none below 6 dB, full at 40 dB. Dots mark the strongest frequency." }
+            (figure("map", "The map"))
+        }
+        @if there.contains("spectrum") {
+            h3 { "Spectrum" }
+            (figure("spectrum", "The spectrum"))
+        }
+        @if there.contains("coherence") {
+            h3 { "Coherence with the commands" }
+            p { "Near 1, a better linear model would still explain the residual there. What goes with no command is noise, a disturbance, or nonlinear." }
+            (figure("coherence", "The coherence"))
+        }
+    }
+}
+
+/// The proposed experiment's commands, and the same as a CSV in a link.
+fn experiment(diagnosed: &Diagnosed) -> Option<(Value, String)> {
+    let sentence = diagnosed.diagnosis.cause.next_experiment.as_ref()?;
+    let count = logs(diagnosed).len();
+    let inputs = diagnosed.commands.len().checked_div(count)?;
+    let at = diagnosed.traces.iter().take(count).position(|t| t.train.is_some())?;
+    let commands = diagnosed.commands.get(at * inputs..(at + 1) * inputs)?;
+    let logged: Vec<Vec<f64>> = commands.iter().map(|c| c.values.clone()).collect();
+    let planned = proposed(sentence, &logged)?;
+    let time_s: Vec<f64> = diagnosed.traces.get(at)?.time_s.iter().take(planned.first()?.len()).copied().collect();
+    let cell =
+        |name: &str| if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() };
+    let heading = |c: &CommandTrace| cell(&c.unit.as_deref().map_or_else(|| c.input.clone(), |u| format!("{} [{u}]", c.input)));
+    let mut csv = std::iter::once("time [s]".to_owned()).chain(commands.iter().map(heading)).collect::<Vec<_>>().join(",") + "\n";
+    for (k, t) in time_s.iter().enumerate() {
+        let row: Vec<String> = std::iter::once(*t).chain(planned.iter().filter_map(|u| u.get(k).copied())).map(|v| v.to_string()).collect();
+        csv += &(row.join(",") + "\n");
+    }
+    let view = |(c, u): (&CommandTrace, &Vec<f64>)| {
+        let logged: Vec<f64> = c.values.iter().take(u.len()).copied().collect();
+        json!({
+            "kind": "lines", "keys": [c.input], "about": format!("Proposed command {} over time", c.input), "height": 260,
+            "x": { "label": "time (s)", "values": time_s, "tight": true },
+            "y": { "label": if unit(c.unit.as_deref()).is_empty() { c.input.clone() } else { format!("{} ({})", c.input, unit(c.unit.as_deref())) } },
+            "curves": [
+                { "label": "logged", "y": logged, "color": "measured", "held": true, "points": false },
+                { "label": "proposed", "y": u, "color": "input", "held": true, "points": false, "width": 1.8 },
+            ],
+        })
+    };
+    let views: Vec<Value> = commands.iter().zip(&planned).map(view).collect();
+    Some((json!({ "id": "experiment", "pick": ["command"], "views": views }), format!("data:text/csv;base64,{}", base64(csv.bytes()))))
+}
+
 /// The names of the logs that have curves, in order.
 fn logs(diagnosed: &Diagnosed) -> Vec<&str> {
     let Some(first) = diagnosed.traces.first() else { return Vec::new() };
@@ -79,7 +151,7 @@ fn logs(diagnosed: &Diagnosed) -> Vec<&str> {
 }
 
 /// What the script draws.
-fn data(diagnosed: &Diagnosed) -> Value {
+fn data(diagnosed: &Diagnosed, figures: &[Value]) -> Value {
     let d = &diagnosed.diagnosis;
     let count = logs(diagnosed).len();
     let shown = count.min(LOGS);
@@ -102,7 +174,7 @@ fn data(diagnosed: &Diagnosed) -> Value {
     let all: Vec<Value> = (0..shown).filter_map(log).collect();
     let densest = d.place.times.first().map(|t| t.log.as_str());
     let opens = logs(diagnosed).iter().take(shown).position(|l| Some(*l) == densest).unwrap_or(0);
-    json!({ "kind": "gap", "logs": all, "opens": opens })
+    json!({ "kind": "gap", "logs": all, "opens": opens, "figures": figures })
 }
 
 fn output(t: &Trace, thinning: Thinning, d: &Diagnosis) -> Value {
@@ -366,6 +438,6 @@ fn origin(d: &Diagnosis) -> Markup {
         h2 { "Data" }
         p { "Learnt from: " (names(&d.logs)) ". Simulated means " (mode) ": " (d.prediction.why) "." }
         (table("What the shrink was measured on", &["log", "from (s)", "to (s)"], &rows))
-        p .faint { "deadtime " (env!("CARGO_PKG_VERSION")) "; curves by uPlot 1.6.32 (MIT, Leon Sorokin)." }
+        (made_by())
     }
 }

@@ -1,23 +1,34 @@
 //! Pages: one file each, that needs nothing beside itself. The text is there without a script; curves are drawn by uPlot, which stands in the page (src/report/vendor/uplot says why).
 
 mod bars;
+mod blind;
+mod check;
 mod estimate;
 mod gap;
+mod identify;
+mod laws;
+mod residual;
 mod series;
+mod study;
 
+pub use blind::blind;
+pub use check::check;
 pub use estimate::estimate;
 pub use gap::gap;
+pub use identify::identify;
+pub use study::study;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use self::series::base64;
+use super::text::Table;
 
 const STYLE: &str = include_str!("page.css");
 const UPLOT_STYLE: &str = include_str!("../vendor/uplot/uPlot.min.css");
 const UPLOT: &str = include_str!("../vendor/uplot/uPlot.iife.min.js");
-const SCRIPT: &str = include_str!("page.js");
+const SCRIPT: &str = concat!(include_str!("frame.js"), include_str!("time.js"));
 
 /// A page of this title; `data` is what its script draws. Only the page's own scripts may run: their digests stand in its policy.
 fn page(title: &str, body: &Markup, data: &Value) -> String {
@@ -54,6 +65,19 @@ fn plots(what: &str) -> Markup {
         div #plots {}
         noscript { p { (what) " are drawn by the page's own script, which is switched off here; every number stands below." } }
     }
+}
+
+/// Where the script draws a figure, which has pickers, zooms and shows numbers; `what` it shows stands in a table too.
+fn figure(id: &str, what: &str) -> Markup {
+    html! {
+        div .figure #(id) {}
+        noscript { p { (what) " is drawn by the page's own script, which is switched off here; the numbers stand in the tables below." } }
+    }
+}
+
+/// What made the page.
+fn made_by() -> Markup {
+    html! { p .faint { "deadtime " (env!("CARGO_PKG_VERSION")) "; curves by uPlot 1.6.32 (MIT, Leon Sorokin)." } }
 }
 
 /// Names in backquotes as code.
@@ -96,18 +120,40 @@ enum Cell {
     Words(String),
     /// A number, flush right.
     Number(String),
-    /// A drawing.
+    /// Words with a mark or with code in them.
+    Marked(Markup),
+    /// A bar.
     Drawn(Markup),
 }
 
 /// A table whose first column heads its rows.
 fn table(caption: &str, headings: &[&str], rows: &[Vec<Cell>]) -> Markup {
+    drawn(caption, headings, rows, false)
+}
+
+/// The same, and its headings sort it.
+fn sorted(caption: &str, headings: &[&str], rows: &[Vec<Cell>]) -> Markup {
+    drawn(caption, headings, rows, true)
+}
+
+/// A table of the text reports, whose headings sort it.
+fn given(caption: &str, table: &Table) -> Markup {
+    let (all, left) = table.parts();
+    let Some((headings, rows)) = all.split_first() else { return html! {} };
+    let headings: Vec<&str> = headings.iter().map(String::as_str).collect();
+    let cell = |(at, text): (usize, &String)| if left.contains(&at) { Cell::Words(text.clone()) } else { Cell::Number(text.clone()) };
+    let rows: Vec<Vec<Cell>> = rows.iter().map(|r| r.iter().enumerate().map(cell).collect()).collect();
+    sorted(caption, &headings, &rows)
+}
+
+fn drawn(caption: &str, headings: &[&str], rows: &[Vec<Cell>], sorts: bool) -> Markup {
     let left = |at: usize| rows.first().and_then(|r| r.get(at)).is_some_and(|c| !matches!(c, Cell::Number(_)));
+    let bar = |at: usize| rows.first().and_then(|r| r.get(at)).is_some_and(|c| matches!(c, Cell::Drawn(_)));
     html! {
-        div .wide {
-            table {
+        div .wide tabindex="0" role="group" aria-label=(caption) {
+            table .sorts[sorts] {
                 caption { (caption) }
-                thead { tr { @for (at, heading) in headings.iter().enumerate() { th scope="col" .l[left(at)] { (heading) } } } }
+                thead { tr { @for (at, heading) in headings.iter().enumerate() { th scope="col" .l[left(at)] .b[bar(at)] { (heading) } } } }
                 tbody {
                     @for row in rows {
                         tr {
@@ -116,6 +162,7 @@ fn table(caption: &str, headings: &[&str], rows: &[Vec<Cell>]) -> Markup {
                                     (0, Cell::Words(text) | Cell::Number(text)) => th scope="row" .l { (text) },
                                     (_, Cell::Words(text)) => td .l { (text) },
                                     (_, Cell::Number(text)) => td { (text) },
+                                    (_, Cell::Marked(words)) => td .l { (words) },
                                     (_, Cell::Drawn(drawn)) => td .l.b { (drawn) },
                                 }
                             }

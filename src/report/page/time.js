@@ -1,44 +1,7 @@
-// Draws the curves of a page: every chart shares the time axis and the cursor of the others. Names come from data and are only ever shown as text.
-"use strict";
+// Curves over time: every chart shares the time axis and the cursor of the others.
 (() => {
-  const data = JSON.parse(document.getElementById("data").textContent);
+  if (!data.logs) return;
   const root = document.getElementById("plots");
-  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-  const times = (t) => t.f64 === undefined
-    ? Float64Array.from({ length: t.count }, (_, i) => t.from + i * t.step)
-    : new Float64Array(bytes(t.f64).buffer);
-  const curve = (c) => {
-    const codes = new Uint16Array(bytes(c.u16).buffer);
-    const scale = (c.high - c.low) / 65534;
-    return Array.from(codes, (code) => (code === 65535 ? null : c.low + code * scale));
-  };
-  // The usual distance between samples that are there; half of them missing or more is seldom.
-  const spacing = (x, y) => {
-    const at = [];
-    y.forEach((v, i) => { if (v !== null) at.push(x[i]); });
-    const steps = at.slice(1).map((t, i) => t - at[i]).sort((a, b) => a - b);
-    return { usual: steps.length ? steps[steps.length >> 1] : Infinity, seldom: at.length < y.length / 2 };
-  };
-  const minus = (a, b) => a.map((v, i) => (v === null || b[i] === null ? null : v - b[i]));
-  const make = (tag, parent, text) => {
-    const made = document.createElement(tag);
-    if (text !== undefined) made.textContent = text;
-    if (parent) parent.append(made);
-    return made;
-  };
-  const color = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
-  const page = document.documentElement.dataset;
-  const wide = (box) => (page.print === undefined ? Math.max(box.clientWidth, 240) : 660);
-  const digits = (v) => {
-    if (v === null || v === undefined || !Number.isFinite(v)) return "–";
-    const size = Math.abs(v);
-    return (size !== 0 && (size < 1e-4 || size >= 1e6) ? v.toExponential(3) : String(Number(v.toPrecision(5)))).replace("-", "−");
-  };
-  const tick = (v) => {
-    const size = Math.abs(v);
-    return (size !== 0 && (size < 1e-4 || size >= 1e6) ? v.toExponential(1) : String(Number(v.toPrecision(8)))).replace("-", "−");
-  };
-
   let charts = [];
   let range = null;
   let linking = false;
@@ -72,7 +35,7 @@
     go(range[0] + step, range[1] + step);
   };
   const whole = () => go(...log.ends);
-  const keys = { ArrowLeft: () => pan(-0.25), ArrowRight: () => pan(0.25), "+": () => zoom(0.5), "-": () => zoom(2), "0": whole, Home: whole };
+  const acts = { zoom, pan, whole };
 
   // A stretch of time behind the curves; a band of values.
   const behind = (marks) => (u) => {
@@ -95,20 +58,8 @@
 
   const chart = (x, part, sync) => {
     const wrap = make("div", root);
-    wrap.className = "plot";
-    wrap.tabIndex = 0;
-    wrap.setAttribute("role", "group");
-    wrap.setAttribute("aria-label", part.about + ". Arrow keys move, plus and minus zoom, 0 shows all.");
-    wrap.addEventListener("keydown", (e) => {
-      const act = keys[e.key];
-      if (act && !e.ctrlKey && !e.metaKey && !e.altKey) { e.preventDefault(); act(); }
-    });
-    wrap.addEventListener("wheel", (e) => {
-      if (!e.ctrlKey && !e.shiftKey) return;
-      e.preventDefault();
-      zoom((e.deltaY || e.deltaX) > 0 ? 1.25 : 0.8);
-    }, { passive: false });
-    const axis = { stroke: color("ink"), grid: { stroke: color("line"), width: 1 }, ticks: { stroke: color("line"), width: 1 } };
+    steer(wrap, part.about, acts);
+    const axis = lined();
     const series = part.curves.map((c) => {
       const { usual, seldom } = spacing(x, c.y);
       // Only more than one and a half of the usual distance without a sample interrupts a curve.
@@ -147,10 +98,7 @@
       cursor: { sync: { key: sync, setSeries: false }, drag: { x: true, y: false } },
       hooks: { drawClear: [behind(part.marks)], setScale: [link] },
     }, [x, ...part.curves.map((c) => c.y)], wrap);
-    for (const label of wrap.querySelectorAll(".u-legend th")) {
-      label.tabIndex = 0;
-      label.addEventListener("keydown", (e) => { if (e.key === "Enter" || e.key === " ") { e.preventDefault(); e.stopPropagation(); label.click(); } });
-    }
+    toggles(wrap);
     charts.push(made);
   };
 
@@ -269,13 +217,7 @@
 
   if (data.logs.length) {
     draw(current, false);
-    const sized = () => charts.forEach((c) => c.setSize({ width: wide(c.root.parentElement), height: c.height }));
-    let waiting = 0;
-    addEventListener("resize", () => { cancelAnimationFrame(waiting); waiting = requestAnimationFrame(sized); });
-    // Paper is light, and narrower than most windows.
-    addEventListener("beforeprint", () => { page.print = ""; draw(current, true); });
-    addEventListener("afterprint", () => { delete page.print; draw(current, true); });
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => draw(current, true));
+    whenever(() => draw(current, true), () => charts.forEach((c) => c.setSize({ width: wide(c.root.parentElement), height: c.height })));
     page.drawn = charts.length;
   }
 })();

@@ -1,0 +1,128 @@
+//! A model from logs as a page: frequency responses with their bands, poles, the choice of the order, how it does on data that it has not seen.
+
+use maud::{Markup, html};
+use serde_json::{Value, json};
+
+use super::bars::{bar, stretch};
+use super::{Cell, figure, given, made_by, number, page, quoted, sorted};
+use crate::identify::subspace::{Response, Root};
+use crate::model::ModelError;
+use crate::report::identify::{FREQUENCIES, Report, poles, seconds};
+use crate::signal::stats::NORMAL_95;
+
+/// The page.
+///
+/// # Errors
+/// [`ModelError`] where the responses cannot be had.
+pub fn identify(report: &Report<'_>) -> Result<String, ModelError> {
+    let m = report.model;
+    let responses = m.responses(report.delays, FREQUENCIES)?;
+    let roots = m.poles();
+    let step_s = m.sample_time.seconds();
+    let body = html! {
+        h1 { "Model of " (report.logs.join(", ")) }
+        p .verdict { "Order " strong { (m.order.order) } " (" (m.order.sure) "), by " (m.method) "." }
+        p .faint { "Past window " (m.past) " samples, " (m.rows) " rows, sample time " (seconds(step_s)) "." }
+        @for (input, delay) in m.inputs.iter().zip(report.delays) {
+            p { "Dead time of " code { (input.name) } ", taken out first: " strong { (seconds(m.sample_time.to_seconds(*delay as f64))) } "." }
+        }
+        @for note in report.delay_notes.iter().chain(&m.notes) { p { (quoted(note)) } }
+        h2 { "On data that it has not seen" }
+        (given(&format!("{}, {} samples", report.held_out, report.held_out_samples), &report.fits()))
+        p .faint { (report.about_fits()) }
+        h2 { "Frequency responses" }
+        p { "With 95 % intervals where the method gives them; dead times are in the phase." }
+        (figure("gain", "The gain"))
+        (figure("phase", "The phase"))
+        h2 { "Poles" }
+        p { "Inside the circle a pole decays. Bars are 95 % intervals." }
+        (plane(&roots))
+        (given("Poles in the z plane, standard deviations in brackets", &poles(&roots)))
+        (order(report))
+        (made_by())
+    };
+    let data = json!({ "kind": "identify", "figures": figures(&responses) });
+    Ok(page(&format!("Model of {}", report.logs.join(", ")), &body, &data))
+}
+
+fn figures(responses: &[Response]) -> Vec<Value> {
+    let hz = |r: &Response| r.bands.iter().map(|b| b.omega_rad_s / std::f64::consts::TAU).collect::<Vec<f64>>();
+    let view = |r: &Response, label: &str, log: bool, middle: Vec<f64>, ends: Vec<Option<[f64; 2]>>| {
+        let edge = |i: usize| ends.iter().map(|e| e.map(|e| e[i])).collect::<Vec<_>>();
+        json!({
+            "kind": "lines", "keys": [format!("{} → {}", r.input, r.output)], "about": format!("{label} from {} to {} over frequency", r.input, r.output),
+            "x": { "label": "frequency (Hz)", "log": true, "values": hz(r) }, "y": { "label": label, "log": log },
+            "curves": [{ "label": label, "y": middle, "low": edge(0), "high": edge(1), "color": "after", "points": false }],
+        })
+    };
+    let gain = |r: &Response| {
+        let of = |b: &crate::identify::subspace::Band| b.gain_ci95.map(|[l, h]| [l.max(1e-9 * b.gain), h]);
+        view(r, "gain", true, r.bands.iter().map(|b| b.gain).collect(), r.bands.iter().map(of).collect())
+    };
+    let degrees = |r: &Response| {
+        let of = |b: &crate::identify::subspace::Band| {
+            let half = NORMAL_95 * b.phase_std_rad?;
+            Some([b.phase_rad - half, b.phase_rad + half].map(f64::to_degrees))
+        };
+        // Whole turns between neighbours are taken out, of the interval too.
+        let mut turns = 0.0;
+        let mut before: Option<f64> = None;
+        let turned = r.bands.iter().map(|b| {
+            turns -= 360.0 * before.map_or(0.0, |p| ((b.phase_rad.to_degrees() - p) / 360.0).round());
+            before = Some(b.phase_rad.to_degrees());
+            (b.phase_rad.to_degrees() + turns, of(b).map(|ends| ends.map(|e| e + turns)))
+        });
+        let (middle, ends) = turned.unzip();
+        view(r, "phase (°)", false, middle, ends)
+    };
+    let usable: Vec<&Response> = responses.iter().filter(|r| !r.bands.is_empty()).collect();
+    if usable.is_empty() {
+        return Vec::new();
+    }
+    let all = |of: &dyn Fn(&Response) -> Value| usable.iter().map(|r| of(r)).collect::<Vec<Value>>();
+    vec![json!({ "id": "gain", "pick": ["pair"], "views": all(&gain) }), json!({ "id": "phase", "pick": ["pair"], "views": all(&degrees) })]
+}
+
+/// The z plane: unit circle, axes, poles with their intervals. What is further out than twice the circle stands at the edge.
+fn plane(roots: &[Root]) -> Markup {
+    let edge = roots.iter().map(|r| r.re.hypot(r.im)).fold(1.1, f64::max).min(2.0);
+    let at = |v: f64| 150.0 * (v / edge).clamp(-1.0, 1.0);
+    let whisker = |std: Option<f64>| 150.0 * (NORMAL_95 * std.unwrap_or(0.0) / edge).min(2.0);
+    let told: Vec<String> = roots.iter().map(|r| format!("{:.3}{:+.3}i", r.re, r.im)).collect();
+    html! {
+        svg .plane viewBox="-160 -160 320 320" width="320" height="320" role="img" aria-label={ "Poles in the z plane: " (told.join(", ")) } {
+            path .axis d="M-155 0H155M0 -155V155" {}
+            circle .circle r=(format!("{:.1}", 150.0 / edge)) {}
+            @for r in roots {
+                @let (x, y) = (at(r.re), -at(r.im));
+                @let (dx, dy) = (whisker(r.std_re), whisker(r.std_im));
+                path .whisker d=(format!("M{:.1} {y:.1}h{:.1}M{x:.1} {:.1}v{:.1}", x - dx, 2.0 * dx, y - dy, 2.0 * dy)) {}
+                path .pole d=(format!("M{:.1} {:.1}l10 10m0 -10l-10 10", x - 5.0, y - 5.0)) { title { (format!("{:.4} {:+.4}i", r.re, r.im)) } }
+            }
+        }
+    }
+}
+
+/// Every order that was tried, with its weight as a bar.
+fn order(report: &Report<'_>) -> Markup {
+    let choice = &report.model.order;
+    let most = choice.candidates.iter().map(|c| c.singular_value).fold(f64::MIN_POSITIVE, f64::max);
+    let row = |c: &crate::identify::subspace::Candidate| {
+        let schwarz = c.schwarz.map_or_else(|| "no stable predictor".to_owned(), |s| format!("{s:.2}"));
+        let weight = format!("{:.3}", c.weight);
+        vec![
+            Cell::Number(c.order.to_string()),
+            Cell::Number(number(Some(c.singular_value))),
+            Cell::Drawn(bar(&number(Some(c.singular_value)), &stretch(0.0, c.singular_value / most, "noise"))),
+            Cell::Number(schwarz),
+            Cell::Number(weight.clone()),
+            Cell::Drawn(bar(&weight, &stretch(0.0, c.weight, "after"))),
+        ]
+    };
+    let rows: Vec<Vec<Cell>> = choice.candidates.iter().map(row).collect();
+    html! {
+        h2 { "Order" }
+        p { (choice.by_schwarz) " by Schwarz's criterion, " (choice.by_akaike) " by Akaike's, " (choice.by_gap) " by the largest gap of the singular values." }
+        (sorted("Orders that were tried", &["order", "singular value", "of the largest", "Schwarz", "weight", "of all"], &rows))
+    }
+}
