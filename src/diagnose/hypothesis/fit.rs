@@ -105,13 +105,18 @@ impl Hypothesis {
         value <= lower || value >= upper
     }
 
-    /// A resonance whose damping stands at the most that is searched is none: it takes the shape of a gain, a lag or a friction, and hides it.
+    /// A resonance whose damping or frequency stands at the end of what is searched is none: it takes the shape of a gain, a lag or a friction, and hides it.
     pub(in crate::diagnose) fn is_no_resonance(&self, scales: &Scales) -> bool {
-        let overdamped = |(at, applied): (usize, &Applied)| {
-            let damped = applied.parameters.iter().position(|p| p.role == Role::Damping);
-            damped.is_some_and(|i| self.free.contains(&(at, i)) && applied.values[i] >= applied.range(i, scales).1)
+        let damped = |applied: &Applied| applied.parameters.iter().any(|p| p.role == Role::Damping);
+        let at_end = |&(at, i): &(usize, usize)| {
+            let applied = &self.effects[at];
+            match applied.parameters[i].role {
+                Role::Damping => applied.values[i] >= applied.range(i, scales).1,
+                Role::Frequency => damped(applied) && self.at_bound((at, i), scales),
+                _ => false,
+            }
         };
-        self.effects.iter().enumerate().any(overdamped)
+        self.free.iter().any(at_end)
     }
 }
 

@@ -122,7 +122,7 @@ fn promises(likelihood: &Likelihood<'_>, beside: &[Beside], pool: &[Screened], s
         for start in starts {
             for share in if whole { &[1.0][..] } else { &[NEAR, 1.0] } {
                 let moved = with(applied, &between(applied, &start, *share));
-                let Some(there) = likelihood.whitened(&[moved.clone()]) else { continue };
+                let Some(there) = likelihood.whitened(std::slice::from_ref(&moved)) else { continue };
                 let signature = difference(nominal, &there, 1.0);
                 for (best, beside) in best.iter_mut().zip(beside) {
                     // What a remedy turns round, it turns round in the others' signatures, too.

@@ -340,7 +340,7 @@ mod tests {
     #[test]
     fn a_residual_that_goes_with_the_command_shows_against_it_and_in_the_coherence() {
         let (t, c) = trace();
-        let views = regimes(&[t.clone()], &[&[t.clone()]], &[vec![&c]]);
+        let views = regimes(std::slice::from_ref(&t), &[std::slice::from_ref(&t)], &[vec![&c]]);
         let against = views.iter().find(|v| v["keys"][1] == "command u").unwrap();
         assert_eq!(numbers(&against["x"]["values"]), [0.0, 1.0]);
         // Where the command is 0 only the tone is left, in half of the samples: 0.5/√2/√2.
@@ -357,7 +357,7 @@ mod tests {
     #[test]
     fn a_tone_stands_in_the_spectrum_and_in_its_half_of_the_map() {
         let (t, _) = trace();
-        let view = spectrum(&[t.clone()]).unwrap();
+        let view = spectrum(std::slice::from_ref(&t)).unwrap();
         let (x, after) = (numbers(&view["x"]["values"]), numbers(&view["curves"][2]["y"]));
         let peak = (0..x.len()).max_by(|a, b| after[*a].total_cmp(&after[*b])).unwrap();
         assert!((x[peak] - 5.0).abs() < 0.3, "{}", x[peak]);
@@ -375,7 +375,11 @@ mod tests {
     fn uneven_times_and_missing_samples_are_not_mistaken_for_spectra() {
         let (mut t, c) = trace();
         t.time_s[2000] += 0.004;
-        assert!(spectrum(&[t.clone()]).is_none() && coherence(&[t.clone()], &[vec![&c]]).is_empty() && maps(&[t.clone()]).is_empty());
+        assert!(
+            spectrum(std::slice::from_ref(&t)).is_none()
+                && coherence(&[t.clone()], &[vec![&c]]).is_empty()
+                && maps(&[t.clone()]).is_empty()
+        );
         let (mut t, _) = trace();
         t.measured.iter_mut().step_by(20).for_each(|m| *m = None);
         assert!(spectrum(&[t]).is_none(), "no stretch holds a segment");
