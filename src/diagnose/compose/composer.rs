@@ -110,9 +110,6 @@ impl<'a> Composer<'_, 'a> {
         let fitted = self.pairs.iter().filter(known).take(PAIRS).filter_map(|pair| {
             let from = Hypothesis { lost: None, ..pair.clone() };
             let refitted = Hypothesis::refit(&likelihood, from, &self.scales, cost, likelihood.budget.steps)?;
-            if refitted.is_no_resonance(&self.scales) {
-                return None;
-            }
             Standing::of(&likelihood, refitted, &self.scales).filter(|after| self.gate.accepts(&before, after, original))
         });
         let best = fitted.min_by(|a, b| a.error().total_cmp(&b.error()))?;
@@ -235,8 +232,7 @@ impl<'a> Composer<'_, 'a> {
         promising: Vec<Applied>,
         original: &Original,
     ) -> Option<(Standing, Vec<Applied>)> {
-        let mut trials = self.additions(likelihood, from, promising);
-        trials.retain(|e| !e.is_no_resonance(&self.scales));
+        let trials = self.additions(likelihood, from, promising);
         let standings: Vec<Standing> = trials.into_par_iter().filter_map(|e| Standing::of(likelihood, e, &self.scales)).collect();
         let accepted: Vec<&Standing> = standings.iter().filter(|after| self.gate.accepts(before, after, original)).collect();
         let lowest = *accepted.iter().min_by(|a, b| a.error().total_cmp(&b.error()))?;

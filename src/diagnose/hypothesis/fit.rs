@@ -6,7 +6,7 @@ use super::effects::Hypothesis;
 use super::slopes::{Slopes, slopes};
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
-use crate::effect::{Applied, Role, Scales};
+use crate::effect::{Applied, Scales};
 use crate::fit::{LevenbergMarquardt, Normal};
 
 impl Hypothesis {
@@ -103,20 +103,6 @@ impl Hypothesis {
         let (lower, upper) = self.effects[e].range(i, scales);
         let value = self.effects[e].values[i];
         value <= lower || value >= upper
-    }
-
-    /// A resonance whose damping or frequency stands at the end of what is searched is none: it takes the shape of a gain, a lag or a friction, and hides it.
-    pub(in crate::diagnose) fn is_no_resonance(&self, scales: &Scales) -> bool {
-        let damped = |applied: &Applied| applied.parameters.iter().any(|p| p.role == Role::Damping);
-        let at_end = |&(at, i): &(usize, usize)| {
-            let applied = &self.effects[at];
-            match applied.parameters[i].role {
-                Role::Damping => applied.values[i] >= applied.range(i, scales).1,
-                Role::Frequency => damped(applied) && self.at_bound((at, i), scales),
-                _ => false,
-            }
-        };
-        self.free.iter().any(at_end)
     }
 }
 

@@ -52,7 +52,7 @@ pub(in crate::diagnose) fn search<'a>(
     found.pairs = pairs(&likelihood, &found.singles, remedies, &pool, scales, &nominal);
     members_alone(&likelihood, &mut found, scales, &nominal);
     for hypotheses in [&mut found.singles, &mut found.pairs] {
-        give_up(&likelihood, scales, hypotheses, usize::MAX);
+        give_up_what_breaks(&likelihood, hypotheses, usize::MAX);
     }
     for round in 0..budget.rounds {
         progress(Stage::Refitting(round));
@@ -83,7 +83,7 @@ pub(in crate::diagnose) fn search<'a>(
                     }
                 }
             });
-            give_up(&likelihood, scales, hypotheses, budget.plain.leaders);
+            give_up_what_breaks(&likelihood, hypotheses, budget.plain.leaders);
             hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         }
     }
@@ -93,11 +93,11 @@ pub(in crate::diagnose) fn search<'a>(
     Some(Searched { likelihood, found })
 }
 
-/// Fits see the training spans only: what breaks in the rest of a log explains nothing, and no more does a resonance that does not swing. Of the first so many.
-fn give_up(likelihood: &Likelihood<'_>, scales: &Scales, hypotheses: &mut [Hypothesis], first: usize) {
+/// Fits see the training spans only: what breaks in the rest of a log explains nothing. Of the first so many.
+fn give_up_what_breaks(likelihood: &Likelihood<'_>, hypotheses: &mut [Hypothesis], first: usize) {
     let known = likelihood.budget.one_by_one;
-    hypotheses.par_iter_mut().take(first).filter(|e| e.fitted).for_each(|e| {
-        if e.is_no_resonance(scales) || !known && !likelihood.holds_throughout(&*e) {
+    hypotheses.par_iter_mut().take(first).filter(|e| e.fitted && !known).for_each(|e| {
+        if !likelihood.holds_throughout(&*e) {
             (e.fitted, e.gain) = (false, f64::NEG_INFINITY);
         }
     });
