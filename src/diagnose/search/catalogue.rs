@@ -26,6 +26,14 @@ pub(in crate::diagnose) fn catalogue(system: &System, probed: Option<&Probed>) -
             left_out.push(not_tried(effect, "the simulator is a black box: its equations cannot be changed".to_owned()));
             continue;
         }
+        // Beside laws that cannot be tried, friction above all, what may take many shapes makes up causes.
+        if effect.site() == Site::Output && effect.elaborates().is_some() && system.is_black_box() {
+            left_out.push(not_tried(
+                effect,
+                "the simulator is a black box: laws of its own that cannot be tried would take the same shape".to_owned(),
+            ));
+            continue;
+        }
         let mut channels = effect.channels(system);
         if channels.is_empty() && effect.site() == Site::Dynamics && system.is_black_box() {
             left_out.push(not_tried(effect, "the simulator is a black box, and no parameter of it is named".to_owned()));
