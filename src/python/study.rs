@@ -483,7 +483,7 @@ impl Tasks {
         let (tasks, runner) = (self.0.clone(), runner.get().0.clone());
         let gather = move |stop: &crate::stop::Stop| {
             let study = tasks.gather(&runner, stop)?;
-            crate::report::save_study(&study, runner.plan(), &tasks.folder())?;
+            crate::report::save_study(&study, runner.plan(), tasks.folder())?;
             Ok(study)
         };
         long(py, threads, gather).map(StudyResult)

@@ -91,6 +91,7 @@ mod readme;
 mod real_logs;
 #[cfg(feature = "cli")]
 mod report_html;
+#[cfg(feature = "cli")]
 mod report_pages;
 mod richness;
 mod sampled_models;
