@@ -10,7 +10,7 @@ use nalgebra::DMatrix;
 
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Chance};
-use crate::model::Linearisation;
+use crate::model::{Linearisation, exp};
 use crate::simulate::plan::Term;
 use crate::simulate::{Dynamics, Plan, Source, Wanted};
 
@@ -167,7 +167,7 @@ fn step(plan: &Plan, time_s: f64, (x, u): (&[f64], &[f64]), dt: f64) -> Option<S
     if !both.iter().chain(outputs.iter()).all(|v| v.is_finite()) {
         return None;
     }
-    let exponential = both.exp();
+    let exponential = exp(&both);
     let part = |column: usize| exponential.view((0, column), (n, n)).into_owned();
     exponential.iter().all(|v| v.is_finite()).then(|| Step { transition: part(0), integral: part(n), outputs })
 }

@@ -118,7 +118,7 @@ pub struct Criteria {
     /// So many causes at most. Chosen.
     pub most_causes: f64,
     /// A weak effect must gain this, in twice the log-likelihood under noise of the nominal residual's colour. Null: as `selection_penalty`, less what the next
-    /// four ask for.
+    /// five ask for.
     pub weak_gains: f64,
     /// The same on held-out data, parameters and noise kept; twice a log-likelihood. Chosen.
     pub weak_held_out: f64,
