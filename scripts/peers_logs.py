@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -47,11 +48,14 @@ def ours(program: str, path: Path) -> dict[str, object]:
         process = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert process.stdin is not None and process.stdout is not None
         process.stdin.write(request + "\n")
-        process.stdin.close()
+        process.stdin.flush()
         seconds = json.loads(process.stdout.readline())["seconds"]
+        # Of the program's own memory: what the kernel reports at the end of a child includes the parent's from before it became another program.
+        peak = int(re.search(r"VmHWM:\s+(\d+)", Path(f"/proc/{process.pid}/status").read_text()).group(1)) * 1024
+        process.stdin.close()
         _, code, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(code)
-        return {"seconds": seconds, "cpu": usage.ru_utime + usage.ru_stime, "bytes": usage.ru_maxrss * 1024, "sums": np.fromfile(out.name, dtype="<f8").tolist()}
+        return {"seconds": seconds, "cpu": usage.ru_utime + usage.ru_stime, "bytes": peak, "sums": np.fromfile(out.name, dtype="<f8").tolist()}
 
 
 def peer(module: str, path: Path, threads: str | None) -> dict[str, object]:

@@ -70,7 +70,7 @@ pub fn known_model(slope: &[f64], noise_std: f64) -> f64 {
 /// Source: Kay (1993), section 3.7; the Schur complement of the information matrix.
 #[must_use]
 pub fn joint(slope: &[f64], others: &[Vec<f64>], noise_std: f64) -> Option<f64> {
-    let alone = alone(slope, others);
+    let alone = alone(slope, others.iter().map(Vec::as_slice));
     let share = dot(&alone, &alone) / dot(slope, slope).max(f64::MIN_POSITIVE);
     (share > INDISTINCT).then(|| known_model(&alone, noise_std))
 }
@@ -79,11 +79,11 @@ pub fn joint(slope: &[f64], others: &[Vec<f64>], noise_std: f64) -> Option<f64> 
 const INDISTINCT: f64 = 1e-18;
 
 /// What of `slope` is no combination of `others`: Gram-Schmidt, twice, as once leaves rounding in.
-pub(super) fn alone(slope: &[f64], others: &[Vec<f64>]) -> Vec<f64> {
-    let mut basis: Vec<Vec<f64>> = Vec::with_capacity(others.len());
+pub(super) fn alone<'a>(slope: &[f64], others: impl Iterator<Item = &'a [f64]>) -> Vec<f64> {
+    let mut basis: Vec<Vec<f64>> = Vec::new();
     for other in others {
         let size = dot(other, other).sqrt();
-        let mut column = other.clone();
+        let mut column = other.to_vec();
         for _ in 0..2 {
             take_off(&mut column, &basis);
         }

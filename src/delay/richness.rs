@@ -29,11 +29,12 @@ use crate::identify::{Record, fir};
 pub fn richness(experiment: &Experiment<'_>, search: &Search, methods: &[&Method]) -> Result<Vec<Option<Richness>>, DelayError> {
     let records = experiment.pair(0, 0)?;
     let step = experiment.sample_time().seconds();
-    let mut data = Data { records: &records, max_delay: search.max_delay, bias: search.bias(0, 0), rough: Default::default(), seen: None };
+    let data = Data { records: &records, max_delay: search.max_delay, bias: search.bias(0, 0) };
+    let stds = data.stds(methods);
     Ok(methods
         .iter()
         .map(|m| {
-            let std = data.std(m.information)?;
+            let std = stds.iter().find(|(information, _)| *information == m.information)?.1?;
             // The spread of a first coefficient is counted in samples as it is.
             let counts = m.tolerance <= WHOLE && m.information != Information::Response;
             let with_resolution = if counts { (std * std + posterior::RESOLUTION).sqrt() } else { std };
@@ -54,41 +55,60 @@ pub struct Richness {
     pub separation: f64,
 }
 
-/// The records of a pair, and the rough models made of them so far, by their poles.
+/// The records of a pair.
 struct Data<'a> {
     records: &'a [Record<'a>],
     max_delay: usize,
     bias: usize,
-    rough: [Option<Option<Rough>>; 3],
-    /// The output visibly follows the input.
-    seen: Option<bool>,
 }
 
 impl Data<'_> {
+    /// What each kind of information that the methods use tells: its standard deviation, samples. One rough model is held at a time, as each is several times the record.
+    fn stds(&self, methods: &[&Method]) -> Vec<(Information, Option<f64>)> {
+        let mut stds: Vec<(Information, Option<f64>)> = Vec::new();
+        // The output visibly follows the input, as the first rough model sees it.
+        let mut seen = None;
+        for method in methods {
+            let Some(poles) = poles(method.information).filter(|_| stds.iter().all(|(known, _)| *known != method.information)) else { continue };
+            let taps = Threshold::default().taps.max(self.max_delay + 1);
+            let rough = rough(self.records, poles, self.max_delay, taps);
+            for also in methods {
+                if self::poles(also.information) == Some(poles) && stds.iter().all(|(known, _)| *known != also.information) {
+                    let std = rough.as_ref().and_then(|rough| {
+                        let seen = *seen.get_or_insert_with(|| visible(rough, self.max_delay + 1));
+                        self.std(also.information, rough, seen, taps)
+                    });
+                    stds.push((also.information, std));
+                }
+            }
+        }
+        stds
+    }
+
     /// Standard deviation, samples.
-    fn std(&mut self, information: Information) -> Option<f64> {
-        let poles = match information {
-            Information::Poles(n) => n.clamp(1, 3),
-            Information::TwoSensors | Information::Response | Information::KnownModel => 2,
-            Information::Events => return None,
-        };
+    fn std(&self, information: Information, rough: &Rough, seen: bool, taps: usize) -> Option<f64> {
         let prior = (self.max_delay as f64) * posterior::RESOLUTION.sqrt();
-        let (records, max_delay) = (self.records, self.max_delay);
-        let taps = Threshold::default().taps.max(max_delay + 1);
-        let rough = self.rough[poles - 1].get_or_insert_with(|| rough(records, poles, max_delay, taps)).as_ref()?;
-        let delays = max_delay + 1;
-        if !*self.seen.get_or_insert_with(|| visible(rough, delays)) {
+        if !seen {
             return Some(prior);
         }
         let std = match information {
             Information::Poles(_) => rough.bound(&rough.alone),
             Information::KnownModel => rough.bound(&rough.slope),
             Information::TwoSensors => bound::reference(&rough.model, rough.noise(&rough.model)),
-            Information::Response => first_coefficient(records, rough, taps, self.bias, max_delay).unwrap_or(prior),
+            Information::Response => first_coefficient(self.records, rough, taps, self.bias, self.max_delay).unwrap_or(prior),
             Information::Events => return None,
         };
         let std = (std.powi(-2) + prior.powi(-2)).powf(-0.5);
         std.is_finite().then_some(std)
+    }
+}
+
+/// The poles of the rough model that an information is read from.
+fn poles(information: Information) -> Option<usize> {
+    match information {
+        Information::Poles(n) => Some(n.clamp(1, 3)),
+        Information::TwoSensors | Information::Response | Information::KnownModel => Some(2),
+        Information::Events => None,
     }
 }
 

@@ -687,8 +687,6 @@ impl Signals {
     /// ∂ŷ/∂g with everything else projected out: what of the delay is told from gain, poles and start.
     pub(super) fn alone(&self) -> Option<Vec<f64>> {
         let (last, poles) = self.slopes.split_last()?;
-        let others: Vec<Vec<f64>> = self.linear.iter().chain(poles).cloned().collect();
-        let alone = bound::alone(last, &others);
-        Some(alone)
+        Some(bound::alone(last, self.linear.iter().chain(poles).map(Vec::as_slice)))
     }
 }
