@@ -186,7 +186,8 @@ impl Reading {
                 }
                 see(&recording, &wanted);
                 even = recording.topics.iter().any(|topic| !topic.name.is_empty());
-                let (log, more) = recording.together(&wanted, grid.filter(|_| even))?;
+                // A file without topics is used as it is: a long one is not held twice.
+                let (log, more) = if even { recording.together(&wanted, grid)? } else { (recording.into_log()?, Vec::new()) };
                 notes.extend(more);
                 (vec![log], notes)
             }

@@ -69,7 +69,9 @@ impl Data<'_> {
         // The output visibly follows the input, as the first rough model sees it.
         let mut seen = None;
         for method in methods {
-            let Some(poles) = poles(method.information).filter(|_| stds.iter().all(|(known, _)| *known != method.information)) else { continue };
+            let Some(poles) = poles(method.information).filter(|_| stds.iter().all(|(known, _)| *known != method.information)) else {
+                continue;
+            };
             let taps = Threshold::default().taps.max(self.max_delay + 1);
             let rough = rough(self.records, poles, self.max_delay, taps);
             for also in methods {

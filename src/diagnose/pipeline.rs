@@ -185,9 +185,16 @@ struct Judgement {
 
 impl Judgement {
     /// `None` where the model cannot be simulated.
-    fn of(likelihood: &Likelihood<'_>, found: &SearchResult, candidates: &[Applied], scales: &Scales, smallest: &[f64]) -> Option<Self> {
+    fn of(
+        likelihood: &Likelihood<'_>,
+        found: &SearchResult,
+        candidates: &[Applied],
+        scales: &Scales,
+        smallest: &[f64],
+        progress: &dyn Fn(Stage),
+    ) -> Option<Self> {
         let judged = judge(likelihood, found, candidates, scales)?;
-        let composed = Compose { likelihood, found, catalogue: candidates, scales, smallest }.from(judged)?;
+        let composed = Compose { likelihood, found, catalogue: candidates, scales, smallest }.from(judged, progress)?;
         let judged = &composed.judged;
         let searched = judged.found.as_ref().is_none_or(|e| e.effects.len() < 3);
         let sensitivities = match judged.verdict {
@@ -236,7 +243,9 @@ fn in_stages(
 
     progress(Stage::Judging);
     let smallest = &baseline.motion.smallest;
-    let judgement = Judgement::of(&likelihood, &found, &candidates, &scales, smallest).ok_or_else(|| not_finite(&inputs.records))?;
+    let judgement =
+        Judgement::of(&likelihood, &found, &candidates, &scales, smallest, progress).ok_or_else(|| not_finite(&inputs.records))?;
+    progress(Stage::Describing);
     let answer = Answer {
         subject,
         simulator,

@@ -11,6 +11,7 @@ use super::composer::{Composer, Composition};
 use super::gate::Gate;
 use super::weak::weak;
 use crate::diagnose::baseline::noise::Noise;
+use crate::diagnose::format::progress::Stage;
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::judge::intervals::{self, Estimate};
 use crate::diagnose::judge::level::Level;
@@ -85,7 +86,7 @@ fn in_block(recalibration: Option<f64>, applied: &Applied) -> bool {
 
 impl Compose<'_, '_> {
     /// What acts beside, or instead of, what the search named; `None` where the model cannot be simulated.
-    pub(in crate::diagnose) fn from(&self, judged: Judged) -> Option<Composed> {
+    pub(in crate::diagnose) fn from(&self, judged: Judged, progress: &dyn Fn(Stage)) -> Option<Composed> {
         let begin = match judged.verdict {
             GapVerdict::None => {
                 return match self.weak() {
@@ -105,7 +106,7 @@ impl Compose<'_, '_> {
         let alone = self.likelihood.system.is_black_box() || (judged.left_over.is_none() && begin.effects.len() < 2 && all_taken());
         let enough = judged.verdict == GapVerdict::Effects && alone;
         if !decoded && !enough {
-            let composition = self.composition(&begin)?;
+            let composition = self.composition(&begin, progress)?;
             // Where nothing changed, what was judged stays as it was fitted.
             if !composition.hypothesis.effects.is_empty() && composition.hypothesis.key() != begin.key() {
                 return self.judged(judged, &composition);
@@ -113,7 +114,7 @@ impl Compose<'_, '_> {
         }
         // A sequence that is decoded from the outputs can take the shape of much: where laws without chance explain as much, they are the reason.
         if begin.lost.is_some() && !self.likelihood.system.is_black_box() {
-            let plain = self.composition(&of(Vec::new()))?;
+            let plain = self.composition(&of(Vec::new()), progress)?;
             let errors = self.error_of(&plain.hypothesis).zip(self.error_of(&begin));
             if !plain.hypothesis.effects.is_empty() && errors.is_some_and(|(plain, decoded)| plain <= SETTLED * decoded) {
                 return self.judged(judged, &plain);
@@ -191,10 +192,10 @@ impl Compose<'_, '_> {
         }
     }
 
-    fn composition(&self, begin: &Hypothesis) -> Option<Composition> {
-        let composition = self.composer(true).compose(&begin.effects)?;
+    fn composition(&self, begin: &Hypothesis, progress: &dyn Fn(Stage)) -> Option<Composition> {
+        let composition = self.composer(true).compose(&begin.effects, progress)?;
         if composition.hypothesis.effects.is_empty() && !self.likelihood.system.is_black_box() {
-            self.composer(false).compose(&[])
+            self.composer(false).compose(&[], progress)
         } else {
             Some(composition)
         }

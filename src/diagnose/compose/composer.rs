@@ -15,6 +15,7 @@ use super::gate::{Gate, Original};
 use super::standing::Standing;
 use crate::diagnose::baseline::noise::Noise;
 use crate::diagnose::baseline::spectrum::peaks_hz;
+use crate::diagnose::format::progress::Stage;
 use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
@@ -71,7 +72,7 @@ pub(in crate::diagnose) struct Composer<'c, 'a> {
 
 impl<'a> Composer<'_, 'a> {
     /// Adds effects to those of a hypothesis until nothing is accepted; `None` where the model cannot be simulated.
-    pub(in crate::diagnose) fn compose(&mut self, from: &[Applied]) -> Option<Composition> {
+    pub(in crate::diagnose) fn compose(&mut self, from: &[Applied], progress: &dyn Fn(Stage)) -> Option<Composition> {
         // What noise decides sample by sample, and hidden sequences, are no deterministic parts of a sum.
         self.candidates.retain(|a| !a.effect.leaves_residual() && !a.effect.loses_commands());
         let before = residuals(self.likelihood, NO_EFFECT)?;
@@ -85,17 +86,17 @@ impl<'a> Composer<'_, 'a> {
             let flexible: Vec<Applied> = flexible.cloned().collect();
             composition = self.backward(&likelihood, composition, present, flexible, &original);
         }
-        composition = self.forward(composition, &original);
+        composition = self.forward(composition, &original, progress);
         if composition.hypothesis.effects.is_empty()
             && let Some(pair) = self.together(&original)
         {
-            composition = self.forward(pair, &original);
+            composition = self.forward(pair, &original, progress);
         }
         if !self.likelihood.system.is_black_box()
             && let Some((released, size)) = self.recalibrated(&composition, &original)
         {
             self.shrinkage = Some(size);
-            composition = self.forward(released, &original);
+            composition = self.forward(released, &original, progress);
             composition.recalibration = Some(size);
         }
         Some(composition)
@@ -117,8 +118,9 @@ impl<'a> Composer<'_, 'a> {
     }
 
     /// Adds one effect after the other for as long as one is accepted.
-    fn forward(&mut self, mut composition: Composition, original: &Original) -> Composition {
+    fn forward(&mut self, mut composition: Composition, original: &Original, progress: &dyn Fn(Stage)) -> Composition {
         while self.effects_of(&composition.hypothesis) < self.most {
+            progress(Stage::Composing(self.effects_of(&composition.hypothesis)));
             let Some((likelihood, before)) = self.renewed(&composition.hypothesis) else { break };
             composition.hypothesis = before.hypothesis.clone();
             self.scales.peaks_hz = peaks_hz(likelihood.records, &before.residuals, likelihood.system.outputs.len());

@@ -17,8 +17,12 @@ pub enum Stage {
     Refitting(usize),
     /// A delay stands at the longest that was looked for: everything once more with longer ones.
     Longer,
-    /// The verdict is reached.
+    /// What was found is judged.
     Judging,
+    /// So many causes act; one more is looked for beside them.
+    Composing(usize),
+    /// The answer is put together: shares, intervals, what stays.
+    Describing,
 }
 
 impl Stage {
@@ -29,10 +33,12 @@ impl Stage {
             Self::Simulating | Self::Longer => 0.0,
             Self::Screening(_) => 0.02,
             Self::Fitting => 0.1,
-            Self::Pairing => 0.35,
-            Self::Refitting(0) => 0.6,
-            Self::Refitting(_) => 0.78,
-            Self::Judging => 0.92,
+            Self::Pairing => 0.25,
+            Self::Refitting(0) => 0.45,
+            Self::Refitting(_) => 0.55,
+            Self::Judging => 0.6,
+            Self::Composing(causes) => 0.63 + 0.05 * causes.min(6) as f64,
+            Self::Describing => 0.95,
         }
     }
 }
@@ -47,6 +53,10 @@ impl fmt::Display for Stage {
             Self::Refitting(_) => f.write_str("fitting again under the noise of what leads"),
             Self::Longer => f.write_str("a delay may be longer: once more"),
             Self::Judging => f.write_str("judging"),
+            Self::Composing(0) => f.write_str("looking for several causes"),
+            Self::Composing(1) => f.write_str("looking for a cause beside the first"),
+            Self::Composing(causes) => write!(f, "looking for a cause beside {causes} others"),
+            Self::Describing => f.write_str("putting the answer together"),
         }
     }
 }
