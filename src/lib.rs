@@ -4,6 +4,7 @@
 pub mod blind;
 #[cfg(feature = "cli")]
 pub mod cli;
+pub mod compare;
 pub mod delay;
 pub mod diagnose;
 pub mod effect;

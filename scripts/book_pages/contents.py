@@ -32,6 +32,7 @@ GAP = """
 - [Checks before a diagnosis](checks.md)
 - [How a diagnosis is made, stage by stage](gap.md)
 - [Any function as a simulator](black-box.md)
+- [Results side by side](comparing.md)
 - [Blind cases](blind.md)
 """
 AFTER = """

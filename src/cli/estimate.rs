@@ -124,9 +124,9 @@ impl Estimate {
             draw(job, &report, path)?;
         }
         if let Some(path) = &self.html {
-            let responses = job.as_ref().map(|job| job.responses(&report)).transpose()?.unwrap_or_default();
+            let evidence = job.as_ref().map(|job| job.evidence(&report)).transpose()?.unwrap_or_default();
             let logs = job.as_ref().map(|job| job.logs.as_slice()).unwrap_or_default();
-            let text = page::estimate(&report, logs, &responses);
+            let text = page::estimate(&report, logs, &evidence);
             write_atomic(path, |out| out.write_all(text.as_bytes()))?;
         }
         match (self.brief, self.full) {

@@ -12,6 +12,7 @@ macro_rules! say {
 mod blind;
 mod c2d;
 mod check;
+mod compare;
 mod criteria;
 mod demo;
 mod estimate;
@@ -82,6 +83,7 @@ enum Command {
     Identify(identify::Identify),
     Gap(gap::Gap),
     Export(export::Export),
+    Compare(compare::Compare),
     Gate(gate::Gate),
     #[command(subcommand)]
     Blind(blind::Blind),
@@ -120,6 +122,7 @@ impl Cli {
             Command::Identify(c) => c.run(to),
             Command::Gap(c) => c.run(to),
             Command::Export(c) => c.run(to),
+            Command::Compare(c) => c.run(to),
             Command::Gate(c) => c.run(to),
             Command::Blind(c) => c.run(to),
             Command::List(c) => c.run(to),

@@ -10,17 +10,17 @@ use rayon::prelude::*;
 use serde_json::Value;
 
 use super::conditions::of_the_plant;
+use super::evidence::{Evidence, evidence, impulse_response};
 use super::experiment::recordings;
 use super::process::rough;
 use super::report::{Bias, Estimate, FORMAT, Pair, Report, Response, Searched};
 use super::verdict::EXPERIMENT;
 use super::{
     Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Events, Experiment, Finding, Grounds, InLoop, Information, METHODS,
-    Method, Outcome, PlantModel, Record, RecordFacts, Recording, Richness, Scope, Search, Series, Start, Threshold, Verdict, distrust,
-    held_for, in_loop, lead, moving_together, open_part, richness, standing_off, verdict, watched,
+    Method, Outcome, PlantModel, Record, RecordFacts, Recording, Richness, Scope, Search, Series, Start, Verdict, distrust, held_for,
+    in_loop, lead, moving_together, open_part, richness, standing_off, verdict, watched,
 };
 use crate::error::Result;
-use crate::identify::fir;
 use crate::log::{EventTimes, Log};
 use crate::model::c2d::{Conversion, ZeroOrderHold};
 use crate::model::{ModelFile, Operating, Sampled, StateSpace};
@@ -178,6 +178,19 @@ impl Job {
             output => impulse_response(&self.logs, &pair.input, output, self.detrend),
         };
         report.pairs.iter().map(response).collect()
+    }
+
+    /// What the methods look at, for each pair of a report; `None` for pairs of an input and all states.
+    ///
+    /// # Errors
+    /// As [`evidence`].
+    pub fn evidence(&self, report: &Report) -> Result<Vec<Option<Evidence>>> {
+        let max_delay = (report.max_delay_s / report.sample_time_s).round() as usize;
+        let of = |pair: &Pair| match pair.output.as_str() {
+            "*" => Ok(None),
+            output => evidence(&self.logs, &pair.input, output, self.detrend, max_delay).map(Some),
+        };
+        report.pairs.iter().map(of).collect()
     }
 
     /// What is to be expected of each method that looks at pairs, before any runs: for each pair, outputs first, one line a method.
@@ -529,19 +542,6 @@ pub struct Expected {
     pub output: String,
     /// Methods by name; `None` where there is no prediction.
     pub methods: Vec<(&'static str, Option<Richness>)>,
-}
-
-/// The impulse response from one channel to another, as many coefficients as [`Threshold`] estimates; `None` where the input does not excite all of them.
-///
-/// # Errors
-/// As [`Experiment::from_logs`].
-pub fn impulse_response(logs: &[Log], input: &str, output: &str, detrend: Detrend) -> Result<Option<Response>> {
-    let logged = Experiment::from_logs(logs, &[input.to_owned()], &[output.to_owned()])?;
-    let experiment = logged.detrended(detrend)?;
-    Ok(fir(&experiment.pair(0, 0)?, Threshold::default().taps).map(|fir| Response {
-        values: fir.coefficients.iter().copied().collect(),
-        std: fir.covariance.diagonal().map(|v| v.max(0.0).sqrt()).iter().copied().collect(),
-    }))
 }
 
 fn sampled(model: &ModelFile, ts: SampleTime) -> Result<StateSpace<Sampled>> {

@@ -7,6 +7,7 @@ mod correlation;
 mod error;
 mod estimate;
 mod events;
+mod evidence;
 mod experiment;
 mod feedback;
 mod frequency;
@@ -35,11 +36,12 @@ pub use estimate::{DelayEstimate, Outcome};
 pub use events::{
     EventAverageDifference, EventCorrelation, EventDelayVariance, EventQuadraticDifference, EventVarianceDifference, Events, Units,
 };
+pub use evidence::{Correlated, Evidence, Phase, Scan, evidence, impulse_response};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use feedback::{InLoop, held_for, in_loop, lead, open_part};
 pub use frequency::{Arxdap, Firdap, Oedap, PhaseSlope};
 pub use higher_order::Bispectrum;
-pub use job::{EventsJob, Expected, Feedback, Job, Ready, chosen, impulse_response};
+pub use job::{EventsJob, Expected, Feedback, Job, Ready, chosen};
 pub use laguerre::{Fischer, Lagudap};
 pub use method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start, method};
 pub use parametric::{

@@ -4,6 +4,7 @@ pub mod blind;
 pub mod bounds;
 mod chart;
 pub mod checks;
+pub mod compare;
 pub mod diagnosis;
 pub mod effects;
 mod escape;

@@ -40,12 +40,34 @@ fn number(value: f64) -> String {
 }
 
 /// Four digits, whatever the size.
-fn digits(value: f64) -> String {
+pub(super) fn digits(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }
     let exponent = value.abs().log10().floor();
     if (-4.0..5.0).contains(&exponent) { format!("{value:.*}", (3.0 - exponent).max(0.0) as usize) } else { format!("{value:.3e}") }
+}
+
+/// What a standing means that some parameter has and that a reader must know.
+pub(super) fn meaning(found: &StructuredFit, standing: Standing) -> Option<&'static str> {
+    let said = match standing {
+        Standing::Surrogate => {
+            "surrogate: it predicts, but it is not the physics: one step and many steps ahead ask for values that differ twofold, or a nominal value moved tenfold."
+        }
+        Standing::Open => "open: these logs do not fix it: its interval holds 0, or another parameter trades with it.",
+        Standing::Physical | Standing::Unchecked => return None,
+    };
+    found.parameters.iter().any(|p| p.standing == standing).then_some(said)
+}
+
+/// A standing as a word.
+pub(super) fn standing(of: Standing) -> &'static str {
+    match of {
+        Standing::Physical => "physical",
+        Standing::Surrogate => "surrogate",
+        Standing::Unchecked => "unchecked",
+        Standing::Open => "open",
+    }
 }
 
 /// Parameters with intervals, what cannot be had, and the errors before and after.
@@ -66,12 +88,6 @@ pub fn text(found: &StructuredFit) -> String {
     );
     let mut table = Table::new(&["parameter", "unit", "file", "found", "95 % interval", "one step ahead", "standing"], &[0, 1, 6]);
     for p in &found.parameters {
-        let standing = match p.standing {
-            Standing::Physical => "physical",
-            Standing::Surrogate => "surrogate",
-            Standing::Unchecked => "unchecked",
-            Standing::Open => "open",
-        };
         table.row(vec![
             p.name.clone(),
             p.unit.clone().unwrap_or_default(),
@@ -79,15 +95,12 @@ pub fn text(found: &StructuredFit) -> String {
             digits(p.value),
             format!("{} to {}", digits(p.interval[0]), digits(p.interval[1])),
             p.one_step.map_or(String::new(), |[v, s]| format!("{} ± {}", digits(v), digits(NORMAL_95 * s))),
-            standing.to_owned(),
+            standing(p.standing).to_owned(),
         ]);
     }
     text += &table.to_string();
-    if found.parameters.iter().any(|p| p.standing == Standing::Surrogate) {
-        text += "\nsurrogate: it predicts, but it is not the physics: one step and many steps ahead ask for values that differ twofold, or a nominal value moved tenfold.\n";
-    }
-    if found.parameters.iter().any(|p| p.standing == Standing::Open) {
-        text += "\nopen: these logs do not fix it: its interval holds 0, or another parameter trades with it.\n";
+    for said in [Standing::Surrogate, Standing::Open].into_iter().filter_map(|s| meaning(found, s)) {
+        text += &format!("\n{said}\n");
     }
     for unseen in &found.unseen {
         text += &format!("\nCannot be had: {} (standard deviation {:.1} of its size).", unseen.words, unseen.std);

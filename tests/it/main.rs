@@ -28,6 +28,8 @@ mod checks;
 #[cfg(feature = "cli")]
 mod cli;
 mod clocks;
+#[cfg(feature = "cli")]
+mod compare;
 mod conditions;
 mod contract;
 mod correlation;

@@ -235,4 +235,15 @@ fn the_page_of_an_estimate_holds_its_curves_and_every_method() {
     assert_eq!((pair["input"].as_str(), pair["unit_y"].as_str()), (Some("<script>alert(1)</script>"), Some("V")));
     assert!(pair["delay_s"].as_f64().is_some_and(|d| (d - 0.3).abs() < 0.11), "{pair}");
     assert!(page.len() < 400_000, "{} bytes", page.len());
+    // What the methods look at: y follows u by four samples, and the answer of arxstruc stands on its curve.
+    let views = data["figures"][0]["views"].as_array().unwrap();
+    let curves: Vec<&str> = views.iter().map(|v| v["keys"][1].as_str().unwrap()).collect();
+    assert_eq!(curves, ["impulse response", "loss over the delay", "probability of the delay", "correlation", "phase"]);
+    let [loss, answer] = [0, 1].map(|at| &views[1]["curves"][at]["y"]);
+    assert_eq!(
+        (&views[1]["x"]["values"][4], &loss[4], &answer[4]),
+        (&serde_json::json!(0.4), &serde_json::json!(1.0), &serde_json::json!(1.0))
+    );
+    assert_eq!(answer.as_array().unwrap().iter().filter(|v| !v.is_null()).count(), 1);
+    assert!(!read.contains("null"));
 }

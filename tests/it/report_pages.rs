@@ -2,6 +2,7 @@
 
 use crate::report_html::{MODEL, drawn, elements, log, read};
 use crate::support::blind::{Check, perfect};
+use crate::structured::{PENDULUM, swing};
 use crate::support::program::{Folder, deadtime, text};
 use serde_json::Value;
 
@@ -17,7 +18,7 @@ fn view<'a>(data: &'a Value, id: &str, keys: &[&str]) -> &'a Value {
 }
 
 /// Well formed, and nothing in it acts.
-fn stands(page: &str) -> String {
+pub(crate) fn stands(page: &str) -> String {
     let all = elements(page);
     assert!(!all.iter().flat_map(|tag| tag.split(' ')).any(|word| word.starts_with("on") && word.contains("=\"")), "an event handler");
     let read = read(page);
@@ -128,4 +129,36 @@ fn a_page_of_withheld_effects_counts_every_case_once() {
     let cases: u64 =
         matrix["rows"].as_array().unwrap().iter().flat_map(|r| r["values"].as_array().unwrap()).filter_map(Value::as_u64).sum();
     assert_eq!(cases, 8);
+}
+
+#[test]
+fn a_page_of_fitted_parameters_shows_what_moved_and_what_cannot_be_had() {
+    let folder = Folder::new();
+    let model = folder.write("model.toml", &PENDULUM.replace("name = \"pendulum\"", &format!("name = \"{SCRIPT}\"")));
+    let logs: Vec<std::path::PathBuf> = (1..=3)
+        .map(|seed| {
+            let path = folder.path(&format!("{seed}.csv"));
+            swing(0.025, 0.9, 0.24, 0.01, 0.0, seed).write_csv(&path).unwrap();
+            path
+        })
+        .collect();
+    let (page, json) = (folder.path("page.html"), folder.path("fit.json"));
+    let [a, b, held_out] = [0, 1, 2].map(|at| text(&logs[at]));
+    let words = ["identify", a, b, "--holdout", held_out, "--structure", text(&model), "--horizon", "25", "--html", text(&page), "--json", text(&json)];
+    deadtime(&[&words[..], &["--free", "inertia,gain,stiffness,friction"]].concat()).done();
+    let page = std::fs::read_to_string(page).unwrap();
+    let read = stands(&page);
+    // Inertia, gain and stiffness only act as ratios.
+    assert!(read.contains("What cannot be had") && read.contains("4 parameters"), "{read}");
+    let found: Value = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
+    let data = drawn(&page);
+    let group = found["held_out"][1][0]["group"].as_str().unwrap();
+    let fitted = &view(&data, "errors", &["logs held out", group])["curves"][1]["y"];
+    let measured = found["held_out"][1][0]["mean_absolute"].as_array().unwrap();
+    assert_eq!(fitted.as_array().unwrap().len(), 25);
+    for (drawn, measured) in fitted.as_array().unwrap().iter().zip(measured) {
+        assert!((drawn.as_f64().unwrap() - measured.as_f64().unwrap()).abs() <= 1e-5 * measured.as_f64().unwrap(), "{drawn} {measured}");
+    }
+    let page = folder.path("none.html");
+    deadtime(&["identify", a, "--structure", text(&model), "--html", text(&page)]).refused(&["--html", "--free"]);
 }

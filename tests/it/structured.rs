@@ -8,7 +8,7 @@ use deadtime::model::{EquationsFile, ModelDocument};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-const PENDULUM: &str = r#"
+pub(crate) const PENDULUM: &str = r#"
 format = "deadtime/model@1"
 name = "pendulum"
 kind = "equations"
@@ -49,7 +49,7 @@ fn with(file: &EquationsFile, values: &[(&str, f64)]) -> EquationsFile {
 }
 
 /// The pendulum itself, by steps so short that their error is far below every tolerance here; independent of the crate's integrators.
-fn swing(inertia: f64, gain: f64, stiffness: f64, friction: f64, noise: f64, seed: u64) -> Log {
+pub(crate) fn swing(inertia: f64, gain: f64, stiffness: f64, friction: f64, noise: f64, seed: u64) -> Log {
     let (samples, step, fine) = (601, 0.02, 200);
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let (mut angle, mut rate, mut torque) = (0.4_f64, 0.0_f64, 0.0);

@@ -46,9 +46,6 @@ pub(super) struct Linear {
     /// Write the continuous model behind a zero-order hold, not the sampled one
     #[arg(long)]
     continuous: bool,
-    /// Also write what was found as a page, one file that needs no network
-    #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
     /// Another option of the method, such as `max_order=20`; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -92,7 +89,7 @@ impl Linear {
         };
         drop(waiting);
         file.write(out)?;
-        if let Some(path) = &self.html {
+        if let Some(path) = &common.html {
             let page = page::identify(&report)?;
             write_atomic(path, |to| to.write_all(page.as_bytes()))?;
         }

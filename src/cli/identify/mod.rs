@@ -36,6 +36,9 @@ struct Common {
     /// The model file to write (.toml or .json)
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Also write what was found as a page, one file that needs no network
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
 }
 
 impl Identify {

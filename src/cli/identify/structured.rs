@@ -7,9 +7,11 @@ use anyhow::bail;
 use super::Common;
 use crate::cli::Out;
 use crate::cli::progress::Waiting;
+use crate::file::write_atomic;
 use crate::identify::structured::{self, Balance, score};
 use crate::log::Log;
 use crate::model::{EquationsFile, ModelDocument};
+use crate::report::page;
 use crate::report::structured::{scores, text};
 
 /// The options of a fit of a model file's parameters.
@@ -91,6 +93,9 @@ impl Structured {
         if let (Some(out), Some(model)) = (&common.out, &found.model) {
             model.write(out)?;
         }
+        if let Some(path) = &common.html {
+            write_atomic(path, |out| out.write_all(page::structured(&found).as_bytes()))?;
+        }
         say!(to, "{}", text(&found).trim_end());
         if let Some(out) = &common.out {
             say!(to, "\nWritten to {}.", out.display());
@@ -101,6 +106,9 @@ impl Structured {
     fn only_score(&self, common: &Common, file: &EquationsFile, logs: &[Log], to: &Out<'_>) -> anyhow::Result<()> {
         if common.out.is_some() {
             bail!("nothing is fitted, so there is nothing to write: name parameters with --free");
+        }
+        if common.html.is_some() {
+            bail!("--html: nothing is fitted, so there is no page to write: name parameters with --free");
         }
         let found = score(file, logs, self.horizon, self.stride.unwrap_or(self.horizon))?;
         to.json(&serde_json::json!({ "name": file.name, "horizon": self.horizon, "score": found }))?;

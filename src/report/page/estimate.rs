@@ -5,10 +5,10 @@ use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
 use super::series::{Thinning, base64};
-use super::{Cell, figure, made_by, page, plots, quoted, table};
-use crate::delay::Outcome;
+use super::{Cell, curves, figure, made_by, page, plots, quoted, table};
 use crate::delay::report::{Estimate, Pair, Report, Response};
 use crate::delay::track::Tracked;
+use crate::delay::{Evidence, Outcome};
 use crate::log::Log;
 use crate::report::picture::{Shown, svg};
 use crate::report::terminal::{Axis, without_lists};
@@ -17,9 +17,9 @@ use crate::report::text::seconds;
 /// Records that the page holds.
 const LOGS: usize = 40;
 
-/// The page of a report, with the records that it is about and their impulse responses, as many as pairs, where the inputs allow them.
+/// The page of a report, with the records that it is about and what the methods look at, as many as pairs.
 #[must_use]
-pub fn estimate(report: &Report, logs: &[Log], responses: &[Option<Response>]) -> String {
+pub fn estimate(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> String {
     let body = html! {
         h1 { "Dead time in " (report.log) }
         p .faint { (report.preamble()) "." }
@@ -41,11 +41,17 @@ pub fn estimate(report: &Report, logs: &[Log], responses: &[Option<Response>]) -
         }
         @for (at, pair) in report.pairs.iter().enumerate() {
             (methods(pair, report.sample_time_s))
-            @if let Some(response) = responses.get(at).and_then(Option::as_ref) { (picture(pair, response, report.sample_time_s)) }
+            @let response = evidence.get(at).and_then(Option::as_ref).and_then(|e| e.response.as_ref());
+            @if let Some(response) = response { (picture(pair, response, report.sample_time_s)) }
+        }
+        @if evidence.iter().flatten().next().is_some() {
+            h2 { "What the methods look at" }
+            p { "Lags count from the command's sample, hold and relative degree included: what the raw answers count. A point marks the answer of a method that looks at the curve." }
+            (figure("evidence", "The curve"))
         }
         (made_by())
     };
-    page(&format!("Dead time in {}", report.log), &body, &data(report, logs))
+    page(&format!("Dead time in {}", report.log), &body, &data(report, logs, evidence))
 }
 
 fn target(pair: &Pair) -> &str {
@@ -153,7 +159,7 @@ fn tracks(pair: &Pair, track: &Tracked) -> Vec<Value> {
 }
 
 /// What the script draws: every pair of two channels, record by record.
-fn data(report: &Report, logs: &[Log]) -> Value {
+fn data(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> Value {
     let pairs: Vec<&Pair> = report.pairs.iter().filter(|p| p.output != "*").collect();
     let shown = logs.len().min(LOGS);
     let samples: usize = logs.iter().take(shown).map(Log::len).sum();
@@ -180,6 +186,11 @@ fn data(report: &Report, logs: &[Log]) -> Value {
         json!({ "name": name, "bucket": thinning.bucket(), "time": thinning.times(&time_s), "pairs": pairs.iter().filter_map(one).collect::<Vec<Value>>() })
     };
     let tracks: Vec<Value> = report.pairs.iter().filter_map(|p| Some((p, p.track.as_ref()?))).flat_map(|(p, t)| tracks(p, t)).collect();
-    let figures = if tracks.is_empty() { Vec::new() } else { vec![json!({ "id": "track", "pick": ["pair", "record"], "views": tracks })] };
+    let pairs_and_curves = report.pairs.iter().zip(evidence).filter_map(|(pair, e)| Some((pair, e.as_ref()?)));
+    let curves: Vec<Value> = pairs_and_curves.flat_map(|(pair, e)| curves::curves(pair, e, report.sample_time_s)).collect();
+    let filled = [("track", ["pair", "record"], tracks), ("evidence", ["pair", "curve"], curves)]
+        .into_iter()
+        .filter(|(.., views)| !views.is_empty());
+    let figures: Vec<Value> = filled.map(|(id, pick, views)| json!({ "id": id, "pick": pick, "views": views })).collect();
     json!({ "kind": "estimate", "figures": figures, "logs": logs.iter().take(shown).enumerate().map(record).collect::<Vec<Value>>(), "opens": 0 })
 }

@@ -3,19 +3,24 @@
 mod bars;
 mod blind;
 mod check;
+mod compare;
+mod curves;
 mod estimate;
 mod gap;
 mod identify;
 mod laws;
 mod residual;
 mod series;
+mod structured;
 mod study;
 
 pub use blind::blind;
 pub use check::check;
+pub use compare::{compared_diagnoses, compared_studies};
 pub use estimate::estimate;
 pub use gap::gap;
 pub use identify::identify;
+pub use structured::structured;
 pub use study::study;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};

@@ -1,0 +1,125 @@
+//! Parameters of a model file from logs as a page: what each moved to, what cannot be had, errors over the horizon.
+
+use maud::{Markup, html};
+use serde_json::{Value, json};
+
+use super::bars::{bar, dot, stretch};
+use super::{Cell, figure, made_by, page, quoted, sorted};
+use crate::identify::structured::{FreeParameter, GroupScore, Standing, StructuredFit};
+use crate::report::structured::{digits, meaning, standing};
+use crate::report::terminal::Axis;
+use crate::signal::stats::NORMAL_95;
+
+/// The axis of the parameters, in times the file's value: what is beyond is an arrow at its end.
+const TIMES: [f64; 2] = [-1.0, 3.0];
+
+/// The page.
+#[must_use]
+pub fn structured(found: &StructuredFit) -> String {
+    let count = |of: Standing| found.parameters.iter().filter(|p| p.standing == of).count();
+    let kinds = [Standing::Physical, Standing::Surrogate, Standing::Open, Standing::Unchecked].map(|s| (standing(s), count(s)));
+    let said: Vec<String> = kinds.iter().filter(|(_, count)| *count > 0).map(|(name, count)| format!("{count} {name}")).collect();
+    let body = html! {
+        h1 { "Parameters of " (found.name) }
+        p .verdict { strong { (found.parameters.len()) } " parameters: " (said.join(", ")) "." }
+        @if !found.converged { p { strong { "Beware: " } "the search did not end at a minimum." } }
+        p .faint {
+            (found.windows) " windows of " (found.horizon) " steps of " (found.sample_time_s) " s in " (found.clusters) " clusters; shrinkage towards the file " (format!("{:.2e}", found.shrinkage)) "."
+        }
+        h2 { "What they are" }
+        (parameters(found))
+        @for said in [Standing::Surrogate, Standing::Open].into_iter().filter_map(|s| meaning(found, s)) { p { (said) } }
+        @if !found.unseen.is_empty() || !found.trades.is_empty() {
+            h2 { "What cannot be had" }
+            ul {
+                @for unseen in &found.unseen { li { (quoted(&unseen.words)) " (standard deviation " (format!("{:.1}", unseen.std)) " of its size)" } }
+                @for trade in &found.trades { li { (quoted(trade)) } }
+            }
+        }
+        @if !found.per_record.is_empty() { h2 { "What stands off by record" } (by_record(found)) }
+        h2 { "Errors over the horizon" }
+        p { "Mean absolute error so many steps after a window's start, of the model as the file has it and as it was fitted." }
+        (figure("errors", "The picture"))
+        (errors("On the training logs", &found.training))
+        @if let Some(held_out) = &found.held_out { (errors("On the logs held out", held_out)) }
+        (made_by())
+    };
+    page(&format!("Parameters of {}", found.name), &body, &json!({ "kind": "structured", "figures": figures(found) }))
+}
+
+/// Every parameter; the bar in times the file's value.
+fn parameters(found: &StructuredFit) -> Markup {
+    let Some(axis) = Axis::over(std::iter::once(TIMES), usize::MAX) else { return html! {} };
+    let row = |p: &FreeParameter| {
+        let interval = format!("{} to {}", digits(p.interval[0]), digits(p.interval[1]));
+        let drawn = html! {
+            @if p.nominal != 0.0 && p.nominal.is_finite() {
+                @let [a, b] = p.interval.map(|v| axis.share(v / p.nominal));
+                (stretch(a.min(b), a.max(b), "range"))
+                (dot(axis.share(1.0), "aside"))
+                (dot(axis.share(p.value / p.nominal), ""))
+            }
+        };
+        let one = p.one_step.map_or_else(|| "–".to_owned(), |[v, s]| format!("{} ± {}", digits(v), digits(NORMAL_95 * s)));
+        vec![
+            Cell::Words(p.name.clone()),
+            Cell::Words(p.unit.clone().unwrap_or_default()),
+            Cell::Number(digits(p.nominal)),
+            Cell::Number(digits(p.value)),
+            Cell::Number(interval.clone()),
+            Cell::Drawn(bar(&format!("{} in the file, {} found, 95 %: {interval}", digits(p.nominal), digits(p.value)), &drawn)),
+            Cell::Number(one),
+            Cell::Words(standing(p.standing).to_owned()),
+        ]
+    };
+    let rows: Vec<Vec<Cell>> = found.parameters.iter().map(row).collect();
+    let headings = ["parameter", "unit", "file", "found", "95 % interval", "−1 to 3 times the file", "one step ahead", "standing"];
+    sorted("Parameters; the grey point is the file's value, an arrow is beyond the axis", &headings, &rows)
+}
+
+fn by_record(found: &StructuredFit) -> Markup {
+    let row = |(name, record, value): &(String, String, f64)| {
+        vec![Cell::Words(name.clone()), Cell::Words(record.clone()), Cell::Number(digits(*value))]
+    };
+    sorted("What stands off by record", &["parameter", "record", "by"], &found.per_record.iter().map(row).collect::<Vec<_>>())
+}
+
+fn errors(caption: &str, [before, after]: &[Vec<GroupScore>; 2]) -> Markup {
+    let row = |(before, after): (&GroupScore, &GroupScore)| {
+        let last = |g: &GroupScore| g.mean_absolute.last().map_or_else(|| "–".to_owned(), |v| digits(*v));
+        vec![
+            Cell::Words(before.group.clone()),
+            Cell::Words(before.unit.clone().unwrap_or_default()),
+            Cell::Number(last(before)),
+            Cell::Number(last(after)),
+            Cell::Number(digits(before.sum)),
+            Cell::Number(digits(after.sum)),
+        ]
+    };
+    let headings = ["group", "unit", "file, last step", "fitted, last step", "file, sum over steps", "fitted, sum over steps"];
+    sorted(caption, &headings, &before.iter().zip(after).map(row).collect::<Vec<_>>())
+}
+
+fn figures(found: &StructuredFit) -> Vec<Value> {
+    let brief =
+        |values: &[f64]| values.iter().map(|v| format!("{v:.5e}").parse::<f64>().ok().filter(|v| v.is_finite())).collect::<Vec<_>>();
+    let parts = [("training logs", Some(&found.training)), ("logs held out", found.held_out.as_ref())];
+    let view = |which: &str, before: &GroupScore, after: &GroupScore| {
+        let unit = before.unit.as_ref().map_or_else(String::new, |u| format!(" ({u})"));
+        let steps: Vec<usize> = (1..=before.mean_absolute.len()).collect();
+        json!({
+            "kind": "lines", "keys": [which, before.group], "about": format!("Mean absolute error of {} over the horizon, {which}", before.group),
+            "x": { "label": "steps after a window's start", "values": steps }, "y": { "label": format!("mean absolute error{unit}") },
+            "curves": [
+                { "label": "as the file has it", "y": brief(&before.mean_absolute), "color": "before", "points": false },
+                { "label": "fitted", "y": brief(&after.mean_absolute), "color": "after", "points": false },
+            ],
+        })
+    };
+    let views: Vec<Value> = parts
+        .into_iter()
+        .filter_map(|(which, both)| Some((which, both?)))
+        .flat_map(|(which, [before, after])| before.iter().zip(after).map(|(b, a)| view(which, b, a)).collect::<Vec<_>>())
+        .collect();
+    if views.is_empty() { Vec::new() } else { vec![json!({ "id": "errors", "pick": ["logs", "group"], "views": views })] }
+}
