@@ -1,8 +1,8 @@
 //! Pages of studies, checks, identified models and the check on withheld effects: well formed, and their pictures show the numbers of the JSON.
 
 use crate::report_html::{MODEL, drawn, elements, log, read};
-use crate::support::blind::{Check, perfect};
 use crate::structured::{PENDULUM, swing};
+use crate::support::blind::{Check, perfect};
 use crate::support::program::{Folder, deadtime, text};
 use serde_json::Value;
 
@@ -144,12 +144,26 @@ fn a_page_of_fitted_parameters_shows_what_moved_and_what_cannot_be_had() {
         .collect();
     let (page, json) = (folder.path("page.html"), folder.path("fit.json"));
     let [a, b, held_out] = [0, 1, 2].map(|at| text(&logs[at]));
-    let words = ["identify", a, b, "--holdout", held_out, "--structure", text(&model), "--horizon", "25", "--html", text(&page), "--json", text(&json)];
+    let words = [
+        "identify",
+        a,
+        b,
+        "--holdout",
+        held_out,
+        "--structure",
+        text(&model),
+        "--horizon",
+        "25",
+        "--html",
+        text(&page),
+        "--json",
+        text(&json),
+    ];
     deadtime(&[&words[..], &["--free", "inertia,gain,stiffness,friction"]].concat()).done();
     let page = std::fs::read_to_string(page).unwrap();
     let read = stands(&page);
     // Inertia, gain and stiffness only act as ratios.
-    assert!(read.contains("What cannot be had") && read.contains("4 parameters"), "{read}");
+    assert!(read.contains("What cannot be had") && read.contains("parameters: 4 open."), "{read}");
     let found: Value = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
     let data = drawn(&page);
     let group = found["held_out"][1][0]["group"].as_str().unwrap();

@@ -137,6 +137,18 @@ fn what_acts_only_as_a_ratio_is_said_in_words_and_gets_no_tight_interval() {
 }
 
 #[test]
+fn without_noise_a_common_factor_is_still_not_had() {
+    let logs: Vec<Log> = (1..=2).map(|seed| swing(0.025, 0.9, 0.24, 0.01, 0.0, seed)).collect();
+    for one_step in [false, true] {
+        let found = Structured { one_step, ..free(&["all"]) }.fit(&model(PENDULUM), &logs, &[]).unwrap();
+        assert_eq!(found.unseen.len(), 1, "{:?}", found.unseen);
+        assert!(found.parameters.iter().all(|p| p.standing == Standing::Open), "{:?}", found.parameters);
+        let ratio = value(&found, "gain") / value(&found, "inertia");
+        assert!((ratio / 36.0 - 1.0).abs() < 0.01, "{ratio}");
+    }
+}
+
+#[test]
 fn a_nominal_value_that_moves_tenfold_is_called_a_surrogate() {
     let logs: Vec<Log> = (1..=3).map(|seed| swing(0.02, 1.0, 0.3, 0.01, 0.0, seed)).collect();
     let found = free(&["friction"]).fit(&with(&model(PENDULUM), &[("friction", 0.0005)]), &logs, &[]).unwrap();

@@ -264,58 +264,15 @@ impl Process {
             records
         };
         let others: Vec<Vec<Record>> = others.iter().map(|all| all.iter().map(|r| r.head(self.max_samples)).collect()).collect();
-        let mut problem = Problem::beside(shape, self.poles == Poles::Real, self.initial, records, &others, max_delay, stop);
+        let problem = Problem::beside(shape, self.poles == Poles::Real, self.initial, records, &others, max_delay, stop);
         let initial = self.initial_delay_s.map(|s| s / experiment.sample_time().seconds());
-        let mut minima = problem.minima(initial);
-        let Some(mut best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite()) else {
-            return Ok(DelayEstimate::without(
-                Outcome::NotRichEnough,
-                "the input is zero wherever a model could use it, or the numbers overflow",
-            ));
+        let first = Fitted::of(problem, initial).and_then(|fitted| self.visible(fitted, shape, max_delay));
+        let staged = first.and_then(|f| f.poles_of_others(records, max_delay, initial, others.len()));
+        let staged = staged.and_then(|(f, own)| Ok((f.seen_poles(initial)?, own)));
+        let (Fitted { problem, minima, mut best, knowledge }, own) = match staged {
+            Ok(fitted) => fitted,
+            Err(said) => return Ok(said),
         };
-        let singular = || DelayEstimate::without(Outcome::Singular, "the model cannot be evaluated at its own minimum; scale the channels");
-        let Some(mut knowledge) = Knowledge::of(&problem, &best) else { return Ok(singular()) };
-        let delays = max_delay + 1;
-        let gain = knowledge.counting * (problem.without / knowledge.floored(best.cost)).ln();
-        // A pair of poles may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
-        let resonances = if self.poles == Poles::Any && shape.poles > 1 { (knowledge.counting / 2.0) as usize } else { 0 };
-        if gain.is_nan() || gain < posterior::visible_gain(problem.added(), delays + resonances) {
-            let note = format!("no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input");
-            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
-        }
-        let mut own = None;
-        if let Some(apart) = problem.apart() {
-            let more = knowledge.counting * (best.cost / knowledge.floored(apart)).ln();
-            // What is left over of common poles may be so slow that few of its samples count.
-            let beside = if more > posterior::visible_gain(problem.apart_adds(), 1) || (more > 0.0 && knowledge.leaves(records, max_delay))
-            {
-                problem = problem.behind_others();
-                minima = problem.minima(initial);
-                let Some(refined) = minima.first().map(|m| problem.refine(m)) else { return Ok(singular()) };
-                best = refined;
-                let Some(known) = Knowledge::of(&problem, &best) else { return Ok(singular()) };
-                knowledge = known;
-                "poles of their own"
-            } else {
-                "the same poles"
-            };
-            own = Some(format!("fitted together with {} of {beside}", inputs(others.len())));
-        }
-        if problem.integrates(&best.theta) {
-            // A pole beside a zero that all but cancels it may grow as slow as the record and follow its drift: two parameters of chance. A plant that integrates
-            // needs such a pole.
-            let needed = posterior::visible_gain(2, 1);
-            problem = problem.of_seen_poles();
-            minima = problem.minima(initial);
-            let seen = minima.first().map(|m| problem.refine(m)).filter(|m| knowledge.lacks(m.cost) < needed);
-            let Some(seen) = seen else {
-                let note = "the best model's time constant is as long as the record: an integrating or unstable plant, or feedback";
-                return Ok(DelayEstimate::without(Outcome::NotConverged, note));
-            };
-            best = seen;
-            let Some(known) = Knowledge::of(&problem, &best) else { return Ok(singular()) };
-            knowledge = known;
-        }
         if !problem.whole() {
             best = knowledge.middle(&problem, best);
         }
@@ -335,6 +292,91 @@ impl Process {
         let estimate = DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time());
         Ok(estimate.noting(own).noting(used).contradicted(left))
     }
+
+    /// What was fitted, or that it is no more than chance.
+    fn visible<'a>(&self, fitted: Fitted<'a>, shape: Shape, max_delay: usize) -> Result<Fitted<'a>, DelayEstimate> {
+        let Fitted { problem, best, knowledge, .. } = &fitted;
+        let gain = knowledge.counting * (problem.without / knowledge.floored(best.cost)).ln();
+        // A pair of poles may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
+        let resonances = if self.poles == Poles::Any && shape.poles > 1 { (knowledge.counting / 2.0) as usize } else { 0 };
+        if gain.is_nan() || gain < posterior::visible_gain(problem.added(), max_delay + 1 + resonances) {
+            let note = format!("no model explains the output better than chance (gain {gain:.1}): it does not visibly follow the input");
+            return Err(DelayEstimate::without(Outcome::NotVisible, note));
+        }
+        Ok(fitted)
+    }
+}
+
+/// A problem with its valleys, the bottom of the lowest, and how much the data know there.
+struct Fitted<'a> {
+    problem: Problem<'a>,
+    minima: Vec<Found>,
+    best: Found,
+    knowledge: Knowledge,
+}
+
+impl<'a> Fitted<'a> {
+    /// The first fit; else what keeps it from being made.
+    fn of(problem: Problem<'a>, initial: Option<f64>) -> Result<Self, DelayEstimate> {
+        let minima = problem.minima(initial);
+        let Some(best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite()) else {
+            let note = "the input is zero wherever a model could use it, or the numbers overflow";
+            return Err(DelayEstimate::without(Outcome::NotRichEnough, note));
+        };
+        Self::at(problem, minima, best)
+    }
+
+    /// What the data know at the bottom of a valley.
+    fn at(problem: Problem<'a>, minima: Vec<Found>, best: Found) -> Result<Self, DelayEstimate> {
+        match Knowledge::of(&problem, &best) {
+            Some(knowledge) => Ok(Self { problem, minima, best, knowledge }),
+            None => Err(singular()),
+        }
+    }
+
+    /// Beside other inputs: with poles of their own where the data ask for them, and what was chosen, in words.
+    fn poles_of_others(
+        self,
+        records: &[Record],
+        max_delay: usize,
+        initial: Option<f64>,
+        others: usize,
+    ) -> Result<(Self, Option<String>), DelayEstimate> {
+        let Some(apart) = self.problem.apart() else { return Ok((self, None)) };
+        let said = |beside: &str| Some(format!("fitted together with {} of {beside}", inputs(others)));
+        let Self { problem, best, knowledge, .. } = &self;
+        let more = knowledge.counting * (best.cost / knowledge.floored(apart)).ln();
+        // What is left over of common poles may be so slow that few of its samples count.
+        if more > posterior::visible_gain(problem.apart_adds(), 1) || (more > 0.0 && knowledge.leaves(records, max_delay)) {
+            let problem = problem.behind_others();
+            let minima = problem.minima(initial);
+            let refined = minima.first().map(|m| problem.refine(m)).ok_or_else(singular)?;
+            return Ok((Self::at(problem, minima, refined)?, said("poles of their own")));
+        }
+        Ok((self, said("the same poles")))
+    }
+
+    /// Where a pole is as slow as the record: without it, if that costs no more than chance. A pole beside a zero that all but cancels it may grow as slow as the record
+    /// and follow its drift: two parameters of chance. A plant that integrates needs such a pole.
+    fn seen_poles(self, initial: Option<f64>) -> Result<Self, DelayEstimate> {
+        if !self.problem.integrates(&self.best.theta) {
+            return Ok(self);
+        }
+        let needed = posterior::visible_gain(2, 1);
+        let problem = self.problem.of_seen_poles();
+        let minima = problem.minima(initial);
+        match minima.first().map(|m| problem.refine(m)).filter(|m| self.knowledge.lacks(m.cost) < needed) {
+            Some(seen) => Self::at(problem, minima, seen),
+            None => {
+                let note = "the best model's time constant is as long as the record: an integrating or unstable plant, or feedback";
+                Err(DelayEstimate::without(Outcome::NotConverged, note))
+            }
+        }
+    }
+}
+
+fn singular() -> DelayEstimate {
+    DelayEstimate::without(Outcome::Singular, "the model cannot be evaluated at its own minimum; scale the channels")
 }
 
 /// `one other input`, `3 other inputs`.
