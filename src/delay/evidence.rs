@@ -111,23 +111,26 @@ fn scan(records: &[Record], max_delay: usize) -> Option<Scan> {
     Some(Scan { loss: scan.loss.iter().map(|v| v / smallest).collect(), probability: posterior.weights })
 }
 
+/// Products of two signals at the lags from 0 to the last.
+type Products = fn(&[f64], &[f64], isize) -> Vec<f64>;
+
 fn correlated(records: &[Record], max_delay: usize) -> Option<Correlated> {
     let centred = Centred::new(records);
     let samples: usize = centred.records().map(|(u, _)| u.len()).sum();
     let last = isize::try_from(max_delay).ok()?;
     // Products of lags beyond a quarter of a record are of few samples, and mostly chance.
     let memory = isize::try_from(centred.records().map(|(u, _)| u.len()).min()? / 4).ok()?;
-    let sum = |of: &dyn Fn(&[f64], &[f64]) -> Vec<f64>| -> Option<Vec<f64>> {
-        centred.records().map(|(u, y)| of(u, y)).reduce(|a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect())
+    let sum = |products: Products, last: isize| -> Option<Vec<f64>> {
+        centred.records().map(|(u, y)| products(u, y, last)).reduce(|a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect())
     };
-    let own_u = sum(&|u, _| correlation(u, u, 0..=memory))?;
-    let own_y = sum(&|_, y| correlation(y, y, 0..=memory))?;
+    let own_u = sum(|u, _, last| correlation(u, u, 0..=last), memory)?;
+    let own_y = sum(|_, y, last| correlation(y, y, 0..=last), memory)?;
     let (power_u, power_y) = (*own_u.first()?, *own_y.first()?);
     let scale = (power_u * power_y).sqrt();
     if !(scale > 0.0 && scale.is_finite()) {
         return None;
     }
-    let coefficient: Vec<f64> = sum(&|u, y| correlation(u, y, 0..=last))?.iter().map(|v| v / scale).collect();
+    let coefficient: Vec<f64> = sum(|u, y, last| correlation(u, y, 0..=last), last)?.iter().map(|v| v / scale).collect();
     let likeness: f64 = own_u.iter().zip(&own_y).skip(1).map(|(u, y)| u * y).sum::<f64>() / (power_u * power_y);
     // Estimated products of long lags may sum up to less than white signals have.
     let variance = (1.0 + 2.0 * likeness).max(1.0) / samples as f64;
