@@ -27,7 +27,7 @@ pub fn compared_diagnoses(found: &Diagnoses) -> String {
         }
         @if !found.parameters.is_empty() {
             h2 { "Do they agree on the numbers?" }
-            p { "Each number on an axis of its own with its 95 % interval. It is asked whether one value can describe all; the chance is over all numbers together." }
+            p { "Each number on an axis of its own with its 95 % interval. It is asked whether one value can describe all, at a level of 5 % divided by how many are asked." }
             @for row in &found.parameters { (numbers(found, row)) }
             details { summary { "All numbers as a table" } @if let Some(table) = values(found) { (given("Numbers of the causes", &table)) } }
         }
