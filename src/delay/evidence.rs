@@ -1,5 +1,5 @@
 //! What the methods look at: for one pair the impulse response, the loss of an ARX model over the delay with what follows from it, the correlation, and the phase of the
-//! cross-spectrum. They are pictures of a record, computed from all of it at the methods' defaults; no answer is made from them.
+//! cross-spectrum. They are pictures of a record at the methods' defaults, of all of it but for ARX models, which take its first 100 000 samples; no answer is made from them.
 //!
 //! Lags here are those of the samples, hold and relative degree included: a dead time of 0 stands at the pair's sampling delay.
 
