@@ -15,6 +15,7 @@ pub mod fit;
 pub mod identify;
 pub mod log;
 pub mod model;
+pub mod progress;
 #[cfg(feature = "python")]
 mod python;
 pub mod registry;

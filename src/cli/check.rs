@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::Out;
-use super::progress::Waiting;
+use super::progress::Bar;
 use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
 use crate::diagnose::{clocks, inspect};
@@ -41,13 +41,12 @@ impl Check {
         let mut logs: Vec<Log> = Vec::new();
         let mut seen = Vec::new();
         for path in &self.log {
-            let _reading = Waiting::reading(to, path);
-            logs.extend(subject.read(&self.reading, path, false, &mut |recording, wanted| seen.push(clocks(recording, wanted)))?);
+            logs.extend(subject.read(to, &self.reading, path, false, &mut |recording, wanted| seen.push(clocks(recording, wanted)))?);
         }
-        let waiting = Waiting::new(to, "checking");
-        let mut found = inspect(&subject, &logs, &Stop::default())?;
+        let bar = Bar::new(to);
+        let mut found = inspect(&subject, &logs, &Stop::default(), bar.far())?;
         found.clocks = seen;
-        drop(waiting);
+        drop(bar);
         to.json(&found)?;
         if let Some(path) = &self.html {
             write_atomic(path, |out| out.write_all(page::check(&found).as_bytes()))?;

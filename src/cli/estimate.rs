@@ -2,13 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 
 use anyhow::{Context, bail};
 use serde_json::Value;
 
 use super::Out;
-use super::progress::Waiting;
+use super::progress::Bar;
 use super::source::{Needed, Reading};
 use super::words::in_options;
 use crate::delay::report::Report;
@@ -106,15 +105,12 @@ impl Estimate {
     /// Prints the estimates; as JSON they are deadtime/estimate@1.
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let (report, job) = match (&self.frf, &self.events) {
-            (Some(path), _) => (self.of_response(path, to)?, None),
+            (Some(path), _) => (self.of_response(path)?, None),
             (None, Some(columns)) => (self.of_events(columns)?, None),
             (None, None) => {
-                let reading = Waiting::reading(to, self.log()?);
-                let job = if self.step_table.is_some() { self.job_of_step()? } else { self.job()? };
-                drop(reading);
-                let (all, answered) = (job.methods.len() * job.inputs.len() * job.outputs.len(), job.answered.clone());
-                let done = move || format!(", {} of {all} answers", answered.load(Ordering::Relaxed));
-                let _waiting = Waiting::counting(to, "estimating", done);
+                let mut job = if self.step_table.is_some() { self.job_of_step(to)? } else { self.job(to)? };
+                let bar = Bar::new(to);
+                job.far = bar.far().clone();
                 (in_options(job.run()?), Some(job))
             }
         };
@@ -141,9 +137,8 @@ impl Estimate {
         self.step_table.as_deref().or(self.log.as_deref()).context("LOG is missing: the log to read")
     }
 
-    fn of_response(&self, path: &Path, to: &Out<'_>) -> anyhow::Result<Report> {
+    fn of_response(&self, path: &Path) -> anyhow::Result<Report> {
         let response = read_frequency_response(path)?;
-        let _waiting = Waiting::new(to, "estimating");
         let job = ResponseJob {
             methods: self.method.clone(),
             options: options(&self.set)?,
@@ -153,7 +148,7 @@ impl Estimate {
         Ok(in_options(job.run()?))
     }
 
-    fn job(&self) -> anyhow::Result<Job> {
+    fn job(&self, to: &Out<'_>) -> anyhow::Result<Job> {
         let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
         let needed = Needed { inputs: &self.input, outputs: &self.output, required: true };
         Ok(Job {
@@ -165,15 +160,15 @@ impl Estimate {
             detrend: self.detrend,
             feedback: self.feedback,
             track: self.track,
-            ..Job::new(self.reading.read(self.log()?, &needed)?, &self.input, &self.output)
+            ..Job::new(self.reading.read(to, self.log()?, &needed)?, &self.input, &self.output)
         })
     }
 
     /// The step beside its response, estimated as any log is; unless it is said otherwise by the methods that are made for it, over a quarter of the table.
-    fn job_of_step(&self) -> anyhow::Result<Job> {
+    fn job_of_step(&self, to: &Out<'_>) -> anyhow::Result<Job> {
         let table = self.log()?;
         let needed = Needed { inputs: &[], outputs: &self.output, required: true };
-        let read = self.reading.read(table, &needed)?;
+        let read = self.reading.read(to, table, &needed)?;
         let Some(first) = read.first() else { bail!("{}: no rows", table.display()) };
         let log = Log::of_step(first, self.output.first().map(String::as_str), self.step_size, self.step_time)?;
         let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };

@@ -61,7 +61,8 @@ impl Export {
         let diagnosis = Diagnosis::read(&file)?;
         let beside = file.with_file_name("model_with_effects.toml");
         let model = self.model.as_deref().or_else(|| beside.is_file().then_some(beside.as_path())).map(ModelDocument::read).transpose()?;
-        let source = Source { diagnosis: &diagnosis, model: model.as_ref(), deviations: &self.deviations(&diagnosis)?, widen: self.widen };
+        let source =
+            Source { diagnosis: &diagnosis, model: model.as_ref(), deviations: &self.deviations(to, &diagnosis)?, widen: self.widen };
         let made = export(&source, &self.to, options(self.set.iter().map(String::as_str))?)?;
         to.json(&made)?;
         let text = match self.syntax() {
@@ -89,12 +90,12 @@ impl Export {
     }
 
     /// Standard deviations of the outputs over the logs that were given.
-    fn deviations(&self, diagnosis: &Diagnosis) -> anyhow::Result<Vec<(String, f64)>> {
+    fn deviations(&self, to: &Out<'_>, diagnosis: &Diagnosis) -> anyhow::Result<Vec<(String, f64)>> {
         let outputs: Vec<String> = diagnosis.gap.outputs.iter().map(|o| o.name.clone()).collect();
         let mut values = vec![Vec::new(); outputs.len()];
         let reading = Reading::whole(self.map.clone(), self.clock.clone());
         for path in &self.log {
-            for log in reading.read(path, &Needed { inputs: &[], outputs: &outputs, required: true })? {
+            for log in reading.read(to, path, &Needed { inputs: &[], outputs: &outputs, required: true })? {
                 for (name, values) in outputs.iter().zip(&mut values) {
                     let output = log.output(name)?;
                     values.extend((0..log.len()).filter_map(|k| output.get(k)));

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::Out;
 use super::criteria::Thresholds;
-use super::progress::{Bar, Waiting};
+use super::progress::Bar;
 use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
 use crate::diagnose::{GapOptions, Mode, diagnose, isolability};
@@ -88,8 +88,7 @@ impl Gap {
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Log>> {
             let mut logs = Vec::new();
             for path in paths {
-                let _reading = Waiting::reading(to, path);
-                logs.extend(subject.read(&self.reading, path, true, &mut |_, _| {})?);
+                logs.extend(subject.read(to, &self.reading, path, true, &mut |_, _| {})?);
             }
             Ok(logs)
         };
@@ -106,16 +105,16 @@ impl Gap {
             ..GapOptions::default()
         };
         let Some(out) = self.out.as_deref().filter(|_| !self.isolability) else {
-            let waiting = Waiting::new(to, "telling effects apart");
-            let found = isolability(&subject, &logs, &options)?;
-            drop(waiting);
+            let bar = Bar::new(to);
+            let found = isolability(&subject, &logs, &options, bar.far())?;
+            drop(bar);
             to.json(&found)?;
             say!(to, "{}", isolability_text(&found).trim_end());
             return Ok(());
         };
         let bar = Bar::new(to);
-        let found = diagnose(&subject, &logs, &holdout, &options, &|stage| bar.show(stage.begins_at(), &stage));
-        bar.end();
+        let found = diagnose(&subject, &logs, &holdout, &options, &|stage| bar.far().at(stage.begins_at(), &stage));
+        drop(bar);
         let found = found?;
         let written = save(&found, out)?;
         to.json(&found.diagnosis)?;

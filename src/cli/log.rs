@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::Out;
-use super::progress::Waiting;
+use super::progress::Bar;
 use super::source::Clock;
 use crate::log::open;
 use crate::report::log::text;
@@ -27,9 +27,9 @@ pub(super) struct Log {
 impl Log {
     /// Prints the listing; as JSON it is deadtime/log@1.
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
-        let reading = Waiting::reading(to, &self.log);
-        let mut listing = open(&self.log, &self.clock.options())?.listing();
-        drop(reading);
+        let bar = Bar::new(to);
+        let mut listing = open(&self.log, &self.clock.options(bar.far()))?.listing();
+        drop(bar);
         if !self.topic.is_empty() {
             listing.topics.retain(|topic| self.topic.iter().any(|part| topic.name.contains(part.as_str())));
         }

@@ -42,9 +42,9 @@ impl Methods {
         let mut done = 0.0;
         let rows = study.run(&mut |name| {
             done += 1.0;
-            bar.show(done / METHODS.len() as f64, &name);
+            bar.far().at(done / METHODS.len() as f64, &name);
         });
-        bar.end();
+        drop(bar);
         let rows = rows?;
         to.json(&rows)?;
         if let Some(path) = &self.out {

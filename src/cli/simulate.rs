@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 
 use super::Out;
-use super::progress::Waiting;
+use super::progress::Bar;
 use super::source::Source;
 use crate::effect::{OnLog, Still, check_units};
 use crate::model::ModelDocument;
@@ -54,9 +54,7 @@ impl Simulate {
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let model = ModelDocument::read(&self.model)?;
         let inputs: Vec<String> = model.inputs().iter().map(|c| c.name.clone()).collect();
-        let reading = Waiting::reading(to, &self.source.log);
-        let logs = self.source.reading.read_for(&self.source.log, &model, false, &mut |_, _| {})?;
-        drop(reading);
+        let logs = self.source.reading.read_for(to, &self.source.log, &model, false, &mut |_, _| {})?;
         let [log] = logs.as_slice() else {
             bail!("{}: simulate takes one record at a time; cut it out with --from and --to", self.source.log.display());
         };
@@ -77,11 +75,12 @@ impl Simulate {
             };
             simulation.delay(&input, seconds).with_context(|| format!("--delay {text}"))?;
         }
-        let simulating = Waiting::new(to, "simulating");
+        let bar = Bar::new(to);
+        simulation.far = bar.far().clone();
         let response = simulation.response().with_context(|| format!("model {} and log {}", self.model.display(), log.source()))?;
         let comparison = simulation.nrmse(&response)?;
         simulation.to_log(&response, &self.out.display().to_string(), self.states, self.snr)?.write_csv(&self.out)?;
-        drop(simulating);
+        drop(bar);
         let errors: serde_json::Map<_, _> =
             comparison.iter().map(|(name, nrmse)| ((*name).to_owned(), serde_json::json!(nrmse.ok()))).collect();
         to.json(

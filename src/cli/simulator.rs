@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use anyhow::{Context, bail};
 
+use super::Out;
 use super::source::{Needed, Reading, See};
 use crate::diagnose::Subject;
 use crate::log::Log;
@@ -128,12 +129,12 @@ impl Simulated {
     }
 
     /// The records of a log with its channels.
-    pub(super) fn read(&self, reading: &Reading, log: &Path, required: bool, see: See<'_>) -> anyhow::Result<Vec<Log>> {
+    pub(super) fn read(&self, to: &Out<'_>, reading: &Reading, log: &Path, required: bool, see: See<'_>) -> anyhow::Result<Vec<Log>> {
         match self {
-            Self::Model(document) => reading.read_for(log, document, required, see),
+            Self::Model(document) => reading.read_for(to, log, document, required, see),
             Self::Program(system) => {
                 let names = |ports: &[Port]| ports.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
-                reading.read_seeing(log, &Needed { inputs: &names(&system.inputs), outputs: &names(&system.outputs), required }, see)
+                reading.read_seeing(to, log, &Needed { inputs: &names(&system.inputs), outputs: &names(&system.outputs), required }, see)
             }
         }
     }

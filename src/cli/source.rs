@@ -4,8 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 
+use super::Out;
+use super::progress::Bar;
 use crate::log::{EventTimes, Log, ReadOptions, Recording, Stamps, TimeUnit, Wanted, csv, open, read_events, reader};
 use crate::model::{Derived, ModelDocument};
+use crate::progress::HowFar;
 use crate::time::SampleTime;
 
 /// Where the data come from.
@@ -76,7 +79,7 @@ enum StampsName {
 
 impl Clock {
     /// What the library calls it.
-    pub(super) fn options(&self) -> ReadOptions {
+    pub(super) fn options(&self, far: &HowFar) -> ReadOptions {
         ReadOptions {
             time: self.time.clone(),
             time_unit: self.time_unit.map(|unit| match unit {
@@ -90,6 +93,7 @@ impl Clock {
                 StampsName::Arrival => Stamps::Arrival,
                 StampsName::Header => Stamps::Header,
             },
+            far: far.clone(),
         }
     }
 }
@@ -142,20 +146,27 @@ impl Reading {
     }
 
     /// The records of one log with the channels of a model, and the slopes that its inputs ask for.
-    pub(super) fn read_for(&self, log: &Path, model: &ModelDocument, required: bool, see: See<'_>) -> anyhow::Result<Vec<Log>> {
+    pub(super) fn read_for(
+        &self,
+        to: &Out<'_>,
+        log: &Path,
+        model: &ModelDocument,
+        required: bool,
+        see: See<'_>,
+    ) -> anyhow::Result<Vec<Log>> {
         let inputs: Vec<String> = model.inputs().iter().filter(|c| c.derivative_of.is_none()).map(|c| c.name.clone()).collect();
         let outputs: Vec<String> = model.outputs().iter().map(|c| c.name.clone()).collect();
-        let logs = self.read_seeing(log, &Needed { inputs: &inputs, outputs: &outputs, required }, see)?;
+        let logs = self.read_seeing(to, log, &Needed { inputs: &inputs, outputs: &outputs, required }, see)?;
         Ok(logs.into_iter().map(|log| model.complete(log)).collect::<Result<_, _>>()?)
     }
 
     /// The records of one log.
-    pub(super) fn read(&self, log: &Path, needed: &Needed<'_>) -> anyhow::Result<Vec<Log>> {
-        self.read_seeing(log, needed, &mut |_, _| {})
+    pub(super) fn read(&self, to: &Out<'_>, log: &Path, needed: &Needed<'_>) -> anyhow::Result<Vec<Log>> {
+        self.read_seeing(to, log, needed, &mut |_, _| {})
     }
 
     /// The same; what the file holds, and what of it is wanted, is shown before channels of several topics come onto one grid. Records of a file are of one topic.
-    pub(super) fn read_seeing(&self, log: &Path, needed: &Needed<'_>, see: See<'_>) -> anyhow::Result<Vec<Log>> {
+    pub(super) fn read_seeing(&self, to: &Out<'_>, log: &Path, needed: &Needed<'_>, see: See<'_>) -> anyhow::Result<Vec<Log>> {
         let mut map = Vec::with_capacity(self.map.len());
         for text in &self.map {
             let Some((name, column)) = text.split_once('=') else {
@@ -164,7 +175,8 @@ impl Reading {
             map.push((name.to_owned(), column.to_owned()));
         }
         let derived = self.channel.iter().map(|text| Derived::parse(text)).collect::<Result<Vec<_>, _>>()?;
-        let options = self.clock.options();
+        let bar = Bar::new(to);
+        let options = self.clock.options(bar.far());
         let grid = self.resample.map(SampleTime::new).transpose()?;
         let mut even = false;
         let (logs, notes) = match &self.records {
@@ -192,6 +204,7 @@ impl Reading {
                 (vec![log], notes)
             }
         };
+        drop(bar);
         for note in notes {
             eprintln!("{}: {note}", log.display());
         }

@@ -79,8 +79,8 @@ impl Study {
         }
         let bar = Bar::new(to);
         let clock = Instant::now();
-        let study = begun.run(&stop, &|p| bar.show(share(p), &left(p, clock)));
-        bar.end();
+        let study = begun.run(&stop, &|p| bar.far().at(share(p), &left(p, clock)));
+        drop(bar);
         let study = study?;
         to.json(&study)?;
         save_study(&study, &plan, &folder)?;

@@ -13,6 +13,7 @@ use super::source::Clock;
 use super::words::with_options;
 use crate::delay::track::{Live, LiveOptions, Told, TrackerOptions};
 use crate::log::{Follower, News, Row, reader};
+use crate::progress::HowFar;
 
 /// Watch a log of text that grows, and print changes of the dead time as they come
 #[derive(Debug, clap::Args)]
@@ -89,7 +90,7 @@ impl Watch {
         if reader(&self.log)?.name != "csv" || self.log.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz")) {
             bail!("{}: only plain text can be watched while it grows; `deadtime estimate --track` reads whole logs", self.log.display());
         }
-        let mut follower = Follower::open(&self.log, &[&self.input, &self.output], &self.clock.options())?;
+        let mut follower = Follower::open(&self.log, &[&self.input, &self.output], &self.clock.options(&HowFar::default()))?;
         let tracker = TrackerOptions { bias: self.degree_bias, learn: self.learn, alarm: self.alarm, ..TrackerOptions::default() };
         let mut live = Live::new(LiveOptions { max_delay_s: self.max_delay, tracker });
         let mut out = Said { to, json: to.json_file().map(lines).transpose()?, log: self.log.display().to_string(), rows: 0, skipped: 0 };

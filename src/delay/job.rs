@@ -1,8 +1,6 @@
 //! The whole estimation: the methods asked for, on every pair of a log, with what the record shows, what was to be expected and what to believe.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use nalgebra::DVector;
@@ -24,6 +22,7 @@ use crate::error::Result;
 use crate::log::{EventTimes, Log};
 use crate::model::c2d::{Conversion, ZeroOrderHold};
 use crate::model::{ModelFile, Operating, Sampled, StateSpace};
+use crate::progress::HowFar;
 use crate::registry::RegistryError;
 use crate::signal::stats;
 use crate::stop::Stop;
@@ -121,8 +120,8 @@ pub struct Job {
     pub track: bool,
     /// Looked at between methods, pairs, and the delays of long scans.
     pub stop: Stop,
-    /// How many methods have answered so far, over all pairs: for whoever waits.
-    pub answered: Arc<AtomicUsize>,
+    /// Where it is said how many methods have answered.
+    pub far: HowFar,
 }
 
 impl Job {
@@ -146,7 +145,7 @@ impl Job {
             feedback: Feedback::default(),
             track: false,
             stop: Stop::default(),
-            answered: Arc::default(),
+            far: HowFar::default(),
         }
     }
 
@@ -267,6 +266,7 @@ impl Job {
         if methods.is_empty() {
             return Ok(pairs);
         }
+        let steps = self.far.steps(methods.len() * self.inputs.len() * self.outputs.len(), "answers");
         for (o, output) in self.outputs.iter().enumerate() {
             for (i, input) in self.inputs.iter().enumerate() {
                 self.stop.check()?;
@@ -304,7 +304,7 @@ impl Job {
                         Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => return Err(e.into()),
                         Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                     };
-                    self.answered.fetch_add(1, Ordering::Relaxed);
+                    steps.one_more();
                     Ok(Answer { method: ready.method, estimate, predicted, time_s: clock.elapsed().as_secs_f64() })
                 };
                 let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;

@@ -8,6 +8,7 @@ use super::{DelayError, Job, Scope, chosen};
 use crate::error::Result;
 use crate::identify::subspace::{Identified, Recordings, identifier};
 use crate::log::Log;
+use crate::progress::HowFar;
 use crate::stop::Stop;
 
 /// Which dead times of the inputs are taken out.
@@ -32,6 +33,8 @@ pub struct BehindDelays {
 }
 
 /// What the delays are estimated by: established, fast, and of several classes.
+/// The part of the work that estimating the delays is.
+const DELAYS: f64 = 0.4;
 const METHODS: [&str; 3] = ["arxstruc", "oestruc", "threshold"];
 /// A delay that misses a whole sample by less than this is that whole sample.
 const NEARLY_WHOLE: f64 = 0.1;
@@ -48,13 +51,13 @@ pub fn identify_behind_delays(
     method: &str,
     options: &Value,
     taken_out: &TakenOut,
-    stop: &Stop,
+    (stop, far): (&Stop, &HowFar),
 ) -> Result<BehindDelays> {
     let line = identifier(method)?;
     let whole = line.entry.with(options.clone())?;
     let none = vec![0; learnt.inputs.len()];
     let (delays, mut notes) = match taken_out {
-        TakenOut::Estimated => estimated(learnt, logs, stop)?,
+        TakenOut::Estimated => estimated(learnt, logs, (stop, &far.part(0.0, DELAYS)))?,
         TakenOut::Nothing => (none.clone(), Vec::new()),
         TakenOut::Given(given) => whole_samples(learnt, given)?,
     };
@@ -68,7 +71,7 @@ pub fn identify_behind_delays(
         let quick = line.entry.with(quick)?;
         let longest = delays.iter().max().copied().unwrap_or(0);
         let same_rows = learnt.behind_delays(&vec![longest; delays.len()]).and(learnt.behind_delays(&delays))?;
-        let (with, without) = (quick.identify(&same_rows)?, quick.identify(learnt)?);
+        let (with, without) = (quick.identify(&same_rows, &far.part(DELAYS, 0.5))?, quick.identify(learnt, &far.part(0.5, 0.6))?);
         let criterion = |m: &Identified| {
             let parameters = m.order.order * (m.inputs.len() + 2 * m.outputs.len());
             let loss = m.order.candidates.get(m.order.order - 1).and_then(|c| c.log_loss).unwrap_or(f64::INFINITY);
@@ -77,11 +80,11 @@ pub fn identify_behind_delays(
         let scaled = criterion(&without) * with.rows as f64 / without.rows as f64;
         if criterion(&with) > scaled + WORSE {
             notes.push("the estimated delays make the model worse, so none was taken out; give them if they are known".to_owned());
-            return Ok(BehindDelays { model: whole.identify(learnt)?, delays: none, notes });
+            return Ok(BehindDelays { model: whole.identify(learnt, &far.part(0.6, 1.0))?, delays: none, notes });
         }
         stop.check()?;
     }
-    Ok(BehindDelays { model: whole.identify(&learnt.behind_delays(&delays)?)?, delays, notes })
+    Ok(BehindDelays { model: whole.identify(&learnt.behind_delays(&delays)?, &far.part(0.6, 1.0))?, delays, notes })
 }
 
 fn whole_samples(learnt: &Recordings, given: &[(String, f64)]) -> Result<(Vec<usize>, Vec<String>)> {
@@ -102,13 +105,18 @@ fn whole_samples(learnt: &Recordings, given: &[(String, f64)]) -> Result<(Vec<us
 }
 
 /// The shortest delay of each input to any output that is to be believed.
-fn estimated(learnt: &Recordings, logs: &[Log], stop: &Stop) -> Result<(Vec<usize>, Vec<String>)> {
+fn estimated(learnt: &Recordings, logs: &[Log], (stop, far): (&Stop, &HowFar)) -> Result<(Vec<usize>, Vec<String>)> {
     let step_s = learnt.sample_time.seconds();
     let mut notes = Vec::new();
     let methods = chosen(&METHODS.map(str::to_owned), &BTreeMap::new(), &[Scope::Pair])?;
     let names = |named: &[crate::identify::subspace::Named]| named.iter().map(|n| n.name.clone()).collect::<Vec<_>>();
-    let job =
-        Job { name: String::new(), methods, stop: stop.clone(), ..Job::new(logs.to_vec(), names(&learnt.inputs), names(&learnt.outputs)) };
+    let job = Job {
+        name: String::new(),
+        methods,
+        stop: stop.clone(),
+        far: far.clone(),
+        ..Job::new(logs.to_vec(), names(&learnt.inputs), names(&learnt.outputs))
+    };
     let report = job.run()?;
     let delay = |input: &str| {
         let of_input = report.pairs.iter().filter(|p| p.input == input);

@@ -48,6 +48,7 @@ use crate::effect::{Applied, Scales};
 use crate::error::Result;
 use crate::log::Log;
 use crate::model::ModelDocument;
+use crate::progress::HowFar;
 
 /// A diagnosis, and the model with the effects that it found.
 #[derive(Debug, Clone)]
@@ -122,9 +123,10 @@ pub fn diagnose<'a>(
 ///
 /// # Errors
 /// As [`diagnose`].
-pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &GapOptions) -> Result<Isolability> {
+pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &GapOptions, far: &HowFar) -> Result<Isolability> {
     let subject = subject.into();
     let begin = || {
+        far.at(0.0, &Stage::Simulating);
         let Parts { logs, .. } = Parts::of(logs, &[], options.rows)?;
         let simulator = Simulator::of(subject, &logs, &options.stop)?;
         let mut inputs = Inputs::new(subject, &simulator, &logs, &[], options)?;
@@ -136,7 +138,8 @@ pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &
         scales.moves = typical(simulator.system.inputs.len(), &scales);
         let candidates = catalogue(&simulator.system, inputs.probed.as_ref()).candidates;
         let names = Names { model: subject.name(), logs: logs.iter().map(|l| l.source().to_owned()).collect() };
-        isolability_of::isolability(&likelihood, candidates, &scales, &baseline.noise_std, names).ok_or_else(|| not_finite(&inputs.records))
+        isolability_of::isolability(&likelihood, candidates, &scales, &baseline.noise_std, names, far)
+            .ok_or_else(|| not_finite(&inputs.records))
     };
     let found = begin();
     options.stop.check()?;
@@ -225,7 +228,7 @@ fn in_stages(
     let mut scales = baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
 
     let chosen = Predictor::of(system, &inputs.records, &inputs.poles, inputs.probed.as_ref(), None, &options.criteria);
-    let checked = checks(system, &inputs.model_effects, &inputs.records, chosen);
+    let checked = checks(system, &inputs.model_effects, &inputs.records, chosen, &HowFar::default());
     let Catalogue { candidates, left_out } = catalogue(system, inputs.probed.as_ref());
     scales.moves = moves(&likelihood, &candidates, &scales);
     let Searched { likelihood, found } =

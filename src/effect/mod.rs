@@ -114,6 +114,42 @@ pub enum Telling {
     Bandwidth,
 }
 
+/// How an effect makes commands late, for one that does nothing else; each says what its parameters are, in their order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lateness {
+    /// All by the same time: the delay, seconds.
+    Fixed,
+    /// Smeared by a first-order lag: the time constant, seconds.
+    Lag,
+    /// Until the next turn of a slower loop: its period and its phase, seconds.
+    SlowerLoop,
+    /// Some never arrive, and the one before holds on: the part of them, 1.
+    Lost,
+    /// Each by a draw of its own: mean and standard deviation of the delay, seconds, and 1 where they keep their order.
+    Random,
+}
+
+impl Lateness {
+    /// What happens to the single command is a hidden sequence, which only outputs reveal.
+    #[must_use]
+    pub fn is_hidden(self) -> bool {
+        matches!(self, Self::Lost | Self::Random)
+    }
+
+    /// The effect that makes commands late in this way.
+    ///
+    /// # Errors
+    /// [`EffectError::Unknown`] where the table has none.
+    pub fn effect(self) -> Result<&'static dyn Effect, EffectError> {
+        let known = || EFFECTS.iter().map(|e| e.name()).collect();
+        EFFECTS
+            .iter()
+            .copied()
+            .find(|e| e.lateness() == Some(self))
+            .ok_or_else(|| EffectError::Unknown { name: format!("{self:?}"), known: known() })
+    }
+}
+
 /// An effect.
 pub trait Effect: Sync {
     /// Its name in files.
@@ -161,9 +197,13 @@ pub trait Effect: Sync {
     fn leaves_residual(&self) -> bool {
         false
     }
+    /// How it makes commands late, where it does that and nothing else.
+    fn lateness(&self) -> Option<Lateness> {
+        None
+    }
     /// What it does to single samples is a hidden sequence of lost or late commands, which outputs reveal.
     fn loses_commands(&self) -> bool {
-        false
+        self.lateness().is_some_and(Lateness::is_hidden)
     }
     /// It changes a number that the model already has: all of them together are what a model that is a little off may be off by.
     fn corrects_model(&self) -> bool {

@@ -8,6 +8,7 @@ use super::{Applied, Chance};
 use crate::error::Result;
 use crate::log::{Channel, Log, LogError};
 use crate::model::{ModelDocument, ModelFile};
+use crate::progress::HowFar;
 use crate::signal::stats;
 use crate::signal::{Noise, NoiseColour, NoiseScaling, SignalError};
 use crate::simulate::{Commands, Hold, Options, Response, SimulateError, System, Tolerance, lsim};
@@ -43,6 +44,8 @@ pub struct OnLog<'a> {
     pub hold: Hold,
     /// Seed of all chance: the noise, and the losses of dropped commands.
     pub seed: u64,
+    /// Where it is said how far the simulation is.
+    pub far: HowFar,
 }
 
 impl<'a> OnLog<'a> {
@@ -55,7 +58,7 @@ impl<'a> OnLog<'a> {
             let measured = log.output(channel)?;
             Ok(mean((0..log.len()).filter_map(|k| measured.get(k))))
         })?;
-        Ok(Self { model, log, system, hold: Hold::Zero, seed: 1 })
+        Ok(Self { model, log, system, hold: Hold::Zero, seed: 1, far: HowFar::default() })
     }
 
     /// A delay of an input on top of the model's own, seconds.
@@ -118,7 +121,7 @@ impl<'a> OnLog<'a> {
         let effects = self.model.effects().iter().map(|entry| Applied::from_entry(system, entry));
         let effects = effects.collect::<std::result::Result<Vec<_>, _>>()?;
         let mut plan = Applied::plan(system, &effects, Chance::Seed(self.seed))?;
-        (plan.hold, plan.tolerance) = (self.hold, TOLERANCE);
+        (plan.hold, plan.tolerance, plan.far) = (self.hold, TOLERANCE, self.far.clone());
         if let ModelDocument::Lti(file) = self.model
             && file.is_sampled()
         {

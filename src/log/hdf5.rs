@@ -12,6 +12,7 @@ use hdf5_reader::{Dataset, Datatype, Hdf5File};
 use super::LogError;
 use super::arrays::{Array, assemble};
 use super::columns::guarded;
+use super::counted::{READING, whole};
 use super::recording::{ReadOptions, Recording};
 use crate::error::Error;
 
@@ -27,7 +28,8 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 }
 
 fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Recording, Error> {
-    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    let bytes = whole(path, &options.far).map_err(|e| Error::io(path, e))?;
+    options.far.at(READING, &"unpacking");
     let mut notes = Vec::new();
     let root = || Hdf5File::from_vec(bytes)?.root_group();
     let variables = root().map(|group| variables(&group, "", 0, &mut notes)).map_err(|e| LogError::Format {

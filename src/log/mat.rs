@@ -9,6 +9,7 @@ use flate2::read::ZlibDecoder;
 
 use super::LogError;
 use super::arrays::{Array, assemble};
+use super::counted::{READING, whole};
 use super::recording::{ReadOptions, Recording};
 use crate::error::Error;
 
@@ -31,7 +32,7 @@ pub(super) fn is_mat5(head: &[u8]) -> bool {
 
 /// Reads a file.
 pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
-    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    let bytes = whole(path, &options.far).map_err(|e| Error::io(path, e))?;
     read(&path.display().to_string(), &bytes, options)
 }
 
@@ -45,8 +46,10 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
     };
     let mut file = Elements { bytes: bytes.get(HEADER..).unwrap_or_default(), big };
     let (mut variables, mut notes) = (Vec::new(), Vec::new());
+    let unpacking = options.far.part(READING, 1.0);
     while !file.bytes.is_empty() {
         let at = bytes.len() - file.bytes.len();
+        unpacking.at(at as f64 / bytes.len() as f64, &"unpacking");
         let Some((kind, data, whole)) = file.next() else {
             notes.push(format!("cut off at byte {at}: the last variable is not whole"));
             break;

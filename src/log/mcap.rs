@@ -3,12 +3,12 @@
 //! Source: the MCAP format specification, version 0. Records are read in file order up to the end of the data section; the index behind it is not needed.
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 use super::LogError;
 use super::bag::{Bag, Schema};
+use super::counted::Counted;
 use super::recording::{ReadOptions, Recording};
 use crate::error::Error;
 
@@ -25,7 +25,7 @@ const LARGEST_CHUNK: u64 = 1 << 32;
 
 /// Reads a file.
 pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
-    let file = File::open(path).map_err(|e| Error::io(path, e))?;
+    let file = Counted::open(path, &options.far).map_err(|e| Error::io(path, e))?;
     read(&path.display().to_string(), BufReader::with_capacity(1 << 18, file), options)
 }
 

@@ -10,6 +10,7 @@ mod arrays;
 mod bag;
 #[cfg(feature = "tables")]
 mod columns;
+mod counted;
 pub mod csv;
 mod error;
 mod frequency;

@@ -16,6 +16,7 @@ use super::LogError;
 use super::columns::{Cells, Column, assemble, guarded};
 use super::recording::{ReadOptions, Recording, TimeUnit};
 use crate::error::Error;
+use crate::progress::HowFar;
 
 const NAME: &str = "Parquet";
 /// So many rows at a time.
@@ -28,14 +29,16 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 
 fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Recording, Error> {
     let file = File::open(path).map_err(|e| Error::io(path, e))?;
-    let (columns, notes) = read(file).map_err(|e| LogError::Format { file: source.to_owned(), format: NAME, what: e.to_string() })?;
+    let (columns, notes) =
+        read(file, &options.far).map_err(|e| LogError::Format { file: source.to_owned(), format: NAME, what: e.to_string() })?;
     assemble(source, "parquet", NAME, columns, notes, options)
 }
 
-fn read(file: File) -> Result<(Vec<Column>, Vec<String>), ParquetError> {
+fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, Vec<String>), ParquetError> {
     let reader = SerializedFileReader::new(file)?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let (mut columns, mut notes) = (Vec::new(), Vec::new());
+    let steps = far.steps(schema.num_columns(), "reading columns");
     for (at, leaf) in schema.columns().iter().enumerate() {
         let name = leaf.path().string();
         if leaf.max_rep_level() > 0 {
@@ -55,6 +58,7 @@ fn read(file: File) -> Result<(Vec<Column>, Vec<String>), ParquetError> {
             }
         }
         columns.push(Column { name, cells });
+        steps.one_more();
     }
     Ok((columns, notes))
 }

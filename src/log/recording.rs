@@ -1,6 +1,7 @@
 //! What a file holds before anyone chooses channels: topics, each with stamps of its own.
 
 use super::{Channel, Log, LogError, Origin, Rows, neighbours};
+use crate::progress::HowFar;
 
 /// The unit of time stamps in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -62,6 +63,8 @@ pub struct ReadOptions {
     pub time_unit: Option<TimeUnit>,
     /// The clock of bags.
     pub stamps: Stamps,
+    /// Where it is said how much of the file is read.
+    pub far: HowFar,
 }
 
 /// A file that was read: its topics and what has to be said about the reading.

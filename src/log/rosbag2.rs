@@ -1,12 +1,12 @@
 //! rosbag2 in SQLite: topics and messages in tables, definitions beside them since ROS 2 Iron.
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
 use super::LogError;
 use super::bag::{Bag, Schema};
+use super::counted::Counted;
 use super::recording::{ReadOptions, Recording};
 use super::sqlite::Database;
 use crate::error::Error;
@@ -16,7 +16,7 @@ const NAME: &str = "a ROS 2 bag in SQLite";
 
 /// Reads a `.db3` file.
 pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
-    let file = File::open(path).map_err(|e| Error::io(path, e))?;
+    let file = Counted::open(path, &options.far).map_err(|e| Error::io(path, e))?;
     let mut notes = Vec::new();
     let mut journal = path.as_os_str().to_owned();
     journal.push("-wal");

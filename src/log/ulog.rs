@@ -3,10 +3,10 @@
 //! Source: PX4 guide, "ULog File Format", version 1.
 
 use std::collections::{BTreeMap, HashMap};
-use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
+use super::counted::Counted;
 use super::recording::{ReadOptions, Recording, Table};
 use super::{LogError, Topic};
 use crate::error::Error;
@@ -23,10 +23,10 @@ const DEEPEST: usize = 8;
 const LARGEST: usize = 1 << 16;
 
 /// Reads a file.
-pub(super) fn open(path: &Path, _: &ReadOptions) -> Result<Recording, Error> {
+pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     let io = |e| Error::io(path, e);
-    let file = File::open(path).map_err(io)?;
-    let length = file.metadata().map_err(io)?.len();
+    let file = Counted::open(path, &options.far).map_err(io)?;
+    let length = file.length();
     read(&path.display().to_string(), BufReader::with_capacity(1 << 18, file), length)
 }
 

@@ -20,6 +20,7 @@ use crate::diagnose::{Diagnosed, GapOptions, Mode, Stage, Subject, diagnose, ins
 use crate::effect::{Applied, Chance};
 use crate::log::Log as InnerLog;
 use crate::model::ModelDocument;
+use crate::progress::HowFar;
 use crate::report;
 use crate::simulate::{Commands, Dynamics, Face, Port, Simulator, Start, System};
 use crate::stop::Stop;
@@ -389,7 +390,7 @@ fn _check(py: Python<'_>, subject: &Bound<'_, PyAny>, logs: Vec<PyRef<'_, Log>>)
     let raised = Raised::default();
     let (what, logs) = (What::new(subject, &raised)?, copies(&logs));
     let threads = what.threads(None);
-    let found = raised.over(py, long(py, threads, move |stop| inspect(what.subject(), &logs, stop)))?;
+    let found = raised.over(py, long(py, threads, move |stop| inspect(what.subject(), &logs, stop, &HowFar::default())))?;
     Ok((json(&found)?, report::checks::text(&found)))
 }
 
@@ -406,7 +407,8 @@ fn _isolability(
     let raised = Raised::default();
     let (what, prediction, logs) = (What::new(subject, &raised)?, mode(prediction)?, copies(&logs));
     let threads = what.threads(threads);
-    let work = move |stop: &Stop| isolability(what.subject(), &logs, &options(prediction.as_deref(), max_delay, 1, stop));
+    let work =
+        move |stop: &Stop| isolability(what.subject(), &logs, &options(prediction.as_deref(), max_delay, 1, stop), &HowFar::default());
     let found = raised.over(py, long(py, threads, work))?;
     Ok((json(&found)?, report::isolability::text(&found)))
 }

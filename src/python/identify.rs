@@ -12,6 +12,7 @@ use super::work::long;
 use crate::delay::{TakenOut, identify_behind_delays};
 use crate::identify::subspace::Recordings;
 use crate::model::ModelDocument;
+use crate::progress::HowFar;
 use crate::report::identify::Report;
 
 /// What was asked for: the keyword arguments of `deadtime.identify`.
@@ -58,7 +59,7 @@ fn _identify(
             all.sample_time.must_equal(judged.sample_time)?;
             (all, judged, holdout.iter().map(|l| l.source().to_owned()).collect::<Vec<_>>().join(", "))
         };
-        let found = identify_behind_delays(&learnt, &logs, &asked.method, &options, &taken_out, stop)?;
+        let found = identify_behind_delays(&learnt, &logs, &asked.method, &options, &taken_out, (stop, &HowFar::default()))?;
         let file = found.model.file(&asked.name, &found.delays, asked.continuous)?;
         let judged = judged.behind_delays(&found.delays)?;
         let report = Report {

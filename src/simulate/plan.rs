@@ -3,6 +3,7 @@
 //! A fresh plan adds nothing. The order in which a signal meets the hooks is fixed here and nowhere else: on the way in `drops`, `late`, `passing`, `delay_s`, `gain` and
 //! `quadratic`, `maps` in the order pushed, `lags`, `modes`; on the way out modes, `mixing`, `lag_s`, `delay_s` and the clock, `maps`.
 
+use crate::progress::HowFar;
 use std::sync::Arc;
 
 use super::system::{Dynamics, System};
@@ -268,6 +269,8 @@ pub struct Plan {
     pub tolerance: Tolerance,
     /// What of it is wanted.
     pub wanted: Wanted,
+    /// Where it is said how far the simulation is.
+    pub far: HowFar,
 }
 
 impl Plan {
@@ -286,6 +289,7 @@ impl Plan {
             hold: Hold::Zero,
             tolerance: Tolerance::default(),
             wanted: Wanted::default(),
+            far: HowFar::default(),
         }
     }
 }

@@ -176,6 +176,9 @@ pub(super) fn walk(
         let to = if edge <= sample + together { edge.min(sample.max(now)) } else { sample };
         // Samples that a clock or a delay puts before the start see the start.
         let to = to.max(now);
+        if groups.first().is_some_and(|group| group.next % TOLD == 0) {
+            plan.far.at(now / end.max(f64::MIN_POSITIVE), &"simulating");
+        }
         if to > now + together {
             drive.alone_until_s = past_samples.then(|| edge.min(last_s).max(to));
             system.advance(now, to, &drive)?;
@@ -208,6 +211,9 @@ pub(super) fn walk(
         None => Ok(run),
     }
 }
+
+/// Samples from one word on how far a simulation is to the next.
+const TOLD: usize = 1024;
 
 /// A signal without pieces.
 const LEVEL: Piece = Piece { start_s: 0.0, value: 0.0, slope: 0.0 };

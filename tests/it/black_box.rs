@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use deadtime::diagnose::{Caveat, Diagnosed, GapError, GapOptions, Mode, diagnose, inspect, isolability};
 use deadtime::log::{Channel, Log};
+use deadtime::progress::HowFar;
 use deadtime::simulate::{Face, Port, Simulator, Start, System};
 use deadtime::stop::Stop;
 use nalgebra::DMatrix;
@@ -372,10 +373,10 @@ fn logs_of_other_lengths_and_uneven_stamps_are_simulated_at_their_own_stamps() {
 #[test]
 fn checks_and_isolability_take_a_black_box() {
     let log = log("a.csv", 900, 60, |u, t, x0| -servo(held(t, u), t, x0, 9.0, 1.0));
-    let found = inspect(&system(), std::slice::from_ref(&log), &Stop::default()).unwrap();
+    let found = inspect(&system(), std::slice::from_ref(&log), &Stop::default(), &HowFar::default()).unwrap();
     assert!(found.not_run.is_none(), "{:?}", found.not_run);
     assert!(found.checks.iter().any(|c| c.ok == Some(false) && c.finding.contains("sign")), "{:#?}", found.checks);
-    let apart = isolability(&system(), std::slice::from_ref(&log), &GapOptions::default()).unwrap();
+    let apart = isolability(&system(), std::slice::from_ref(&log), &GapOptions::default(), &HowFar::default()).unwrap();
     assert!(apart.effects.iter().any(|e| e.effect == "input_delay" && e.visible), "{:#?}", apart.effects);
     assert!(apart.effects.iter().all(|e| e.effect != "coulomb_friction"));
     let class = apart.classes.iter().find(|c| c.members.iter().any(|m| m == "input_gain:u")).unwrap();

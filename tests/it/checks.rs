@@ -264,7 +264,13 @@ fn log(plant: &Plant, columns: &Columns, name: &str) -> Log {
 }
 
 fn look(plant: &Plant, columns: &Columns) -> Inspection {
-    inspect(&document(plant.model), &[log(plant, columns, "log.csv")], &deadtime::stop::Stop::default()).unwrap()
+    inspect(
+        &document(plant.model),
+        &[log(plant, columns, "log.csv")],
+        &deadtime::stop::Stop::default(),
+        &deadtime::progress::HowFar::default(),
+    )
+    .unwrap()
 }
 
 fn wrong(found: &Inspection) -> Vec<&Check> {

@@ -219,6 +219,24 @@ fn a_mod_file_of_diagnosis_only_names_its_files() {
     }
 }
 
+/// Effects and their parameters say what they are (`lateness`, `role`); a name in the code would leave out the next effect of the kind.
+#[test]
+fn diagnosis_matches_no_name_of_an_effect_or_of_its_parameters() {
+    let names: BTreeSet<&str> = deadtime::effect::EFFECTS.iter().map(|e| e.name()).collect();
+    let (files, _) = files();
+    let quoted = |text: &str| -> Vec<String> {
+        let code = text.lines().filter(|l| !l.trim_start().starts_with("//") && !l.contains("#["));
+        code.flat_map(|l| l.split('"').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>()).collect()
+    };
+    assert_eq!(quoted("let a = \"input_delay\"; // b\n// \"no\"\n"), ["input_delay"]);
+    let wrong: Vec<String> = files
+        .iter()
+        .flat_map(|(file, text)| quoted(text).into_iter().filter(|q| names.contains(q.as_str())).map(move |q| format!("{file} names {q}")))
+        .collect();
+    assert!(files.len() > 70 && names.len() > 30);
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
 /// The reader of imports itself: what it must catch.
 #[test]
 fn imports_are_read_whatever_their_form() {

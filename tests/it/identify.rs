@@ -5,6 +5,7 @@ use deadtime::identify::IdentifyError;
 use deadtime::identify::subspace::{Direct, Identified, Identifier, Moesp, N4sid, Named, Pbsidopt, Recordings, Settings, Stretch, Sure};
 use deadtime::model::c2d::{Conversion, ZeroOrderHold};
 use deadtime::model::uav::Dynamics;
+use deadtime::progress::HowFar;
 use deadtime::time::SampleTime;
 use nalgebra::{Complex, DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
@@ -42,9 +43,9 @@ fn the_methods_agree_with_explicit_matrices_in_numpy() {
     let settings = Settings { order: Some(number("order")), past: Some(number("past")), draws: 0, ..Settings::default() };
     for case in file["cases"].as_array().unwrap() {
         let found = match case["id"].as_str().unwrap() {
-            "pbsidopt" => Pbsidopt(settings.clone()).identify(&data),
-            "n4sid" => N4sid(settings.clone()).identify(&data),
-            _ => Moesp(settings.clone()).identify(&data),
+            "pbsidopt" => Pbsidopt(settings.clone()).identify(&data, &HowFar::default()),
+            "n4sid" => N4sid(settings.clone()).identify(&data, &HowFar::default()),
+            _ => Moesp(settings.clone()).identify(&data, &HowFar::default()),
         };
         let found = found.unwrap();
         let model = &found.model;
@@ -97,7 +98,7 @@ fn flight(samples: usize, seed: u64, delay: usize) -> (Recordings, DMatrix<f64>)
 }
 
 fn identified(data: &Recordings, settings: Settings) -> Identified {
-    Pbsidopt(settings).identify(data).unwrap()
+    Pbsidopt(settings).identify(data, &HowFar::default()).unwrap()
 }
 
 #[test]
@@ -231,7 +232,7 @@ fn the_errors_of_the_right_model_are_white_and_those_of_a_small_one_are_not() {
 fn what_makes_a_model_impossible_is_said() {
     let (data, _) = flight(600, 3, 0);
     let s = &data.stretches[0];
-    let fails = |data: &Recordings, settings: Settings| Pbsidopt(settings).identify(data).unwrap_err();
+    let fails = |data: &Recordings, settings: Settings| Pbsidopt(settings).identify(data, &HowFar::default()).unwrap_err();
     let two = |second: DMatrix<f64>| {
         let u = DMatrix::from_fn(2, s.len(), |i, t| if i == 0 { s.u[(0, t)] } else { second[(0, t)] });
         recordings(u, s.y.clone())

@@ -73,7 +73,7 @@ fn multisine(samples: usize) -> Vec<f64> {
 }
 
 fn look(u: Vec<f64>) -> Isolability {
-    isolability(&document(), &[log("roll.csv", u, 1)], &GapOptions::default()).unwrap()
+    isolability(&document(), &[log("roll.csv", u, 1)], &GapOptions::default(), &deadtime::progress::HowFar::default()).unwrap()
 }
 
 fn cosine(found: &Isolability, one: &str, other: &str) -> f64 {
@@ -163,7 +163,7 @@ fn the_command_needs_no_folder_and_says_what_it_cannot_tell_apart() {
 fn three_logs_of_a_minute_take_no_time() {
     let logs: Vec<Log> = (0..3).map(|i| log(&format!("{i}.csv"), multisine(6000), i)).collect();
     let start = std::time::Instant::now();
-    isolability(&document(), &logs, &GapOptions::default()).unwrap();
+    isolability(&document(), &logs, &GapOptions::default(), &deadtime::progress::HowFar::default()).unwrap();
     let seconds = start.elapsed().as_secs_f64();
     println!("{seconds:.2} s");
     // 2 s on an idle machine; tests share theirs.

@@ -86,6 +86,8 @@ mod options;
 mod phase_and_area;
 mod predictor;
 mod process;
+#[cfg(feature = "cli")]
+mod progress;
 mod properties;
 #[cfg(feature = "cli")]
 mod readme;

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::Common;
 use crate::cli::Out;
-use crate::cli::progress::Waiting;
+use crate::cli::progress::Bar;
 use crate::cli::source::Needed;
 use crate::delay::{BehindDelays, TakenOut, identify_behind_delays};
 use crate::file::write_atomic;
@@ -56,19 +56,20 @@ const LEARNT: f64 = 0.7;
 
 impl Linear {
     pub(super) fn run(&self, common: &Common, to: &Out<'_>) -> anyhow::Result<()> {
-        let waiting = Waiting::new(to, "identifying");
         let Some(out) = &common.out else { bail!("--out FILE is missing: where the model is to be written") };
-        let logs = self.read(common, &common.logs)?;
+        let logs = self.read(common, to, &common.logs)?;
         let all = Recordings::from_logs(&logs, &self.input, &self.output)?;
         let (learnt, judged, held_out) = if common.holdout.is_empty() {
             let (learnt, judged) = all.split(LEARNT);
             (learnt, judged, format!("the last {:.0} % of each record", 100.0 * (1.0 - LEARNT)))
         } else {
-            let judged = Recordings::from_logs(&self.read(common, &common.holdout)?, &self.input, &self.output)?;
+            let judged = Recordings::from_logs(&self.read(common, to, &common.holdout)?, &self.input, &self.output)?;
             all.sample_time.must_equal(judged.sample_time).context("--holdout")?;
             (all, judged, common.holdout.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", "))
         };
-        let found = identify_behind_delays(&learnt, &logs, &self.method, &self.options()?, &self.taken_out()?, &Stop::default())?;
+        let bar = Bar::new(to);
+        let found =
+            identify_behind_delays(&learnt, &logs, &self.method, &self.options()?, &self.taken_out()?, (&Stop::default(), bar.far()))?;
         let BehindDelays { model: identified, delays, notes: delay_notes } = found;
         let file = identified.file(&name(out), &delays, self.continuous).map_err(|e| {
             anyhow::Error::new(e).context(if self.continuous {
@@ -87,7 +88,7 @@ impl Linear {
             held_out_samples: judged.samples(),
             checks: identified.check(&judged),
         };
-        drop(waiting);
+        drop(bar);
         file.write(out)?;
         if let Some(path) = &common.html {
             let page = page::identify(&report)?;
@@ -100,9 +101,9 @@ impl Linear {
         Ok(())
     }
 
-    fn read(&self, common: &Common, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
+    fn read(&self, common: &Common, to: &Out<'_>, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
         let needed = Needed { inputs: &self.input, outputs: &self.output, required: true };
-        let records = paths.iter().map(|path| common.reading.read(path, &needed)).collect::<anyhow::Result<Vec<_>>>()?;
+        let records = paths.iter().map(|path| common.reading.read(to, path, &needed)).collect::<anyhow::Result<Vec<_>>>()?;
         Ok(records.into_iter().flatten().collect())
     }
 

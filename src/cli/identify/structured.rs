@@ -6,7 +6,7 @@ use anyhow::bail;
 
 use super::Common;
 use crate::cli::Out;
-use crate::cli::progress::Waiting;
+use crate::cli::progress::Bar;
 use crate::file::write_atomic;
 use crate::identify::structured::{self, Balance, score};
 use crate::log::Log;
@@ -67,10 +67,11 @@ impl Structured {
         if self.shrinkage.is_some_and(|s| !s.is_finite() || s < 0.0) {
             bail!("--shrinkage must be finite and not negative");
         }
-        let (logs, held_out) = (read(common, &document, &common.logs)?, read(common, &document, &common.holdout)?);
+        let (logs, held_out) = (read(common, to, &document, &common.logs)?, read(common, to, &document, &common.holdout)?);
         if self.free.is_empty() && self.per_record.is_empty() {
             return self.only_score(common, file, &logs, to);
         }
+        let bar = Bar::new(to);
         let options = structured::Structured {
             free: self.free.clone(),
             per_record: self.per_record.clone(),
@@ -83,11 +84,11 @@ impl Structured {
             },
             shrinkage: self.shrinkage,
             one_step: !self.no_one_step,
+            far: bar.far().clone(),
             ..structured::Structured::default()
         };
-        let waiting = Waiting::new(to, "fitting");
         let mut found = options.fit(file, &logs, &held_out)?;
-        drop(waiting);
+        drop(bar);
         found.name.clone_from(&file.name);
         to.json(&found)?;
         if let (Some(out), Some(model)) = (&common.out, &found.model) {
@@ -117,10 +118,10 @@ impl Structured {
     }
 }
 
-fn read(common: &Common, document: &ModelDocument, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
+fn read(common: &Common, to: &Out<'_>, document: &ModelDocument, paths: &[PathBuf]) -> anyhow::Result<Vec<Log>> {
     let mut logs = Vec::new();
     for path in paths {
-        logs.extend(common.reading.read_for(path, document, true, &mut |_, _| {})?);
+        logs.extend(common.reading.read_for(to, path, document, true, &mut |_, _| {})?);
     }
     Ok(logs)
 }

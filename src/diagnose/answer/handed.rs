@@ -16,12 +16,12 @@ use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
-use crate::effect::{Applied, Scales, find, row};
+use crate::effect::{Applied, Lateness, Scales, row};
 
 /// What stands in for a hidden sequence must lower the training error to this part, or it is left out; 1.
 const HELPS: f64 = 0.98;
 /// Effects that stand in for a hidden sequence.
-const INSTEAD: [&str; 2] = ["input_delay", "actuator_lag"];
+const INSTEAD: [Lateness; 2] = [Lateness::Fixed, Lateness::Lag];
 
 /// Effects as they are handed over.
 pub(in crate::diagnose) struct HandedOver {
@@ -63,7 +63,7 @@ pub(in crate::diagnose) fn in_a_form_that_helps(likelihood: &Likelihood<'_>, fou
         .collect();
     let effects = known.into_iter().min_by(|a, b| a.0[0].total_cmp(&b.0[0])).map(|(_, effects)| effects).unwrap_or_default();
     let instead: Vec<Applied> = effects.iter().filter(|a| hidden.iter().any(|h| h.channel == a.channel)).cloned().collect();
-    let caveat = match instead.iter().find(|a| INSTEAD.contains(&a.effect.name())) {
+    let caveat = match instead.iter().find(|a| a.effect.lateness().is_some_and(|late| INSTEAD.contains(&late))) {
         Some(a) => Caveat::HandedOver {
             effects: names(&hidden),
             instead: format!("{} of {:.3} s", a.key(), a.values.first().copied().unwrap_or_default()),
@@ -76,10 +76,10 @@ pub(in crate::diagnose) fn in_a_form_that_helps(likelihood: &Likelihood<'_>, fou
 /// What could stand in for the hidden sequences beside the other effects, fitted, each with the part of the error to which it must come down.
 fn stand_ins(likelihood: &Likelihood<'_>, hidden: &[Applied], plain: &[Applied], scales: &Scales) -> Vec<(f64, Vec<Applied>)> {
     let Some(cost) = likelihood.whitened(NO_EFFECT).map(|w| likelihood.inner(&w, &w)) else { return Vec::new() };
-    let fitted = |name: &&'static str| {
+    let fitted = |late: &Lateness| {
         let mut begin = plain.to_vec();
         for one in hidden {
-            let nominal = Applied::nominal(likelihood.system, find(name).ok()?, &one.channel).ok()?;
+            let nominal = Applied::nominal(likelihood.system, late.effect().ok()?, &one.channel).ok()?;
             // Of the first guesses the one that does best beside the others.
             let better = |start: &Vec<f64>| {
                 let there: Vec<Applied> = begin.iter().cloned().chain([with(&nominal, start)]).collect();

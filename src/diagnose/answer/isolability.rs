@@ -14,6 +14,7 @@ use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::{Applied, Role, Scales};
+use crate::progress::HowFar;
 use crate::signal::stats;
 
 /// Cosines from which on two effects count as alike.
@@ -127,13 +128,18 @@ pub(in crate::diagnose) fn isolability(
     scales: &Scales,
     noise: &[f64],
     names: Names<'_>,
+    far: &HowFar,
 ) -> Option<Isolability> {
     let nominal = likelihood.whitened(NO_EFFECT)?;
     let visible_from = likelihood.criteria.selection_penalty;
     let limit = PLAUSIBLE * motion_size(likelihood.records, noise);
-    let candidates: Vec<Candidate> = (catalogue.into_par_iter())
-        .map(|applied| Candidate { signatures: signatures(likelihood, &applied, scales, &nominal, limit), applied })
-        .collect();
+    let steps = far.steps(catalogue.len(), "effects simulated");
+    let candidate = |applied: Applied| {
+        let signatures = signatures(likelihood, &applied, scales, &nominal, limit);
+        steps.one_more();
+        Candidate { signatures, applied }
+    };
+    let candidates: Vec<Candidate> = (catalogue.into_par_iter()).map(candidate).collect();
     let visible = |c: &Candidate| c.signatures.iter().any(|s| s.strength >= visible_from);
     let cosines = cosines(&candidates);
     let rival = |i: usize| {

@@ -8,9 +8,13 @@ use crate::diagnose::baseline::predictor::Predictor;
 use crate::diagnose::format::diagnosis::Check;
 use crate::diagnose::input::record::LogRecord;
 use crate::effect::Applied;
+use crate::progress::HowFar;
 use crate::simulate::System;
 
 type Checker = fn(&Evidence<'_>) -> Vec<Check>;
+
+/// The part of the work that the search for wrong signs, units and channels is.
+const SEARCH: f64 = 0.5;
 
 /// The checks, in the order in which they are reported.
 const CHECKS: [Checker; 9] = [
@@ -34,15 +38,30 @@ pub(in crate::diagnose) struct Checked {
 }
 
 /// All checks on the training logs. `predictor`: as it is chosen from the simulator, whatever a diagnosis is asked for.
-pub(in crate::diagnose) fn checks(system: &System, model_effects: &[Applied], records: &[LogRecord], predictor: Predictor) -> Checked {
+pub(in crate::diagnose) fn checks(
+    system: &System,
+    model_effects: &[Applied],
+    records: &[LogRecord],
+    predictor: Predictor,
+    far: &HowFar,
+) -> Checked {
     let view = View::new(system, model_effects, records, predictor);
     if view.records.is_empty() {
         return Checked::default();
     }
-    let search = Search::run(&view);
+    let search = Search::run(&view, &far.part(0.0, SEARCH));
+    let steps = far.part(SEARCH, 1.0);
+    let steps = steps.steps(CHECKS.len() + 2, "checks");
     let kinematics = kinematics::measure(&view);
+    steps.one_more();
     let timing = search.as_ref().map_or_else(|| vec![None; view.outputs()], |s| timing::measure(&view, s));
+    steps.one_more();
     let remedies = search.iter().flat_map(|s| &s.faults).filter_map(|f| f.fault.as_effect(system)).collect();
     let evidence = Evidence { view, search, kinematics, timing };
-    Checked { checks: CHECKS.iter().flat_map(|check| check(&evidence)).collect(), remedies }
+    let run = |check: &Checker| {
+        let found = check(&evidence);
+        steps.one_more();
+        found
+    };
+    Checked { checks: CHECKS.iter().flat_map(run).collect(), remedies }
 }

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::units::{Factor, alternatives};
 use super::view::{Columns, Fit, View};
 use crate::effect::{Applied, EFFECTS, Effect, Site};
+use crate::progress::HowFar;
 use crate::simulate::{Measured, System};
 
 /// A correlation from which on two signals go together.
@@ -170,28 +171,34 @@ impl Search {
     }
 
     /// `None` where the model cannot be simulated on the logs.
-    pub(super) fn run(view: &View<'_>) -> Option<Self> {
+    pub(super) fn run(view: &View<'_>, far: &HowFar) -> Option<Self> {
         let base = Self::with(view, &[], None)?;
         let menu = menu(view);
         let mut corrections: Vec<Fault> = Vec::new();
         let mut state = Self::with(view, &[], Some(&base))?;
         let rounds = view.system.inputs.len() + view.outputs();
-        for _ in 0..rounds {
+        for round in 0..rounds {
             let worst = state.fits.iter().flatten().map(|f| agreement(f, SIZE)).fold(1.0, f64::min);
             if worst >= GOOD {
                 break;
             }
             // Channels that move alike go together even when they have changed places; a sign or a unit does not hide so.
             let worth = |fault: &Fault| worst < AGREES || matches!(fault, Fault::Swap(..));
-            let tried: Vec<(Fault, Self)> = menu
-                .par_iter()
-                .filter(|&fault| worth(fault))
-                .filter_map(|&fault| {
-                    let faults: Vec<Fault> = corrections.iter().copied().chain([fault]).collect();
-                    let there = Self::with(view, &faults, Some(&base))?;
-                    there.convinces(&state, fault).then_some((fault, there))
-                })
-                .collect();
+            // The next round has half of what is left: there is seldom one.
+            let part = |round: usize| 1.0 - 0.5_f64.powi(round as i32);
+            let far = far.part(part(round), part(round + 1));
+            let steps = far.steps(menu.len(), "signs, units and channels tried");
+            let corrected = |fault: Fault| {
+                let faults: Vec<Fault> = corrections.iter().copied().chain([fault]).collect();
+                let there = Self::with(view, &faults, Some(&base))?;
+                there.convinces(&state, fault).then_some((fault, there))
+            };
+            let one = |&fault: &Fault| {
+                let found = if worth(&fault) { corrected(fault) } else { None };
+                steps.one_more();
+                found
+            };
+            let tried: Vec<(Fault, Self)> = menu.par_iter().filter_map(one).collect();
             let score = tried.iter().map(|t| t.1.score()).fold(f64::NEG_INFINITY, f64::max);
             let mut equal = tried.into_iter().filter(|t| t.1.score() >= score - EQUAL);
             let Some((fault, mut next)) = equal.next() else { break };

@@ -16,6 +16,7 @@ use crate::diagnose::input::record::{LogRecord, Span};
 use crate::diagnose::input::subject::Subject;
 use crate::error::Result;
 use crate::log::{Channel, Log, LogError};
+use crate::progress::HowFar;
 use crate::stop::Stop;
 
 /// The format line.
@@ -174,17 +175,20 @@ fn usable(log: &Log, report: &LogReport) -> std::result::Result<Log, LogError> {
     Log::new(log.source(), log.time_s().to_vec(), columns)
 }
 
+/// The part of the work that simulating the model is.
+const SIMULATED: f64 = 0.2;
+
 /// Looks at a model and logs before anyone diagnoses: names, units, time stamps and missing samples of every log, and all checks over the whole of the logs.
 ///
 /// # Errors
 /// Those of the model, [`crate::Error::Stopped`]; what does not fit in a log is part of the answer.
-pub fn inspect<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], stop: &Stop) -> Result<Inspection> {
-    let found = look(subject.into(), logs, stop);
+pub fn inspect<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], stop: &Stop, far: &HowFar) -> Result<Inspection> {
+    let found = look(subject.into(), logs, stop, far);
     stop.check()?;
     found
 }
 
-fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop) -> Result<Inspection> {
+fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop, far: &HowFar) -> Result<Inspection> {
     let reports: Vec<LogReport> = logs.iter().map(|log| report(log, subject)).collect();
     let mut found = Inspection {
         format: InspectionFormat::V1,
@@ -198,7 +202,7 @@ fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop) -> Result<Inspection> {
     if let Some((log, c)) = lost {
         found.not_run = Some(format!("{}: without the command `{}` nothing can be compared", log.log, c.channel));
     } else {
-        match checks(subject, logs, &found.logs, stop) {
+        match checks(subject, logs, &found.logs, (stop, far)) {
             Ok(checks) => found.checks = checks,
             // What is wrong with the model itself is an error; what is wrong with a log is the answer.
             Err(e @ (crate::Error::Gap(_) | crate::Error::Log(_))) => found.not_run = Some(e.to_string()),
@@ -216,7 +220,8 @@ fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop) -> Result<Inspection> {
     Ok(found)
 }
 
-fn checks(subject: Subject<'_>, logs: &[Log], reports: &[LogReport], stop: &Stop) -> Result<Vec<Check>> {
+fn checks(subject: Subject<'_>, logs: &[Log], reports: &[LogReport], (stop, far): (&Stop, &HowFar)) -> Result<Vec<Check>> {
+    far.at(0.0, &"simulating the model as it is");
     let logs: Vec<Log> = logs.iter().zip(reports).map(|(log, report)| usable(log, report)).collect::<std::result::Result<_, _>>()?;
     let Simulator { system, memory } = Simulator::of(subject, &logs, stop)?;
     let model_effects = model_effects(subject, &system)?;
@@ -232,5 +237,5 @@ fn checks(subject: Subject<'_>, logs: &[Log], reports: &[LogReport], stop: &Stop
     let probed = probe(&system, memory.as_ref(), &records)?;
     let poles = probed.as_ref().map_or_else(|| Poles::of(&system, &records), Poles::probed);
     let predictor = Predictor::of(&system, &records, &poles, probed.as_ref(), None, &Criteria::default());
-    Ok(every::checks(&system, &model_effects, &records, predictor).checks)
+    Ok(every::checks(&system, &model_effects, &records, predictor, &far.part(SIMULATED, 1.0)).checks)
 }

@@ -4,11 +4,7 @@ use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::hypothesis::effects::{Dropouts, Hypothesis};
 use crate::diagnose::hypothesis::waits;
 use crate::diagnose::likelihood::gaussian::Likelihood;
-use crate::effect::{Applied, find};
-
-/// The effect that loses commands, and the one whose commands come late.
-const LOST: &str = "dropped_commands";
-const LATE: &str = "delay_jitter";
+use crate::effect::{Applied, Lateness};
 
 /// Adds to every hypothesis that loses commands the one whose commands are late, with the same trajectory; both pay for the waits of commands alike.
 pub(in crate::diagnose) fn beside_lost(likelihood: &Likelihood<'_>, hypotheses: &mut Vec<Hypothesis>) {
@@ -21,11 +17,11 @@ pub(in crate::diagnose) fn beside_lost(likelihood: &Likelihood<'_>, hypotheses: 
 }
 
 fn priced_with_twin(likelihood: &Likelihood<'_>, hypothesis: &mut Hypothesis) -> Option<Hypothesis> {
-    let place = hypothesis.effects.iter().position(|a| a.effect.name() == LOST)?;
+    let place = hypothesis.effects.iter().position(|a| a.effect.lateness() == Some(Lateness::Lost))?;
     let channel = hypothesis.effects[place].channel.clone();
     let input = likelihood.system.inputs.iter().position(|p| p.name == channel)?;
     let own = hypothesis.lost.as_ref()?.waits.get(input)?.clone();
-    let late = Applied::nominal(likelihood.system, find(LATE).ok()?, &channel).ok()?;
+    let late = Applied::nominal(likelihood.system, Lateness::Random.effect().ok()?, &channel).ok()?;
     let [delay_s, spread_s] = waits::delay_and_spread(&own);
     if waits::steady(&own) {
         // All waited alike: a delay, and nothing that chance decides.

@@ -10,10 +10,8 @@ use rayon::prelude::*;
 use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
-use crate::effect::{Applied, Moves, Scales, find};
+use crate::effect::{Applied, Lateness, Moves, Scales};
 
-/// The effect of the grid.
-const FIXED: &str = "input_delay";
 /// Short delays of the grid, all of them; and so many of the longer ones. Beside none.
 const SHORT: usize = 12;
 const LONG: usize = 14;
@@ -32,7 +30,7 @@ const KEPT: usize = 3;
 pub(in crate::diagnose) fn moves(likelihood: &Likelihood<'_>, candidates: &[Applied], scales: &Scales) -> Vec<Moves> {
     let Some(nominal) = likelihood.whitened(NO_EFFECT) else { return Vec::new() };
     // An input on which nothing is tried is not looked at.
-    let tried = |name: &str| candidates.iter().any(|a| a.effect.name() == FIXED && a.channel == name);
+    let tried = |name: &str| candidates.iter().any(|a| a.effect.lateness() == Some(Lateness::Fixed) && a.channel == name);
     let one = |name: &str| if tried(name) { of_input(likelihood, scales, &nominal, name).unwrap_or_default() } else { Moves::default() };
     likelihood.system.inputs.iter().map(|port| one(&port.name)).collect()
 }
@@ -58,8 +56,8 @@ struct Grid {
 }
 
 fn of_input(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, channel: &str) -> Option<Moves> {
-    let applied = |effect: &str| Applied::nominal(likelihood.system, find(effect).ok()?, channel).ok();
-    let delay = applied(FIXED)?;
+    let applied = |late: Lateness| Applied::nominal(likelihood.system, late.effect().ok()?, channel).ok();
+    let delay = applied(Lateness::Fixed)?;
     let guesses = likelihood.first_guesses(&delay, scales);
     let (short, long) = guesses.split_at(SHORT.min(guesses.len()));
     let every = long.len().div_ceil(LONG).max(1);
@@ -85,7 +83,7 @@ fn of_input(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, ch
     };
     // A slower loop is late on average: where no fixed delay helps it is none.
     if grid.delays_s[best] > 0.0 && sums[0] - sums[best] > least {
-        moves.slower = slower(likelihood, scales, nominal, &applied("multi_rate")?, grid.delays_s[best]);
+        moves.slower = slower(likelihood, scales, nominal, &applied(Lateness::SlowerLoop)?, grid.delays_s[best]);
     }
     Some(moves)
 }

@@ -12,10 +12,8 @@ use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::waits::Wait;
 use crate::diagnose::likelihood::gaussian::Likelihood;
-use crate::effect::{Applied, Scales, find};
+use crate::effect::{Applied, Lateness, Scales};
 
-/// The effect.
-const NAME: &str = "multi_rate";
 /// Fewer arrivals show no lattice.
 const FEWEST: usize = 10;
 /// Arrivals that are less coherent than this lie on none; and what is nearly as coherent as the best may be the true one.
@@ -39,7 +37,9 @@ pub(in crate::diagnose) fn from_waits(likelihood: &Likelihood<'_>, singles: &mut
         })
         .collect();
     for (channel, waits) in lost {
-        let Some(nominal) = find(NAME).ok().and_then(|e| Applied::nominal(likelihood.system, e, &channel).ok()) else { continue };
+        let Some(nominal) = Lateness::SlowerLoop.effect().ok().and_then(|e| Applied::nominal(likelihood.system, e, &channel).ok()) else {
+            continue;
+        };
         let Some(single) = singles.iter_mut().find(|s| s.key() == nominal.key()) else { continue };
         let (_, longest_s) = nominal.range(0, scales);
         let fit = |guess: Vec<f64>| {

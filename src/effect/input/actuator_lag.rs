@@ -1,7 +1,7 @@
 //! The actuator lags: w′ = (u − w)/time_constant.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
+use crate::effect::{Effect, EffectError, Lateness, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// The actuator follows with a first-order lag.
@@ -37,6 +37,10 @@ impl Effect for ActuatorLag {
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = (system, channel);
         channel::times(scales)
+    }
+
+    fn lateness(&self) -> Option<Lateness> {
+        Some(Lateness::Lag)
     }
 
     fn told_by(&self) -> Option<Telling> {

@@ -1,7 +1,7 @@
 //! A command reaches the plant later: u(t − delay).
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
+use crate::effect::{Effect, EffectError, Lateness, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// Dead time between the command and the plant; continuous, never rounded to samples.
@@ -38,6 +38,10 @@ impl Effect for InputDelay {
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = (system, channel);
         channel::delays(scales)
+    }
+
+    fn lateness(&self) -> Option<Lateness> {
+        Some(Lateness::Fixed)
     }
 
     fn told_by(&self) -> Option<Telling> {

@@ -3,7 +3,7 @@
 //! Equation: command k acts from t_k + d_k on, d_k gamma distributed with mean `delay` and standard deviation `spread`; ordered: not before command k − 1.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
+use crate::effect::{Effect, EffectError, Lateness, Parameter, Role, Scales, Site, Telling};
 use crate::simulate::{Late, Plan, System};
 
 /// From this value on commands keep their order.
@@ -50,8 +50,8 @@ impl Effect for DelayJitter {
         values[0] == 0.0
     }
 
-    fn loses_commands(&self) -> bool {
-        true
+    fn lateness(&self) -> Option<Lateness> {
+        Some(Lateness::Random)
     }
 
     fn told_by(&self) -> Option<Telling> {

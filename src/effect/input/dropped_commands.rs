@@ -3,7 +3,7 @@
 //! Equation: v(k) = u(k) where the command of sample k arrives, else v(k − 1); lost with this probability, each sample for itself.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
+use crate::effect::{Effect, EffectError, Lateness, Parameter, Scales, Site, Telling};
 use crate::simulate::{Drops, Plan, System};
 
 /// Each logged command is lost with this probability, independently; a plan holds the mean over all sequences until a seed draws one.
@@ -41,8 +41,8 @@ impl Effect for DroppedCommands {
         vec![vec![0.1], vec![0.4], vec![0.8]]
     }
 
-    fn loses_commands(&self) -> bool {
-        true
+    fn lateness(&self) -> Option<Lateness> {
+        Some(Lateness::Lost)
     }
 
     fn told_by(&self) -> Option<Telling> {

@@ -1,7 +1,7 @@
 //! Commands pass at certain times only and are held between them, as through a slower loop: at phase, phase + period, phase + 2·period and so on.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
+use crate::effect::{Effect, EffectError, Lateness, Parameter, Role, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// A slower loop on the way of the commands.
@@ -47,6 +47,10 @@ impl Effect for MultiRate {
 
     fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
         values[0] == 0.0
+    }
+
+    fn lateness(&self) -> Option<Lateness> {
+        Some(Lateness::SlowerLoop)
     }
 
     fn told_by(&self) -> Option<Telling> {

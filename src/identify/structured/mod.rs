@@ -28,6 +28,7 @@ use crate::error::Result;
 use crate::fit::{Fit, LevenbergMarquardt, Normal};
 use crate::log::Log;
 use crate::model::{Equations, EquationsFile};
+use crate::progress::HowFar;
 use group::Group;
 use problem::{Cluster, Problem, Starts, Weights};
 use record::{Layout, Record};
@@ -41,6 +42,12 @@ const MOST_SUBSTEPS: usize = 16;
 const STEP_SHARE: f64 = 1e-3;
 /// How far a record's own parameter may first stand off, in the parameter's size.
 const OWN_SIZE: f64 = 0.1;
+
+/// How much of the work is done when the windows are fitted, and when those of one step are.
+const FITTED: f64 = 0.7;
+const ONE_STEP: f64 = 0.9;
+/// What one set of parameters more leaves of a round.
+const LEFT: f64 = 0.8;
 
 /// How the errors of different horizons are weighed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -73,6 +80,8 @@ pub struct Structured {
     pub one_step: bool,
     /// Rounds of weighing and fitting; default 3.
     pub rounds: usize,
+    /// Where it is said how far the fit is.
+    pub far: HowFar,
 }
 
 impl Default for Structured {
@@ -87,6 +96,7 @@ impl Default for Structured {
             shrinkage: None,
             one_step: true,
             rounds: 3,
+            far: HowFar::default(),
         }
     }
 }
@@ -241,14 +251,15 @@ impl Structured {
             return Err(StructuredError::Horizon { horizon: self.horizon, stride }.into());
         }
         let records = prepared.records(logs, Layout { horizon: self.horizon, stride })?;
-        let (problem, fitted) = self.run(&prepared, &records, self.horizon, &free, &own)?;
+        let (problem, fitted) = self.run(&prepared, &records, (self.horizon, &self.far.part(0.0, FITTED)), &free, &own)?;
         let one_step = if self.one_step && self.horizon > 1 {
             let records = prepared.records(logs, Layout { horizon: 1, stride: (stride / 8).max(1) })?;
-            let (problem, fitted) = self.run(&prepared, &records, 1, &free, &own)?;
+            let (problem, fitted) = self.run(&prepared, &records, (1, &self.far.part(FITTED, ONE_STEP)), &free, &own)?;
             Some(answer::values(&problem, &fitted))
         } else {
             None
         };
+        self.far.at(ONE_STEP, &"errors of both models");
         let mut answer = answer::answer(&problem, &fitted, one_step.as_deref());
         let model = with_values(file, &answer.parameters);
         let every = |logs: &[Log], file: &EquationsFile| score(file, logs, self.horizon, stride);
@@ -282,10 +293,11 @@ impl Structured {
         &self,
         prepared: &'b Prepared<'_>,
         records: &'b [Record],
-        horizon: usize,
+        (horizon, far): (usize, &HowFar),
         free: &[usize],
         own: &[usize],
     ) -> Result<(Problem<'b>, Fitted)> {
+        far.at(0.0, &"choosing the step of the simulation");
         let unit = |list: &[usize]| list.iter().map(|&i| (i, 1.0)).collect::<Vec<_>>();
         let mut problem = prepared.problem(records, horizon, unit(free), unit(own));
         let mut weights = self.weights(&refined(&mut problem)?);
@@ -303,7 +315,15 @@ impl Structured {
             let tolerance = if round + 1 >= self.rounds { 1e-5 } else { 1e-3 };
             let search =
                 LevenbergMarquardt { max_iterations: 30, gradient_tolerance: tolerance, step_tolerance: tolerance, ..Default::default() };
-            fit = search.minimise(&z, |z| problem.clusters(z, &weights).map(|c| problem.normal(&c, z, &prior)));
+            let (share, rounds) = (|round: usize| round as f64 / self.rounds.max(1) as f64, self.rounds);
+            let far = far.part(share(round), share(round + 1));
+            let mut tried = 0;
+            fit = search.minimise(&z, |z| {
+                // How many a round takes nobody knows: each one has a part of what is left.
+                far.at(1.0 - LEFT.powi(tried), &format_args!("round {} of {rounds}, set {} of parameters", round + 1, tried + 1));
+                tried += 1;
+                problem.clusters(z, &weights).map(|c| problem.normal(&c, z, &prior))
+            });
             z.clone_from(&fit.parameters);
             round += 1;
             if round >= self.rounds {

@@ -27,6 +27,7 @@ pub use validation::{Fit, InputTest, OutputCheck, Test};
 
 use super::IdentifyError;
 use crate::model::{Channel, ModelError, ModelFile, Operating, Sampled, StateSpace, d2c};
+use crate::progress::HowFar;
 use crate::registry::{Entry, entry};
 use crate::time::SampleTime;
 use n4sid::Weight;
@@ -39,7 +40,7 @@ pub trait Identifier: Send + Sync {
     ///
     /// # Errors
     /// [`IdentifyError`]: too few rows, inputs that are constant, collinear or not rich, an order that the window cannot show.
-    fn identify(&self, recordings: &Recordings) -> Result<Identified, IdentifyError>;
+    fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError>;
 }
 
 /// A line of the list of methods.
@@ -136,20 +137,20 @@ pub struct N4sid(pub Settings);
 pub struct Moesp(pub Settings);
 
 impl Identifier for Pbsidopt {
-    fn identify(&self, recordings: &Recordings) -> Result<Identified, IdentifyError> {
-        self.0.identify("pbsidopt", None, recordings)
+    fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError> {
+        self.0.identify("pbsidopt", None, recordings, far)
     }
 }
 
 impl Identifier for N4sid {
-    fn identify(&self, recordings: &Recordings) -> Result<Identified, IdentifyError> {
-        self.0.identify("n4sid", Some(Weight::Past), recordings)
+    fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError> {
+        self.0.identify("n4sid", Some(Weight::Past), recordings, far)
     }
 }
 
 impl Identifier for Moesp {
-    fn identify(&self, recordings: &Recordings) -> Result<Identified, IdentifyError> {
-        self.0.identify("moesp", Some(Weight::PastBesideInputs), recordings)
+    fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError> {
+        self.0.identify("moesp", Some(Weight::PastBesideInputs), recordings, far)
     }
 }
 
@@ -182,6 +183,10 @@ pub struct Identified {
     pub notes: Vec<String>,
 }
 
+/// How much of the work is done when the past window is chosen, when the states are found, and when the orders are tried.
+const PAST: f64 = 0.3;
+const STATES: f64 = 0.5;
+const ORDERS: f64 = 0.7;
 /// Size of the small draws, of a whole one.
 const STEP: f64 = 1e-3;
 /// Longest past window that is taken unasked.
@@ -220,11 +225,19 @@ impl Settings {
         }))
     }
 
-    fn identify(&self, method: &'static str, weight: Option<Weight>, recordings: &Recordings) -> Result<Identified, IdentifyError> {
+    fn identify(
+        &self,
+        method: &'static str,
+        weight: Option<Weight>,
+        recordings: &Recordings,
+        far: &HowFar,
+    ) -> Result<Identified, IdentifyError> {
         self.check()?;
+        far.at(0.0, &"choosing the past window");
         let scales = recordings.scales()?;
         let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
         let past = self.past_window(weight, recordings, &scales)?;
+        far.at(PAST, &"regression on the past");
         let factor = recordings.factor(past, &scales);
         let orders = factor.excitation(&recordings.inputs)?;
         let most = (past * l).min(past * (m + l));
@@ -253,10 +266,14 @@ impl Settings {
         let y = factor.y();
         let model_of = |order: usize| innovations::of_states(&factor, &y, &states.map(&predictions, order), self.direct).0;
         let scaled: Vec<Stretch> = recordings.stretches.iter().map(|s| scales.scaled(s)).collect();
-        let losses: Vec<Option<f64>> = (1..=states.rows.nrows())
-            .into_par_iter()
-            .map(|order| Some(model_of(order)).filter(InnovationsModel::is_finite).and_then(|m| order::log_loss(&m, &scaled, past)))
-            .collect();
+        let (trying, drawing) = (far.part(STATES, ORDERS), far.part(ORDERS, 1.0));
+        let steps = trying.steps(states.rows.nrows(), "orders tried");
+        let loss = |order: usize| {
+            let loss = Some(model_of(order)).filter(InnovationsModel::is_finite).and_then(|m| order::log_loss(&m, &scaled, past));
+            steps.one_more();
+            loss
+        };
+        let losses: Vec<Option<f64>> = (1..=states.rows.nrows()).into_par_iter().map(loss).collect();
         let order = order::choose(self.order, &losses, &states.singular, factor.rows, (m, l));
         let mut notes = Vec::new();
         if let Some((i, orders)) = poor(2 * order.order) {
@@ -275,6 +292,7 @@ impl Settings {
         let freedom = factor.rows.saturating_sub(predictor.parameters()).max(1) as f64;
         let spread: Vec<f64> = scales.outputs.iter().map(|s| s.1).collect();
         let covariance = residual.transpose() * residual / freedom;
+        drawing.at(0.0, &"drawing models for the intervals");
         let draws = if weight.is_some() { Draws::default() } else { self.drawn(&factor, &predictor, &states, order.order, &scales) };
         Ok(Identified {
             method,

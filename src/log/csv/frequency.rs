@@ -11,6 +11,7 @@ use super::{Cell, open, parse, shown};
 use crate::error::Error;
 use crate::log::frequency::{FrequencyError, FrequencyResponse, Quality};
 use crate::log::{LogError, Place};
+use crate::progress::HowFar;
 
 /// What a column is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,7 +68,7 @@ fn words(header: &str) -> Vec<String> {
 /// # Errors
 /// As [`crate::log::read`]; [`LogError::Frequency`] where columns, units or values cannot be used.
 pub fn read_frequency_response(path: &Path) -> Result<FrequencyResponse, Error> {
-    read_frequency_response_from(&path.display().to_string(), open(path)?)
+    read_frequency_response_from(&path.display().to_string(), open(path, &HowFar::default())?)
 }
 
 /// Reads a frequency response from any source of bytes, as [`read_frequency_response`] does.

@@ -19,10 +19,12 @@ use self::clock::{Stamps, Why};
 pub(super) use self::clock::{median_step, named_time};
 use self::lines::{Lines, Separator};
 use self::number::decimal;
+use super::counted::Counted;
 use super::recording::{ReadOptions, Recording, TimeUnit};
 use super::{Channel, Log, LogError, Origin, Place, Rows, Unusable, time_follows};
 use crate::error::Error;
 use crate::file::write_atomic;
+use crate::progress::HowFar;
 
 /// As much of an offending cell as a message shows, in characters.
 const SHOWN: usize = 40;
@@ -56,7 +58,7 @@ pub struct EventTimes {
 /// # Errors
 /// As [`super::read`]; [`LogError::EventOrder`] where times do not increase, [`LogError::MissingThroughout`] for a column without events.
 pub fn read_events(path: &Path, columns: [&str; 2]) -> Result<[EventTimes; 2], Error> {
-    read_events_from(&path.display().to_string(), open(path)?, columns)
+    read_events_from(&path.display().to_string(), open(path, &HowFar::default())?, columns)
 }
 
 /// Reads two columns of event times from any source of bytes, as [`read_events`] does.
@@ -126,7 +128,7 @@ pub fn read_from(source: &str, bytes: impl Read) -> Result<Log, Error> {
 
 /// Reads a file as a recording without topics, whose notes say what was guessed.
 pub(super) fn recording(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
-    recording_from(&path.display().to_string(), open(path)?, options)
+    recording_from(&path.display().to_string(), open(path, &options.far)?, options)
 }
 
 /// Reads any source of bytes as a recording without topics.
@@ -157,7 +159,7 @@ pub fn read_records_from(source: &str, bytes: impl Read, column: &str) -> Result
 /// # Errors
 /// As [`read_records`].
 pub fn records(path: &Path, column: &str, options: &ReadOptions) -> Result<(Vec<Log>, Vec<String>), Error> {
-    records_from(&path.display().to_string(), open(path)?, column, options)
+    records_from(&path.display().to_string(), open(path, &options.far)?, column, options)
 }
 
 fn records_from(source: &str, bytes: impl Read, column: &str, options: &ReadOptions) -> Result<(Vec<Log>, Vec<String>), Error> {
@@ -253,9 +255,9 @@ fn is_gz(path: &Path) -> bool {
 }
 
 /// Opens a file; one that is called .gz must be one.
-fn open(path: &Path) -> Result<impl Read, Error> {
+fn open(path: &Path, far: &HowFar) -> Result<impl Read, Error> {
     let io = |e| Error::io(path, e);
-    let mut file = std::fs::File::open(path).map_err(io)?;
+    let mut file = Counted::open(path, far).map_err(io)?;
     let head = first_bytes(&mut file).map_err(io)?;
     if is_gz(path) && !head.is_empty() && head != GZIP_MAGIC {
         return Err(LogError::NotGzip { file: path.display().to_string() }.into());

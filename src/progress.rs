@@ -1,0 +1,121 @@
+//! How far long work is: the work says so, and whoever waits looks.
+
+use std::fmt::Display;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The part of the work that is done, 0 to 1, and what is being done.
+type Told = Arc<Mutex<Option<(f64, String)>>>;
+
+/// How far work is; copies share one state. Where nobody looks, as by default, saying it costs nothing.
+#[derive(Debug, Clone, Default)]
+pub struct HowFar(Option<Part>);
+
+/// A stretch of the whole.
+#[derive(Debug, Clone)]
+struct Part {
+    told: Told,
+    from: f64,
+    to: f64,
+}
+
+impl HowFar {
+    /// Of work that somebody looks at.
+    #[must_use]
+    pub fn watched() -> Self {
+        Self(Some(Part { told: Told::default(), from: 0.0, to: 1.0 }))
+    }
+
+    /// The same for one part of the work, which lasts from `from` to `to` of the whole, 0 to 1.
+    #[must_use]
+    pub fn part(&self, from: f64, to: f64) -> Self {
+        let within = |part: &Part, share: f64| part.from + (part.to - part.from) * share;
+        Self(self.0.as_ref().map(|part| Part { told: Arc::clone(&part.told), from: within(part, from), to: within(part, to) }))
+    }
+
+    /// So much is done, 0 to 1, and this is what is being done.
+    pub fn at(&self, share: f64, what: &dyn Display) {
+        if let Some(part) = &self.0 {
+            let share = part.from + (part.to - part.from) * share.clamp(0.0, 1.0);
+            *part.told.lock().unwrap_or_else(PoisonError::into_inner) = Some((share, what.to_string()));
+        }
+    }
+
+    /// What was said last: the part that is done, 0 to 1, and what is being done.
+    #[must_use]
+    pub fn told(&self) -> Option<(f64, String)> {
+        self.0.as_ref().and_then(|part| part.told.lock().unwrap_or_else(PoisonError::into_inner).clone())
+    }
+
+    /// Work of `all` equal steps, in any order and on any thread.
+    #[must_use]
+    pub fn steps<'a>(&'a self, all: usize, what: &'a str) -> Steps<'a> {
+        let steps = Steps { far: self, all, done: Mutex::new(0), what };
+        steps.tell(0);
+        steps
+    }
+}
+
+/// How far work is that consists of equal steps.
+#[derive(Debug)]
+pub struct Steps<'a> {
+    far: &'a HowFar,
+    all: usize,
+    done: Mutex<usize>,
+    what: &'a str,
+}
+
+impl Steps<'_> {
+    /// One more is done.
+    pub fn one_more(&self) {
+        let mut done = self.done.lock().unwrap_or_else(PoisonError::into_inner);
+        *done += 1;
+        // Under the lock: what is said last is the highest count.
+        self.tell(*done);
+    }
+
+    fn tell(&self, done: usize) {
+        self.far.at(done as f64 / self.all.max(1) as f64, &format_args!("{}, {done} of {}", self.what, self.all));
+    }
+}
+
+/// Options are equal whoever looks at the work.
+impl PartialEq for HowFar {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl Eq for HowFar {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_fills_its_stretch_of_the_whole_and_nobody_has_to_look() {
+        let far = HowFar::watched();
+        assert_eq!(far.told(), None);
+        let half = far.part(0.5, 1.0);
+        half.part(0.0, 0.5).at(1.0, &"x");
+        assert_eq!(far.told(), Some((0.75, "x".to_owned())));
+        half.at(7.0, &"y");
+        assert_eq!(far.told(), Some((1.0, "y".to_owned())));
+        let nobody = HowFar::default();
+        nobody.part(0.1, 0.2).at(0.5, &"z");
+        assert_eq!(nobody.told(), None);
+    }
+
+    #[test]
+    fn steps_count_up_to_all_of_them() {
+        let far = HowFar::watched();
+        let steps = far.steps(4, "fitting");
+        assert_eq!(far.told(), Some((0.0, "fitting, 0 of 4".to_owned())));
+        std::thread::scope(|scope| {
+            for _ in 0..2 {
+                scope.spawn(|| steps.one_more());
+            }
+        });
+        steps.one_more();
+        assert_eq!(far.told(), Some((0.75, "fitting, 3 of 4".to_owned())));
+    }
+}
