@@ -99,7 +99,7 @@ pub(super) struct Estimate {
 }
 
 /// Methods that a single step is enough for.
-const FOR_STEPS: [&str; 5] = ["p1d", "p2d", "p2dz", "area1", "cusum_step"];
+const FOR_STEPS: [&str; 6] = ["p1d", "p2d", "p3d", "p2dz", "area1", "cusum_step"];
 
 impl Estimate {
     /// Prints the estimates; as JSON they are deadtime/estimate@1.

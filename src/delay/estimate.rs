@@ -1,5 +1,6 @@
 //! What an estimator answers.
 
+use super::process::Misfit;
 use crate::time::SampleTime;
 
 /// What came of an estimation.
@@ -66,6 +67,10 @@ pub struct DelayEstimate {
     pub note: Option<String>,
     /// What the method leaves over shows that its own model is not that of the data: its interval then says less than it seems to.
     pub contradicted: bool,
+    /// How well the method's model fits, where models of other orders fit the same.
+    pub misfit: Option<Box<Misfit>>,
+    /// One step shows no more poles than the method's model has.
+    pub enough_poles: bool,
     /// It was read from the part of the input that the output did not cause ([`super::open_part`]).
     pub open_part: bool,
 }
@@ -83,6 +88,8 @@ impl DelayEstimate {
             degree_bias_samples: 0.0,
             note: Some(note.into()),
             contradicted: false,
+            misfit: None,
+            enough_poles: false,
             open_part: false,
         }
     }
@@ -109,6 +116,8 @@ impl DelayEstimate {
             raw_delay_s: Some(sample_time.to_seconds(raw)),
             degree_bias_samples: off,
             contradicted: false,
+            misfit: None,
+            enough_poles: false,
             open_part: false,
             note: at_edge.then(|| "the best delay is the longest searched: give a longer `max_delay`".to_owned()),
         }
@@ -127,6 +136,8 @@ impl DelayEstimate {
             raw_delay_s: Some(delay_s),
             degree_bias_samples: 0.0,
             contradicted: false,
+            misfit: None,
+            enough_poles: false,
             open_part: false,
             note: at_edge.then(|| "the best delay is the longest searched: give a longer `max_delay`".to_owned()),
         }

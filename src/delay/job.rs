@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::conditions::of_the_plant;
 use super::evidence::{Evidence, evidence, impulse_response};
 use super::experiment::recordings;
-use super::process::rough;
+use super::process::{judge_orders, rough};
 use super::report::{Bias, Estimate, FORMAT, Pair, Report, Response, Searched};
 use super::verdict::EXPERIMENT;
 use super::{
@@ -307,7 +307,10 @@ impl Job {
                     steps.one_more();
                     Ok(Answer { method: ready.method, estimate, predicted, time_s: clock.elapsed().as_secs_f64() })
                 };
-                let answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
+                let mut answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
+                if records.iter().all(Record::is_one_step) {
+                    judge_orders(answers.iter_mut().map(|a| (a.method, &mut a.estimate)));
+                }
                 self.stop.check()?;
                 let held = if closed && self.feedback == Feedback::Auto { held_for(&records) } else { 1 };
                 let held_s = ts.to_seconds(held as f64 - 1.0);

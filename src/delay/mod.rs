@@ -47,7 +47,7 @@ pub use method::{Basis, Class, Condition, Information, Law, Method, ReferenceExp
 pub use parametric::{
     Armaxstruc, Arxstruc, Center, Cost, Delayest, Elnaggar, Ivstruc, Met1struc, OePosterior, Oestruc, Others, SamplingZero, TwoStep,
 };
-pub use process::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel, Slopes};
+pub use process::{Misfit, P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel, Slopes};
 pub use response::{BodePhase, RESPONSE_METHODS, Rational, ResponseEstimator, ResponseJob, ResponseMethod, ResponseSearch};
 pub use richness::{Richness, richness};
 pub use states::{Coefficients, Selection, StateLeastSquares};

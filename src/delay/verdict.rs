@@ -56,10 +56,12 @@ pub struct RecordFacts {
 }
 
 /// What the record shows that this answer does not withstand; empty where it may be counted. An answer from the part of the input that the output did not cause withstands
-/// feedback with any method, but what disturbs the output is then all that the loop adds to it, which is never white.
+/// feedback with any method, but what disturbs the output is then all that the loop adds to it, which is never white. Where the record is of one step, and no model of more poles fits it better, the
+/// plant's lag is in the model.
 #[must_use]
 pub fn distrust(method: &Method, estimate: &DelayEstimate, findings: &[Finding]) -> Vec<Condition> {
     let shown = findings.iter().map(|f| f.condition).filter(|c| !(estimate.open_part && *c == Condition::Feedback));
+    let shown = shown.filter(|c| !(estimate.enough_poles && *c == Condition::Dynamics));
     let coloured = estimate.open_part && findings.iter().all(|f| f.condition != Condition::ColouredNoise);
     shown.chain(coloured.then_some(Condition::ColouredNoise)).filter(|c| !method.withstands(*c)).collect()
 }

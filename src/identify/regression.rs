@@ -25,6 +25,12 @@ impl<'a> Record<'a> {
         Self { u: u.into(), y: y.into(), present: None }
     }
 
+    /// The input changes once at most.
+    #[must_use]
+    pub fn is_one_step(&self) -> bool {
+        self.u.windows(2).filter(|pair| pair[0] != pair[1]).count() <= 1
+    }
+
     /// Number of samples.
     #[must_use]
     pub fn len(&self) -> usize {

@@ -357,14 +357,14 @@ fn number(line: &mut Vec<u8>, mut n: u64) {
 }
 
 #[test]
-fn ten_million_rows_are_answered() {
+fn three_million_rows_are_answered() {
     let folder = Folder::new();
     let log = folder.path("long.csv");
-    long(&log, 10_000_000);
+    long(&log, 3_000_000);
     let clock = std::time::Instant::now();
     let out = estimate(&log, &["--method", "arxstruc"]).words();
-    println!("10 million rows, {} MB: {:.1} s", std::fs::metadata(&log).unwrap().len() / 1_000_000, clock.elapsed().as_secs_f64());
-    assert!(out.contains("10000000 samples, one every 1 s") && out.contains("Believe a dead time of 3.00 s"), "{out}");
+    println!("3 million rows, {} MB: {:.1} s", std::fs::metadata(&log).unwrap().len() / 1_000_000, clock.elapsed().as_secs_f64());
+    assert!(out.contains("3000000 samples, one every 1 s") && out.contains("Believe a dead time of 3.00 s"), "{out}");
 }
 
 #[test]

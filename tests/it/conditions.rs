@@ -42,7 +42,8 @@ fn inputs(seed: u64) -> Vec<(&'static str, Vec<f64>)> {
 #[test]
 fn open_loop_records_seldom_pass_for_closed_ones_whatever_moves_them() {
     let mut false_alarms = Vec::new();
-    for seed in 0..SEEDS {
+    let seeds = SEEDS / 2;
+    for seed in 0..seeds {
         for (name, u) in inputs(seed) {
             for (noise, colour) in [(0.01, 0.0), (0.1, 0.0), (0.1, 0.9), (1.0, 0.9)] {
                 let y = second_order(&u, 0.1, [-1.7, 0.72], 4);
@@ -63,7 +64,7 @@ fn open_loop_records_seldom_pass_for_closed_ones_whatever_moves_them() {
             }
         }
     }
-    let records = SEEDS as usize * 7 * 4 * 2;
+    let records = seeds as usize * 7 * 4 * 2;
     let mut kinds: std::collections::BTreeMap<&String, usize> = std::collections::BTreeMap::new();
     false_alarms.iter().for_each(|f| *kinds.entry(f).or_default() += 1);
     println!("{} of {records} open-loop records pass for closed ones: {kinds:?}", false_alarms.len());

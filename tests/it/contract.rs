@@ -502,13 +502,14 @@ fn an_answer_has_a_delay_when_its_outcome_says_so_and_its_interval_holds_it() {
 #[test]
 fn noise_alone_is_not_taken_for_a_response() {
     for method in METHODS.iter().filter(|m| m.scope == Scope::Pair && m.promises(Law::Silence)) {
-        let fooled = (0..100_u64).into_par_iter().filter(|seed| {
+        let fooled = (0..50_u64).into_par_iter().filter(|seed| {
             let nothing = Measured::siso(ts(TS), rbs(400, 1.0, 2 * seed), white(400, 1.0, 2 * seed + 1));
             run(method, &nothing)[0].outcome == Outcome::Found
         });
         let fooled = fooled.count();
-        println!("{}: a delay in noise alone in {fooled} of 100 records", method.entry.name);
-        assert!(fooled <= 3, "{} finds a delay in noise alone in {fooled} of 100 records", method.entry.name);
+        println!("{}: a delay in noise alone in {fooled} of 50 records", method.entry.name);
+        // Of methods that are fooled once in a hundred, one in seventy fails here; of those fooled once in ten, nine in ten.
+        assert!(fooled <= 2, "{} finds a delay in noise alone in {fooled} of 50 records", method.entry.name);
     }
 }
 
@@ -517,7 +518,7 @@ fn slow_noise_alone_is_seldom_taken_for_a_response() {
     for band in [[0.0, 1.0], [0.0, 0.1]] {
         for method in METHODS.iter().filter(|m| m.scope == Scope::Pair && m.promises(Law::Silence)) {
             let name = method.entry.name;
-            let fooled = (0..60_u64).into_par_iter().filter(|seed| {
+            let fooled = (0..40_u64).into_par_iter().filter(|seed| {
                 let u = deadtime::signal::excitation::Rbs { band, ..Default::default() };
                 let u = deadtime::signal::Excitation::generate(&u, 400, &mut plants::rng(3000 + seed)).unwrap();
                 let mut y = white(400, 1.0, 4000 + seed);
@@ -527,8 +528,8 @@ fn slow_noise_alone_is_seldom_taken_for_a_response() {
                 run(method, &Measured::siso(ts(TS), u, y))[0].outcome == Outcome::Found
             });
             let fooled = fooled.count();
-            println!("{name}, input band {band:?}: a delay in slow noise alone in {fooled} of 60 records");
-            assert!(fooled <= 1, "{name}, input band {band:?}: {fooled} of 60 records");
+            println!("{name}, input band {band:?}: a delay in slow noise alone in {fooled} of 40 records");
+            assert!(fooled <= 1, "{name}, input band {band:?}: {fooled} of 40 records");
         }
     }
 }

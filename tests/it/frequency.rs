@@ -205,6 +205,38 @@ mod program {
         deadtime(&["estimate", "--frf", bad.to_str().unwrap()]).refused(&["bad.csv", "call it `frequency [Hz]` or `frequency [rad/s]`"]);
     }
 
+    /// Three time constants to one delay: what a model of two poles calls dead time is partly lag.
+    #[test]
+    fn intervals_from_step_tables_hold_the_dead_time_whatever_the_number_of_poles() {
+        let folder = Folder::new();
+        let mut rng = ChaCha8Rng::seed_from_u64(17);
+        let (mut held, mut all) = (0, 0);
+        for poles in [&[10.0][..], &[10.0, 4.0], &[10.0, 6.0, 4.0]] {
+            for delay in [2.3, 3.0, 5.7, 8.1] {
+                // 1 − Σ Tᵢⁿ⁻¹/Π(Tᵢ − Tⱼ)·e^(−t/Tᵢ), a row each 0.7 s, noise of one per cent.
+                let others = |at: f64| poles.iter().filter(move |p| **p != at);
+                let left = |t: f64, at: f64| others(at).map(|other| at / (at - other)).product::<f64>() * (-t / at).exp();
+                let response = |t: f64| 1.0 - poles.iter().map(|at| left(t, *at)).sum::<f64>();
+                let rows: Vec<String> = (0..140)
+                    .map(|k| {
+                        let noise: f64 = StandardNormal.sample(&mut rng);
+                        format!("{},{}", 0.7 * f64::from(k), response((0.7 * f64::from(k) - delay).max(0.0)) + 0.01 * noise)
+                    })
+                    .collect();
+                let table = folder.write("step.csv", &format!("time,y\n{}\n", rows.join("\n")));
+                let json = folder.path("answer.json");
+                let arguments = ["estimate", "--step-table", table.to_str().unwrap(), "--json", json.to_str().unwrap()];
+                deadtime(&arguments).words();
+                let report: Value = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
+                let ends = report["pairs"][0]["verdict"]["ci95_s"].as_array().unwrap();
+                all += 1;
+                held += usize::from(ends[0].as_f64().unwrap() <= delay && delay <= ends[1].as_f64().unwrap());
+            }
+        }
+        // 95 % of twelve: fewer than ten once in fifty times.
+        assert!(held >= 10, "{held} of {all}");
+    }
+
     #[test]
     fn a_table_of_a_step_response_is_estimated_with_its_step_put_beside_it() {
         let folder = Folder::new();

@@ -31,7 +31,7 @@ fn drawn(name: &str, seed: u64, samples: usize, noise: f64) -> (f64, Experiment<
 fn the_interval_holds_a_fractional_delay_as_often_as_it_says() {
     for noise in [0.001, 0.03, 0.3] {
         for name in NAMES {
-            let records = 200_u64;
+            let records = 100_u64;
             let clock = std::time::Instant::now();
             let results: Vec<Option<(f64, f64, bool)>> = (0..records)
                 .into_par_iter()
@@ -62,8 +62,8 @@ fn the_interval_holds_a_fractional_delay_as_often_as_it_says() {
                 z[z.len() * 95 / 100],
                 clock.elapsed().as_secs_f64() * 1e3 / records as f64
             );
-            // 95 % of 200 draws, less three standard deviations of that.
-            assert!(found.len() >= 190 && held as f64 >= 0.9 * found.len() as f64, "{name}, noise {noise}: {held} of {}", found.len());
+            // 95 % of 100 draws, less three standard deviations of that.
+            assert!(found.len() >= 95 && held as f64 >= 0.885 * found.len() as f64, "{name}, noise {noise}: {held} of {}", found.len());
         }
     }
 }

@@ -385,6 +385,8 @@ fn combined(answers: &[Answer], window: f64) -> DelayEstimate {
         raw_delay_s: Some(raw),
         degree_bias_samples: 0.0,
         contradicted: false,
+        misfit: None,
+        enough_poles: false,
         open_part: false,
         note: None,
     };

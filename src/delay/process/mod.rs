@@ -5,10 +5,13 @@
 mod chain;
 mod fit;
 mod model;
+mod orders;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 pub use self::model::{ProcessModel, Slopes};
+pub use self::orders::Misfit;
+pub(super) use self::orders::judge_orders;
 
 use self::chain::Shape;
 use self::fit::{Found, Place, Problem};
@@ -290,7 +293,8 @@ impl Process {
             "what the model leaves over still follows the input: a plant of another shape, whose lag may be in the dead time".to_owned()
         });
         let estimate = DelayEstimate::measured(delay, std, [from, to], at_edge, 0.0, experiment.sample_time());
-        Ok(estimate.noting(own).noting(used).contradicted(left))
+        let misfit = Misfit { log_cost: knowledge.floored(best.cost).ln(), counting: knowledge.counting, parameters: problem.added() };
+        Ok(DelayEstimate { misfit: Some(Box::new(misfit)), ..estimate.noting(own).noting(used).contradicted(left) })
     }
 
     /// What was fitted, or that it is no more than chance.

@@ -391,6 +391,8 @@ impl Found {
             raw_delay_s: Some(ts.to_seconds(raw)),
             degree_bias_samples: 0.0,
             contradicted: false,
+            misfit: None,
+            enough_poles: false,
             open_part: false,
             note: Some(note),
         }
