@@ -15,6 +15,7 @@ use super::run_time::RunTime;
 use crate::diagnose::Diagnosis;
 use crate::error::{Error, Result};
 use crate::file::{Lock, read_bytes, sweep, write_atomic};
+use crate::progress::HowFar;
 use crate::stop::Stop;
 use crate::threads::at_most;
 
@@ -37,11 +38,13 @@ pub struct RunOptions {
     pub existing: Existing,
     /// Looked at between cases; a diagnosis looks at its own.
     pub stop: Stop,
+    /// Where it is said how many cases are done.
+    pub far: HowFar,
 }
 
 impl Default for RunOptions {
     fn default() -> Self {
-        Self { jobs: 1, existing: Existing::Keep, stop: Stop::default() }
+        Self { jobs: 1, existing: Existing::Keep, stop: Stop::default(), far: HowFar::default() }
     }
 }
 
@@ -99,6 +102,7 @@ pub fn run(
     let _held = Lock::of(verdicts)?;
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Vec::with_capacity(found.len()));
+    let steps = options.far.steps(found.len(), "cases");
     // Threads of our own: in a shared pool a case that waits would work on another one, and that would count as its run time.
     std::thread::scope(|scope| {
         for _ in 0..at_most(options.jobs).clamp(1, found.len()) {
@@ -111,6 +115,7 @@ pub fn run(
                     if matches!(outcome, Outcome::Failed(Error::Stopped)) {
                         break;
                     }
+                    steps.one_more();
                     progress(id, &outcome);
                     locked(&results).push((id.clone(), outcome));
                 }

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 
 use super::criteria::Thresholds;
+use super::progress::Bar;
 use super::{LimitNotMet, Out};
 use crate::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, load, run, score};
 use crate::diagnose::{GapOptions, diagnose_files};
@@ -84,16 +85,20 @@ impl Blind {
 impl RunCases {
     fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let existing = if self.fresh { Existing::Redo } else { Existing::Keep };
-        let options = GapOptions { seed: self.seed, criteria: self.thresholds.criteria()?, ..GapOptions::default() };
-        let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &options)?.diagnosis);
-        let progress = |id: &str, outcome: &Outcome| match outcome {
-            Outcome::Done { time_s, damage: None } => eprintln!("{}: {time_s:.1} s", shown(id)),
-            Outcome::Done { time_s, damage: Some(why) } => eprintln!("{}: {time_s:.1} s, made again: {why}", shown(id)),
-            Outcome::Kept => eprintln!("{}: done before", shown(id)),
-            Outcome::Failed(error) => eprintln!("{}: {}", shown(id), message(&error.to_string())),
+        let gap = GapOptions { seed: self.seed, criteria: self.thresholds.criteria()?, ..GapOptions::default() };
+        let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis);
+        let bar = Bar::new(to);
+        let progress = |id: &str, outcome: &Outcome| {
+            bar.say(&match outcome {
+                Outcome::Done { time_s, damage: None } => format!("{}: {time_s:.1} s", shown(id)),
+                Outcome::Done { time_s, damage: Some(why) } => format!("{}: {time_s:.1} s, made again: {why}", shown(id)),
+                Outcome::Kept => format!("{}: done before", shown(id)),
+                Outcome::Failed(error) => format!("{}: {}", shown(id), message(&error.to_string())),
+            });
         };
-        let summary =
-            run(&self.cases, &self.out, &RunOptions { jobs: self.jobs, existing, ..RunOptions::default() }, &diagnose, &progress)?;
+        let options = RunOptions { jobs: self.jobs, existing, far: bar.far().clone(), ..RunOptions::default() };
+        let summary = run(&self.cases, &self.out, &options, &diagnose, &progress)?;
+        drop(bar);
         let failed: Vec<String> = summary.failed().map(|(id, error)| format!("{id}: {error}")).collect();
         let done = summary.cases.len() - failed.len();
         to.json(&serde_json::json!({ "cases": summary.cases.len(), "done": done, "failed": failed }))?;

@@ -45,6 +45,12 @@ impl Bar {
         Self { far, drawing: std::thread::Builder::new().spawn(draw).ok().map(|thread| (end, thread)) }
     }
 
+    /// A line that stays, in the place of the bar until it is drawn anew.
+    pub(super) fn say(&self, line: &str) {
+        let clear = if self.drawing.is_some() { "\r\x1b[K" } else { "" };
+        eprintln!("{clear}{line}");
+    }
+
     /// Where the work says how far it is. A terminal that cannot be written to stops nothing.
     pub(super) fn far(&self) -> &HowFar {
         &self.far

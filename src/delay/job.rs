@@ -266,10 +266,12 @@ impl Job {
         if methods.is_empty() {
             return Ok(pairs);
         }
-        let steps = self.far.steps(methods.len() * self.inputs.len() * self.outputs.len(), "answers");
         for (o, output) in self.outputs.iter().enumerate() {
             for (i, input) in self.inputs.iter().enumerate() {
                 self.stop.check()?;
+                let share = |done: usize| done as f64 / (self.inputs.len() * self.outputs.len()) as f64;
+                let far = self.far.part(share(o * self.inputs.len() + i), share(o * self.inputs.len() + i + 1));
+                far.at(0.0, &format_args!("what the record of {input} and {output} shows"));
                 let seen = self.seen(logged, experiment, search, (i, o))?;
                 let mut search = seen.search.clone();
                 let bias = search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
@@ -289,6 +291,8 @@ impl Job {
                 let looks: Vec<&Method> = methods.iter().map(|r| r.method).collect();
                 // What has no prediction has none; why it cannot be used at all each method says itself.
                 let predicted = richness(seen.by_start(Start::Rest), &search, &looks).unwrap_or_else(|_| vec![None; looks.len()]);
+                let (answering, what) = (far.part(LOOKED, ANSWERED), format!("answers of methods on {input} and {output}"));
+                let steps = answering.steps(methods.len(), &what);
                 let answer = |(ready, predicted): (&&Ready, Option<Richness>)| -> Result<Answer> {
                     self.stop.check()?;
                     let clock = Instant::now();
@@ -312,6 +316,7 @@ impl Job {
                     judge_orders(answers.iter_mut().map(|a| (a.method, &mut a.estimate)));
                 }
                 self.stop.check()?;
+                far.at(ANSWERED, &format_args!("whether the delay of {output} behind {input} changes"));
                 let held = if closed && self.feedback == Feedback::Auto { held_for(&records) } else { 1 };
                 let held_s = ts.to_seconds(held as f64 - 1.0);
                 let facts = RecordFacts { early_s: self.early_s().max(held_s), direct: looped.direct };
@@ -331,6 +336,7 @@ impl Job {
                 } else {
                     watched::tell(&mut pair, &seen.one, &search, &methods, &watched::Asked { track: self.track, facts })?;
                 }
+                far.at(1.0, &format_args!("{input} and {output} done"));
                 pairs.push(pair);
             }
         }
@@ -644,6 +650,10 @@ impl EventsJob {
         Ok(Report { format: FORMAT, log: name.clone(), sample_time_s: step.seconds(), max_delay_s, pairs, searched })
     }
 }
+
+/// How much of the work on a pair is done when the record was looked at, and when all methods have answered.
+const LOOKED: f64 = 0.15;
+const ANSWERED: f64 = 0.75;
 
 /// A method's answer, what was to be expected of it, and its run time, s.
 struct Answer {

@@ -51,7 +51,7 @@ fn _blind_run(
     };
     let summary = long_told(py, threads, tell, move |stop| {
         let gap = GapOptions { seed, stop: stop.clone(), ..GapOptions::default() };
-        let options = RunOptions { jobs, existing: existing(fresh), stop: stop.clone() };
+        let options = RunOptions { jobs, existing: existing(fresh), stop: stop.clone(), ..RunOptions::default() };
         let diagnose = |case: &CaseFiles| Ok(diagnose_files(&case.model, &case.logs, &case.holdout, &gap)?.diagnosis);
         let progress = |id: &str, outcome: &Outcome| news.lock().unwrap_or_else(PoisonError::into_inner).push(told(id, outcome));
         run(&cases, &verdicts, &options, &diagnose, &progress)

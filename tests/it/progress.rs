@@ -66,7 +66,7 @@ fn what_lasts_says_how_far_it_is_to_its_end() {
         job.run().unwrap();
     });
     advances("estimate", &estimates, 1.0);
-    assert_eq!(estimates.last().unwrap().1, "answers, 2 of 2");
+    assert!(estimates.iter().any(|(_, what)| what.starts_with("answers of methods on torque and angle")), "{estimates:?}");
     advances("check", &told(|far| drop(inspect(&document(), &logs, &Stop::default(), far).unwrap())), 1.0);
     advances("isolability", &told(|far| drop(isolability(&document(), &logs, &GapOptions::default(), far).unwrap())), 1.0);
     let learnt = Recordings::from_logs(&logs, &names(["torque"]), &names(["angle"])).unwrap();
