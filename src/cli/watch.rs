@@ -1,4 +1,4 @@
-//! `deadtime watch`: the dead time of a machine whose log still grows.
+//! `deadtime watch`: the dead time of a machine whose log still grows, and its gap to a model.
 
 use std::fs::File;
 use std::io::{Write, stdout};
@@ -12,14 +12,17 @@ use super::Out;
 use super::source::Clock;
 use super::words::with_options;
 use crate::delay::track::{Live, LiveOptions, Told, TrackerOptions};
+use crate::diagnose::{ActingEffect, FoundParameter, GapOptions, GapTold, GapWatch};
 use crate::log::{Follower, News, Row, reader};
+use crate::model::ModelDocument;
 use crate::progress::HowFar;
 
-/// Watch a log of text that grows, and print changes of the dead time as they come
+/// Watch a log of text that grows, and print changes of the dead time, and of the gap to a model, as they come
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   deadtime watch flight.csv --input rudder --output yaw_rate
   deadtime watch flight.csv --input rudder --output yaw_rate --until-idle 10 --json changes.jsonl
+  deadtime watch flight.csv --input rudder --output yaw_rate --model model.toml --window 60
   deadtime watch flight.csv --input rudder --output yaw_rate --once --quiet --json -")]
 pub(super) struct Watch {
     /// The log: text with a header row and a column of time; rows are added at its end
@@ -43,6 +46,12 @@ pub(super) struct Watch {
     /// What a change must gain before it is told, in units of the logarithm of the likelihood: the lower, the sooner and the oftener wrong
     #[arg(long, value_name = "GAIN", default_value_t = TrackerOptions::default().alarm)]
     alarm: f64,
+    /// A model, deadtime/model@1, whose gap to the log is diagnosed stretch by stretch; the log has its channels by their names
+    #[arg(long, value_name = "MODEL")]
+    model: Option<PathBuf>,
+    /// Length of a stretch that is diagnosed, seconds
+    #[arg(long, value_name = "S", default_value_t = 30.0, requires = "model")]
+    window: f64,
     /// Seconds from look to look at the file
     #[arg(long, value_name = "S", default_value_t = 0.2)]
     every: f64,
@@ -79,6 +88,13 @@ struct Said<'a> {
     skipped: u64,
 }
 
+/// What watches the rows: the dead time, and the gap where there is a model, with the places of its channels in a row.
+struct Watched {
+    live: Live,
+    gap: Option<GapWatch>,
+    places: Vec<usize>,
+}
+
 impl Watch {
     /// Prints changes until it is ended; the JSON lines are deadtime/watch@1.
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
@@ -90,9 +106,25 @@ impl Watch {
         if reader(&self.log)?.name != "csv" || self.log.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz")) {
             bail!("{}: only plain text can be watched while it grows; `deadtime estimate --track` reads whole logs", self.log.display());
         }
-        let mut follower = Follower::open(&self.log, &[&self.input, &self.output], &self.clock.options(&HowFar::default()))?;
+        let gap = match &self.model {
+            Some(path) => {
+                seconds("--window", self.window)?;
+                Some(GapWatch::new(&ModelDocument::read(path)?, self.window, GapOptions::default()))
+            }
+            None => None,
+        };
+        let mut columns = vec![self.input.clone(), self.output.clone()];
+        let mut places = Vec::new();
+        for name in gap.iter().flat_map(GapWatch::channels) {
+            let at = columns.iter().position(|c| c == name);
+            places.push(at.unwrap_or(columns.len()));
+            columns.extend(at.is_none().then(|| name.clone()));
+        }
+        let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+        let mut follower = Follower::open(&self.log, &columns, &self.clock.options(&HowFar::default()))?;
         let tracker = TrackerOptions { bias: self.degree_bias, learn: self.learn, alarm: self.alarm, ..TrackerOptions::default() };
-        let mut live = Live::new(LiveOptions { max_delay_s: self.max_delay, tracker });
+        let live = Live::new(LiveOptions { max_delay_s: self.max_delay, tracker });
+        let mut watched = Watched { live, gap, places };
         let mut out = Said { to, json: to.json_file().map(lines).transpose()?, log: self.log.display().to_string(), rows: 0, skipped: 0 };
         let log = out.log.clone();
         out.line(&Line::Started { format: "deadtime/watch@1", log: &log, input: &self.input, output: &self.output })?;
@@ -100,7 +132,7 @@ impl Watch {
         loop {
             let polled = follower.poll()?;
             for news in polled.news {
-                out.news(news, &mut live)?;
+                out.news(news, &mut watched)?;
             }
             if polled.grown {
                 grew = Instant::now();
@@ -111,9 +143,9 @@ impl Watch {
             }
         }
         for news in follower.finish() {
-            out.news(news, &mut live)?;
+            out.news(news, &mut watched)?;
         }
-        out.end(&live, follower.unfinished())
+        out.end(&mut watched, follower.unfinished())
     }
 }
 
@@ -138,15 +170,21 @@ impl Said<'_> {
         json.write_all(text.as_bytes()).and_then(|()| json.flush()).context("JSON lines")
     }
 
-    fn news(&mut self, news: News, live: &mut Live) -> anyhow::Result<()> {
+    fn news(&mut self, news: News, watched: &mut Watched) -> anyhow::Result<()> {
         match news {
             News::Row(Row { time_s, values, .. }) => {
                 self.rows += 1;
-                let mut values = values.into_iter();
-                for told in live.push(time_s, values.next().flatten(), values.next().flatten())? {
+                let value = |at: usize| values.get(at).copied().flatten();
+                for told in watched.live.push(time_s, value(0), value(1))? {
                     self.line(&told)?;
                     self.to.line(&said(&told))?;
                 }
+                let of_model: Vec<Option<f64>> = watched.places.iter().map(|at| value(*at)).collect();
+                let told = match &mut watched.gap {
+                    Some(gap) => gap.push(time_s, &of_model)?,
+                    None => None,
+                };
+                self.gap(told)?;
             }
             News::Bad(error) => {
                 self.skipped += 1;
@@ -165,7 +203,8 @@ impl Said<'_> {
                 eprintln!("{}: cut, or another file stands in its place: read from its beginning", crate::text::shown(&self.log));
             }
             News::TimeBegins { row } => {
-                live.restart();
+                watched.live.restart();
+                watched.gap.iter_mut().for_each(GapWatch::restart);
                 self.line(&Line::TimeBegins { row })?;
                 self.to.line(&format!("row {row}: time begins anew, learning the response anew"))?;
             }
@@ -173,7 +212,19 @@ impl Said<'_> {
         Ok(())
     }
 
-    fn end(&mut self, live: &Live, unfinished_row: Option<usize>) -> anyhow::Result<()> {
+    /// Every stretch as JSON, on the terminal what changed.
+    fn gap(&mut self, told: Option<GapTold>) -> anyhow::Result<()> {
+        let Some(told) = told else { return Ok(()) };
+        self.line(&told)?;
+        gap_said(&told).map_or(Ok(()), |text| self.to.line(&text))
+    }
+
+    fn end(&mut self, Watched { live, gap, .. }: &mut Watched, unfinished_row: Option<usize>) -> anyhow::Result<()> {
+        let told = match gap {
+            Some(gap) => gap.finish()?,
+            None => None,
+        };
+        self.gap(told)?;
         let (rows, skipped, between, learnt) = (self.rows, self.skipped, live.extra(), live.has_learnt());
         self.line(&Line::Ended { rows, skipped, between, unfinished_row, learnt })?;
         let mut text = format!("{rows} rows read");
@@ -190,6 +241,31 @@ impl Said<'_> {
         }
         self.to.line(&text)
     }
+}
+
+/// What is new of the gap, in words; `None` where nothing is.
+fn gap_said(told: &GapTold) -> Option<String> {
+    match told {
+        GapTold::Gap { changed: false, .. } => None,
+        GapTold::Gap { from_s, to_s, error, floor, verdict, effects, .. } => {
+            let per_cent = |v: &Option<f64>| v.map_or_else(|| "not known".to_owned(), |v| format!("{:.1} %", 100.0 * v));
+            let number = |p: &FoundParameter| p.value.map(|v| format!("{} {v:.4}{}", p.name, unit(&p.unit)));
+            let one = |e: &ActingEffect| {
+                let numbers: Vec<String> = e.parameters.iter().filter_map(number).collect();
+                format!("{} on {} ({})", e.effect, e.channel, numbers.join(", "))
+            };
+            let acting = match effects.as_slice() {
+                [] => format!("nothing is named ({verdict})"),
+                effects => effects.iter().map(one).collect::<Vec<_>>().join("; "),
+            };
+            Some(format!("{from_s:.3} to {to_s:.3} s: gap {}, floor {}: {acting}", per_cent(error), per_cent(floor)))
+        }
+        GapTold::GapNotTold { from_s, to_s, why } => Some(format!("{from_s:.3} to {to_s:.3} s: no diagnosis: {why}")),
+    }
+}
+
+fn unit(unit: &str) -> String {
+    if unit.is_empty() || unit == "1" { String::new() } else { format!(" {unit}") }
 }
 
 /// What is new, in words.

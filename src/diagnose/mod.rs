@@ -25,6 +25,8 @@ mod answer;
 
 mod pipeline;
 
+mod watch;
+
 pub use answer::experiment::proposed;
 pub use answer::isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size};
 pub use answer::traces::{CommandTrace, Trace};
@@ -44,3 +46,4 @@ pub use input::criteria::Criteria;
 pub use input::options::GapOptions;
 pub use input::subject::Subject;
 pub use pipeline::{Diagnosed, diagnose, diagnose_files, isolability};
+pub use watch::{ActingEffect, GapTold, GapWatch};

@@ -144,7 +144,7 @@ impl Log {
         Ok(Self { early_s, ..even })
     }
 
-    pub(super) fn median_step_s(&self) -> f64 {
+    pub(crate) fn median_step_s(&self) -> f64 {
         super::csv::median_step(&self.time_s)
     }
 

@@ -348,6 +348,64 @@ mod program {
         assert_eq!(lines[5]["rows"], 1500);
     }
 
+    /// 1/(0.0448 s·s + 1): the plant of [`machine`] without its dead time.
+    const LAG: &str = r#"format = "deadtime/model@1"
+name = "lag"
+kind = "lti"
+inputs = [{ name = "u" }]
+outputs = [{ name = "y" }]
+states = [{ name = "x" }]
+A = [[-22.3143551]]
+B = [[22.3143551]]
+C = [[1.0]]
+D = [[0.0]]
+initial = [0.0]
+initial_std = [0.0]
+"#;
+
+    #[test]
+    fn the_gap_to_a_model_is_told_stretch_by_stretch_and_printed_where_it_changes() {
+        let folder = Folder::new();
+        let rows = machine(3050, 5, |k| if k < 2000 { 4 } else { 9 });
+        let log = folder.write("rig.csv", &format!("time,u,y\n{}", csv(&rows)));
+        let (model, file) = (folder.write("lag.toml", LAG), folder.path("lines.jsonl"));
+        let more = ["--once", "--model", model.to_str().unwrap(), "--window", "10", "--json", file.to_str().unwrap()];
+        let out = String::from_utf8(watched(log.to_str().unwrap(), &more).output().unwrap().stdout).unwrap();
+        assert!(out.contains("0.000 to 9.990 s: gap ") && out.contains("input_delay on u (delay 0.0"), "{out}");
+        assert!(!out.contains("10.000 to 19.990 s") && out.contains("20.000 to 29.990 s: gap "), "{out}");
+        let lines: Vec<Value> = std::fs::read_to_string(&file).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+        let gaps: Vec<&Value> = lines.iter().filter(|l| l["event"] == "gap").collect();
+        // The half second behind the last stretch is too short to be one.
+        assert_eq!(gaps.len(), 3, "{gaps:?}");
+        for (gap, (delay, changed)) in gaps.iter().zip([(0.04, true), (0.04, false), (0.09, true)]) {
+            assert_eq!((&gap["verdict"], gap["changed"].as_bool()), (&Value::from("input_delay"), Some(changed)), "{gap}");
+            let found = gap["effects"][0]["parameters"][0]["value"].as_f64().unwrap();
+            assert!((found - delay).abs() < 0.003, "{gap}");
+            assert!(gap["error"].as_f64().unwrap() > gap["floor"].as_f64().unwrap(), "{gap}");
+        }
+    }
+
+    #[test]
+    fn a_stretch_that_cannot_be_diagnosed_is_told_and_the_next_one_is() {
+        let folder = Folder::new();
+        let rows = machine(2000, 6, |_| 4);
+        // A command is missing in the first stretch: what acted there is not known.
+        let hole = |(k, row): (usize, &(f64, f64, f64))| {
+            if k == 400 { format!("{:.3},,{:.5}\n", row.0, row.2) } else { csv(&[*row]) }
+        };
+        let text: String = rows.iter().enumerate().map(hole).collect();
+        let log = folder.write("rig.csv", &format!("time,u,y\n{text}"));
+        let model = folder.write("lag.toml", LAG);
+        let more = ["--once", "--model", model.to_str().unwrap(), "--window", "10"];
+        let out = String::from_utf8(watched(log.to_str().unwrap(), &more).output().unwrap().stdout).unwrap();
+        assert!(out.contains("0.000 to 9.990 s: no diagnosis: ") && out.contains("`u`"), "{out}");
+        assert!(out.contains("10.000 to 19.990 s: gap ") && out.contains("input_delay on u"), "{out}");
+        deadtime(&["watch", log.to_str().unwrap(), "--input", "u", "--output", "y", "--window", "5"]).refused(&["--model"]);
+        let of_nothing =
+            ["watch", log.to_str().unwrap(), "--input", "u", "--output", "y", "--model", model.to_str().unwrap(), "--window", "0"];
+        deadtime(&of_nothing).refused(&["--window 0"]);
+    }
+
     #[test]
     fn what_cannot_be_watched_is_said() {
         let folder = Folder::new();
