@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from . import blind, bounds, errors
 from ._native import Log, Model, StateSpace, TransferFunction, __version__
+from .comparing import Comparison, compare
 from .delays import (
     Estimate,
     Estimates,
@@ -64,4 +65,4 @@ __all__ += ["Alarm", "Tracker", "Tracking", "methods", "predict_precision"]
 # Studies.
 __all__ += ["GateResult", "Plan", "Study", "gate", "plans", "plants", "read_study", "study"]
 # The gap.
-__all__ += ["Diagnosis", "Export", "Inspection", "Isolability", "check", "export", "gap", "isolability"]
+__all__ += ["Comparison", "Diagnosis", "Export", "Inspection", "Isolability", "check", "compare", "export", "gap", "isolability"]

@@ -5,6 +5,7 @@ mod blind;
 mod bound;
 #[cfg(feature = "cli")]
 mod command;
+mod compare;
 mod convert;
 mod delay;
 mod diagnose;
@@ -31,6 +32,7 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     bound::add(m)?;
     #[cfg(feature = "cli")]
     command::add(m)?;
+    compare::add(m)?;
     delay::add(m)?;
     diagnose::add(m)?;
     effect::add(m)?;

@@ -49,10 +49,13 @@ fn overall(scores: &BlindScore) -> Markup {
             Cell::Words(summary.to_owned()),
         ]
     };
-    let rows: Vec<Vec<Cell>> = SCORES.iter().zip(&scores.scores).map(|(d, s)| row((s.name, d.summary, s))).collect();
+    let (said, silent): (Vec<_>, Vec<_>) = SCORES.iter().zip(&scores.scores).partition(|(_, s)| s.value.is_some());
+    let rows: Vec<Vec<Cell>> = said.into_iter().map(|(d, s)| row((s.name, d.summary, s))).collect();
+    let silent: Vec<&str> = silent.into_iter().map(|(_, s)| s.name).collect();
     html! {
         h2 { "Scores" }
         (sorted("Over all cases", &["score", "value", "95 % interval", "of", "0 to 1", "what it says"], &rows))
+        @if !silent.is_empty() { p { "No case asks for these: " (silent.join(", ")) "." } }
     }
 }
 
