@@ -400,19 +400,47 @@ fn a_channel_of_the_other_sign_is_found() {
     count.at_least(0.98);
 }
 
+/// 180/π, 1000, 3.6, 1/9.80665, 100; the units that the models give.
+const UNITS: [(&str, &str, f64); 7] = [
+    ("rad", "deg", 57.29578),
+    ("rad/s", "deg/s", 57.29578),
+    ("m", "mm", 1e3),
+    ("m/s", "km/h", 3.6),
+    ("m/s^2", "g", 0.1019716),
+    ("N", "mN", 1e3),
+    ("V", "mV", 1e3),
+];
+
+#[test]
+fn a_channel_in_another_unit_and_of_the_other_sign_is_found_with_both() {
+    let mut count = Count::default();
+    all(|plant, at, system, s, columns| {
+        // Clean sensors, and noisy ones.
+        for port in system.inputs.iter().chain(&system.outputs).filter(|_| s < 2) {
+            let Some((_, unit, factor)) = UNITS.iter().find(|u| Some(u.0) == port.unit.as_deref()) else { continue };
+            // Not found, and said so in docs/checks.md: the equations of an unstable plant cannot be made linear about a force a thousand times too large.
+            if plant.model == CART && port.name == "force" {
+                continue;
+            }
+            let mut faulty = columns.clone();
+            values(&mut faulty, &port.name).iter_mut().for_each(|v| *v *= -factor);
+            let found = look(plant, &faulty);
+            let says = |kind: CheckKind, words: &str| {
+                wrong(&found)
+                    .iter()
+                    .any(|c| c.check == kind && c.finding.contains(&format!("`{}`", port.name)) && c.finding.contains(words))
+            };
+            let named = says(CheckKind::Unit, unit) && says(CheckKind::Sign, "other sign");
+            count.add(named, || format!("plant {at} sensor {s} −{} in {unit}: {:?}", port.name, not_ok(&found)));
+        }
+    });
+    count.at_least(0.95);
+}
+
 #[test]
 fn a_channel_in_another_unit_is_found_and_the_unit_named() {
     let mut count = Count::default();
-    // 180/π, 1000, 3.6, 1/9.80665, 100; the units that the models give.
-    let units = [
-        ("rad", "deg", 57.29578),
-        ("rad/s", "deg/s", 57.29578),
-        ("m", "mm", 1e3),
-        ("m/s", "km/h", 3.6),
-        ("m/s^2", "g", 0.1019716),
-        ("N", "mN", 1e3),
-        ("V", "mV", 1e3),
-    ];
+    let units = UNITS;
     all(|plant, at, system, s, columns| {
         for port in system.inputs.iter().chain(&system.outputs) {
             let Some((_, unit, factor)) = units.iter().find(|u| Some(u.0) == port.unit.as_deref()) else { continue };

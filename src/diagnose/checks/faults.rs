@@ -44,6 +44,8 @@ pub(super) enum Port {
 pub(super) enum Fault {
     Sign(Port),
     Unit(Port, Factor),
+    /// Another unit, and the other sign: neither alone makes them go together.
+    TurnedUnit(Port, Factor),
     Swap(Port, Port),
 }
 
@@ -90,7 +92,7 @@ impl Port {
 impl Fault {
     pub(super) fn ports(self) -> Vec<Port> {
         match self {
-            Self::Sign(p) | Self::Unit(p, _) => vec![p],
+            Self::Sign(p) | Self::Unit(p, _) | Self::TurnedUnit(p, _) => vec![p],
             Self::Swap(p, q) => vec![p, q],
         }
     }
@@ -100,6 +102,7 @@ impl Fault {
         let (port, factor) = match self {
             Self::Sign(port) => (port, -1.0),
             Self::Unit(port, factor) => (port, factor.factor),
+            Self::TurnedUnit(port, factor) => (port, -factor.factor),
             Self::Swap(..) => return None,
         };
         let (site, port) = match port {
@@ -125,6 +128,7 @@ impl Fault {
         match self {
             Self::Sign(p) => channels.get_mut(index(p)).into_iter().for_each(|c| scale(c, -1.0)),
             Self::Unit(p, f) => channels.get_mut(index(p)).into_iter().for_each(|c| scale(c, 1.0 / f.factor)),
+            Self::TurnedUnit(p, f) => channels.get_mut(index(p)).into_iter().for_each(|c| scale(c, -1.0 / f.factor)),
             Self::Swap(p, q) => channels.swap(index(p), index(q)),
         }
     }
@@ -247,7 +251,7 @@ impl Fault {
     /// The factor within which sizes must agree for this fault to be believed.
     fn tolerance(self) -> f64 {
         match self {
-            Self::Unit(_, f) if f.factor.ln().abs() < SMALL_FACTOR.ln() => CLOSE,
+            Self::Unit(_, f) | Self::TurnedUnit(_, f) if f.factor.ln().abs() < SMALL_FACTOR.ln() => CLOSE,
             _ => SIZE,
         }
     }
@@ -271,6 +275,7 @@ fn menu(view: &View<'_>) -> Vec<Fault> {
     for ports in [&outputs, &inputs] {
         menu.extend(ports.iter().map(|&p| Fault::Sign(p)));
         menu.extend(ports.iter().flat_map(|&p| alternatives(p.unit(view)).into_iter().map(move |f| Fault::Unit(p, f))));
+        menu.extend(ports.iter().flat_map(|&p| alternatives(p.unit(view)).into_iter().map(move |f| Fault::TurnedUnit(p, f))));
         menu.extend(ports.iter().enumerate().flat_map(|(at, &p)| ports[at + 1..].iter().map(move |&q| Fault::Swap(p, q))));
     }
     menu

@@ -8,6 +8,14 @@ use crate::diagnose::format::diagnosis::{Check, CheckKind};
 pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let mut found = Vec::new();
     for f in e.search.iter().flat_map(|s| &s.faults) {
+        if let Fault::TurnedUnit(port, factor) = f.fault {
+            let name = port.name(&e.view);
+            let finding = format!(
+                "`{name}` has the other sign than in the model, and looks like {}; turn the column or the model round",
+                factor.unit
+            );
+            found.push(result(CheckKind::Sign, &name, Some(false), finding));
+        }
         if let Fault::Sign(port) = f.fault {
             let name = port.name(&e.view);
             let finding = format!(
@@ -40,6 +48,7 @@ impl Evidence<'_> {
             match f {
                 Fault::Sign(_) => format!("the sign of {}", names.join("")),
                 Fault::Unit(_, factor) => format!("{} in {}", names.join(""), factor.unit),
+                Fault::TurnedUnit(_, factor) => format!("{} turned round and in {}", names.join(""), factor.unit),
                 Fault::Swap(..) => format!("{} exchanged", names.join(" and ")),
             }
         };

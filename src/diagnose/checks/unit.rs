@@ -12,11 +12,12 @@ const CLOSE: f64 = 1.15;
 pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     let mut found = Vec::new();
     for f in e.search.iter().flat_map(|s| &s.faults) {
-        if let Fault::Unit(port, factor) = f.fault {
+        if let Fault::Unit(port, factor) | Fault::TurnedUnit(port, factor) = f.fault {
             let name = port.name(&e.view);
+            let turned = if matches!(f.fault, Fault::TurnedUnit(..)) { " with the other sign" } else { "" };
             let says = port.unit(&e.view).map_or_else(|| "gives no unit".to_owned(), |u| format!("says {u}"));
             let finding = format!(
-                "`{name}` looks like {} where the model {says} (factor {}; measured over modelled {}, correlation {}){}; convert the column",
+                "`{name}` looks like {}{turned} where the model {says} (factor {}; measured over modelled {}, correlation {}){}; convert the column",
                 factor.unit,
                 short(factor.factor),
                 short(f.ratio),
