@@ -103,7 +103,7 @@ pub fn text(found: &StructuredFit) -> String {
         text += &format!("\n{said}\n");
     }
     for unseen in &found.unseen {
-        text += &format!("\nCannot be had: {} (standard deviation {:.1} of its size).", unseen.words, unseen.std);
+        text += &format!("\nCannot be had: {} (standard deviation {}).", unseen.words, how_unseen(unseen.std));
     }
     for trade in &found.trades {
         text += &format!("\n{trade}.");
@@ -125,4 +125,8 @@ pub fn text(found: &StructuredFit) -> String {
         text += &scores(&found.name, &[before, after]);
     }
     text
+}
+/// A standard deviation in sizes of what is not seen: beyond a thousand its digits are rounding.
+pub(super) fn how_unseen(std: f64) -> String {
+    if std < 1e3 { format!("{std:.1} of its size") } else { "over 1000 times its size".to_owned() }
 }

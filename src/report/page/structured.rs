@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::bars::{bar, dot, stretch};
 use super::{Cell, figure, made_by, page, quoted, sorted};
 use crate::identify::structured::{FreeParameter, GroupScore, Standing, StructuredFit};
-use crate::report::structured::{digits, meaning, standing};
+use crate::report::structured::{digits, how_unseen, meaning, standing};
 use crate::report::terminal::Axis;
 use crate::signal::stats::NORMAL_95;
 
@@ -32,7 +32,7 @@ pub fn structured(found: &StructuredFit) -> String {
         @if !found.unseen.is_empty() || !found.trades.is_empty() {
             h2 { "What cannot be had" }
             ul {
-                @for unseen in &found.unseen { li { (quoted(&unseen.words)) " (standard deviation " (format!("{:.1}", unseen.std)) " of its size)" } }
+                @for unseen in &found.unseen { li { (quoted(&unseen.words)) " (standard deviation " (how_unseen(unseen.std)) ")" } }
                 @for trade in &found.trades { li { (quoted(trade)) } }
             }
         }
