@@ -1,9 +1,8 @@
 //! `deadtime blind`: the check on withheld effects.
 
-use std::io::Write as _;
 use std::path::PathBuf;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 
 use super::criteria::Thresholds;
 use super::progress::Bar;
@@ -12,7 +11,7 @@ use crate::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, load, run, s
 use crate::diagnose::{GapOptions, diagnose_files};
 use crate::file::write_atomic;
 use crate::report::{blind, page};
-use crate::text::{message, printed, shown};
+use crate::text::{message, shown};
 
 /// Diagnose cases whose cause is withheld, and score the verdicts once the labels are known
 #[derive(Debug, clap::Subcommand)]
@@ -121,7 +120,7 @@ impl ScoreVerdicts {
         if let Some(path) = &self.html {
             write_atomic(path, |out| out.write_all(page::blind(&scores).as_bytes()))?;
         }
-        std::io::stdout().lock().write_all(printed(&blind::text(&scores)).as_bytes()).context("standard output")?;
+        say!(to, "{}", blind::text(&scores).trim_end());
         let unmet: Vec<String> = limits.iter().filter_map(|limit| limit.unmet(&scores)).collect();
         if unmet.is_empty() { Ok(()) } else { Err(LimitNotMet(unmet.join("; ")).into()) }
     }

@@ -1,6 +1,5 @@
 //! `deadtime gate`: whether a study is worse than an earlier one.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -9,7 +8,6 @@ use super::{LimitNotMet, Out};
 use crate::file::write_atomic;
 use crate::report::{gate, junit, speed};
 use crate::study::{self, Speed, SpeedGate, Study, Timings};
-use crate::text::printed;
 
 /// Fail where a study is worse than its baseline, or benches are slower than before
 ///
@@ -68,7 +66,7 @@ impl Gate {
         let report = gate.judge(&Timings::read(timings)?).with_context(|| timings.display().to_string())?;
         to.json(&report)?;
         self.write(&speed::junit(&report), &speed::markdown(&report))?;
-        std::io::stdout().lock().write_all(printed(&speed::text(&report)).as_bytes()).context("standard output")?;
+        say!(to, "{}", speed::text(&report).trim_end());
         match report.of(Speed::Slower).count() {
             0 => Ok(()),
             slower => Err(LimitNotMet(format!("{slower} of {} benches are slower", report.benches.len())).into()),
@@ -101,7 +99,7 @@ impl Gate {
             .with_context(|| format!("{} and {}", from.display(), kept.display()))?;
         to.json(&report)?;
         self.write(&junit::xml(&report), &gate::markdown(&report))?;
-        std::io::stdout().lock().write_all(printed(&gate::text(&report)).as_bytes()).context("standard output")?;
+        say!(to, "{}", gate::text(&report).trim_end());
         if report.worse.is_empty() {
             return Ok(());
         }

@@ -19,14 +19,15 @@ const EVERY: Duration = Duration::from_secs(1);
 #[derive(Debug)]
 pub(super) struct Bar {
     far: HowFar,
+    quiet: bool,
     drawing: Option<(Sender<()>, JoinHandle<()>)>,
 }
 
 impl Bar {
     pub(super) fn new(to: &Out<'_>) -> Self {
-        let far = HowFar::watched();
-        if !(to.tells_progress() && stderr().is_terminal()) {
-            return Self { far, drawing: None };
+        let (far, quiet) = (HowFar::watched(), !to.tells_progress());
+        if quiet || !stderr().is_terminal() {
+            return Self { far, quiet, drawing: None };
         }
         let (end, ended) = channel();
         let (began, shared) = (Instant::now(), far.clone());
@@ -42,11 +43,14 @@ impl Bar {
                 let _ = write!(stderr().lock(), "\r\x1b[K");
             }
         };
-        Self { far, drawing: std::thread::Builder::new().spawn(draw).ok().map(|thread| (end, thread)) }
+        Self { far, quiet, drawing: std::thread::Builder::new().spawn(draw).ok().map(|thread| (end, thread)) }
     }
 
-    /// A line that stays, in the place of the bar until it is drawn anew.
+    /// A line that stays, in the place of the bar until it is drawn anew; nothing where nothing is to be said.
     pub(super) fn say(&self, line: &str) {
+        if self.quiet {
+            return;
+        }
         let clear = if self.drawing.is_some() { "\r\x1b[K" } else { "" };
         eprintln!("{clear}{line}");
     }

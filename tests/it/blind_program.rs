@@ -28,6 +28,14 @@ fn report_json_and_markdown_carry_the_same_numbers() {
 }
 
 #[test]
+fn a_quiet_score_says_nothing() {
+    let check = Check::new();
+    check.answer(perfect);
+    let run = deadtime(&["blind", "score", text(&check.verdicts()), text(&check.labels()), "--quiet"]);
+    assert_eq!((run.code, run.stdout.as_str(), run.stderr.as_str()), (Some(0), "", ""));
+}
+
+#[test]
 fn exit_code_says_whether_a_limit_was_missed() {
     let check = Check::new();
     check.answer(|_| always_input_delay());
