@@ -1,4 +1,4 @@
-//! Logs out of tables of typed columns, as Parquet files hold them.
+//! Logs out of tables of typed columns, as Parquet and Arrow files hold them.
 
 use super::LogError;
 use super::csv::{named_time, seconds};

@@ -7,6 +7,8 @@
 
 mod align;
 mod arrays;
+#[cfg(feature = "tables")]
+mod arrow;
 mod bag;
 #[cfg(feature = "tables")]
 mod columns;

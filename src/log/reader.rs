@@ -3,8 +3,10 @@
 use std::io::Read;
 use std::path::Path;
 
+#[cfg(not(feature = "tables"))]
+use super::LogError;
 use super::recording::{ReadOptions, Recording};
-use super::{Log, LogError, csv, mat, mcap, rosbag2, ulog};
+use super::{Log, csv, mat, mcap, rosbag2, ulog};
 use crate::error::Error;
 
 /// As many bytes as any format is recognised by.
@@ -28,6 +30,7 @@ pub struct Reader {
 #[cfg(not(feature = "tables"))]
 const WITHOUT: &str = "this program was built without the feature `tables`; write it as CSV";
 
+#[cfg(not(feature = "tables"))]
 fn unread(path: &Path, format: &'static str, remedy: &str) -> Error {
     LogError::Format { file: path.display().to_string(), format, what: format!("this format is recognised but not read: {remedy}") }.into()
 }
@@ -84,10 +87,13 @@ pub const READERS: &[Reader] = &[
     },
     Reader {
         name: "arrow",
-        summary: "Arrow IPC and Feather: recognised, not read",
-        extensions: &["arrow", "feather", "ipc"],
-        sniff: |head| head.starts_with(b"ARROW1"),
-        open: |path, _| Err(unread(path, "Arrow IPC", "write it as Parquet, or hand the table to the Python package")),
+        summary: "Arrow IPC, files (Feather) and streams: every column of numbers beside one of time; lz4 and zstd",
+        extensions: &["arrow", "arrows", "feather", "ipc"],
+        sniff: |head| head.starts_with(b"ARROW1") || head.starts_with(&[0xff; 4]),
+        #[cfg(feature = "tables")]
+        open: super::arrow::open,
+        #[cfg(not(feature = "tables"))]
+        open: |path, _| Err(unread(path, "Arrow IPC", WITHOUT)),
     },
     Reader {
         name: "csv",
