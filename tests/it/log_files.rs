@@ -106,6 +106,38 @@ fn a_file_cut_off_anywhere_is_read_up_to_there_or_refused() {
     }
 }
 
+/// Each packed buffer says how much it unpacks to: what it says is no reason to ask for as much memory.
+#[cfg(feature = "tables")]
+#[test]
+fn a_buffer_of_arrow_that_promises_too_much_is_left_out() {
+    let folder = Folder::new();
+    let whole = std::fs::read(golden("lz4.feather")).unwrap();
+    let frames: Vec<usize> = (8..whole.len() - 4).filter(|at| whole[*at..at + 4] == [0x04, 0x22, 0x4d, 0x18]).collect();
+    assert!(frames.len() >= 4);
+    for at in frames {
+        let mut bytes = whole.clone();
+        bytes[at - 8..at].copy_from_slice(&(1_i64 << 60).to_le_bytes());
+        let path = folder.write_bytes("bomb.feather", &bytes);
+        match open(&path, &ReadOptions::default()) {
+            Ok(recording) => assert!(recording.notes.iter().any(|n| n.contains("unpacks to more")), "{:?}", recording.notes),
+            Err(error) => assert!(error.to_string().contains("bomb.feather"), "{error}"),
+        }
+    }
+}
+
+/// The messages of a file without its magic word and its index are a stream.
+#[cfg(feature = "tables")]
+#[test]
+fn a_stream_of_arrow_is_read_as_the_file_is() {
+    let folder = Folder::new();
+    let whole = std::fs::read(golden("data.arrow")).unwrap();
+    let stream = folder.write_bytes("data.arrows", &whole[8..]);
+    let (file, stream) = (read(&golden("data.arrow")), open(&stream, &ReadOptions::default()).unwrap());
+    assert_eq!(file.topics[0].log.time_s(), stream.topics[0].log.time_s());
+    assert_eq!(file.topics[0].log.names().collect::<Vec<_>>(), stream.topics[0].log.names().collect::<Vec<_>>());
+    assert!(file.notes.iter().all(|n| !n.contains("cut off")), "{:?}", file.notes);
+}
+
 #[test]
 fn a_damaged_file_never_panics() {
     let folder = Folder::new();
