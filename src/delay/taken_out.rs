@@ -32,9 +32,9 @@ pub struct BehindDelays {
     pub notes: Vec<String>,
 }
 
-/// What the delays are estimated by: established, fast, and of several classes.
 /// The part of the work that estimating the delays is.
 const DELAYS: f64 = 0.4;
+/// What the delays are estimated by: established, fast, and of several classes.
 const METHODS: [&str; 3] = ["arxstruc", "oestruc", "threshold"];
 /// A delay that misses a whole sample by less than this is that whole sample.
 const NEARLY_WHOLE: f64 = 0.1;
