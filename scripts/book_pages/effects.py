@@ -86,6 +86,7 @@ SHOWN: dict[str, tuple[str, str, dict[str, float]]] = {
     "exchange": (TANKS, "a<->b", {"gain": 0.5}),
     "coulomb_friction": (SPRING, "v", {"level": 1.0}),
     "stribeck_friction": (SPRING, "v", {"level": 0.5, "extra": 1.0, "velocity": 0.2}),
+    "hysteresis": (SPRING, "v", {"level": 2.0, "displacement": 0.2, "sharpness": 1.5}),
     "quadratic_drag": (SPRING, "v", {"coefficient": 1.5}),
     "cubic_stiffness": (SPRING, "x->v", {"coefficient": 4.0}),
     "unmodelled_mode": (SPRING, "u->output:x", {"frequency": 1.5, "damping": 0.05, "gain": 0.3}),

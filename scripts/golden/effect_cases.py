@@ -136,6 +136,10 @@ def effects(stored: dict | None) -> dict:
     cases.append(_case("lti_stribeck_friction_1", CRAFT, [stribeck], 701, starts["lti"]))
     cases.append(_case("lti_stribeck_friction_2", CRAFT, [stribeck, _one("input_delay", "roll", delay=0.0233)], 702, uneven=True))
     cases.append(_case("equations_stribeck_friction_1", ARM, [_one("stribeck_friction", "speed", level=0.6, extra=0.9, velocity=0.25)], 703, starts["equations"]))
+    wen = _one("hysteresis", "p", level=2.5, displacement=0.03, sharpness=1.0)
+    cases.append(_case("lti_hysteresis_1", CRAFT, [wen], 761, starts["lti"]))
+    cases.append(_case("lti_hysteresis_2", CRAFT, [{**wen, "parameters": {"level": 1.5, "displacement": 0.1, "sharpness": 2.6}}, _one("coulomb_friction", "p", level=0.5)], 762, uneven=True))
+    cases.append(_case("equations_hysteresis_1", ARM, [_one("hysteresis", "speed", level=0.8, displacement=0.05, sharpness=1.7)], 763, starts["equations"]))
     bends = [_one("static_nonlinearity", "rate", quadratic=0.3, cubic=-0.15), _one("static_nonlinearity", "accel", quadratic=-0.2, cubic=0.05)]
     for number, bent in enumerate(bends, start=1):
         cases.append(_case(f"lti_static_nonlinearity_{number}", CRAFT, [bent], 730 + number, starts["lti"]))

@@ -58,7 +58,7 @@ def channels(model: dict, effect: str) -> list[str]:
         return _exchanges(model, names)
     if effect == "cubic_stiffness":
         return [f"{a}->{b}" for a in s for b in s if a != b]
-    if effect in ("coulomb_friction", "stribeck_friction", "quadratic_drag", "constant_disturbance", "periodic_disturbance"):
+    if effect in ("coulomb_friction", "stribeck_friction", "hysteresis", "quadratic_drag", "constant_disturbance", "periodic_disturbance"):
         return s
     return i
 
@@ -83,7 +83,7 @@ def _words(text: str) -> set[str]:
 def real_channels(model: dict, effect: str, plant) -> list[str]:
     """Those on which it acts in a real machine: forces only where a mass is, friction only on velocities."""
     found = channels(model, effect)
-    if effect in ("coulomb_friction", "stribeck_friction", "quadratic_drag"):
+    if effect in ("coulomb_friction", "stribeck_friction", "hysteresis", "quadratic_drag"):
         return [c for c in found if c in plant.velocities]
     if effect in ("constant_disturbance", "periodic_disturbance"):
         return [c for c in found if c in plant.forces]
@@ -152,11 +152,12 @@ def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float,
         u = s.u[n.inputs.index(source)]
         gain = {"input": lambda: 0.4, "state": lambda: 0.3 * s.rate[n.states.index(name)] / u, "output": lambda: 0.3 * s.y[n.outputs.index(name)] / u}[kind]()
         return made(frequency=frequency, damping=0.02 + 0.2 * c**2, gain=sign * size * gain)
-    if effect in ("coulomb_friction", "stribeck_friction", "quadratic_drag", "constant_disturbance", "periodic_disturbance"):
+    if effect in ("coulomb_friction", "stribeck_friction", "hysteresis", "quadratic_drag", "constant_disturbance", "periodic_disturbance"):
         j = n.states.index(channel)
         force = 0.3 * size * s.rate[j]
         return made(**{
             "coulomb_friction": {"level": force}, "stribeck_friction": {"level": 0.5 * force, "extra": force, "velocity": (0.2 + 0.6 * a) * max(s.x_size[j], 1e-12)},
+            "hysteresis": {"level": force, "displacement": (0.1 + 0.6 * a) * s.x_size[j] ** 2 / max(s.rate[j], 1e-12), "sharpness": 1.0 + 1.5 * c},
             "quadratic_drag": {"coefficient": force / max(s.x_size[j], 1e-12) ** 2},
             "constant_disturbance": {"level": 0.6 * sign * force}, "periodic_disturbance": {"frequency": frequency, "amplitude": force, "phase": 2 * math.pi * (b - 0.5)},
         }[effect])
@@ -198,6 +199,6 @@ def _moving(s: Scales, effect: str, late: float, sign: float, shape: tuple[float
 
 
 def bounds(effect: str, parameter: str) -> tuple[float, float]:
-    if effect in ("rate_limit",) or (effect in ("coulomb_friction", "stribeck_friction") and parameter == "level"):
+    if effect in ("rate_limit",) or (effect in ("coulomb_friction", "stribeck_friction", "hysteresis") and parameter == "level"):
         parameter += "+"
     return BOUNDS.get(parameter, (-math.inf, math.inf))

@@ -18,7 +18,7 @@ INPUT = {
 }
 MOVING = {"delay_jump", "delay_drift", "delay_jitter", "multi_rate"}  # delays of an input that move: a group of cases of their own
 DYNAMICS = {
-    "parameter_error", "cross_coupling", "exchange", "coulomb_friction", "stribeck_friction", "quadratic_drag", "cubic_stiffness", "unmodelled_mode",
+    "parameter_error", "cross_coupling", "exchange", "coulomb_friction", "stribeck_friction", "hysteresis", "quadratic_drag", "cubic_stiffness", "unmodelled_mode",
     "constant_disturbance", "periodic_disturbance",
 }
 OUTPUT = {
@@ -230,6 +230,12 @@ class System:
             x, extra, velocity = self._variable(state), self.parameter(p["extra"]), self.parameter(p["velocity"])
             self._add(state, f"{extra}*sign({x})*(1.0 - exp(-({x}/{velocity})**2))")
             held[state] = held.get(state, 0.0) + p["level"] + p["extra"]
+        for state, p in effects.get("hysteresis", {}).items():
+            # Written as Wen did: z' = rho*(v - |v|*|z|^(n-1)*z/2 - v*|z|^n/2).
+            v, z, n = self._variable(state), self._state("0.0", ""), self.parameter(p["sharpness"])
+            self.derivative[z] = f"({v} - 0.5*abs({v})*abs({z})**({n} - 1.0)*{z} - 0.5*{v}*abs({z})**{n})/{self.parameter(p['displacement'])}"
+            self._add(state, f"-{self.parameter(p['level'])}*{z}")
+            self.linear = False
         for state, level in held.items():
             self.parameter(level)
             self.frictions.append((states.index(state), len(self.parameters) - 1))

@@ -234,7 +234,7 @@ pub trait Effect: Sync {
 }
 
 /// All effects, in the order of the format's table: of equals the first one leads.
-pub static EFFECTS: [&dyn Effect; 37] = [
+pub static EFFECTS: [&dyn Effect; 38] = [
     &input::delay::InputDelay,
     &input::delay_jump::DelayJump,
     &input::delay_drift::DelayDrift,
@@ -256,6 +256,7 @@ pub static EFFECTS: [&dyn Effect; 37] = [
     &dynamics::exchange::Exchange,
     &dynamics::coulomb_friction::CoulombFriction,
     &dynamics::stribeck_friction::StribeckFriction,
+    &dynamics::hysteresis::Hysteresis,
     &dynamics::quadratic_drag::QuadraticDrag,
     &dynamics::cubic_stiffness::CubicStiffness,
     &dynamics::unmodelled_mode::UnmodelledMode,

@@ -23,6 +23,8 @@ pub(super) struct Assembly {
     pub(super) outputs: Vec<Row>,
     /// The state at the start.
     pub(super) start: Vec<f64>,
+    /// The states that remember the way, in the order of the plan's terms of hysteresis.
+    pub(super) memories: Vec<usize>,
 }
 
 impl Assembly {
@@ -31,8 +33,10 @@ impl Assembly {
         let (n, m, p) = (system.states.len(), system.inputs.len(), system.outputs.len());
         let lags = plan.inputs.iter().map(|i| i.lags_s.len()).chain(plan.outputs.iter().map(|o| o.lags_s.len())).sum::<usize>();
         let sines = plan.terms.iter().filter(|t| matches!(t, Term::Sine { .. })).count();
-        let states = n + lags + 2 * plan.modes.len() + 2 * sines;
-        let mut build = Build { states, signals: m, outputs: p, used: n, derivatives: Vec::with_capacity(states), now: Vec::new() };
+        let memories = plan.terms.iter().filter(|t| matches!(t, Term::Hysteresis { .. })).count();
+        let states = n + lags + 2 * plan.modes.len() + 2 * sines + memories;
+        let mut build =
+            Build { states, signals: m, outputs: p, used: n, derivatives: Vec::with_capacity(states), now: Vec::new(), memories: Vec::new() };
         build.derivatives = (0..states).map(|_| build.zero()).collect();
         // The values of (states, signals, 1, outputs) at the start, filled in as they become known.
         build.now = build.zero();
@@ -62,7 +66,7 @@ impl Assembly {
         build.terms(plan, &inputs, one);
         build.sensors(plan, &mut outputs);
         let start = build.now[..states].to_vec();
-        Self { plant: n, states, signals: m, inputs, derivatives: build.derivatives, outputs, start }
+        Self { plant: n, states, signals: m, inputs, derivatives: build.derivatives, outputs, start, memories: build.memories }
     }
 }
 
@@ -82,6 +86,8 @@ struct Build {
     derivatives: Vec<Row>,
     /// What the rows multiply, at the start.
     now: Row,
+    /// States that remember the way.
+    memories: Vec<usize>,
 }
 
 impl Build {
@@ -121,6 +127,11 @@ impl Build {
                 Term::Sine { to, omega_rad_s, amplitude, phase_rad } => {
                     let sine = self.oscillator(omega_rad_s, phase_rad);
                     self.derivatives[to][sine] += amplitude;
+                }
+                Term::Hysteresis { velocity, level, .. } => {
+                    let memory = self.state(0.0);
+                    self.derivatives[velocity][memory] -= level;
+                    self.memories.push(memory);
                 }
                 Term::Function { .. } | Term::Friction { .. } => {}
             }

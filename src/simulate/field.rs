@@ -35,6 +35,34 @@ impl Contact {
     }
 }
 
+/// A state that remembers the way of a velocity.
+#[derive(Debug, Clone, Copy)]
+struct Memory {
+    state: usize,
+    velocity: usize,
+    displacement: f64,
+    sharpness: f64,
+}
+
+impl Memory {
+    /// What is left of the slope before the force is full: 1 on the way back.
+    fn open(&self, x: &[f64]) -> f64 {
+        let z = x[self.state];
+        if z * x[self.velocity] > 0.0 { 1.0 - z.abs().powf(self.sharpness) } else { 1.0 }
+    }
+
+    fn derivative(&self, x: &[f64]) -> f64 {
+        x[self.velocity] / self.displacement * self.open(x)
+    }
+
+    /// By the velocity and by the memory itself.
+    fn slopes(&self, x: &[f64]) -> [f64; 2] {
+        let (z, v) = (x[self.state], x[self.velocity]);
+        let closing = if z * v > 0.0 { self.sharpness * z.abs().powf(self.sharpness - 1.0) * v.abs() / self.displacement } else { 0.0 };
+        [self.open(x) / self.displacement, -closing]
+    }
+}
+
 /// −1, 0 or 1.
 pub(super) fn sign(x: f64) -> f64 {
     if x == 0.0 { 0.0 } else { x.signum() }
@@ -65,6 +93,7 @@ pub(super) struct Field<'a> {
     /// What the plant receives.
     received: Vec<f64>,
     pub(super) contacts: Vec<Contact>,
+    memories: Vec<Memory>,
     /// By columns: the plant's Jacobians by its inputs, and of its outputs by states and inputs.
     blocks: [Vec<f64>; 4],
 }
@@ -83,6 +112,13 @@ impl<'a> Field<'a> {
                 None => contacts.push(Contact { state, level, direction: sign(assembly.start[state]), rest: 0.0 }),
             }
         }
+        let memory = |term: &Term| match *term {
+            Term::Hysteresis { velocity, displacement, sharpness, .. } => Some((velocity, displacement, sharpness)),
+            _ => None,
+        };
+        let memories = (terms.iter().filter_map(memory).zip(&assembly.memories))
+            .map(|((velocity, displacement, sharpness), &state)| Memory { state, velocity, displacement, sharpness })
+            .collect();
         let (inputs, derivatives) = (entries(&assembly.inputs), entries(&assembly.derivatives));
         let size = if equations.is_some() { [n * n, n * m, p * n, p * m] } else { [0; 4] };
         Self {
@@ -100,6 +136,7 @@ impl<'a> Field<'a> {
             now,
             received: vec![0.0; m],
             contacts,
+            memories,
             blocks: size.map(|length| vec![0.0; length]),
         }
     }
@@ -170,6 +207,9 @@ impl<'a> Field<'a> {
             if let Term::Function { to, from, f } = term {
                 dx[*to] += f(x[*from]);
             }
+        }
+        for memory in &self.memories {
+            dx[memory.state] = memory.derivative(x);
         }
         for contact in &mut self.contacts {
             contact.rest = dx[contact.state];
@@ -249,6 +289,11 @@ impl<'a> Field<'a> {
                 let h = f64::EPSILON.cbrt() * x[*from].abs().max(1e-3);
                 jacobian[to + size * from] += (f(x[*from] + h) - f(x[*from] - h)) / (2.0 * h);
             }
+        }
+        for memory in &self.memories {
+            let [by_velocity, by_itself] = memory.slopes(x);
+            jacobian[memory.state + size * memory.velocity] += by_velocity;
+            jacobian[memory.state + size * memory.state] += by_itself;
         }
         for contact in self.contacts.iter().filter(|c| c.direction == 0.0) {
             for j in 0..size {
@@ -338,6 +383,7 @@ z = "rate^2 + u*angle"
             effect("misalignment", "y->z", &[0.3]),
             effect("sensor_lag", "z", &[0.4]),
             effect("coulomb_friction", "rate", &[0.1]),
+            effect("hysteresis", "rate", &[0.4, 0.3, 1.7]),
         ];
         let plan = Applied::plan(&system, &effects, Chance::Mean).unwrap();
         let Dynamics::Equations(equations, parameters) = &plan.dynamics else { panic!("linear") };

@@ -176,6 +176,17 @@ pub enum Term {
         /// Level, the derivative's unit.
         level: f64,
     },
+    /// −level·z on the derivative of x, where z follows x: ż = x/displacement·(1 − |z|^sharpness) while x and z have one sign, else ż = x/displacement.
+    Hysteresis {
+        /// The state x.
+        velocity: usize,
+        /// Level, the derivative's unit.
+        level: f64,
+        /// Displacement, the unit of x times s.
+        displacement: f64,
+        /// Sharpness, 1.
+        sharpness: f64,
+    },
 }
 
 /// What drives a linear term.

@@ -75,7 +75,7 @@ impl System {
             }
             y
         });
-        let smooth = !plan.terms.iter().any(|t| matches!(t, Term::Function { .. } | Term::Friction { .. }));
+        let smooth = !plan.terms.iter().any(|t| matches!(t, Term::Function { .. } | Term::Friction { .. } | Term::Hysteresis { .. }));
         if equations.is_none() && smooth {
             let ramps = !signals.iter().all(Piecewise::is_held);
             return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, correction);

@@ -193,6 +193,7 @@ fn what_cannot_be_tried_is_said_with_the_reason() {
     for effect in [
         "coulomb_friction",
         "stribeck_friction",
+        "hysteresis",
         "quadratic_drag",
         "cubic_stiffness",
         "cross_coupling",

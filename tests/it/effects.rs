@@ -345,6 +345,7 @@ v = "v"
     for effects in [
         vec![("coulomb_friction", "v", vec![0.35])],
         vec![("stribeck_friction", "v", vec![0.2, 0.3, 0.4])],
+        vec![("hysteresis", "v", vec![0.4, 0.1, 1.5])],
         vec![("coulomb_friction", "v", vec![0.2]), ("quadratic_drag", "v", vec![0.4]), ("actuator_lag", "u", vec![0.06])],
     ] {
         let list = |s: &System| effects.iter().map(|(e, c, v)| with(s, e, c, v)).collect::<Vec<_>>();

@@ -91,7 +91,7 @@ fn run(effects: &[(&str, &str, &[f64])], seed: u64) -> Diagnosed {
 }
 
 /// Effects that this experiment can tell apart from all others.
-const DISTINCT: [(&str, &str, &[f64]); 10] = [
+const DISTINCT: [(&str, &str, &[f64]); 11] = [
     ("input_delay", "u", &[0.053]),
     ("input_gain", "u", &[1.2]),
     ("input_curve", "u", &[0.3]),
@@ -102,6 +102,7 @@ const DISTINCT: [(&str, &str, &[f64]); 10] = [
     ("sensor_bias", "angle", &[0.1]),
     ("misalignment", "rate->angle", &[0.06]),
     ("stribeck_friction", "v", &[0.4, 0.8, 0.3]),
+    ("hysteresis", "v", &[1.0, 0.08, 1.0]),
 ];
 
 #[test]

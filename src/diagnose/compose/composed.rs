@@ -27,6 +27,9 @@ use crate::effect::{Applied, Scales};
 /// The error may rise by so much when parameters are fitted beside the noise's colour.
 const SETTLED: f64 = 1.02;
 
+/// So many of the strongest effects are doubted.
+const DOUBTED: usize = 2;
+
 /// What acts.
 pub(in crate::diagnose) struct Composed {
     /// The verdict, with all that was found.
@@ -97,6 +100,7 @@ impl Compose<'_, '_> {
             GapVerdict::Effects => judged.found.clone()?,
             GapVerdict::Unknown => of(Vec::new()),
         };
+        let mut stand_ins: Vec<(String, Vec<Applied>)> = Vec::new();
         let decoded = begin.lost.is_some() || begin.effects.iter().any(|a| a.effect.leaves_residual());
         // A single effect that leaves nothing above the noise has been tried with every second one; a pair with no third.
         // Of a simulator that can only be called most laws cannot be tried, and what is left beside a named effect is taken by whatever can.
@@ -107,10 +111,12 @@ impl Compose<'_, '_> {
         let enough = judged.verdict == GapVerdict::Effects && alone;
         if !decoded && !enough {
             let composition = self.composition(&begin, progress)?;
+            let composition = self.from_elsewhere(composition, &judged, progress);
             // Where nothing changed, what was judged stays as it was fitted.
             if !composition.hypothesis.effects.is_empty() && composition.hypothesis.key() != begin.key() {
                 return self.judged(judged, &composition);
             }
+            stand_ins = composition.hypothesis.effects.iter().map(|a| (a.key(), composition.stand_ins_of(a))).collect();
         }
         // A sequence that is decoded from the outputs can take the shape of much: where laws without chance explain as much, they are the reason.
         if begin.lost.is_some() && !self.likelihood.system.is_black_box() {
@@ -126,10 +132,11 @@ impl Compose<'_, '_> {
         let (hypothesis, without) = self.by_share(begin, None);
         let estimate = intervals::estimate(self.likelihood, &hypothesis, self.scales);
         let judged = Judged { found: Some(hypothesis.clone()), best: Some(hypothesis.clone()), ..judged };
+        let of_effect = |a: &Applied| stand_ins.iter().find(|(key, _)| *key == a.key()).map(|(_, s)| s.clone()).unwrap_or_default();
         Some(Composed {
             judged,
+            stand_ins: hypothesis.effects.iter().map(of_effect).collect(),
             hypothesis: Some(hypothesis),
-            stand_ins: vec![Vec::new(); without.len()],
             without,
             recalibration: None,
             estimate,
@@ -199,6 +206,38 @@ impl Compose<'_, '_> {
         } else {
             Some(composition)
         }
+    }
+
+    /// The same, or a better one that begins elsewhere: where something is left above the noise, what explains most may stand in for others, and stand in
+    /// their way. So the search is done again without it, from the best that there is without it.
+    fn from_elsewhere(&self, composition: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
+        let mut best = composition;
+        if self.likelihood.system.is_black_box() || best.hypothesis.effects.is_empty() || !self.leaves_something(&best.hypothesis, judged) {
+            return best;
+        }
+        let (ordered, _) = self.by_share(best.hypothesis.clone(), best.recalibration);
+        let strongest = ordered.effects.iter().filter(|a| !in_block(best.recalibration, a)).take(DOUBTED);
+        for doubted in strongest.map(Applied::key).collect::<Vec<_>>() {
+            let mut composer = self.composer(true);
+            composer.candidates.retain(|a| a.key() != doubted);
+            let known = |e: &&Hypothesis| e.effects.iter().all(|a| composer.candidates.iter().any(|c| c.key() == a.key()) && !a.effect.loses_commands());
+            let start = self.found.pairs.iter().chain(self.found.singles.iter().filter(|e| e.fitted)).find(known);
+            let Some(start) = start.map(|e| e.effects.clone()) else { continue };
+            let Some(other) = composer.compose(&start, progress) else { continue };
+            if composer.prefers(&best, &other) {
+                best = other;
+            }
+            if !self.leaves_something(&best.hypothesis, judged) {
+                break;
+            }
+        }
+        best
+    }
+
+    /// Something is left above the noise of what was learnt from.
+    fn leaves_something(&self, hypothesis: &Hypothesis, judged: &Judged) -> bool {
+        let Some((nothing, after)) = Level::of(self.likelihood, None).zip(self.error_of(hypothesis)) else { return false };
+        overall(&nothing.train.relative(&judged.floor.floor)).is_some_and(|floor| after > self.likelihood.criteria.above_floor * floor)
     }
 
     /// The verdict on a composition.

@@ -36,6 +36,8 @@ const PAIRS: usize = 5;
 const SHORTLIST: usize = 20;
 /// First guesses of a candidate that are looked at beside what is found already.
 const GUESSES: usize = 12;
+/// So many of what could stand in the place of an effect are tried together with those of another.
+const EXCHANGED: usize = 4;
 
 /// Effects that together explain, and what could stand in the place of each.
 #[derive(Debug, Clone)]
@@ -80,13 +82,20 @@ impl<'a> Composer<'_, 'a> {
         let original = Original { train: errors(false), held: errors(true) };
         let hypothesis = Hypothesis { effects: from.to_vec(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
         let mut composition = Composition { stand_ins: vec![Vec::new(); from.len()], hypothesis, recalibration: None };
-        // What was found before may be a law of many numbers in the place of a plain one.
+        // What explains most alone may belong in the place of what was found before, once something else stands beside it.
+        let mut alone: Vec<&Hypothesis> = self.singles.iter().filter(|s| s.fitted && s.effects.len() == 1).collect();
+        alone.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        self.shortlist = alone.iter().take(SHORTLIST).map(|s| s.key()).collect();
+        // Of several that were found together each may be a stand-in; one alone, where it is a law of many numbers in the place of a plain one.
         if let Some((likelihood, present)) = self.renewed(&composition.hypothesis) {
-            let flexible = present.hypothesis.effects.iter().filter(|a| a.values.iter().filter(|v| v.is_finite()).count() > 1);
-            let flexible: Vec<Applied> = flexible.cloned().collect();
-            composition = self.backward(&likelihood, composition, present, flexible, &original);
+            let flexible = |a: &&Applied| from.len() > 1 || a.values.iter().filter(|v| v.is_finite()).count() > 1;
+            let earlier: Vec<Applied> = present.hypothesis.effects.iter().filter(flexible).cloned().collect();
+            composition = self.backward(&likelihood, composition, present, earlier, &original);
         }
         composition = self.forward(composition, &original, progress);
+        if let Some(other) = self.rearranged(&composition, &original) {
+            composition = self.forward(other, &original, progress);
+        }
         if composition.hypothesis.effects.is_empty()
             && let Some(pair) = self.together(&original)
         {
@@ -274,19 +283,85 @@ impl<'a> Composer<'_, 'a> {
                 self.candidates.iter().filter(|a| self.shortlist.contains(&a.key()) || a.key() == old.key()).collect();
             let promising = self.promising(likelihood, &without.hypothesis, &listed);
             let Some((swapped, stand_ins)) = self.best(likelihood, &without, &others, promising, original) else { continue };
-            let Some(instead) = newest(&without.hypothesis, &swapped.hypothesis).filter(|a| a.key() != old.key()) else { continue };
-            let (now, then) = (present.hypothesis.free.len(), swapped.hypothesis.free.len());
-            let simple = then <= now + 1;
+            let Some(instead) = newest(&without.hypothesis, &swapped.hypothesis) else { continue };
+            if instead.key() == old.key() {
+                composition = composition.with(&present.hypothesis, &old, stand_ins);
+                continue;
+            }
             // What does as well with fewer parameters takes the place of a law of many: a resonance takes the shape of a gain, a lag, a friction.
-            let plainer = then < now && self.gate.stands_in(&without, &present, &swapped);
-            let better = Gate::fall(&present, &swapped) > self.gate.criteria.added_equals
-                && swapped.better_by_t(&present) >= self.gate.criteria.added_t;
-            if plainer || (simple && better) {
+            let plainer =
+                swapped.hypothesis.free.len() < present.hypothesis.free.len() && self.gate.stands_in(&without, &present, &swapped);
+            if plainer || self.replaces(&present, &swapped) {
                 composition = composition.with(&swapped.hypothesis, &instead, stand_ins);
                 present = swapped;
             }
         }
         composition
+    }
+}
+
+/// Two effects that stand in for two others, each of which helps only beside its own partner: no exchange of one leads from there to the truth.
+impl<'a> Composer<'_, 'a> {
+    /// Any two effects replaced by what could stand in their places, where that explains more than the composition, or as much with fewer parameters.
+    fn rearranged(&self, composition: &Composition, original: &Original) -> Option<Composition> {
+        let (likelihood, present) = self.renewed(&composition.hypothesis)?;
+        let cost = self.cost(&likelihood);
+        let effects: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| !self.in_block(a)).cloned().collect();
+        let others = |a: &Applied| composition.stand_ins_of(a).into_iter().take(EXCHANGED).collect::<Vec<_>>();
+        let pairs = effects.iter().enumerate().flat_map(|(i, a)| effects[i + 1..].iter().map(move |b| (a, b)));
+        let exchanged = pairs.flat_map(|(a, b)| {
+            let (for_a, for_b) = (others(a), others(b));
+            let both = for_a.into_iter().flat_map(move |x| for_b.clone().into_iter().map(move |y| (x.clone(), y)));
+            both.filter(|(x, y)| x.key() != y.key()).map(move |(x, y)| [a.clone(), b.clone(), x, y]).collect::<Vec<_>>()
+        });
+        let known: Vec<String> = effects.iter().map(Applied::key).collect();
+        let trials: Vec<[Applied; 4]> = exchanged.filter(|[.., x, y]| !known.contains(&x.key()) && !known.contains(&y.key())).collect();
+        let trial = |[a, b, x, y]: [Applied; 4]| {
+            let kept = present.hypothesis.effects.iter().filter(|e| e.key() != a.key() && e.key() != b.key()).cloned();
+            let hypothesis = Hypothesis { effects: in_order(kept.chain([x, y])), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
+            Hypothesis::refit(&likelihood, hypothesis, &self.scales, cost, TRIAL)
+        };
+        let mut fitted: Vec<Hypothesis> = trials.into_par_iter().filter_map(trial).collect();
+        fitted.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        fitted.truncate(REFITTED[1]);
+        let to_the_end = |e: Hypothesis| Hypothesis::refit(&likelihood, e, &self.scales, cost, likelihood.budget.steps);
+        let standings = fitted.into_par_iter().filter_map(to_the_end).filter_map(|e| Standing::of(&likelihood, e, &self.scales));
+        let standings: Vec<Standing> = standings.collect();
+        let better = |s: &&Standing| self.replaces(&present, s);
+        let best = standings.iter().filter(better).min_by(|a, b| a.error().total_cmp(&b.error()))?;
+        let known = |a: &Applied| composition.hypothesis.effects.iter().any(|e| e.key() == a.key());
+        let stand_ins = best.hypothesis.effects.iter().map(|a| if known(a) { composition.stand_ins_of(a) } else { Vec::new() }).collect();
+        let composition = Composition { hypothesis: best.hypothesis.clone(), stand_ins, ..*composition };
+        // What came in together may be more than is needed, or a law of many numbers.
+        let earlier = best.hypothesis.effects.iter().filter(|a| !self.in_block(a)).cloned().collect();
+        Some(self.backward(&likelihood, composition, best.clone(), earlier, original))
+    }
+
+    /// Whether a composition that was found without one of another's effects takes that one's place: it explains more, and more for every further parameter.
+    pub(in crate::diagnose) fn prefers(&self, present: &Composition, other: &Composition) -> bool {
+        let standing = |likelihood: &Likelihood<'a>, composition: &Composition| {
+            let shrunk = composition.recalibration.map_or_else(|| likelihood.clone(), |size| likelihood.with_shrinkage(size));
+            let cost = self.cost(&shrunk);
+            let refitted = Hypothesis::refit(&shrunk, composition.hypothesis.clone(), &self.scales, cost, shrunk.budget.steps)?;
+            Standing::of(&shrunk, refitted, &self.scales)
+        };
+        let compared = || {
+            let (likelihood, _) = self.renewed(&present.hypothesis)?;
+            Some((standing(&likelihood, present)?, standing(&likelihood, other)?))
+        };
+        let Some((present, other)) = compared() else { return false };
+        let more = other.hypothesis.free.len().saturating_sub(present.hypothesis.free.len());
+        let enough = self.gate.criteria.added_falls * (1 + more) as f64;
+        Gate::fall(&present, &other) > enough
+            && other.better_by_t(&present) >= self.gate.criteria.added_t
+            && other.held.over(&present.held) <= 1.0
+    }
+
+    /// Whether a composition takes the place of another: it explains more, with hardly more parameters, on held-out data too.
+    fn replaces(&self, present: &Standing, other: &Standing) -> bool {
+        let simple = other.hypothesis.free.len() <= present.hypothesis.free.len() + 1;
+        let better = Gate::fall(present, other) > self.gate.criteria.added_equals && other.better_by_t(present) >= self.gate.criteria.added_t;
+        simple && better && other.held.over(&present.held) <= 1.0
     }
 }
 

@@ -5,7 +5,7 @@
 //! that which predicts blocks of time left out best. Numbers that the data do not see stay where they were and are taken out again.
 
 use super::composer::{Composer, Composition, in_order, to_be_fitted};
-use super::gate::Original;
+use super::gate::{Gate, Original};
 use super::standing::Standing;
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::likelihood::gaussian::Likelihood;
@@ -36,10 +36,13 @@ impl Composer<'_, '_> {
         let (released, after) = self.pruned(&shrunk, composition.without(&block.hypothesis), block);
         let numbers = |standing: &Standing| standing.hypothesis.effects.iter().filter(|a| a.effect.corrects_model()).count();
         let others = |standing: &Standing| standing.hypothesis.effects.len() - numbers(standing);
-        // What takes the place of effects, or of numbers that were found one by one, must predict as well; what comes beside them, better.
-        let takes_place = others(&after) < others(&before) || numbers(&before) >= FEWEST;
+        // What takes the place of effects, or of numbers that were found one by one, must predict as well; what comes beside them, better. A block of many
+        // numbers takes the shape of an effect of one: then it must predict better, too.
+        let plainer = others(&after) < others(&before) && after.hypothesis.free.len() <= before.hypothesis.free.len();
+        let takes_place = plainer || numbers(&before) >= FEWEST && others(&after) == others(&before);
         let as_good = after.better_by_t(&before) >= -self.gate.criteria.dropped_t;
-        let accepted = (takes_place && as_good) || self.gate.accepts(&before, &after, original);
+        let better = after.better_by_t(&before) >= self.gate.criteria.added_t && Gate::fall(&before, &after) > self.gate.criteria.added_equals;
+        let accepted = (takes_place && as_good) || (others(&after) < others(&before) && better) || self.gate.accepts(&before, &after, original);
         (numbers(&after) >= FEWEST && accepted).then_some((released, size))
     }
 

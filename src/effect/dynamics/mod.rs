@@ -6,6 +6,7 @@ pub(super) mod coulomb_friction;
 pub(super) mod cross_coupling;
 pub(super) mod cubic_stiffness;
 pub(super) mod exchange;
+pub(super) mod hysteresis;
 pub(super) mod parameter_error;
 pub(super) mod periodic_disturbance;
 pub(super) mod quadratic_drag;

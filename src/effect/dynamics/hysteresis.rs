@@ -1,0 +1,75 @@
+//! A force with a memory of the way: −level·z on the derivative of the velocity x, with ż = x/displacement·(1 − |z|ⁿ) while x and z have one sign, and
+//! ż = x/displacement while they have not.
+//!
+//! This is Wen's law with β = γ in the normalised form of Ikhouane and Rodellar (2007), eq. 2.14 with σ = ½. A small displacement makes it dry friction, a large
+//! one a spring.
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
+use crate::simulate::{Plan, System, Term};
+
+/// A force with a memory of the way: hysteresis.
+///
+/// Assumes: the state is a velocity; loading and unloading are alike, and nothing wears.
+/// Fails when: the motion is much smaller than the displacement (a spring explains as much) or much larger (dry friction does).
+/// Source: Wen (1976), J. Eng. Mech. Div. 102, 249-263; Ikhouane and Rodellar (2007), Systems with Hysteresis, eq. 2.14, doi:10.1002/9780470513200.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Hysteresis;
+
+impl Effect for Hysteresis {
+    fn name(&self) -> &'static str {
+        "hysteresis"
+    }
+
+    fn summary(&self) -> &'static str {
+        "a force that depends on the way there (Bouc-Wen)"
+    }
+
+    fn site(&self) -> Site {
+        Site::Dynamics
+    }
+
+    fn elaborates(&self) -> Option<&'static str> {
+        Some("coulomb_friction")
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        channel::names(&system.states)
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let state = &system.states[channel::state(self, system, channel)?];
+        let way = match channel::unit(state).as_str() {
+            "1" => "s".to_owned(),
+            unit => format!("({unit})*s"),
+        };
+        Ok(vec![
+            channel::not_negative("level", channel::per(state, "s"), 0.0),
+            Parameter { role: Role::Shape, lower: 1e-12, ..channel::free("displacement", way, 1.0) },
+            Parameter { role: Role::Shape, lower: 1.0, upper: 10.0, ..channel::free("sharpness", "1".to_owned(), 1.5) },
+        ])
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok(i) = channel::state(self, system, channel) else { return Vec::new() };
+        let Some((speed, force)) = scales.states.get(i).zip(scales.derivatives.get(i)) else { return Vec::new() };
+        // A sine of that speed and that acceleration goes so far.
+        let way = (speed.std * speed.std / force).max(1e-12);
+        let guesses = |share: f64| [0.1, 0.5].map(|part| vec![share * force, part * way, 2.0]);
+        [0.1, 0.4].into_iter().flat_map(guesses).collect()
+    }
+
+    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
+        values[0] == 0.0
+    }
+
+    fn told_by(&self) -> Option<Telling> {
+        Some(Telling::Amplitude)
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let velocity = channel::state(self, system, channel)?;
+        plan.terms.push(Term::Hysteresis { velocity, level: values[0], displacement: values[1], sharpness: values[2] });
+        Ok(())
+    }
+}
