@@ -35,8 +35,15 @@ impl Assembly {
         let sines = plan.terms.iter().filter(|t| matches!(t, Term::Sine { .. })).count();
         let memories = plan.terms.iter().filter(|t| matches!(t, Term::Hysteresis { .. })).count();
         let states = n + lags + 2 * plan.modes.len() + 2 * sines + memories;
-        let mut build =
-            Build { states, signals: m, outputs: p, used: n, derivatives: Vec::with_capacity(states), now: Vec::new(), memories: Vec::new() };
+        let mut build = Build {
+            states,
+            signals: m,
+            outputs: p,
+            used: n,
+            derivatives: Vec::with_capacity(states),
+            now: Vec::new(),
+            memories: Vec::new(),
+        };
         build.derivatives = (0..states).map(|_| build.zero()).collect();
         // The values of (states, signals, 1, outputs) at the start, filled in as they become known.
         build.now = build.zero();

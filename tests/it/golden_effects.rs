@@ -65,9 +65,9 @@ fn every_effect_agrees_with_an_independent_simulation() {
         };
         let size = expected.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
         let integrated = id.starts_with("equations")
-            || effects
-                .iter()
-                .any(|e| ["coulomb_friction", "stribeck_friction", "hysteresis", "quadratic_drag", "cubic_stiffness"].contains(&e.effect.name()));
+            || effects.iter().any(|e| {
+                ["coulomb_friction", "stribeck_friction", "hysteresis", "quadratic_drag", "cubic_stiffness"].contains(&e.effect.name())
+            });
         let off = expected.iter().enumerate().flat_map(|(i, c)| {
             c.iter().zip(run.y.column(i).iter().copied().collect::<Vec<_>>()).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>()
         });

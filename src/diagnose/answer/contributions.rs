@@ -1,8 +1,8 @@
 //! The budget of a gap: what each effect takes, and what stays.
 //!
-//! An effect's share is what the error rises by without it, everything else refitted, scaled so that all shares add up to what is explained (leave-one-out,
-//! normalised). It depends on no order. How it can be wrong: two effects that do the same each add little beside the other, and share what both take evenly
-//! only if they are alike; the share says what an effect predicts, not that it is the physics.
+//! An effect's share is what the squared error rises by when it is taken out of the model and everything else stays, scaled so that all shares add up to what
+//! is explained (leave-one-out, normalised). It depends on no order, and whoever deletes the effect from the model file sees that error. How it can be wrong:
+//! two effects that act against each other are both large; the share says what an effect predicts, not that it is the physics.
 
 use nalgebra::DMatrix;
 
@@ -37,7 +37,7 @@ pub(in crate::diagnose) struct GapBudget<'b, 'a> {
     pub(in crate::diagnose) seed: u64,
 }
 
-/// Squared errors of the model as it came, with everything, and without each effect; and the floor's.
+/// Squared errors of the model as it came, with everything, and with each effect taken out; and the floor's.
 struct Squares {
     before: f64,
     after: f64,
@@ -69,11 +69,12 @@ impl Squares {
 impl GapBudget<'_, '_> {
     /// Contributions, most first, the model's own numbers, and what stays.
     pub(in crate::diagnose) fn sections(&self, estimate: Option<&Estimate>) -> (Vec<Contribution>, Recalibration, Remainder) {
+        let taken_out: Vec<Option<Vec<DMatrix<f64>>>> = self.composed.taken_out.iter().map(|e| residuals(self.likelihood, e)).collect();
         let without: Vec<Option<Vec<DMatrix<f64>>>> =
             self.composed.without.iter().map(|e| e.as_ref().and_then(|e| residuals(self.likelihood, e))).collect();
         // What cannot be simulated without an effect is as far off as the model as it came.
         let all: Vec<&[DMatrix<f64>]> =
-            [self.before, self.after].into_iter().chain(without.iter().map(|w| w.as_deref().unwrap_or(self.before))).collect();
+            [self.before, self.after].into_iter().chain(taken_out.iter().map(|w| w.as_deref().unwrap_or(self.before))).collect();
         let floor = &self.composed.judged.floor.floor;
         let squares = |held: bool| {
             let errors = |r: &[DMatrix<f64>]| Errors::of(self.likelihood.records, r, |r| if held { r.held } else { r.train });
@@ -96,9 +97,9 @@ impl GapBudget<'_, '_> {
             effect: found[at].effect.clone(),
             channel: found[at].channel.clone(),
             parameters: found[at].parameters.clone(),
-            strength: self.strength(&all, part),
+            strength: self.strength(without[part].as_deref().unwrap_or(self.before)),
             share: share(&|s: &Squares| s.share(part)),
-            without_it: without[part].as_ref().map(|_| learnt.without[part].sqrt()),
+            without_it: without[part].as_ref().and_then(|r| overall(&Errors::of(self.likelihood.records, r, |r| r.train).nrmse())),
             class: self.composed.stand_ins[at].iter().map(Applied::key).collect(),
             surrogate: self.composed.hypothesis.as_ref().is_some_and(|e| self.is_surrogate(e, at)),
         };
@@ -143,9 +144,9 @@ impl GapBudget<'_, '_> {
     }
 
     /// Weak: without it, no output's error is larger by the factor that an effect is asked for.
-    fn strength(&self, all: &[&[DMatrix<f64>]], at: usize) -> Strength {
+    fn strength(&self, without: &[DMatrix<f64>]) -> Strength {
         let rms = |r: &[DMatrix<f64>]| Errors::of(self.likelihood.records, r, |r| r.train).rms();
-        let (with, without) = (rms(all[1]), rms(all[2 + at]));
+        let (with, without) = (rms(self.after), rms(without));
         let clear = with.iter().zip(&without).any(|(with, without)| *without > self.likelihood.criteria.first_matters * with);
         if clear { Strength::Clear } else { Strength::Weak }
     }

@@ -27,9 +27,6 @@ use crate::effect::{Applied, Scales};
 /// The error may rise by so much when parameters are fitted beside the noise's colour.
 const SETTLED: f64 = 1.02;
 
-/// So many of the strongest effects are doubted.
-const DOUBTED: usize = 2;
-
 /// What acts.
 pub(in crate::diagnose) struct Composed {
     /// The verdict, with all that was found.
@@ -38,7 +35,9 @@ pub(in crate::diagnose) struct Composed {
     pub(in crate::diagnose) hypothesis: Option<Hypothesis>,
     /// Per effect of the hypothesis, what could stand in its place.
     pub(in crate::diagnose) stand_ins: Vec<Vec<Applied>>,
-    /// Per effect, all the others refitted without it; the model's numbers that are one block come last, and go together. `None`: cannot be simulated.
+    /// Per effect, all the others as they are without it; the model's numbers that are one block come last, and go together.
+    pub(in crate::diagnose) taken_out: Vec<Hypothesis>,
+    /// The same with all the others refitted. `None`: cannot be simulated.
     pub(in crate::diagnose) without: Vec<Option<Hypothesis>>,
     /// The relative size of the model's own errors, where its numbers are one block.
     pub(in crate::diagnose) recalibration: Option<f64>,
@@ -49,7 +48,15 @@ pub(in crate::diagnose) struct Composed {
 impl Composed {
     /// Nothing was found to act.
     fn nothing(judged: Judged) -> Self {
-        Self { judged, hypothesis: None, stand_ins: Vec::new(), without: Vec::new(), recalibration: None, estimate: None }
+        Self {
+            judged,
+            hypothesis: None,
+            stand_ins: Vec::new(),
+            taken_out: Vec::new(),
+            without: Vec::new(),
+            recalibration: None,
+            estimate: None,
+        }
     }
 }
 
@@ -110,7 +117,7 @@ impl Compose<'_, '_> {
         let alone = self.likelihood.system.is_black_box() || (judged.left_over.is_none() && begin.effects.len() < 2 && all_taken());
         let enough = judged.verdict == GapVerdict::Effects && alone;
         if !decoded && !enough {
-            let composition = self.composition(&begin, progress)?;
+            let composition = self.composition(&begin, &judged, progress)?;
             let composition = self.from_elsewhere(composition, &judged, progress);
             // Where nothing changed, what was judged stays as it was fitted.
             if !composition.hypothesis.effects.is_empty() && composition.hypothesis.key() != begin.key() {
@@ -120,7 +127,7 @@ impl Compose<'_, '_> {
         }
         // A sequence that is decoded from the outputs can take the shape of much: where laws without chance explain as much, they are the reason.
         if begin.lost.is_some() && !self.likelihood.system.is_black_box() {
-            let plain = self.composition(&of(Vec::new()), progress)?;
+            let plain = self.composition(&of(Vec::new()), &judged, progress)?;
             let errors = self.error_of(&plain.hypothesis).zip(self.error_of(&begin));
             if !plain.hypothesis.effects.is_empty() && errors.is_some_and(|(plain, decoded)| plain <= SETTLED * decoded) {
                 return self.judged(judged, &plain);
@@ -129,7 +136,8 @@ impl Compose<'_, '_> {
         if begin.effects.is_empty() {
             return Some(Composed::nothing(judged));
         }
-        let (hypothesis, without) = self.by_share(begin, None);
+        let (hypothesis, taken_out) = self.by_share(begin, None);
+        let without = self.refitted(&hypothesis, &taken_out);
         let estimate = intervals::estimate(self.likelihood, &hypothesis, self.scales);
         let judged = Judged { found: Some(hypothesis.clone()), best: Some(hypothesis.clone()), ..judged };
         let of_effect = |a: &Applied| stand_ins.iter().find(|(key, _)| *key == a.key()).map(|(_, s)| s.clone()).unwrap_or_default();
@@ -137,6 +145,7 @@ impl Compose<'_, '_> {
             judged,
             stand_ins: hypothesis.effects.iter().map(of_effect).collect(),
             hypothesis: Some(hypothesis),
+            taken_out,
             without,
             recalibration: None,
             estimate,
@@ -155,7 +164,7 @@ impl Compose<'_, '_> {
     /// A small effect that is certain all the same.
     fn weak(&self) -> Option<Hypothesis> {
         let likelihood = self.likelihood.with_noise(noise_of(self.likelihood, NO_EFFECT, self.smallest)?);
-        let composer = Composer { likelihood: &likelihood, ..self.composer(false) };
+        let composer = Composer { likelihood: &likelihood, ..self.composer(false, None) };
         weak(&likelihood, self.found, &composer)
     }
 
@@ -168,19 +177,21 @@ impl Compose<'_, '_> {
         {
             return Some(Composed::nothing(judged));
         }
-        let without = self.without(&weak, &[vec![0]]);
+        let taken_out = Self::taken_out(&weak, &[vec![0]]);
+        let without = self.refitted(&weak, &taken_out);
         let judged = Judged { verdict: GapVerdict::Effects, found: Some(weak.clone()), best: Some(weak.clone()), ..judged };
         Some(Composed {
             judged,
             hypothesis: Some(weak),
             stand_ins: vec![Vec::new(); without.len()],
+            taken_out,
             without,
             recalibration: None,
             estimate,
         })
     }
 
-    fn composer(&self, white: bool) -> Composer<'_, '_> {
+    fn composer(&self, white: bool, judged: Option<&Judged>) -> Composer<'_, '_> {
         // Each trial of a simulator that can only be called is a call: only what was fitted already, and one effect of it.
         let called = self.likelihood.system.is_black_box();
         let fitted = self.found.singles.iter().filter(|e| e.fitted).flat_map(|e| e.effects.clone());
@@ -193,16 +204,17 @@ impl Compose<'_, '_> {
             scales: self.scales.clone(),
             smallest: self.smallest,
             gate: Gate { criteria: self.likelihood.criteria },
+            noise: judged.and_then(|j| self.noise_of(j)).unwrap_or(f64::INFINITY),
             white,
             shrinkage: None,
             shortlist: Vec::new(),
         }
     }
 
-    fn composition(&self, begin: &Hypothesis, progress: &dyn Fn(Stage)) -> Option<Composition> {
-        let composition = self.composer(true).compose(&begin.effects, progress)?;
+    fn composition(&self, begin: &Hypothesis, judged: &Judged, progress: &dyn Fn(Stage)) -> Option<Composition> {
+        let composition = self.composer(true, Some(judged)).compose(&begin.effects, progress)?;
         if composition.hypothesis.effects.is_empty() && !self.likelihood.system.is_black_box() {
-            self.composer(false).compose(&[], progress)
+            self.composer(false, Some(judged)).compose(&[], progress)
         } else {
             Some(composition)
         }
@@ -212,32 +224,27 @@ impl Compose<'_, '_> {
     /// their way. So the search is done again without it, from the best that there is without it.
     fn from_elsewhere(&self, composition: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
         let mut best = composition;
-        if self.likelihood.system.is_black_box() || best.hypothesis.effects.is_empty() || !self.leaves_something(&best.hypothesis, judged) {
+        let mut composer = self.composer(true, Some(judged));
+        if self.likelihood.system.is_black_box() || best.hypothesis.effects.is_empty() || !composer.leaves_something(&best.hypothesis) {
             return best;
         }
         let (ordered, _) = self.by_share(best.hypothesis.clone(), best.recalibration);
-        let strongest = ordered.effects.iter().filter(|a| !in_block(best.recalibration, a)).take(DOUBTED);
-        for doubted in strongest.map(Applied::key).collect::<Vec<_>>() {
-            let mut composer = self.composer(true);
-            composer.candidates.retain(|a| a.key() != doubted);
-            let known = |e: &&Hypothesis| e.effects.iter().all(|a| composer.candidates.iter().any(|c| c.key() == a.key()) && !a.effect.loses_commands());
-            let start = self.found.pairs.iter().chain(self.found.singles.iter().filter(|e| e.fitted)).find(known);
-            let Some(start) = start.map(|e| e.effects.clone()) else { continue };
-            let Some(other) = composer.compose(&start, progress) else { continue };
-            if composer.prefers(&best, &other) {
-                best = other;
-            }
-            if !self.leaves_something(&best.hypothesis, judged) {
-                break;
-            }
+        let Some(doubted) = ordered.effects.iter().find(|a| !in_block(best.recalibration, a)).map(Applied::key) else { return best };
+        composer.candidates.retain(|a| a.key() != doubted);
+        let known = |a: &Applied| !a.effect.loses_commands() && composer.candidates.iter().any(|c| c.key() == a.key());
+        let fitted = self.found.pairs.iter().chain(self.found.singles.iter().filter(|e| e.fitted));
+        let start = fitted.filter(|e| e.effects.iter().all(known)).map(|e| e.effects.clone()).next();
+        let other = start.and_then(|start| composer.compose(&start, progress));
+        if let Some(other) = other.filter(|other| composer.prefers(&best, other)) {
+            best = other;
         }
         best
     }
 
-    /// Something is left above the noise of what was learnt from.
-    fn leaves_something(&self, hypothesis: &Hypothesis, judged: &Judged) -> bool {
-        let Some((nothing, after)) = Level::of(self.likelihood, None).zip(self.error_of(hypothesis)) else { return false };
-        overall(&nothing.train.relative(&judged.floor.floor)).is_some_and(|floor| after > self.likelihood.criteria.above_floor * floor)
+    /// The training nrmse of all outputs down to which something is left above the noise; `None` where no output moves.
+    fn noise_of(&self, judged: &Judged) -> Option<f64> {
+        let floor = overall(&Level::of(self.likelihood, None)?.train.relative(&judged.floor.floor))?;
+        Some(self.likelihood.criteria.above_floor * floor)
     }
 
     /// The verdict on a composition.
@@ -246,7 +253,8 @@ impl Compose<'_, '_> {
         let shrunk = Compose { likelihood: shrunk.as_ref().unwrap_or(self.likelihood), ..*self };
         let beside = shrunk.likelihood.with_noise(noise_of(shrunk.likelihood, (&composition.hypothesis).into(), self.smallest)?);
         let settled = shrunk.settled(&beside, composition.hypothesis.clone())?;
-        let (hypothesis, without) = shrunk.by_share(settled, composition.recalibration);
+        let (hypothesis, taken_out) = shrunk.by_share(settled, composition.recalibration);
+        let without = shrunk.refitted(&hypothesis, &taken_out);
         let stand_ins = hypothesis.effects.iter().map(|a| composition.stand_ins_of(a)).collect();
 
         let (nothing, best) = (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
@@ -262,25 +270,33 @@ impl Compose<'_, '_> {
         let found = (verdict == GapVerdict::Effects).then(|| hypothesis.clone());
         let judged = Judged { verdict, found, best: Some(hypothesis.clone()), unknown, left_over, inexact: judged.inexact, floor, reached };
         let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
-        Some(Composed { judged, hypothesis: Some(hypothesis), stand_ins, without, recalibration: composition.recalibration, estimate })
+        Some(Composed {
+            judged,
+            hypothesis: Some(hypothesis),
+            stand_ins,
+            taken_out,
+            without,
+            recalibration: composition.recalibration,
+            estimate,
+        })
     }
 
     /// In the order of what each effect explains beside the others, the block of the model's numbers last; and all the others without each.
-    fn by_share(&self, hypothesis: Hypothesis, recalibration: Option<f64>) -> (Hypothesis, Vec<Option<Hypothesis>>) {
+    fn by_share(&self, hypothesis: Hypothesis, recalibration: Option<f64>) -> (Hypothesis, Vec<Hypothesis>) {
         let (block, singly): (Vec<usize>, Vec<usize>) =
             (0..hypothesis.effects.len()).partition(|&at| in_block(recalibration, &hypothesis.effects[at]));
         let mut parts: Vec<Vec<usize>> = singly.into_iter().map(|at| vec![at]).collect();
         parts.extend((!block.is_empty()).then_some(block));
-        let without = self.without(&hypothesis, &parts);
-        let error = |e: &Option<Hypothesis>| e.as_ref().and_then(|e| self.error_of(e)).unwrap_or(f64::INFINITY);
-        let errors: Vec<f64> = without.iter().map(error).collect();
+        let taken_out = Self::taken_out(&hypothesis, &parts);
+        let error = |e: &Hypothesis| self.error_of(e).unwrap_or(f64::INFINITY);
+        let errors: Vec<f64> = taken_out.iter().map(error).collect();
         let place = |a: &Applied| hypothesis.effects.iter().position(|e| e.key() == a.key()).unwrap_or(0);
         let part = |a: &Applied| parts.iter().position(|p| p.contains(&place(a))).unwrap_or(0);
         let rank = |a: &Applied| if in_block(recalibration, a) { f64::NEG_INFINITY } else { errors[part(a)] };
         let ordered = hypothesis.clone().ordered(rank);
         let mut sorted: Vec<usize> = ordered.effects.iter().map(part).collect();
         sorted.dedup();
-        (ordered, sorted.into_iter().map(|p| without[p].clone()).collect())
+        (ordered, sorted.into_iter().map(|p| taken_out[p].clone()).collect())
     }
 
     /// The parameters under the noise of what is left, unless that makes the errors larger: under a colour that is another effect's, slow effects vanish.
@@ -298,19 +314,25 @@ impl Compose<'_, '_> {
         overall(&Level::of(self.likelihood, Some(hypothesis))?.train.nrmse())
     }
 
-    /// Per part, all the others refitted without it, under white weights as large as what is left by all.
-    fn without(&self, hypothesis: &Hypothesis, parts: &[Vec<usize>]) -> Vec<Option<Hypothesis>> {
-        let Some(left) = residuals(self.likelihood, hypothesis) else { return vec![None; parts.len()] };
+    /// Hypotheses refitted under white weights as large as what is left by all.
+    fn refitted(&self, hypothesis: &Hypothesis, without: &[Hypothesis]) -> Vec<Option<Hypothesis>> {
+        let Some(left) = residuals(self.likelihood, hypothesis) else { return vec![None; without.len()] };
         let rms = Errors::of(self.likelihood.records, &left, |r| r.train).rms();
         let std: Vec<f64> = rms.iter().zip(self.smallest).map(|(r, s)| r.max(*s)).collect();
         let white = self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);
+        let one = |e: &Hypothesis| Hypothesis::refit(&white, e.clone(), self.scales, cost(&white)?, white.budget.steps);
+        without.par_iter().map(one).collect()
+    }
+
+    /// Per part, all the others as they are without it.
+    fn taken_out(hypothesis: &Hypothesis, parts: &[Vec<usize>]) -> Vec<Hypothesis> {
         let one = |part: &Vec<usize>| {
             let others: Vec<Applied> =
                 hypothesis.effects.iter().enumerate().filter(|(at, _)| !part.contains(at)).map(|(_, a)| a.clone()).collect();
             let lost = hypothesis.lost.clone().filter(|_| others.iter().any(|a| a.effect.loses_commands()));
-            Hypothesis::refit(&white, Hypothesis { lost, ..of(others) }, self.scales, cost(&white)?, white.budget.steps)
+            Hypothesis { lost, ..of(others) }
         };
-        parts.par_iter().map(one).collect()
+        parts.iter().map(one).collect()
     }
 }
 

@@ -9,6 +9,7 @@
 //!   as the present residual of each output; only where nothing is accepted they are tried beside the colour of the residual.
 //! - An effect outside the catalogue is taken by its nearest neighbour: its share says how much it predicts, never that it is the physics.
 
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::gate::{Gate, Original};
@@ -19,7 +20,7 @@ use crate::diagnose::format::progress::Stage;
 use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
-use crate::diagnose::likelihood::errors::Errors;
+use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::diagnose::search::beside::Beside;
@@ -37,7 +38,7 @@ const SHORTLIST: usize = 20;
 /// First guesses of a candidate that are looked at beside what is found already.
 const GUESSES: usize = 12;
 /// So many of what could stand in the place of an effect are tried together with those of another.
-const EXCHANGED: usize = 4;
+const EXCHANGED: usize = 2;
 
 /// Effects that together explain, and what could stand in the place of each.
 #[derive(Debug, Clone)]
@@ -62,6 +63,8 @@ pub(in crate::diagnose) struct Composer<'c, 'a> {
     /// Per output, what is no more than rounding.
     pub(in crate::diagnose) smallest: &'c [f64],
     pub(in crate::diagnose) gate: Gate,
+    /// The training nrmse of all outputs down to which something is left above the noise.
+    pub(in crate::diagnose) noise: f64,
     /// So many effects at most.
     pub(in crate::diagnose) most: usize,
     /// Under white weights, or beside the colour of what is left.
@@ -93,7 +96,9 @@ impl<'a> Composer<'_, 'a> {
             composition = self.backward(&likelihood, composition, present, earlier, &original);
         }
         composition = self.forward(composition, &original, progress);
-        if let Some(other) = self.rearranged(&composition, &original) {
+        if self.leaves_something(&composition.hypothesis)
+            && let Some(other) = self.rearranged(&composition, &original)
+        {
             composition = self.forward(other, &original, progress);
         }
         if composition.hypothesis.effects.is_empty()
@@ -144,6 +149,12 @@ impl<'a> Composer<'_, 'a> {
             composition = self.backward(&likelihood, composition, next, earlier, original);
         }
         composition
+    }
+
+    /// Something is left above the noise of what was learnt from.
+    pub(in crate::diagnose) fn leaves_something(&self, hypothesis: &Hypothesis) -> bool {
+        let errors = |left: Vec<DMatrix<f64>>| overall(&Errors::of(self.likelihood.records, &left, |r| r.train).nrmse());
+        residuals(self.likelihood, hypothesis).and_then(errors).is_some_and(|after| after > self.noise)
     }
 
     /// Effects aside from the model's numbers where these are one block.
@@ -360,7 +371,8 @@ impl<'a> Composer<'_, 'a> {
     /// Whether a composition takes the place of another: it explains more, with hardly more parameters, on held-out data too.
     fn replaces(&self, present: &Standing, other: &Standing) -> bool {
         let simple = other.hypothesis.free.len() <= present.hypothesis.free.len() + 1;
-        let better = Gate::fall(present, other) > self.gate.criteria.added_equals && other.better_by_t(present) >= self.gate.criteria.added_t;
+        let better =
+            Gate::fall(present, other) > self.gate.criteria.added_equals && other.better_by_t(present) >= self.gate.criteria.added_t;
         simple && better && other.held.over(&present.held) <= 1.0
     }
 }

@@ -41,8 +41,10 @@ impl Composer<'_, '_> {
         let plainer = others(&after) < others(&before) && after.hypothesis.free.len() <= before.hypothesis.free.len();
         let takes_place = plainer || numbers(&before) >= FEWEST && others(&after) == others(&before);
         let as_good = after.better_by_t(&before) >= -self.gate.criteria.dropped_t;
-        let better = after.better_by_t(&before) >= self.gate.criteria.added_t && Gate::fall(&before, &after) > self.gate.criteria.added_equals;
-        let accepted = (takes_place && as_good) || (others(&after) < others(&before) && better) || self.gate.accepts(&before, &after, original);
+        let better =
+            after.better_by_t(&before) >= self.gate.criteria.added_t && Gate::fall(&before, &after) > self.gate.criteria.added_equals;
+        let accepted =
+            (takes_place && as_good) || (others(&after) < others(&before) && better) || self.gate.accepts(&before, &after, original);
         (numbers(&after) >= FEWEST && accepted).then_some((released, size))
     }
 

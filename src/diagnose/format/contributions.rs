@@ -52,7 +52,7 @@ pub struct Contribution {
     pub parameters: Vec<FoundParameter>,
     /// How clearly it shows.
     pub strength: Strength,
-    /// Its share: what the error would rise by without it and all others refitted, scaled so that shares add up to what is explained.
+    /// Its share: what the squared error rises by when it is taken out and the others stay, scaled so that shares add up to what is explained.
     pub share: Share,
     /// The training nrmse without it, all others refitted; missing where that cannot be simulated.
     pub without_it: Option<f64>,
