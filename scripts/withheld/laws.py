@@ -49,7 +49,7 @@ NOMINAL = [
     effect("sensor_bias", "y", offset=0.0), effect("sensor_drift", "y", rate=0.0), effect("misalignment", "w->y", gain=0.0),
     effect("static_nonlinearity", "y", quadratic=0.0, cubic=0.0),
     effect("clock_skew", "*", ratio=1.0), effect("clock_offset", "*", offset=0.0), effect("cross_coupling", "u->x", gain=0.0), effect("exchange", "x<->z", gain=0.0),
-    effect("coulomb_friction", "z", level=0.0), effect("stribeck_friction", "z", level=0.0, extra=0.0, velocity=0.4), effect("quadratic_drag", "z", coefficient=0.0),
+    effect("coulomb_friction", "z", level=0.0), effect("stribeck_friction", "z", level=0.0, extra=0.0, velocity=0.4), effect("hysteresis", "z", level=0.0, displacement=0.1, sharpness=1.5), effect("quadratic_drag", "z", coefficient=0.0),
     effect("cubic_stiffness", "x->z", coefficient=0.0), effect("unmodelled_mode", "u->state:z", frequency=2.0, damping=0.1, gain=0.0),
     effect("unmodelled_mode", "u->output:y", frequency=2.0, damping=0.1, gain=0.0), effect("constant_disturbance", "z", level=0.0),
     effect("periodic_disturbance", "z", frequency=1.0, amplitude=0.0, phase=0.3), effect("parameter_error", "A[z,x]", value=-9.0),
@@ -187,4 +187,16 @@ def loop_equals_replay():
         close(simulate(TWO, TIME, u, chosen, [0.1, 0.0], noise=noise), y, 1e-8, "replay")
 
 
-LAWS = [nominal_is_identity, first_order_step_response, superposition, static_maps, friction_sticks, one_step_predictions, loop_equals_replay]
+def hysteresis_keeps_the_books():
+    """On a way x that never turns the memory is tanh(x/d) at sharpness 2 and 1 - exp(-x/d) at sharpness 1: the work of both forces is the energy of the mass."""
+    level, way = 0.8, 0.05
+    works = {2.0: lambda x: way * np.log(np.cosh(x / way)), 1.0: lambda x: x - way * (1.0 - np.exp(-x / way))}
+    for sharpness, work in works.items():
+        for integrator in ("fast", "reference"):
+            bent = effect("hysteresis", "speed", level=level, displacement=way, sharpness=sharpness)
+            position, speed = simulate(MASS, TIME, np.full((len(TIME), 1), 3.0), [bent], integrator=integrator).T
+            assert position[-1] > 10 * way, "the force must be full in the end"
+            close(0.5 * speed**2, 1.5 * position - level * work(position), 1e-6, f"work of a hysteresis of sharpness {sharpness}, {integrator}")
+
+
+LAWS = [nominal_is_identity, first_order_step_response, superposition, static_maps, friction_sticks, hysteresis_keeps_the_books, one_step_predictions, loop_equals_replay]

@@ -10,7 +10,7 @@ use std::path::Path;
 use nalgebra::DMatrix;
 
 use crate::diagnose::answer::cause::cause;
-use crate::diagnose::answer::contributions::{GapBudget, explained};
+use crate::diagnose::answer::contributions::{GapBudget, explained, share_classes};
 use crate::diagnose::answer::handed::in_a_form_that_helps;
 use crate::diagnose::answer::improvement::improvement;
 use crate::diagnose::answer::isolability::{self as isolability_of, Isolability, Names};
@@ -294,7 +294,9 @@ impl Answer<'_> {
         let shares: Vec<Option<f64>> = gap.outputs.iter().map(|o| o.share).collect();
         let predictor = likelihood.predictor;
         let budget = GapBudget { likelihood, composed, before: &before, after: &after, scales: self.scales, seed };
-        let (contributions, recalibration, mut remainder) = budget.sections(composed.estimate.as_ref());
+        let (mut contributions, recalibration, mut remainder) = budget.sections(composed.estimate.as_ref());
+        let cause = self.cause(&judgement);
+        share_classes(&mut contributions, &cause.indistinguishable);
         if composed.judged.verdict != GapVerdict::Effects {
             remainder.description = describe(likelihood, &handed.effects, &after, seed);
         }
@@ -312,7 +314,7 @@ impl Answer<'_> {
                 contributions,
                 recalibration: Some(recalibration),
                 remainder: Some(remainder),
-                ..self.cause(&judgement)
+                ..cause
             },
             shrink: improvement(likelihood, [&before, &after], decoded.as_deref(), &floor.floor, seed),
         };

@@ -177,6 +177,18 @@ impl GapBudget<'_, '_> {
     }
 }
 
+/// What the data cannot tell from an effect belongs to its class, too.
+pub(in crate::diagnose) fn share_classes(contributions: &mut [Contribution], indistinguishable: &[Vec<String>]) {
+    for contribution in contributions {
+        let own = format!("{}:{}", contribution.effect, contribution.channel);
+        for name in indistinguishable.iter().filter(|class| class.contains(&own)).flatten() {
+            if *name != own && !contribution.class.contains(name) {
+                contribution.class.push(name.clone());
+            }
+        }
+    }
+}
+
 /// Whether what was found explains the gap.
 pub(in crate::diagnose) fn explained(composed: &Composed) -> Explained {
     match (composed.judged.verdict, &composed.hypothesis) {

@@ -27,6 +27,9 @@ use crate::effect::{Applied, Scales};
 /// The error may rise by so much when parameters are fitted beside the noise's colour.
 const SETTLED: f64 = 1.02;
 
+/// Numbers of a law from which on it may take the shape of several plain ones.
+const ELABORATE: usize = 3;
+
 /// What acts.
 pub(in crate::diagnose) struct Composed {
     /// The verdict, with all that was found.
@@ -88,6 +91,11 @@ impl Composed {
 /// So many standard deviations does the largest of a number of normal variables exceed, on either side, with this chance at most (Bonferroni's inequality).
 fn by_chance_of_many(chance: f64, many: usize) -> f64 {
     erfc_inv(chance / many.max(1) as f64) * std::f64::consts::SQRT_2
+}
+
+/// It takes so many numbers that it may take the shape of several plain laws.
+fn is_elaborate(applied: &Applied) -> bool {
+    applied.parameters.len() >= ELABORATE
 }
 
 fn in_block(recalibration: Option<f64>, applied: &Applied) -> bool {
@@ -220,25 +228,46 @@ impl Compose<'_, '_> {
         }
     }
 
-    /// The same, or a better one that begins elsewhere: where something is left above the noise, what explains most may stand in for others, and stand in
-    /// their way. So the search is done again without it, from the best that there is without it.
-    fn from_elsewhere(&self, composition: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
-        let mut best = composition;
-        let mut composer = self.composer(true, Some(judged));
-        if self.likelihood.system.is_black_box() || best.hypothesis.effects.is_empty() || !composer.leaves_something(&best.hypothesis) {
+    /// The same, or a better one that begins elsewhere. Laws of many numbers (a resonance) take the shape of several plain ones together: so all is done again without
+    /// any of them. And where something is left above the noise, what explains most may stand in the way of others: so all is done again without that.
+    fn from_elsewhere(&self, mut best: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
+        if self.likelihood.system.is_black_box() || best.hypothesis.effects.is_empty() {
             return best;
         }
-        let (ordered, _) = self.by_share(best.hypothesis.clone(), best.recalibration);
-        let Some(doubted) = ordered.effects.iter().find(|a| !in_block(best.recalibration, a)).map(Applied::key) else { return best };
-        composer.candidates.retain(|a| a.key() != doubted);
-        let known = |a: &Applied| !a.effect.loses_commands() && composer.candidates.iter().any(|c| c.key() == a.key());
-        let fitted = self.found.pairs.iter().chain(self.found.singles.iter().filter(|e| e.fitted));
-        let start = fitted.filter(|e| e.effects.iter().all(known)).map(|e| e.effects.clone()).next();
-        let other = start.and_then(|start| composer.compose(&start, progress));
-        if let Some(other) = other.filter(|other| composer.prefers(&best, other)) {
-            best = other;
+        let singly = |of: &Composition| -> Vec<Applied> {
+            self.by_share(of.hypothesis.clone(), of.recalibration)
+                .0
+                .effects
+                .into_iter()
+                .filter(|a| !in_block(of.recalibration, a))
+                .collect()
+        };
+        if singly(&best).iter().any(is_elaborate) && best.hypothesis.effects.len() > 2 {
+            best = self.without_some(best, judged, progress, is_elaborate);
+        }
+        if self.composer(true, Some(judged)).leaves_something(&best.hypothesis)
+            && let Some(doubted) = singly(&best).first().map(Applied::key)
+        {
+            best = self.without_some(best, judged, progress, |a| a.key() == doubted);
         }
         best
+    }
+
+    /// A composition, or a better one without some effects, that begins with the best that the search found without them.
+    fn without_some(
+        &self,
+        best: Composition,
+        judged: &Judged,
+        progress: &dyn Fn(Stage),
+        doubted: impl Fn(&Applied) -> bool,
+    ) -> Composition {
+        let mut composer = self.composer(true, Some(judged));
+        composer.candidates.retain(|a| !doubted(a));
+        let known = |a: &Applied| !a.effect.loses_commands() && composer.candidates.iter().any(|c| c.key() == a.key());
+        let mut fitted = self.found.pairs.iter().chain(self.found.singles.iter().filter(|e| e.fitted));
+        let start = fitted.find(|e| e.effects.iter().all(known)).map(|e| e.effects.clone());
+        let other = start.and_then(|start| composer.compose(&start, progress));
+        other.filter(|other| !other.hypothesis.effects.is_empty() && composer.prefers(&best, other)).unwrap_or(best)
     }
 
     /// The training nrmse of all outputs down to which something is left above the noise; `None` where no output moves.

@@ -29,6 +29,8 @@ use crate::effect::{Applied, Scales, row};
 
 /// Candidates that are refitted together with everything else at a step; and how many of them to the end.
 const REFITTED: [usize; 2] = [14, 8];
+/// The same in the place of an earlier effect.
+const SWAPPED: [usize; 2] = [6, 3];
 /// Steps of the first fits.
 const TRIAL: usize = 4;
 /// Pairs that may begin where no single effect is accepted.
@@ -89,9 +91,10 @@ impl<'a> Composer<'_, 'a> {
         let mut alone: Vec<&Hypothesis> = self.singles.iter().filter(|s| s.fitted && s.effects.len() == 1).collect();
         alone.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         self.shortlist = alone.iter().take(SHORTLIST).map(|s| s.key()).collect();
-        // Of several that were found together each may be a stand-in; one alone, where it is a law of many numbers in the place of a plain one.
+        // Of several that leave something each may be a stand-in; one alone, where it is a law of many numbers in the place of a plain one.
+        let several = from.len() > 1 && self.leaves_something(&composition.hypothesis);
         if let Some((likelihood, present)) = self.renewed(&composition.hypothesis) {
-            let flexible = |a: &&Applied| from.len() > 1 || a.values.iter().filter(|v| v.is_finite()).count() > 1;
+            let flexible = |a: &&Applied| several || a.values.iter().filter(|v| v.is_finite()).count() > 1;
             let earlier: Vec<Applied> = present.hypothesis.effects.iter().filter(flexible).cloned().collect();
             composition = self.backward(&likelihood, composition, present, earlier, &original);
         }
@@ -142,7 +145,9 @@ impl<'a> Composer<'_, 'a> {
             let promising = self.promising(&likelihood, &before.hypothesis, &all);
             let listed = promising.iter().take(SHORTLIST).map(Applied::key).filter(|key| !self.shortlist.contains(key));
             self.shortlist.extend(listed.collect::<Vec<_>>());
-            let Some((next, stand_ins)) = self.best(&likelihood, &before, &before.hypothesis, promising, original) else { break };
+            let Some((next, stand_ins)) = self.best(&likelihood, &before, &before.hypothesis, (promising, REFITTED), original) else {
+                break;
+            };
             let Some(added) = newest(&before.hypothesis, &next.hypothesis) else { break };
             composition = composition.with(&next.hypothesis, &added, stand_ins);
             let earlier = next.hypothesis.effects.iter().filter(|a| a.key() != added.key() && !self.in_block(a)).cloned().collect();
@@ -201,8 +206,14 @@ impl<'a> Composer<'_, 'a> {
     }
 
     /// Joint fits of a hypothesis with each of the candidates that promise most beside it.
-    fn additions(&self, likelihood: &Likelihood<'_>, from: &Hypothesis, mut promising: Vec<Applied>) -> Vec<Hypothesis> {
-        promising.truncate(REFITTED[0]);
+    fn additions(
+        &self,
+        likelihood: &Likelihood<'_>,
+        from: &Hypothesis,
+        mut promising: Vec<Applied>,
+        counts: [usize; 2],
+    ) -> Vec<Hypothesis> {
+        promising.truncate(counts[0]);
         let cost = self.cost(likelihood);
         let fits = |hypotheses: Vec<Hypothesis>, steps: usize| -> Vec<Hypothesis> {
             let refit = |e: Hypothesis| Hypothesis::refit(likelihood, e, &self.scales, cost, steps);
@@ -211,7 +222,7 @@ impl<'a> Composer<'_, 'a> {
             fitted
         };
         let mut fitted = fits(promising.into_iter().map(|candidate| to_be_fitted(from, Some(candidate), None)).collect(), TRIAL);
-        fitted.truncate(REFITTED[1]);
+        fitted.truncate(counts[1]);
         let limited = |e: Hypothesis| e.with_missing_limits(likelihood, &self.scales, cost, likelihood.budget.steps);
         fits(fitted, likelihood.budget.steps).into_par_iter().map(limited).collect()
     }
@@ -251,10 +262,10 @@ impl<'a> Composer<'_, 'a> {
         likelihood: &Likelihood<'_>,
         before: &Standing,
         from: &Hypothesis,
-        promising: Vec<Applied>,
+        (promising, counts): (Vec<Applied>, [usize; 2]),
         original: &Original,
     ) -> Option<(Standing, Vec<Applied>)> {
-        let trials = self.additions(likelihood, from, promising);
+        let trials = self.additions(likelihood, from, promising, counts);
         let standings: Vec<Standing> = trials.into_par_iter().filter_map(|e| Standing::of(likelihood, e, &self.scales)).collect();
         let accepted: Vec<&Standing> = standings.iter().filter(|after| self.gate.accepts(before, after, original)).collect();
         let lowest = *accepted.iter().min_by(|a, b| a.error().total_cmp(&b.error()))?;
@@ -293,7 +304,7 @@ impl<'a> Composer<'_, 'a> {
             let listed: Vec<&Applied> =
                 self.candidates.iter().filter(|a| self.shortlist.contains(&a.key()) || a.key() == old.key()).collect();
             let promising = self.promising(likelihood, &without.hypothesis, &listed);
-            let Some((swapped, stand_ins)) = self.best(likelihood, &without, &others, promising, original) else { continue };
+            let Some((swapped, stand_ins)) = self.best(likelihood, &without, &others, (promising, SWAPPED), original) else { continue };
             let Some(instead) = newest(&without.hypothesis, &swapped.hypothesis) else { continue };
             if instead.key() == old.key() {
                 composition = composition.with(&present.hypothesis, &old, stand_ins);
@@ -348,7 +359,8 @@ impl<'a> Composer<'_, 'a> {
         Some(self.backward(&likelihood, composition, best.clone(), earlier, original))
     }
 
-    /// Whether a composition that was found without one of another's effects takes that one's place: it explains more, and more for every further parameter.
+    /// Whether a composition that was found without some of another's effects takes that one's place: it explains as much with fewer numbers, or more, and more for
+    /// every further number.
     pub(in crate::diagnose) fn prefers(&self, present: &Composition, other: &Composition) -> bool {
         let standing = |likelihood: &Likelihood<'a>, composition: &Composition| {
             let shrunk = composition.recalibration.map_or_else(|| likelihood.clone(), |size| likelihood.with_shrinkage(size));
@@ -361,6 +373,12 @@ impl<'a> Composer<'_, 'a> {
             Some((standing(&likelihood, present)?, standing(&likelihood, other)?))
         };
         let Some((present, other)) = compared() else { return false };
+        if other.hypothesis.free.len() < present.hypothesis.free.len() {
+            // With fewer numbers: as good, on held-out data too.
+            let fall = self.gate.criteria.added_falls;
+            let worse = Gate::fall(&other, &present) > fall && present.better_by_t(&other) >= self.gate.criteria.added_t;
+            return !worse && other.held.over(&present.held) <= 1.0 / (1.0 - fall);
+        }
         let more = other.hypothesis.free.len().saturating_sub(present.hypothesis.free.len());
         let enough = self.gate.criteria.added_falls * (1 + more) as f64;
         Gate::fall(&present, &other) > enough
