@@ -11,7 +11,7 @@ use super::progress::Bar;
 use super::source::{Needed, Reading};
 use super::words::in_options;
 use crate::delay::report::Report;
-use crate::delay::{Detrend, EventsJob, Feedback, Job, ResponseJob, Scope, chosen};
+use crate::delay::{Detrend, EventsJob, Feedback, Job, ResponseJob, STEP_METHODS, Scope, chosen};
 use crate::file::write_atomic;
 use crate::log::{Log, STEP, read_frequency_response};
 use crate::model::ModelFile;
@@ -98,9 +98,6 @@ pub(super) struct Estimate {
     html: Option<PathBuf>,
 }
 
-/// Methods that a single step is enough for.
-const FOR_STEPS: [&str; 6] = ["p1d", "p2d", "p3d", "p2dz", "area1", "cusum_step"];
-
 impl Estimate {
     /// Prints the estimates; as JSON they are deadtime/estimate@1.
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
@@ -173,7 +170,7 @@ impl Estimate {
         let log = Log::of_step(first, self.output.first().map(String::as_str), self.step_size, self.step_time)?;
         let scopes: &[Scope] = if self.model.is_some() { &[Scope::Pair, Scope::States] } else { &[Scope::Pair] };
         let all = self.method.iter().any(|m| m == "all");
-        let methods: Vec<String> = if all { FOR_STEPS.iter().map(|m| (*m).to_owned()).collect() } else { self.method.clone() };
+        let methods: Vec<String> = if all { STEP_METHODS.iter().map(|m| (*m).to_owned()).collect() } else { self.method.clone() };
         let output: Vec<String> = log.names().filter(|n| *n != STEP).map(str::to_owned).collect();
         let quarter_s = 0.25 * log.duration_s();
         Ok(Job {

@@ -69,6 +69,9 @@ impl Ready {
     }
 }
 
+/// Methods that a single step is enough for, by their names.
+pub const STEP_METHODS: [&str; 6] = ["p1d", "p2d", "p3d", "p2dz", "area1", "cusum_step"];
+
 /// The methods asked for, in the list's order, with their options as JSON objects; `all` are those that look at one of `scopes`.
 ///
 /// # Errors
@@ -312,14 +315,15 @@ impl Job {
                     Ok(Answer { method: ready.method, estimate, predicted, time_s: clock.elapsed().as_secs_f64() })
                 };
                 let mut answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
-                if records.iter().all(Record::is_one_step) {
+                let one_step = records.iter().all(Record::is_one_step);
+                if one_step {
                     judge_orders(answers.iter_mut().map(|a| (a.method, &mut a.estimate)));
                 }
                 self.stop.check()?;
                 far.at(ANSWERED, &format_args!("whether the delay of {output} behind {input} changes"));
                 let held = if closed && self.feedback == Feedback::Auto { held_for(&records) } else { 1 };
                 let held_s = ts.to_seconds(held as f64 - 1.0);
-                let facts = RecordFacts { early_s: self.early_s().max(held_s), direct: looped.direct };
+                let facts = RecordFacts { early_s: self.early_s().max(held_s), direct: looped.direct, one_step };
                 let mut pair = pair(input, output, &answers, findings, ts, &facts);
                 if held > 1 {
                     pair.verdict = held_verdict(pair.verdict, input, held, ts);
@@ -409,7 +413,8 @@ impl Job {
                     Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
                 };
                 let answer = Answer { method: ready.method, estimate, predicted: None, time_s };
-                pairs.push(pair(&input.name, "*", &[answer], Vec::new(), ts, &RecordFacts { early_s: self.early_s(), direct: false }));
+                let facts = RecordFacts { early_s: self.early_s(), ..RecordFacts::default() };
+                pairs.push(pair(&input.name, "*", &[answer], Vec::new(), ts, &facts));
             }
         }
         Ok(pairs)

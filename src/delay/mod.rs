@@ -41,7 +41,7 @@ pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use feedback::{InLoop, held_for, in_loop, lead, open_part};
 pub use frequency::{Arxdap, Firdap, Oedap, PhaseSlope};
 pub use higher_order::Bispectrum;
-pub use job::{EventsJob, Expected, Feedback, Job, Ready, chosen};
+pub use job::{EventsJob, Expected, Feedback, Job, Ready, STEP_METHODS, chosen};
 pub use laguerre::{Fischer, Lagudap};
 pub use method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start, method};
 pub use parametric::{

@@ -53,6 +53,8 @@ pub struct RecordFacts {
     pub early_s: f64,
     /// The record shows that the output reacts to the input within the sample.
     pub direct: bool,
+    /// The input moves once.
+    pub one_step: bool,
 }
 
 /// What the record shows that this answer does not withstand; empty where it may be counted. An answer from the part of the input that the output did not cause withstands
@@ -71,7 +73,8 @@ pub(super) const EXPERIMENT: &str = "move the set point, or add a random binary 
 
 /// Weighs answers for one pair. `answers` are (method, answer, standard deviation that was to be expected of it, s), within a class the most trusted first; `findings` is what the record shows.
 ///
-/// Nothing is believed where no method found a delay, nor where those that withstand every noise and feedback looked and saw no response.
+/// Nothing is believed where no method found a delay, nor where those that withstand every noise and feedback looked and saw no response. Nor where the input moves once, nobody can be
+/// trusted, and many delays fit a process model.
 ///
 /// Methods that do not withstand what the record shows are not counted, nor answers that are contradicted by what they leave over, unless no other has answered; under
 /// feedback not even then. Where most say that the output reacts sooner than the plant can, and the record shows no direct path, those are not counted. Each class of methods has one vote, shared by those of its
@@ -103,6 +106,13 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     let nobody = trusted.is_empty();
     if nobody && findings.iter().any(|f| f.condition == Condition::Feedback) {
         let why = format!("no method that answered withstands what the record shows beside feedback ({}): {EXPERIMENT}", named(&found));
+        return Verdict::none(why);
+    }
+    if let Some(vague) = too_many_poles(answers).filter(|_| nobody && facts.one_step) {
+        let why = format!(
+            "one step does not tell this plant's poles from dead time: models of few poles do not fit, and {vague} ({}); record a step with less noise, or one with a sample more often",
+            named(&found)
+        );
         return Verdict::none(why);
     }
     let mut counted: Vec<&Found<'_>> = if nobody { found.iter().collect() } else { trusted };
@@ -236,6 +246,12 @@ fn unseen<'a>(answers: &[Said<'a>]) -> Option<Vec<&'a str>> {
     let judges = || answers.iter().filter(|(m, _, _)| any.iter().all(|c| m.withstands(*c)));
     let blind: Vec<&str> = judges().filter(|(_, e, _)| e.outcome == Outcome::NotVisible).map(|(m, _, _)| m.entry.name).collect();
     (blind.len() >= 2 && !judges().any(|(_, e, _)| e.outcome.has_delay())).then_some(blind)
+}
+
+/// What a process model says of which many delays fit alike, where there is one.
+fn too_many_poles(answers: &[Said<'_>]) -> Option<String> {
+    let flat = answers.iter().find(|(m, e, _)| m.class == Class::Process && e.outcome == Outcome::Flat);
+    flat.map(|(m, e, _)| format!("{} says {}", m.entry.name, e.note.as_deref().unwrap_or("that many delays fit")))
 }
 
 /// Share of the weight that may lie beyond an end of the interval.
@@ -376,6 +392,16 @@ mod tests {
     }
 
     #[test]
+    fn of_a_step_that_no_model_of_few_poles_fits_nothing_is_believed_where_many_delays_fit_one_of_more() {
+        let few = answer(1.0, 0.1).contradicted(Some("p2d fits better".to_owned()));
+        let many = DelayEstimate::without(Outcome::Flat, "delays from 3.2 to 24.9 samples fit equally well");
+        let said: Vec<Said<'_>> = vec![(method("p1d").unwrap(), &few, None), (method("p3d").unwrap(), &many, None)];
+        let v = |one_step| verdict(&said, &[], SampleTime::new(0.1).unwrap(), &RecordFacts { one_step, ..RecordFacts::default() });
+        assert_eq!((v(true).delay_s, v(false).delay_s), (None, Some(1.0)));
+        assert!(v(true).why.contains("p3d says delays from 3.2 to 24.9 samples"), "{}", v(true).why);
+    }
+
+    #[test]
     fn methods_of_one_class_share_their_vote() {
         let (sharp, early, early_too) = (answer(2.0, 0.1), answer(1.0, 0.1), answer(1.0, 0.1));
         let v = of(&[("oestruc", &sharp), ("threshold", &early), ("threshold_step", &early_too)], &[]);
@@ -425,7 +451,8 @@ mod tests {
     #[test]
     fn what_another_grid_made_early_is_inside_the_interval() {
         let (at, method) = (answer(2.0, 0.1), method("oestruc").unwrap());
-        let v = verdict(&[(method, &at, None)], &[], SampleTime::new(0.1).unwrap(), &RecordFacts { early_s: 0.3, direct: false });
+        let v =
+            verdict(&[(method, &at, None)], &[], SampleTime::new(0.1).unwrap(), &RecordFacts { early_s: 0.3, ..RecordFacts::default() });
         assert_eq!((v.delay_s, v.ci95_s), (Some(2.0), Some([1.8, 2.5])));
     }
 
@@ -452,7 +479,7 @@ mod tests {
         let within = DelayEstimate { raw_delay_s: Some(0.0), degree_bias_samples: 1.0, ..answer(0.0, 0.001) };
         let later = DelayEstimate { raw_delay_s: Some(0.04), degree_bias_samples: 1.0, ..answer(0.03, 0.005) };
         let said = [("oestruc", &within), ("arxdap", &within), ("p2d", &later)].map(|(m, e)| (method(m).unwrap(), e, None));
-        let v = |direct| verdict(&said, &[], SampleTime::new(0.01).unwrap(), &RecordFacts { early_s: 0.0, direct });
+        let v = |direct| verdict(&said, &[], SampleTime::new(0.01).unwrap(), &RecordFacts { direct, ..RecordFacts::default() });
         assert_eq!((v(true).delay_s, v(false).delay_s), (Some(0.0), Some(0.03)));
         assert!(v(true).why.contains("a direct path, and no dead time"), "{}", v(true).why);
         assert!(

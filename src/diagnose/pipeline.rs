@@ -40,7 +40,7 @@ use crate::diagnose::judge::verdict::{Judged, judge};
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::gaussian::{Likelihood, Terms};
-use crate::diagnose::likelihood::residuals::{residuals, trained};
+use crate::diagnose::likelihood::residuals::{residuals, simulated, trained};
 use crate::diagnose::search::catalogue::{Catalogue, catalogue};
 use crate::diagnose::search::catalogue_search::{SearchResult, Searched, search};
 use crate::diagnose::search::moving::{moves, typical};
@@ -285,6 +285,7 @@ impl Answer<'_> {
         let active = ActiveEffects::from(&handed.effects);
         let before = residuals(likelihood, NO_EFFECT)?;
         let after = residuals(likelihood, active)?;
+        let (run_before, run_after) = (simulated(likelihood, NO_EFFECT)?, simulated(likelihood, active)?);
         let decoded = match composed.hypothesis.as_ref().filter(|e| e.lost.is_some()) {
             Some(sequences) => Some(residuals(likelihood, sequences)?),
             None => None,
@@ -316,14 +317,14 @@ impl Answer<'_> {
                 remainder: Some(remainder),
                 ..cause
             },
-            shrink: improvement(likelihood, [&before, &after], decoded.as_deref(), &floor.floor, seed),
+            shrink: improvement(likelihood, [&run_before, &run_after], decoded.as_deref(), &floor.floor, seed),
         };
         let effects: Vec<Applied> = composed.hypothesis.iter().flat_map(|e| e.effects.clone()).collect();
         let traces = traces(likelihood, Some(active).filter(|_| !effects.is_empty()), &floor.floor);
         let mut caveats = nominal_caveats(system, records, &self.motion.predicted, &diagnosis);
         caveats.extend(self.caveats(&composed.judged));
         caveats.extend(handed.caveat);
-        let model = self.subject.with(handed.effects.iter().map(Applied::to_entry));
+        let model = self.subject.with(handed.effects.iter().map(Applied::to_entry), logs);
         let commands = command_traces(likelihood);
         Some(Diagnosed { diagnosis, model, effects, handed_over: handed.effects, traces, commands, caveats, calls: None })
     }

@@ -57,6 +57,8 @@ mod gap;
 mod gap_bend;
 mod gap_candidates;
 mod gap_coarse;
+#[cfg(feature = "cli")]
+mod gap_handed;
 mod gap_hard;
 mod gap_mixture;
 #[cfg(feature = "cli")]

@@ -15,7 +15,7 @@ use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::gaussian::Likelihood;
-use crate::diagnose::likelihood::residuals::residuals;
+use crate::diagnose::likelihood::residuals::simulated;
 use crate::effect::{Applied, Lateness, Scales, row};
 
 /// What stands in for a hidden sequence must lower the training error to this part, or it is left out; 1.
@@ -30,9 +30,9 @@ pub(in crate::diagnose) struct HandedOver {
     pub(in crate::diagnose) caveat: Option<Caveat>,
 }
 
-/// Errors of effects without anything decoded: learnt and held out; `None` where they cannot be simulated.
+/// Errors of runs with effects, without anything decoded: learnt and held out; `None` where they cannot be simulated.
 fn errors(likelihood: &Likelihood<'_>, effects: &[Applied]) -> Option<[f64; 2]> {
-    let residuals = if effects.is_empty() { residuals(likelihood, NO_EFFECT)? } else { residuals(likelihood, effects)? };
+    let residuals = if effects.is_empty() { simulated(likelihood, NO_EFFECT)? } else { simulated(likelihood, effects)? };
     let of = |held: bool| overall(&Errors::of(likelihood.records, &residuals, |r| if held { r.held } else { r.train }).nrmse());
     Some([of(false).unwrap_or(0.0), of(true).unwrap_or(0.0)])
 }

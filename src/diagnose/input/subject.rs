@@ -2,7 +2,7 @@
 
 use super::record::channels_fit;
 use crate::error::Result;
-use crate::log::Log;
+use crate::log::{Log, LogError};
 use crate::model::{EffectEntry, ModelDocument, Operating};
 use crate::simulate::{Port, System};
 
@@ -68,10 +68,17 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// The model file with further effects; `None` where there is none.
-    pub(in crate::diagnose) fn with(self, found: impl Iterator<Item = EffectEntry>) -> Option<ModelDocument> {
+    /// The model file with further effects, at the operating point at which it was diagnosed: the mean of another log would be another model. `None` where there is no file.
+    pub(in crate::diagnose) fn with(self, found: impl Iterator<Item = EffectEntry>, logs: &[Log]) -> Option<ModelDocument> {
         let Self::Model(document) = self else { return None };
         let mut model = document.clone();
+        if let ModelDocument::Lti(file) = &mut model {
+            for channel in file.inputs.iter_mut().chain(&mut file.outputs) {
+                if let (Operating::Mean(_), Ok(mean)) = (channel.operating, mean_over(logs, &channel.name)) {
+                    channel.operating = Operating::Value(mean);
+                }
+            }
+        }
         model.effects_mut().extend(found);
         Some(model)
     }
@@ -90,15 +97,18 @@ pub(in crate::diagnose) fn system(document: &ModelDocument, logs: &[Log]) -> Res
     let (inputs, outputs) = (subject.inputs(), subject.outputs());
     logs.iter().try_for_each(|log| channels_fit(log, &inputs, &outputs))?;
     let asked = document.inputs().iter().chain(document.outputs()).any(|c| matches!(c.operating, Operating::Mean(_)));
-    System::new(document, |name| {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for log in logs.iter().filter(|_| asked) {
-            let output = log.output(name)?;
-            for value in (0..log.len()).filter_map(|k| output.get(k)) {
-                sum += value;
-                count += 1.0;
-            }
+    System::new(document, |name| if asked { Ok(mean_over(logs, name)?) } else { Ok(0.0) })
+}
+
+/// The mean of a channel over all its samples; 0 where there is none.
+fn mean_over(logs: &[Log], name: &str) -> std::result::Result<f64, LogError> {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for log in logs {
+        let output = log.output(name)?;
+        for value in (0..log.len()).filter_map(|k| output.get(k)) {
+            sum += value;
+            count += 1.0;
         }
-        Ok(if count > 0.0 { sum / count } else { 0.0 })
-    })
+    }
+    Ok(if count > 0.0 { sum / count } else { 0.0 })
 }

@@ -13,6 +13,7 @@ use crate::diagnose::input::budget::{Allowance, Budget};
 use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::record::{LogRecord, Span};
 use crate::effect::{Applied, Chance, Scales, Site};
+use crate::signal::stats;
 use crate::simulate::plan::Tolerance;
 use crate::simulate::{Commands, Correction, Plan, SimulateError, System, Wanted};
 use crate::stop::Stop;
@@ -202,7 +203,8 @@ impl<'a> Likelihood<'a> {
         self.predict_samples(record, active, inputs, self.records[record].trained_samples())
     }
 
-    fn predict_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
+    /// The plan of a run over one record.
+    fn plan_on(&self, record: usize, active: ActiveEffects<'_>, samples: usize) -> Option<Plan> {
         if self.stop.is_set() {
             return None;
         }
@@ -211,6 +213,11 @@ impl<'a> Likelihood<'a> {
         let mut plan = self.plan(effects, known.map_or(Chance::Mean, |sequences| Chance::Known(sequences)))?;
         plan.tolerance = Tolerance { budget: self.step_limits.get(record).copied().unwrap_or(usize::MAX), ..TOLERANCE };
         plan.wanted = Wanted { samples, states: false };
+        Some(plan)
+    }
+
+    fn predict_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
+        let plan = self.plan_on(record, active, samples)?;
         let commands = Commands { time_s: &self.records[record].time_s, inputs };
         let run = self.system.simulate(&plan, commands, &self.system.initial, self.correction(record)).ok()?;
         Some(run.y)
@@ -335,6 +342,26 @@ impl<'a> Likelihood<'a> {
         self.moved_to_posterior(record, y, self.records[record].train?)
     }
 
+    /// Predicted outputs from the start that fits best, simulated from there: what whoever runs the model gets, and not what the nominal model's response to a start says.
+    ///
+    /// Best is what leaves the least of the samples in `span`, every output over its own spread, beside the prior of the start. A simulator that can only be called is not asked so often.
+    pub(in crate::diagnose) fn predict_from_best_start<'e>(
+        &self,
+        record: usize,
+        active: impl Into<ActiveEffects<'e>>,
+        span: Span,
+    ) -> Option<DMatrix<f64>> {
+        let active = active.into();
+        let free: Vec<usize> = (0..self.prior.len()).filter(|&j| self.prior[j] > 0.0).collect();
+        if free.is_empty() || self.system.is_black_box() {
+            return self.predict_from_posterior(record, active, span);
+        }
+        let plan = self.plan_on(record, active, usize::MAX)?;
+        let log = &self.records[record];
+        let start = Start { likelihood: self, record, plan, rows: spread_rows(log, span), free };
+        start.best()
+    }
+
     fn moved_to_posterior(&self, record: usize, mut y: DMatrix<f64>, span: Span) -> Option<DMatrix<f64>> {
         let nuisances = &self.nuisances[record];
         if nuisances.is_empty() {
@@ -369,5 +396,88 @@ impl<'a> Likelihood<'a> {
         };
 
         self.records.iter().map(here).sum::<usize>() as f64
+    }
+}
+
+/// The samples of a span that an output has, each with the output's spread there; outputs that stand still are left out.
+fn spread_rows(record: &LogRecord, span: Span) -> Vec<(usize, usize, f64)> {
+    let mut rows = Vec::new();
+    for output in 0..record.measured.len() {
+        let inside: Vec<(usize, f64)> =
+            (0..record.time_s.len()).filter_map(|k| Some((k, record.measured_in(Some(span), output, k)?))).collect();
+        let values: Vec<f64> = inside.iter().map(|(_, y)| *y).collect();
+        let spread = stats::deviation(&values).unwrap_or(0.0);
+        rows.extend(inside.into_iter().filter(|_| spread > 0.0).map(|(k, _)| (k, output, spread)));
+    }
+    rows
+}
+
+/// A search for the start of one record.
+struct Start<'l, 'a> {
+    likelihood: &'l Likelihood<'a>,
+    record: usize,
+    plan: Plan,
+    rows: Vec<(usize, usize, f64)>,
+    free: Vec<usize>,
+}
+
+/// Steps of that search, and the part of the error from which another one is worth it.
+const START_STEPS: usize = 8;
+const START_GAIN: f64 = 1e-6;
+
+impl Start<'_, '_> {
+    fn at(&self, deviation: &DVector<f64>) -> Vec<f64> {
+        let mut start = self.likelihood.system.initial.clone();
+        self.free.iter().zip(deviation.iter()).for_each(|(j, by)| start[*j] += by);
+        start
+    }
+
+    /// The outputs from a start, and what they leave of each row over its output's spread.
+    fn run(&self, deviation: &DVector<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
+        let (likelihood, log) = (self.likelihood, &self.likelihood.records[self.record]);
+        let run = likelihood.system.simulate(&self.plan, log.commands(), &self.at(deviation), likelihood.correction(self.record)).ok()?;
+        let left = self.rows.iter().map(|&(k, i, spread)| log.measured[i].get(k).map_or(0.0, |y| (y - run.y[(k, i)]) / spread));
+        let left = DVector::from_iterator(self.rows.len(), left);
+        Some((run.y, left)).filter(|(_, left)| left.iter().all(|v| v.is_finite()))
+    }
+
+    /// ∂(outputs over their spreads)/∂start.
+    fn slopes(&self, deviation: &DVector<f64>) -> Option<DMatrix<f64>> {
+        let (likelihood, log) = (self.likelihood, &self.likelihood.records[self.record]);
+        let scale: Vec<f64> = likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
+        let correction = likelihood.correction(self.record);
+        let all = likelihood.system.sensitivity(&self.plan, log.commands(), &self.at(deviation), &scale, correction).ok()?;
+        let samples = log.time_s.len();
+        Some(DMatrix::from_fn(self.rows.len(), self.free.len(), |row, column| {
+            let (k, i, spread) = self.rows[row];
+            all[(i * samples + k, self.free[column])] / spread
+        }))
+    }
+
+    /// Gauss-Newton steps from the model's own start.
+    fn best(&self) -> Option<DMatrix<f64>> {
+        let precision = DVector::from_iterator(self.free.len(), self.free.iter().map(|&j| self.likelihood.prior[j].powi(-2)));
+        let count = self.rows.len().max(1) as f64;
+        let mut deviation = DVector::zeros(self.free.len());
+        let (mut y, mut left) = self.run(&deviation)?;
+        for _ in 0..START_STEPS {
+            let variance = left.norm_squared() / count;
+            let Some(slopes) = self.slopes(&deviation).filter(|s| variance > 0.0 && s.iter().all(|v| v.is_finite())) else { break };
+            let cost = |left: &DVector<f64>, at: &DVector<f64>| left.norm_squared() / variance + at.component_mul(at).dot(&precision);
+            let towards = slopes.tr_mul(&left) / variance - deviation.component_mul(&precision);
+            let information = slopes.tr_mul(&slopes) / variance + DMatrix::from_diagonal(&precision);
+            let Some(step) = information.cholesky().map(|c| c.solve(&towards)) else { break };
+            let now = cost(&left, &deviation);
+            if step.dot(&towards) < START_GAIN * now {
+                break;
+            }
+            let better = [1.0, 0.3, 0.1].into_iter().find_map(|part| {
+                let there = &deviation + part * &step;
+                self.run(&there).filter(|(_, left)| cost(left, &there) < now).map(|(y, left)| (there, y, left))
+            });
+            let Some(better) = better else { break };
+            (deviation, y, left) = better;
+        }
+        Some(y)
     }
 }

@@ -19,7 +19,20 @@ pub(in crate::diagnose) fn residuals<'e>(likelihood: &Likelihood<'_>, active: im
         .collect()
 }
 
-/// The same of the training spans alone; of anything else nothing that means something.
+/// Residuals of runs from the start of each record that fits best, of a held-out log by its own samples, else by the training span: what whoever runs the model gets.
+pub(in crate::diagnose) fn simulated<'e>(likelihood: &Likelihood<'_>, active: impl Into<ActiveEffects<'e>>) -> Option<Vec<DMatrix<f64>>> {
+    let active = active.into();
+    (0..likelihood.records.len())
+        .into_par_iter()
+        .map(|at| {
+            let record = &likelihood.records[at];
+            let span = record.train.or(record.held)?;
+            Some(likelihood.residual(at, &likelihood.predict_from_best_start(at, active, span)?))
+        })
+        .collect()
+}
+
+/// Residuals of the training spans alone from their posterior starts; of anything else nothing that means something.
 pub(in crate::diagnose) fn trained<'e>(likelihood: &Likelihood<'_>, active: impl Into<ActiveEffects<'e>>) -> Option<Vec<DMatrix<f64>>> {
     let active = active.into();
     (0..likelihood.records.len())

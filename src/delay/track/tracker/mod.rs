@@ -72,7 +72,8 @@ pub struct Tracking {
 ///
 /// First the response is learnt: the regression y(t) = Σ aᵢ·y(t−i) + Σ bⱼ·u(t−d−j) + c for every delay d out of one running Gram matrix. Then each sample costs one error
 /// for each delay, a step of a filter over delays (the band), and one sum for each delay that compares it with the delay believed (Page's CUSUM of the log-likelihood
-/// ratio); the shape a, b, c is solved anew from a Gram matrix that forgets. Memory is bounded by the options, whatever the number of samples.
+/// ratio); the shape a, b, c is solved anew from a Gram matrix that forgets. Behind an alarm all delays are compared once more over the last rows with the shape integrated out, as
+/// where the input is new the learnt shape is wrong in all of them alike. Memory is bounded by the options, whatever the number of samples.
 ///
 /// Wrong when: the delay changes while the response is learnt (the delay told then lies between, and the change is not told); the input repeats within the window; the
 /// plant changes in a way that another delay explains better than nothing does. Nothing is told while nothing moves: the band widens.
