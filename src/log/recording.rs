@@ -50,7 +50,7 @@ pub enum Stamps {
     /// When the recorder got them: the same clock for all topics.
     #[default]
     Arrival,
-    /// What the sender wrote into `header.stamp`, of the topics that have it.
+    /// What the sender wrote into `header.stamp` or `timestamp`, of the topics that have it.
     Header,
 }
 
