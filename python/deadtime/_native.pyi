@@ -459,6 +459,8 @@ class _Simulator:
         outputs: Sequence[tuple[str, str | None]],
         states: Sequence[tuple[str, float, float | None]],
         parameters: Sequence[tuple[str, str | None, float]],
+        channels: Sequence[str | None] | None = None,
+        restart_every: float | None = None,
     ) -> _Simulator: ...
     def __call__(self, u: ArrayLike, time: ArrayLike, x0: ArrayLike, parameters: dict[str, float]) -> Array: ...
     @property

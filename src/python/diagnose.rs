@@ -22,7 +22,7 @@ use crate::log::Log as InnerLog;
 use crate::model::ModelDocument;
 use crate::progress::HowFar;
 use crate::report;
-use crate::simulate::{Commands, Dynamics, Face, Port, Simulator, Start, System};
+use crate::simulate::{Commands, Dynamics, Face, Port, Restart, Simulator, Start, System};
 use crate::stop::Stop;
 
 /// Makes the exception that a call raised the one that a caller sees: whole, where it was no ordinary one; else as the cause of ours.
@@ -200,6 +200,8 @@ type Named = (String, Option<String>);
 #[pymethods]
 impl PySimulator {
     #[new]
+    #[pyo3(signature = (f, name, inputs, outputs, states, parameters, channels=None, restart_every=None))]
+    #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
         f: Py<PyAny>,
@@ -208,6 +210,8 @@ impl PySimulator {
         outputs: Vec<Named>,
         states: Vec<(String, f64, Option<f64>)>,
         parameters: Vec<(String, Option<String>, f64)>,
+        channels: Option<Vec<Option<String>>>,
+        restart_every: Option<f64>,
     ) -> PyResult<Self> {
         let port = |(name, unit): Named| Port { name, unit };
         let face = Face {
@@ -216,6 +220,7 @@ impl PySimulator {
             outputs: outputs.into_iter().map(port).collect(),
             states: states.into_iter().map(|(name, initial, std)| Start { port: Port { name, unit: None }, initial, std }).collect(),
             parameters: parameters.into_iter().map(|(name, unit, value)| (Port { name, unit }, value)).collect(),
+            restart: channels.map(|channels| Restart { channels, every_s: restart_every }),
         };
         let simulator = Self { f, face, effects: Vec::new() };
         simulator.direct(py, Raised::default()).or_raise(py)?;
