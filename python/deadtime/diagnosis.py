@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from . import _native, plotting
 from ._native import Model
 from .arguments import perhaps, whole
-from .logs import LogLike, as_logs
+from .logs import LogLike, _is_one, as_log, read
 from .models import ModelLike, as_model
 from .results import FileResult, Result
 
@@ -347,6 +347,12 @@ class Inspection(FileResult):
         return logs
 
     @property
+    def clocks(self) -> list[dict[str, Any]]:
+        """Of every log that was given as a file the clocks of its topics: how even their stamps are, and by how much those of two that log one motion are apart."""
+        clocks: list[dict[str, Any]] = self._data.get("clocks", [])
+        return clocks
+
+    @property
     def not_run(self) -> str | None:
         """Why the checks could not be made; None where they were."""
         why: str | None = self._data["not_run"]
@@ -492,10 +498,11 @@ def gap(
     ('input_delay', 0.13)
     """
     subject = _subject("gap", model, simulate, inputs, outputs, states, parameters, name, restart_every)
+    wanted = _wanted(subject, inputs, outputs, states)
     native = _native._gap(
         subject,
-        _logs("gap", log),
-        [] if holdout is None else as_logs(holdout),
+        _logs("gap", log, wanted),
+        [] if holdout is None else _logs("gap", holdout, wanted),
         prediction,
         None if max_delay is None else float(max_delay),
         whole("rows", rows, 1),
@@ -542,7 +549,10 @@ def check(
     ['unit']
     """
     subject = _subject("check", model, simulate, inputs, outputs, states, parameters, name, restart_every)
-    return Inspection(*_native._check(subject, _logs("check", log)))
+    wanted = _wanted(subject, inputs, outputs, states)
+    logs = _logs("check", log, wanted)
+    files = [one for one in _each(log) if _is_path(one)]  # type: ignore[arg-type]
+    return Inspection(*_native._check(subject, logs, files, wanted))
 
 
 def isolability(
@@ -588,7 +598,7 @@ def isolability(
     subject = _subject("isolability", model, simulate, inputs, outputs, states, parameters, name, restart_every)
     found = _native._isolability(
         subject,
-        _logs("isolability", log),
+        _logs("isolability", log, _wanted(subject, inputs, outputs, states)),
         prediction,
         None if max_delay is None else float(max_delay),
         perhaps("threads", threads, 1),
@@ -680,10 +690,30 @@ def _number(what: str, value: Any) -> float:
         raise TypeError(f"{what} is {value!r}, not a number") from wrong
 
 
-def _logs(caller: str, log: LogLike | Iterable[LogLike] | None) -> list[_native.Log]:
+def _logs(caller: str, log: LogLike | Iterable[LogLike] | None, wanted: Wanted) -> list[_native.Log]:
     if log is None:
         raise TypeError(f"{caller} needs at least one log: log=...")
-    return as_logs(log)
+    return [read(one, inputs=wanted[0], outputs=wanted[1]) if _is_path(one) else as_log(one) for one in _each(log)]  # type: ignore[arg-type]
+
+
+def _is_path(log: object) -> bool:
+    return isinstance(log, str | os.PathLike)
+
+
+def _each(log: LogLike | Iterable[LogLike]) -> list[Any]:
+    """One log or several, as they were given."""
+    return [log] if _is_one(log) or not isinstance(log, Iterable) or isinstance(log, numpy.ndarray) else list(log)
+
+
+#: The channels that a file is asked for: inputs, and outputs with the states that stand in the log.
+Wanted: TypeAlias = "tuple[list[str], list[str]]"
+
+
+def _wanted(subject: Model | _native._Simulator, inputs: Channels | None, outputs: Channels | None, states: States | None) -> Wanted:
+    if isinstance(subject, Model):
+        return list(subject.inputs), list(subject.outputs)
+    named = [name for name, _ in _channels("outputs", outputs)]
+    return [name for name, _ in _channels("inputs", inputs)], [*named, *(c for c in _states(states)[1] if c is not None and c not in named)]
 
 
 #: Samples that a picture shows well.

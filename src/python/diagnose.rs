@@ -13,12 +13,12 @@ use pyo3::types::{PyDict, PyString};
 
 use super::convert::{Numbers, Table, array1, matrix, object, vector};
 use super::error::{OrRaise, raise};
-use super::log::Log;
+use super::log::{Log, channels};
 use super::model::Model;
 use super::work::long;
-use crate::diagnose::{Diagnosed, GapOptions, Mode, Stage, Subject, diagnose, inspect, isolability};
+use crate::diagnose::{Diagnosed, GapOptions, Mode, Stage, Subject, clocks, diagnose, inspect, isolability};
 use crate::effect::{Applied, Chance};
-use crate::log::Log as InnerLog;
+use crate::log::{Log as InnerLog, ReadOptions, open};
 use crate::model::ModelDocument;
 use crate::progress::HowFar;
 use crate::report;
@@ -391,11 +391,26 @@ fn _gap(
 
 /// The checks of a model or simulator and logs that need no diagnosis: deadtime/check@1 as text, and what the command line prints.
 #[pyfunction]
-fn _check(py: Python<'_>, subject: &Bound<'_, PyAny>, logs: Vec<PyRef<'_, Log>>) -> PyResult<(String, String)> {
+fn _check(
+    py: Python<'_>,
+    subject: &Bound<'_, PyAny>,
+    logs: Vec<PyRef<'_, Log>>,
+    files: Vec<PathBuf>,
+    wanted: (Vec<String>, Vec<String>),
+) -> PyResult<(String, String)> {
     let raised = Raised::default();
     let (what, logs) = (What::new(subject, &raised)?, copies(&logs));
     let threads = what.threads(None);
-    let found = raised.over(py, long(py, threads, move |stop| inspect(what.subject(), &logs, stop, &HowFar::default())))?;
+    let wanted = channels(wanted.0, wanted.1);
+    let work = move |stop: &Stop| {
+        let mut found = inspect(what.subject(), &logs, stop, &HowFar::default())?;
+        // The clocks are those of the files' topics.
+        for file in &files {
+            found.clocks.push(clocks(&open(file, &ReadOptions::default())?, &wanted));
+        }
+        Ok(found)
+    };
+    let found = raised.over(py, long(py, threads, work))?;
     Ok((json(&found)?, report::checks::text(&found)))
 }
 

@@ -29,6 +29,8 @@ const LEFT: f64 = 0.05;
 pub(super) const GROWS: f64 = 10.0;
 /// What grows by more than this cannot be simulated freely by anyone.
 pub(super) const UNSTABLE: f64 = 1e3;
+/// A free run that misses by more than so many times the outputs' motion has left the log: what grew may have come to rest elsewhere.
+const FAR: f64 = 3.0;
 /// The relative change of the inputs that shows how fine the simulator resolves.
 const FINE: f64 = 1e-10;
 /// A simulator that this moves by more than such a part of its motion is rough or chaotic.
@@ -102,6 +104,15 @@ impl Probe<'_> {
         Some(self.apart(&self.run(inputs, &self.record.start, &self.plan)?))
     }
 
+    /// How far the outputs are from what was measured, root mean square, in units of how far they move: the worst output.
+    fn misses(&self) -> f64 {
+        let one = |(i, m): (usize, &crate::simulate::Measured)| {
+            let apart = (0..self.nominal.nrows()).filter_map(|k| Some(m.get(k)? - self.nominal[(k, i)]));
+            stats::rms(apart).unwrap_or(0.0) / self.spread[i]
+        };
+        self.record.measured.iter().enumerate().map(one).fold(0.0, f64::max)
+    }
+
     fn started(&self, state: usize, by: f64) -> Option<Response> {
         let mut x0 = self.record.start.clone();
         x0.iter_mut().skip(state).step_by(self.system.states.len()).for_each(|x| *x += by);
@@ -124,6 +135,12 @@ impl Probe<'_> {
         inputs[at].iter_mut().take(samples).for_each(|v| *v += PUSH * spread);
         inputs
     }
+}
+
+/// How many times as large as at first a response to another start becomes.
+fn risen(response: &[f64]) -> Option<f64> {
+    let first = largest(response.get(..LASTS.1)?);
+    (first > 0.0).then(|| largest(response) / first)
 }
 
 /// Standard deviation; of what stands still its size, of what is 0 one.
@@ -205,6 +222,9 @@ pub(in crate::diagnose) fn probe(
         // A start that is fitted in every window may be off by as much as the state moves at all.
         let logged = record.states.get(j).and_then(Option::as_ref).map_or(0.0, |x| self::spread(x));
         found.states.push(if size > 0.0 { size.max(logged) } else { 0.0 });
+        if let Some(factor) = response.as_deref().and_then(risen).filter(|f| restarted.is_none() && *f > UNSTABLE && probe.misses() > FAR) {
+            return Err(GapError::Unstable { log: record.name.clone(), factor }.into());
+        }
         responses.extend(response);
     }
     if system.states.is_empty() {
