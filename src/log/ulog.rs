@@ -397,15 +397,14 @@ impl Ulog {
         let data = payload.get(2..).unwrap_or_default();
         let topic = subscription.topic;
         if let (Some(message), Some(_), Some((of, block))) = (data.get(..subscription.size), subscription.stamp, self.blocks.get_mut(topic))
+            && (*of == id || block.is_empty())
         {
-            if *of == id || block.is_empty() {
-                *of = id;
-                block.extend_from_slice(message);
-                if block.len() >= BLOCK {
-                    self.flush(topic);
-                }
-                return;
+            *of = id;
+            block.extend_from_slice(message);
+            if block.len() >= BLOCK {
+                self.flush(topic);
             }
+            return;
         }
         // A message that is too short, or of another number than the ones before it.
         self.flush(topic);

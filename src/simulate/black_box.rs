@@ -148,7 +148,7 @@ pub(crate) fn windows<E>(
     states: usize,
     mut each: impl FnMut(Range<usize>, &DMatrix<f64>, &[f64], &[f64]) -> Result<(), E>,
 ) -> Result<(), E> {
-    let count = if states == 0 { 1 } else { x0.len() / states };
+    let count = x0.len().checked_div(states).unwrap_or(1);
     if count <= 1 {
         return each(0..time_s.len(), u, time_s, x0);
     }
