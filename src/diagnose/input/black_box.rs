@@ -9,7 +9,6 @@ use std::sync::Arc;
 use nalgebra::DMatrix;
 
 use super::record::LogRecord;
-use super::restart::Restarted;
 use crate::diagnose::format::caveat::Caveat;
 use crate::diagnose::format::error::GapError;
 use crate::error::Result;
@@ -160,7 +159,7 @@ fn largest(response: &[f64]) -> f64 {
     response.iter().copied().fold(0.0, f64::max)
 }
 
-/// Finds out; `None` for a simulator that is no black box.
+/// Finds out; `None` for a simulator that is no black box. Of one that is started again, every how many seconds and why.
 ///
 /// # Errors
 /// [`GapError`]: a call with the nominal model fails, or two of them differ, or what a push does grows without bounds.
@@ -168,7 +167,7 @@ pub(in crate::diagnose) fn probe(
     system: &System,
     memory: Option<&Arc<Remembered>>,
     records: &[LogRecord],
-    restarted: Option<Restarted>,
+    restarted: Option<(f64, String)>,
 ) -> Result<Option<Probed>> {
     let (Some(memory), Dynamics::BlackBox(_, parameters)) = (memory, &system.dynamics) else { return Ok(None) };
     let plan = Plan::new(system);
@@ -238,9 +237,9 @@ pub(in crate::diagnose) fn probe(
         }
     }
     match restarted {
-        Some(restarted) => {
-            found.settling_s = restarted.every_s.min(0.1 * record.duration_s());
-            found.why = restarted.why();
+        Some((every_s, why)) => {
+            found.settling_s = every_s.min(0.1 * record.duration_s());
+            found.why = why;
         }
         None => forgetting(record, &responses, &mut found)?,
     }

@@ -27,16 +27,16 @@ const PUSH: f64 = 1e-3;
 
 /// How a simulator is started again.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::diagnose) struct Restarted {
+struct Restarted {
     /// Seconds between two starts.
-    pub(super) every_s: f64,
+    every_s: f64,
     windows: usize,
     /// How much a push grows within one.
     growth: f64,
 }
 
 impl Restarted {
-    pub(super) fn why(self) -> String {
+    fn why(self) -> String {
         let Self { every_s, windows, growth } = self;
         match windows {
             1 => "simulated freely, from what the log says of its states at the first sample".to_owned(),
@@ -47,11 +47,11 @@ impl Restarted {
     }
 }
 
-/// Sets where the simulator starts on every log; `None` where it is started once.
+/// Sets where the simulator starts on every log, and says every how many seconds and why; `None` where it is started once.
 ///
 /// # Errors
 /// [`GapError`]: the simulator fails, or a push grows without bounds even in the shortest windows, or there would be more starts than can be fitted.
-pub(in crate::diagnose) fn restart(system: &System, records: &mut [LogRecord]) -> Result<Option<Restarted>> {
+pub(in crate::diagnose) fn restart(system: &System, records: &mut [LogRecord]) -> Result<Option<(f64, String)>> {
     let Some(wanted) = &system.restart else { return Ok(None) };
     let Some(at) = (0..records.len()).max_by_key(|&at| records[at].time_s.len()) else { return Ok(None) };
     let (samples, sample_time_s) = (records[at].time_s.len(), records[at].sample_time_s);
@@ -74,7 +74,8 @@ pub(in crate::diagnose) fn restart(system: &System, records: &mut [LogRecord]) -
             return Err(GapError::TooManyStarts { log, every_s, got: record.start.len(), most: MOST }.into());
         }
     }
-    Ok(Some(Restarted { every_s: length as f64 * sample_time_s, windows: samples.div_ceil(length), growth }))
+    let restarted = Restarted { every_s: length as f64 * sample_time_s, windows: samples.div_ceil(length), growth };
+    Ok(Some((restarted.every_s, restarted.why())))
 }
 
 /// The longest windows, in samples, within which no push grows more than tenfold, and how much one does.
