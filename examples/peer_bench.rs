@@ -8,7 +8,7 @@ use std::io::{BufRead, Write};
 use std::time::Instant;
 
 use deadtime::identify::{Initial, OutputError, Record, arx_scan, fir};
-use deadtime::log::read;
+use deadtime::log::{ReadOptions, Topic, open, read};
 use deadtime::model::c2d::{Conversion, ZeroOrderHold};
 use deadtime::model::{StateSpace, dlqr, uav};
 use deadtime::simulate::{Hold, Options, lsim};
@@ -111,6 +111,15 @@ fn task(request: &Request) -> Result<Box<dyn Fn() -> Answer>, Box<dyn Error>> {
             let path = std::path::PathBuf::from(&request.u);
             // The sum of every channel: all of it was read.
             Box::new(move || Ok(read(&path)?.channels().map(|c| c.samples().values.iter().sum()).collect()))
+        }
+        "ulog" => {
+            let path = std::path::PathBuf::from(&request.u);
+            // One sum per topic.
+            Box::new(move || {
+                let recording = open(&path, &ReadOptions::default())?;
+                let sum = |topic: &Topic| topic.log.channels().map(|c| c.samples().values.iter().sum::<f64>()).sum();
+                Ok(recording.topics.iter().map(sum).collect())
+            })
         }
         other => return Err(format!("there is no task `{other}`").into()),
     })

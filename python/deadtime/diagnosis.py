@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from . import _native, plotting
 from ._native import Model
 from .arguments import perhaps, whole
-from .logs import LogLike, as_logs
+from .logs import LogLike, _is_one, as_log, read
 from .models import ModelLike, as_model
 from .results import FileResult, Result
 
@@ -31,8 +31,9 @@ Prediction: TypeAlias = Literal["simulation", "predictor"]
 Progress: TypeAlias = Callable[[float, str], object]
 #: Channels: names, or name to unit.
 Channels: TypeAlias = "str | Sequence[str] | Mapping[str, str | None]"
-#: States: name to initial value and its standard deviation (None: unknown); a number alone is an initial value that is not known exactly.
-States: TypeAlias = "Mapping[str, float | tuple[float, float | None]]"
+#: States: name to initial value and its standard deviation (None: unknown); a number alone is an initial value that is not known exactly. A channel of the log
+#: in place of the value: the simulator is started again and again from there.
+States: TypeAlias = "Mapping[str, float | str | tuple[float | str, float | None]]"
 #: Parameters: name to nominal value, or to value and unit.
 Parameters: TypeAlias = "Mapping[str, float | tuple[float, str | None]]"
 
@@ -346,6 +347,12 @@ class Inspection(FileResult):
         return logs
 
     @property
+    def clocks(self) -> list[dict[str, Any]]:
+        """Of every log that was given as a file the clocks of its topics: how even their stamps are, and by how much those of two that log one motion are apart."""
+        clocks: list[dict[str, Any]] = self._data.get("clocks", [])
+        return clocks
+
+    @property
     def not_run(self) -> str | None:
         """Why the checks could not be made; None where they were."""
         why: str | None = self._data["not_run"]
@@ -425,6 +432,7 @@ def gap(
     threads: int | None = None,
     progress: Progress | None = None,
     name: str | None = None,
+    restart_every: float | None = None,
 ) -> Diagnosis:
     """Diagnoses the gap between a simulator and logs of the real machine: where it lies, which unmodelled effect causes it, how far it shrinks.
 
@@ -443,8 +451,9 @@ def gap(
         are made once.
     inputs, outputs : list of str, or dict of str to unit
         Channels of the log, in the order of the columns of `u` and `y`; for `simulate` only. Units are held against the log's.
-    states : dict of str to (float, float or None), optional
-        What `x0` holds, in order: initial value and standard deviation (None: unknown).
+    states : dict of str to (float or str, float or None), optional
+        What `x0` holds, in order: initial value and standard deviation (None: unknown). A channel of the log in place of the value: the simulator is started
+        again and again from what the log says there, as a free run of an unstable one says nothing; None is then as far as the state moves.
     parameters : dict of str to float or (float, unit), optional
         Parameters that may be wrong, with their nominal values.
     prediction : "simulation" or "predictor", optional
@@ -461,6 +470,8 @@ def gap(
         Called with the part that is over (0 to 1) and what comes now.
     name : str, optional
         What a function is called in the diagnosis; without it its own name.
+    restart_every : float, optional
+        Seconds between two starts of a function whose states stand in the log; without it as long as a push grows no more than tenfold.
 
     Returns
     -------
@@ -486,11 +497,12 @@ def gap(
     >>> diagnosis.verdict, round(diagnosis.effects[0]["parameters"][0]["value"], 3)
     ('input_delay', 0.13)
     """
-    subject = _subject("gap", model, simulate, inputs, outputs, states, parameters, name)
+    subject = _subject("gap", model, simulate, inputs, outputs, states, parameters, name, restart_every)
+    wanted = _wanted(subject, inputs, outputs, states)
     native = _native._gap(
         subject,
-        _logs("gap", log),
-        [] if holdout is None else as_logs(holdout),
+        _logs("gap", log, wanted),
+        [] if holdout is None else _logs("gap", holdout, wanted),
         prediction,
         None if max_delay is None else float(max_delay),
         whole("rows", rows, 1),
@@ -511,12 +523,13 @@ def check(
     states: States | None = None,
     parameters: Parameters | None = None,
     name: str | None = None,
+    restart_every: float | None = None,
 ) -> Inspection:
     """Looks at a simulator and logs before anyone diagnoses: names, units, time stamps, signs, axes, clocks, stuck and clipped channels, excitation.
 
     Parameters
     ----------
-    model, simulate, inputs, outputs, states, parameters, name
+    model, simulate, inputs, outputs, states, parameters, name, restart_every
         The simulator, as `gap` takes it.
     log : Log, path, frame, or several of them
         The logs.
@@ -535,8 +548,11 @@ def check(
     >>> [check["check"] for check in report.failed]
     ['unit']
     """
-    subject = _subject("check", model, simulate, inputs, outputs, states, parameters, name)
-    return Inspection(*_native._check(subject, _logs("check", log)))
+    subject = _subject("check", model, simulate, inputs, outputs, states, parameters, name, restart_every)
+    wanted = _wanted(subject, inputs, outputs, states)
+    logs = _logs("check", log, wanted)
+    files = [one for one in _each(log) if _is_path(one)]  # type: ignore[arg-type]
+    return Inspection(*_native._check(subject, logs, files, wanted))
 
 
 def isolability(
@@ -552,12 +568,13 @@ def isolability(
     max_delay: float | None = None,
     threads: int | None = None,
     name: str | None = None,
+    restart_every: float | None = None,
 ) -> Isolability:
     """Which effects these logs can tell apart at all; nothing is fitted, and nothing is diagnosed.
 
     Parameters
     ----------
-    model, simulate, inputs, outputs, states, parameters, name
+    model, simulate, inputs, outputs, states, parameters, name, restart_every
         The simulator, as `gap` takes it.
     log : Log, path, frame, or several of them
         The logs.
@@ -578,10 +595,10 @@ def isolability(
     >>> any({"input_delay:r", "clock_offset:*"} <= set(group["members"]) for group in found.classes)
     True
     """
-    subject = _subject("isolability", model, simulate, inputs, outputs, states, parameters, name)
+    subject = _subject("isolability", model, simulate, inputs, outputs, states, parameters, name, restart_every)
     found = _native._isolability(
         subject,
-        _logs("isolability", log),
+        _logs("isolability", log, _wanted(subject, inputs, outputs, states)),
         prediction,
         None if max_delay is None else float(max_delay),
         perhaps("threads", threads, 1),
@@ -598,11 +615,12 @@ def _subject(
     states: States | None,
     parameters: Parameters | None,
     name: str | None,
+    restart_every: float | None = None,
 ) -> Model | _native._Simulator:
     """The model, or the function with the names of its channels."""
     if (model is None) == (simulate is None):
         raise TypeError(f"{caller} needs a model or a function, and not both: {caller}(model, log=...) or {caller}(simulate=f, inputs=..., outputs=..., log=...)")
-    faces = {"inputs": inputs, "outputs": outputs, "states": states, "parameters": parameters, "name": name}
+    faces = {"inputs": inputs, "outputs": outputs, "states": states, "parameters": parameters, "name": name, "restart_every": restart_every}
     if model is not None:
         for what, given in faces.items():
             if given is not None:
@@ -610,13 +628,18 @@ def _subject(
         return as_model(model)
     if not callable(simulate):
         raise TypeError(f"simulate is {type(simulate).__name__}, not a function f(u, time, x0, parameters)")
+    starts, channels = _states(states)
+    if restart_every is not None and not any(channels):
+        raise TypeError("restart_every goes with states that name the log's channels, states={'theta': 'angle'}")
     return _native._Simulator(
         simulate,
         str(name if name is not None else _name(simulate)),
         _channels("inputs", inputs),
         _channels("outputs", outputs),
-        _states(states),
+        starts,
         _parameters(parameters),
+        channels if any(channels) else None,
+        None if restart_every is None else _number("restart_every", restart_every),
     )
 
 
@@ -636,14 +659,18 @@ def _channels(what: str, given: Channels | None) -> list[tuple[str, str | None]]
     return [(str(name), None) for name in given]
 
 
-def _states(given: States | None) -> list[tuple[str, float, float | None]]:
+def _states(given: States | None) -> tuple[list[tuple[str, float, float | None]], list[str | None]]:
+    """The starts, and the channels of the log that hold them."""
     if given is not None and not isinstance(given, Mapping):
-        raise TypeError("states is a dict of name to (initial value, standard deviation or None)")
+        raise TypeError("states is a dict of name to (initial value or channel, standard deviation or None)")
     states: list[tuple[str, float, float | None]] = []
+    channels: list[str | None] = []
     for name, value in (given or {}).items():
         initial, std = value if isinstance(value, tuple | list) and len(value) == 2 else (value, None)
-        states.append((str(name), _number(f"states: {name}", initial), None if std is None else _number(f"states: {name}", std)))
-    return states
+        channels.append(initial if isinstance(initial, str) else None)
+        value = 0.0 if isinstance(initial, str) else _number(f"states: {name}", initial)
+        states.append((str(name), value, None if std is None else _number(f"states: {name}", std)))
+    return states, channels
 
 
 def _parameters(given: Parameters | None) -> list[tuple[str, str | None, float]]:
@@ -663,10 +690,30 @@ def _number(what: str, value: Any) -> float:
         raise TypeError(f"{what} is {value!r}, not a number") from wrong
 
 
-def _logs(caller: str, log: LogLike | Iterable[LogLike] | None) -> list[_native.Log]:
+def _logs(caller: str, log: LogLike | Iterable[LogLike] | None, wanted: Wanted) -> list[_native.Log]:
     if log is None:
         raise TypeError(f"{caller} needs at least one log: log=...")
-    return as_logs(log)
+    return [read(one, inputs=wanted[0], outputs=wanted[1]) if _is_path(one) else as_log(one) for one in _each(log)]  # type: ignore[arg-type]
+
+
+def _is_path(log: object) -> bool:
+    return isinstance(log, str | os.PathLike)
+
+
+def _each(log: LogLike | Iterable[LogLike]) -> list[Any]:
+    """One log or several, as they were given."""
+    return [log] if _is_one(log) or not isinstance(log, Iterable) or isinstance(log, numpy.ndarray) else list(log)
+
+
+#: The channels that a file is asked for: inputs, and outputs with the states that stand in the log.
+Wanted: TypeAlias = "tuple[list[str], list[str]]"
+
+
+def _wanted(subject: Model | _native._Simulator, inputs: Channels | None, outputs: Channels | None, states: States | None) -> Wanted:
+    if isinstance(subject, Model):
+        return list(subject.inputs), list(subject.outputs)
+    named = [name for name, _ in _channels("outputs", outputs)]
+    return [name for name, _ in _channels("inputs", inputs)], [*named, *(c for c in _states(states)[1] if c is not None and c not in named)]
 
 
 #: Samples that a picture shows well.

@@ -27,8 +27,15 @@ LogLike: TypeAlias = (
 )
 
 
-def read(path: str | os.PathLike[str], *, channels: Mapping[str, str] | None = None) -> Log:
-    """The log in the file at `path`: text with a header row, a column `time` in seconds and channels as `name` or `name [unit]`, or another format with one topic
+def read(
+    path: str | os.PathLike[str],
+    *,
+    channels: Mapping[str, str] | None = None,
+    inputs: Iterable[str] | None = None,
+    outputs: Iterable[str] | None = None,
+    sample_time: float | None = None,
+) -> Log:
+    """The log in the file at `path`: text with a header row, a column `time` in seconds and channels as `name` or `name [unit]`, or another format
     (docs/logs.md). What was guessed, such as the unit of time, is a warning.
 
     A part of it is `log.window(start, stop)`, an even grid `log.resample(sample_time)`, other names `log.rename({"new": "old"})`.
@@ -40,6 +47,11 @@ def read(path: str | os.PathLike[str], *, channels: Mapping[str, str] | None = N
     channels : dict of str to str, optional
         Channels that are calculated from others: `name` or `name [unit]` to an expression (docs/logs.md); later ones may use earlier ones. A log that is no file takes
         them by `log.with_channels`.
+    inputs, outputs : list of str, optional
+        Of a file with several topics the channels that are wanted, by their whole names or the ends of them: inputs keep their value until the next one, outputs are
+        interpolated. All are put onto the stamps of the first input's topic.
+    sample_time : float, optional
+        Puts the channels of several topics onto an even grid instead, s between samples.
 
     Raises
     ------
@@ -63,7 +75,14 @@ def read(path: str | os.PathLike[str], *, channels: Mapping[str, str] | None = N
     >>> flight.units["roll_deg"]
     'deg'
     """
-    return _calculated(Log._read(path)[0], channels)
+    wanted = None if inputs is None and outputs is None else (_names("inputs", inputs), _names("outputs", outputs))
+    return _calculated(Log._read(path, None, wanted, None if sample_time is None else float(sample_time))[0], channels)
+
+
+def _names(what: str, given: Iterable[str] | None) -> list[str]:
+    if isinstance(given, str):
+        raise TypeError(f"{what} is a list of names, {what}=[{given!r}]")
+    return [str(name) for name in given or ()]
 
 
 def _calculated(log: Log, channels: Mapping[str, str] | None) -> Log:

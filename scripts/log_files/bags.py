@@ -7,9 +7,12 @@ import shutil
 import tempfile
 from pathlib import Path
 
+from google.protobuf import descriptor_pb2, descriptor_pool, message, message_factory, timestamp_pb2
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as JsonWriter
+from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
+from mcap_protobuf.writer import Writer as ProtobufWriter
 from mcap_ros2.decoder import DecoderFactory
 from mcap_ros2.writer import Writer as RosWriter
 from rosbags.highlevel import AnyReader
@@ -58,7 +61,89 @@ def state(k: int) -> dict[str, object]:
     }
 
 
+def definitions() -> type:
+    """A message with everything that protobuf has for numbers; without protoc, its descriptors are put together here."""
+    f = descriptor_pb2.FieldDescriptorProto
+    many, one = f.LABEL_REPEATED, f.LABEL_OPTIONAL
+    file = descriptor_pb2.FileDescriptorProto(name="test/motor.proto", package="test", syntax="proto3")
+    file.dependency.append("google/protobuf/timestamp.proto")
+    mode = file.enum_type.add(name="Mode")
+    for number, name in enumerate(["OFF", "ON", "FAULT"]):
+        mode.value.add(name=name, number=number * number)
+    vector = file.message_type.add(name="Vector")
+    for number, name in enumerate("xyz", 1):
+        vector.field.add(name=name, number=number, type=f.TYPE_DOUBLE, label=one)
+    motor = file.message_type.add(name="Motor")
+    entry = motor.nested_type.add(name="GainsEntry")
+    entry.options.map_entry = True
+    entry.field.add(name="key", number=1, type=f.TYPE_STRING, label=one)
+    entry.field.add(name="value", number=2, type=f.TYPE_FLOAT, label=one)
+    plain = [
+        ("timestamp", f.TYPE_MESSAGE, one, ".google.protobuf.Timestamp"),
+        ("force", f.TYPE_MESSAGE, one, ".test.Vector"),
+        ("points", f.TYPE_MESSAGE, many, ".test.Vector"),
+        ("currents", f.TYPE_FLOAT, many, None),
+        ("counts", f.TYPE_SINT64, many, None),
+        ("mode", f.TYPE_ENUM, one, ".test.Mode"),
+        ("ready", f.TYPE_BOOL, one, None),
+        ("ticks", f.TYPE_UINT64, one, None),
+        ("step", f.TYPE_SFIXED32, one, None),
+        ("small", f.TYPE_INT32, one, None),
+        ("label", f.TYPE_STRING, one, None),
+        ("raw", f.TYPE_BYTES, one, None),
+        ("gains", f.TYPE_MESSAGE, many, ".test.Motor.GainsEntry"),
+        ("picture", f.TYPE_UINT32, many, None),
+        ("speed", f.TYPE_DOUBLE, one, None),
+        ("angle", f.TYPE_DOUBLE, one, None),
+        ("late", f.TYPE_DOUBLE, one, None),
+    ]
+    motor.oneof_decl.add(name="motion")
+    for number, (name, kind, label, of) in enumerate(plain, 1):
+        field = motor.field.add(name=name, number=number, type=kind, label=label, type_name=of)
+        if name in ("speed", "angle"):
+            field.oneof_index = 0
+        if name == "late":
+            motor.oneof_decl.add(name="_late")
+            field.oneof_index, field.proto3_optional = 1, True
+    pool = descriptor_pool.DescriptorPool()
+    pool.AddSerializedFile(timestamp_pb2.DESCRIPTOR.serialized_pb)
+    pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName("test.Motor"))
+
+
+def motor(kind: type, k: int) -> message.Message:
+    sent = START + 5_000_000 * k - 2_000_000
+    made = kind(
+        force={"x": 0.1 * k, "z": -2.0},
+        points=[{"x": k + i, "y": 0.5} for i in range(2 + k % 2)],
+        currents=[0.1 * k, -0.2],
+        counts=[-k, 2**40 + k],
+        mode=[0, 1, 4][k % 3],
+        ready=k % 2 == 0,
+        ticks=2**53 - 1 - k,
+        step=-7 * k,
+        small=-k,
+        label="text",
+        raw=b"\x00\x01",
+        gains={"kp": 1.5 * k, "kd": 0.25},
+        picture=range(100),
+    )
+    made.timestamp.seconds, made.timestamp.nanos = sent // 10**9, sent % 10**9
+    if k % 2:
+        made.speed = 3.0 * k
+    else:
+        made.angle = 0.5 * k
+    if k > 3:
+        made.late = 0.0
+    return made
+
+
 def write(folder: Path) -> None:
+    with (folder / "protobuf.mcap").open("wb") as file:
+        with ProtobufWriter(file, chunk_size=900, compression=CompressionType.ZSTD) as writer:
+            kind = definitions()
+            for k in range(10):
+                writer.write_message("/motor", motor(kind, k), log_time=START + 5_000_000 * k)
     for name, compression in COMPRESSIONS.items():
         with (folder / name).open("wb") as file:
             writer = RosWriter(file, chunk_size=600, compression=compression)
@@ -111,6 +196,14 @@ def flat(value: object, path: str, into: dict[str, float]) -> None:
     """Numbers of a message by their paths."""
     if isinstance(value, bool | int | float):
         into[path or "value"] = float(value)
+    elif hasattr(value, "DESCRIPTOR"):
+        for field in value.DESCRIPTOR.fields:
+            # What a sender left out is missing where that can be told from 0.
+            if not field.has_presence or value.HasField(field.name):
+                flat(getattr(value, field.name), f"{path}.{field.name}" if path else field.name, into)
+    elif hasattr(value, "items") and not isinstance(value, dict):
+        for name, part in value.items():
+            flat(part, f"{path}[{name}]", into)
     elif isinstance(value, dict):
         for name, part in value.items():
             flat(part, f"{path}.{name}" if path else name, into)
@@ -149,6 +242,9 @@ def read(folder: Path) -> dict[str, object]:
             reader = make_reader(file, decoder_factories=[DecoderFactory()])
             rows = [(c.topic, m.log_time, d) for _, c, m, d in reader.iter_decoded_messages()]
         found[name] = topics(rows)
+    with (folder / "protobuf.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[ProtobufFactory()])
+        found["protobuf.mcap"] = topics([(c.topic, m.log_time, d) for _, c, m, d in reader.iter_decoded_messages()])
     with (folder / "json.mcap").open("rb") as file:
         rows = [(c.topic, m.log_time, json.loads(m.data)) for _, c, m in make_reader(file).iter_messages()]
     found["json.mcap"] = topics(rows)

@@ -12,7 +12,7 @@ use crate::diagnose::Subject;
 use crate::log::Log;
 use crate::model::{CandidateEntry, ModelDocument};
 use crate::simulate::process::{Children, Program, Talk};
-use crate::simulate::{Face, Port, Start, System};
+use crate::simulate::{Face, Port, Restart, Start, System};
 
 /// The programs that run, for whoever ends this process: they are in process groups of their own.
 static RUNNING: LazyLock<Children> = LazyLock::new(Children::default);
@@ -41,6 +41,13 @@ pub(super) struct SimulatorArgs {
     /// A state whose start the program takes, and the standard deviation of that (left out: unknown); may be repeated
     #[arg(long, value_name = "NAME=VALUE[,STD]", requires = "simulator", allow_hyphen_values = true)]
     start: Vec<String>,
+    /// The log's channels of the program's states, for a program whose free run says nothing, as that of an unstable machine: it is started again and again from
+    /// there, STD being the standard deviation of what the log says (left out: as far as the state moves)
+    #[arg(long, value_name = "STATE=CHANNEL[:STD],…", requires = "simulator", value_delimiter = ',')]
+    states: Vec<String>,
+    /// Seconds between two starts; default: as long as a push grows no more than tenfold
+    #[arg(long, value_name = "S", requires = "states")]
+    restart_every: Option<f64>,
     /// Start the program once and ask it line by line: `run N`, parameters, a table; it answers with a table
     #[arg(long, requires = "simulator")]
     persistent: bool,
@@ -81,6 +88,25 @@ impl SimulatorArgs {
             let std = std.map(|std| number("start", text, std)).transpose()?;
             Ok(Start { port: Port { name: name.trim().to_owned(), unit: None }, initial: number("start", text, initial)?, std })
         });
+        let mut states = states.collect::<anyhow::Result<Vec<_>>>()?;
+        let mut channels: Vec<Option<String>> = vec![None; states.len()];
+        for text in &self.states {
+            let Some((name, channel)) = text.split_once('=') else { bail!("--states {text}: write it as STATE=CHANNEL") };
+            // Names of topics may hold a colon; what stands behind the last one is a number or belongs to the name.
+            let (channel, std) = match channel.rsplit_once(':').map(|(channel, std)| (channel, std.trim().parse::<f64>())) {
+                Some((channel, Ok(std))) => (channel, Some(std)),
+                _ => (channel, None),
+            };
+            if channel.trim().is_empty() {
+                bail!("--states {text}: write it as STATE=CHANNEL");
+            }
+            states.push(Start { port: Port { name: name.trim().to_owned(), unit: None }, initial: 0.0, std });
+            channels.push(Some(channel.trim().to_owned()));
+        }
+        if self.restart_every.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
+            bail!("--restart-every {}: give seconds above 0", self.restart_every.unwrap_or_default());
+        }
+        let restart = (!self.states.is_empty()).then_some(Restart { channels, every_s: self.restart_every });
         // What is called by its path is called by its file.
         let first = command.split_whitespace().next().unwrap_or("simulator");
         let name = Path::new(first).file_stem().map_or(first.to_owned(), |s| s.to_string_lossy().into_owned());
@@ -88,8 +114,9 @@ impl SimulatorArgs {
             name,
             inputs: self.input.iter().map(|t| port(t)).collect::<Result<_, _>>()?,
             outputs: self.output.iter().map(|t| port(t)).collect::<Result<_, _>>()?,
-            states: states.collect::<Result<_, _>>()?,
+            states,
             parameters: parameters.collect::<Result<_, _>>()?,
+            restart,
         })
     }
 
@@ -134,7 +161,14 @@ impl Simulated {
             Self::Model(document) => reading.read_for(to, log, document, required, see),
             Self::Program(system) => {
                 let names = |ports: &[Port]| ports.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
-                reading.read_seeing(to, log, &Needed { inputs: &names(&system.inputs), outputs: &names(&system.outputs), required }, see)
+                let mut outputs = names(&system.outputs);
+                // The states that it is started from come from the log as well.
+                for channel in system.restart.iter().flat_map(|r| r.channels.iter().flatten()) {
+                    if !outputs.contains(channel) {
+                        outputs.push(channel.clone());
+                    }
+                }
+                reading.read_seeing(to, log, &Needed { inputs: &names(&system.inputs), outputs: &outputs, required }, see)
             }
         }
     }

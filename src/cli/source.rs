@@ -73,7 +73,7 @@ enum UnitName {
 enum StampsName {
     /// When the recorder got a message
     Arrival,
-    /// What the sender wrote into `header.stamp`
+    /// What the sender wrote into `header.stamp` or `timestamp`
     Header,
 }
 

@@ -58,6 +58,7 @@ fn template() -> System {
         input_operating: vec![0.0],
         output_operating: vec![0.0; 2],
         candidates: None,
+        restart: None,
     }
 }
 

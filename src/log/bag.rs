@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use serde_json::Value;
 
+use super::protobuf::Messages;
 use super::recording::{Recording, Stamps, Table};
 use super::ros::{Decoder, Definitions, Encoding, MOST_ELEMENTS, Node};
 use super::{LogError, Topic};
@@ -32,13 +33,15 @@ struct Stream {
     how: How,
     messages: usize,
     broken: usize,
-    header: Option<(usize, usize)>,
+    /// The sender's stamp: what it is called, and its columns.
+    header: Option<(&'static str, usize, usize)>,
     /// Recorder's stamp minus sender's, s.
     late_s: Vec<f64>,
 }
 
 enum How {
     Ros(Box<Decoder>),
+    Protobuf(Box<Messages>),
     Json(HashMap<String, usize>),
     Unknown(String),
 }
@@ -60,6 +63,10 @@ impl Bag {
         let how = match (message_encoding, schema) {
             ("cdr", Some(schema)) if schema.encoding == "ros2msg" => ros(Encoding::Cdr, schema),
             ("ros1", Some(schema)) if schema.encoding == "ros1msg" => ros(Encoding::Ros1, schema),
+            ("protobuf", Some(schema)) if schema.encoding == "protobuf" => match Messages::new(schema.name, schema.data) {
+                Ok(messages) => How::Protobuf(Box::new(messages)),
+                Err(what) => How::Unknown(format!("{}: {what}", schema.name)),
+            },
             ("json", _) => How::Json(HashMap::new()),
             (encoding, schema) => {
                 let schema = schema.map_or_else(String::new, |s| {
@@ -82,6 +89,7 @@ impl Bag {
         let whole = match &mut stream.how {
             How::Unknown(_) => None,
             How::Ros(decoder) => decoder.message(data, table),
+            How::Protobuf(messages) => messages.message(data, table),
             How::Json(columns) => serde_json::from_slice::<Value>(data).ok().map(|value| json(&value, "", columns, table)),
         };
         if whole.is_none() {
@@ -90,10 +98,12 @@ impl Bag {
             return;
         }
         if stream.header.is_none() && stream.table.len() == 1 {
-            let place = |names: [&str; 2]| names.iter().find_map(|name| stream.table.place(name));
-            stream.header = place(["header.stamp.sec", "header.stamp.secs"]).zip(place(["header.stamp.nanosec", "header.stamp.nsecs"]));
+            stream.header = ["header.stamp", "timestamp"].into_iter().find_map(|name| {
+                let place = |parts: &[&str]| parts.iter().find_map(|part| stream.table.place(&format!("{name}.{part}")));
+                Some((name, place(&["sec", "secs", "seconds"])?, place(&["nanosec", "nsecs", "nsec", "nanos"])?))
+            });
         }
-        if let Some((sec, nanosec)) = stream.header {
+        if let Some((_, sec, nanosec)) = stream.header {
             let table = &mut stream.table;
             if let (Some(sec), Some(nanosec)) = (table.last(sec), table.last(nanosec)) {
                 let sent_ns = sec as i128 * 1_000_000_000 + nanosec as i128;
@@ -120,22 +130,24 @@ impl Bag {
                 }
                 _ => {}
             }
-            if let How::Ros(decoder) = &stream.how {
-                for field in &decoder.long {
-                    self.notes.push(format!("{name}.{field}: more than {MOST_ELEMENTS} elements; left out"));
-                }
-            }
+            let long: &[String] = match &stream.how {
+                How::Ros(decoder) => &decoder.long,
+                How::Protobuf(messages) => &messages.long,
+                How::Json(_) | How::Unknown(_) => &[],
+            };
+            self.notes.extend(long.iter().map(|field| format!("{name}.{field}: more than {MOST_ELEMENTS} elements; left out")));
             let mut late_s = stream.late_s;
             let middle = late_s.len() / 2;
             if !late_s.is_empty() {
                 let median_s = *late_s.select_nth_unstable_by(middle, f64::total_cmp).1;
                 let used = match self.stamps {
                     Stamps::Arrival => "the recorder's stamps are used, for the same clock everywhere (--stamps header takes the senders')",
-                    Stamps::Header => "header.stamp is used",
+                    Stamps::Header => "the sender's stamps are used",
                 };
-                self.notes.push(format!("{name}: recorded {median_s:.6} s after header.stamp (median); {used}"));
+                let stamp = stream.header.map_or("header.stamp", |h| h.0);
+                self.notes.push(format!("{name}: recorded {median_s:.6} s after {stamp} (median); {used}"));
             } else if self.stamps == Stamps::Header && stream.messages > stream.broken {
-                self.notes.push(format!("{name}: has no header.stamp; the recorder's stamps are used"));
+                self.notes.push(format!("{name}: has no stamp of its sender (header.stamp or timestamp); the recorder's stamps are used"));
             }
             topics.extend(stream.table.finish(source, &mut self.notes)?);
         }

@@ -24,6 +24,7 @@ mod mat;
 mod mcap;
 #[cfg(feature = "tables")]
 mod parquet;
+mod protobuf;
 mod reader;
 mod recording;
 mod ros;

@@ -50,7 +50,7 @@ pub enum Stamps {
     /// When the recorder got them: the same clock for all topics.
     #[default]
     Arrival,
-    /// What the sender wrote into `header.stamp`, of the topics that have it.
+    /// What the sender wrote into `header.stamp` or `timestamp`, of the topics that have it.
     Header,
 }
 
@@ -201,6 +201,44 @@ impl Table {
     /// Begins a row.
     pub(super) fn row(&mut self, time_s: f64) {
         self.time_s.push(time_s);
+    }
+
+    /// Begins several rows.
+    pub(super) fn rows(&mut self, times: impl FnOnce(&mut Vec<f64>)) {
+        times(&mut self.time_s);
+    }
+
+    /// Puts numbers into all rows that were begun and in which the column has none yet; what is not finite counts as missing.
+    pub(super) fn extend(&mut self, column: usize, numbers: impl FnOnce(&mut Vec<f64>)) {
+        let rows = self.time_s.len();
+        let Some(column) = self.columns.get_mut(column) else { return };
+        let before = column.values.len();
+        numbers(&mut column.values);
+        let added = column.values.len() - before;
+        if before + added < rows {
+            // Rows before these have no number: the new ones belong to the last rows.
+            let new = column.values.split_off(before);
+            column.present.get_or_insert_with(|| vec![true; before]).resize(rows - added, false);
+            column.values.resize(rows - added, 0.0);
+            column.values.extend(new);
+        }
+        let from = column.values.len() - added;
+        let Some(new) = column.values.get_mut(from..) else { return };
+        let finite = new.iter().all(|v| v.is_finite());
+        if finite {
+            if let Some(present) = &mut column.present {
+                present.resize(from + added, true);
+            }
+            return;
+        }
+        let present = column.present.get_or_insert_with(|| vec![true; from]);
+        for value in new {
+            self.endless += usize::from(value.is_infinite());
+            present.push(value.is_finite());
+            if !value.is_finite() {
+                *value = 0.0;
+            }
+        }
     }
 
     /// The number of rows.

@@ -4,6 +4,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::Path;
 
 use super::counted::Counted;
@@ -19,6 +20,10 @@ const SYNC: [u8; 11] = [8, 0, b'S', 0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x
 const TYPES: &[u8] = b"BFIMPQARDLCSO";
 /// Formats within formats deeper than this are refused.
 const DEEPEST: usize = 8;
+/// Bytes that are read at once; a message has 2¹⁶ + 3 at most.
+const PIECE: usize = 1 << 18;
+/// Bytes of a topic's messages that are kept before they are taken apart, number by number: what a processor's nearest memory holds.
+const BLOCK: usize = 1 << 14;
 /// No sample of a topic is larger, as its message's length has 16 bits.
 const LARGEST: usize = 1 << 16;
 
@@ -33,10 +38,10 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 /// Reads `length` bytes of any source.
 pub(super) fn read(source: &str, bytes: impl BufRead + Seek, length: u64) -> Result<Recording, Error> {
     let io = |e| Error::io(Path::new(source), e);
-    let mut file = Input { bytes, at: 0, length, payload: Vec::new() };
+    let mut bytes = bytes;
     let mut head = Vec::new();
-    file.bytes.by_ref().take(HEADER).read_to_end(&mut head).map_err(io)?;
-    file.at = head.len() as u64;
+    bytes.by_ref().take(HEADER).read_to_end(&mut head).map_err(io)?;
+    let mut file = Input::new(bytes, head.len() as u64, length);
     if head.len() < HEADER as usize || !head.starts_with(MAGIC) {
         return Err(
             LogError::Format { file: source.into(), format: NAME, what: "the header is cut off; copy the file again".into() }.into()
@@ -45,15 +50,15 @@ pub(super) fn read(source: &str, bytes: impl BufRead + Seek, length: u64) -> Res
     let mut log = Ulog::default();
     loop {
         match file.message(log.next_section(file.at)).map_err(io)? {
-            Next::Message(kind) => log.take(kind, &file.payload),
+            Next::Message(b'D') => log.sample(file.payload()),
+            Next::Message(kind) => log.take(kind, file.payload()),
             Next::End => break,
             Next::Cut => {
                 log.notes.push(format!("cut off at byte {} of {length}: the last message is not whole", file.at));
                 break;
             }
             Next::Section(from) => {
-                file.bytes.seek(SeekFrom::Start(from)).map_err(io)?;
-                file.at = from;
+                file.go_to(from).map_err(io)?;
             }
             Next::Damage => {
                 let from = file.at;
@@ -81,62 +86,100 @@ enum Next {
     End,
 }
 
+/// A file in pieces: a message is looked at where it lies, and moved only where it reaches over the end of a piece.
 struct Input<R> {
     bytes: R,
+    /// Where the next message begins.
     at: u64,
     length: u64,
-    payload: Vec<u8>,
+    buffer: Vec<u8>,
+    /// What of the buffer is not used up yet.
+    rest: Range<usize>,
+    payload: Range<usize>,
 }
 
 impl<R: BufRead + Seek> Input<R> {
+    fn new(bytes: R, at: u64, length: u64) -> Self {
+        Self { bytes, at, length, buffer: vec![0; PIECE], rest: 0..0, payload: 0..0 }
+    }
+
+    /// The next bytes; fewer only where the file has no more.
+    fn ahead(&mut self, count: usize) -> std::io::Result<&[u8]> {
+        if self.rest.len() < count {
+            self.buffer.copy_within(self.rest.clone(), 0);
+            self.rest = 0..self.rest.len();
+            while self.rest.len() < count {
+                let read = self.bytes.read(self.buffer.get_mut(self.rest.end..).unwrap_or_default())?;
+                if read == 0 {
+                    break;
+                }
+                self.rest.end += read;
+            }
+        }
+        Ok(self.buffer.get(self.rest.clone()).unwrap_or_default())
+    }
+
+    fn consume(&mut self, count: usize) {
+        self.rest.start += count;
+        self.at += count as u64;
+    }
+
+    fn payload(&self) -> &[u8] {
+        self.buffer.get(self.payload.clone()).unwrap_or_default()
+    }
+
+    fn go_to(&mut self, from: u64) -> std::io::Result<()> {
+        self.bytes.seek(SeekFrom::Start(from))?;
+        (self.at, self.rest) = (from, 0..0);
+        Ok(())
+    }
+
     /// Reads the next message; a section that begins at `appended` ends the one before, even within a message.
     fn message(&mut self, appended: Option<u64>) -> std::io::Result<Next> {
         let end = appended.unwrap_or(self.length).min(self.length);
-        let ended = |at: u64| match appended {
-            Some(from) if from < self.length => Next::Section(from),
+        let (at, length) = (self.at, self.length);
+        let ended = || match appended {
+            Some(from) if from < length => Next::Section(from),
             _ if at == end => Next::End,
             _ => Next::Cut,
         };
-        if self.at + 3 > end {
-            return Ok(ended(self.at));
+        if at + 3 > end {
+            return Ok(ended());
         }
-        let mut head = [0; 3];
-        self.bytes.read_exact(&mut head)?;
-        let size = u16::from_le_bytes([head[0], head[1]]);
-        if !TYPES.contains(&head[2]) {
-            self.bytes.seek(SeekFrom::Start(self.at))?;
+        let Some(&[low, high, kind]) = self.ahead(3)?.first_chunk() else { return Ok(Next::Cut) };
+        let size = usize::from(u16::from_le_bytes([low, high]));
+        if !TYPES.contains(&kind) {
             return Ok(Next::Damage);
         }
-        if self.at + 3 + u64::from(size) > end {
-            return Ok(ended(self.at));
+        if at + 3 + size as u64 > end {
+            return Ok(ended());
         }
-        self.payload.clear();
-        self.bytes.by_ref().take(u64::from(size)).read_to_end(&mut self.payload)?;
-        self.at += 3 + self.payload.len() as u64;
-        Ok(Next::Message(head[2]))
+        if self.ahead(3 + size)?.len() < 3 + size {
+            return Ok(Next::Cut);
+        }
+        self.payload = self.rest.start + 3..self.rest.start + 3 + size;
+        self.consume(3 + size);
+        Ok(Next::Message(kind))
     }
 
     /// Goes to the next synchronisation message.
     fn resynchronise(&mut self) -> std::io::Result<bool> {
         let mut matched = 0;
-        let mut at = self.at;
         loop {
-            let chunk = self.bytes.fill_buf()?;
-            if chunk.is_empty() {
+            let piece = self.ahead(1)?;
+            if piece.is_empty() {
                 return Ok(false);
             }
             let mut used = 0;
-            for byte in chunk {
+            for byte in piece {
                 used += 1;
                 matched = if SYNC.get(matched) == Some(byte) { matched + 1 } else { usize::from(*byte == SYNC[0]) };
                 if matched == SYNC.len() {
                     break;
                 }
             }
-            self.bytes.consume(used);
-            at += used as u64;
+            self.consume(used);
             if matched == SYNC.len() {
-                self.at = at;
                 return Ok(true);
             }
         }
@@ -187,6 +230,26 @@ impl Kind {
         }
     }
 
+    /// The number at `at` of each of the messages of one size, to the end of a list.
+    fn each(self, messages: &[u8], size: usize, at: usize, into: &mut Vec<f64>, map: impl Fn(f64) -> f64) {
+        fn all<const N: usize>(messages: &[u8], size: usize, at: usize, into: &mut Vec<f64>, number: impl Fn([u8; N]) -> f64) {
+            let one = |message: &[u8]| message.get(at..).and_then(|m| m.first_chunk()).map_or(f64::NAN, |bytes| number(*bytes));
+            into.extend(messages.chunks_exact(size.max(1)).map(one));
+        }
+        match self {
+            Self::I8 => all(messages, size, at, into, |b| map(f64::from(i8::from_le_bytes(b)))),
+            Self::U8 | Self::Char => all(messages, size, at, into, |b| map(f64::from(u8::from_le_bytes(b)))),
+            Self::I16 => all(messages, size, at, into, |b| map(f64::from(i16::from_le_bytes(b)))),
+            Self::U16 => all(messages, size, at, into, |b| map(f64::from(u16::from_le_bytes(b)))),
+            Self::I32 => all(messages, size, at, into, |b| map(f64::from(i32::from_le_bytes(b)))),
+            Self::U32 => all(messages, size, at, into, |b| map(f64::from(u32::from_le_bytes(b)))),
+            Self::I64 => all(messages, size, at, into, |b| map(i64::from_le_bytes(b) as f64)),
+            Self::U64 => all(messages, size, at, into, |b| map(u64::from_le_bytes(b) as f64)),
+            Self::F32 => all(messages, size, at, into, |b| map(f64::from(f32::from_le_bytes(b)))),
+            Self::F64 => all(messages, size, at, into, |b| map(f64::from_le_bytes(b))),
+        }
+    }
+
     fn value(self, bytes: &[u8], at: usize) -> Option<f64> {
         fn take<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
             bytes.get(at..at.checked_add(N)?)?.try_into().ok()
@@ -218,13 +281,18 @@ struct Subscription {
     topic: usize,
     stamp: Option<(Kind, usize)>,
     fields: Vec<Field>,
+    /// Bytes up to the end of the last number.
+    size: usize,
 }
 
 #[derive(Default)]
 struct Ulog {
     formats: HashMap<String, Vec<(String, String)>>,
     sections: Vec<u64>,
-    subscriptions: HashMap<u16, Subscription>,
+    /// By their numbers.
+    subscriptions: Vec<Option<Subscription>>,
+    /// Per topic, the messages that are not taken apart yet, one behind the other, and the subscription that they are of.
+    blocks: Vec<(u16, Vec<u8>)>,
     tables: Vec<Table>,
     places: BTreeMap<(String, u8), usize>,
     dropouts: (usize, f64),
@@ -244,7 +312,6 @@ impl Ulog {
             b'B' => self.flags(payload),
             b'F' => self.format(payload),
             b'A' => self.subscribe(payload),
-            b'D' => self.sample(payload),
             b'O' => {
                 self.dropouts.0 += 1;
                 self.dropouts.1 += Kind::U16.value(payload, 0).unwrap_or(0.0) / 1e3;
@@ -287,6 +354,8 @@ impl Ulog {
             return;
         }
         let numbers = layout.numbers;
+        // Padding at the end is not logged.
+        let size = numbers.iter().map(|(_, kind, at)| at + kind.size()).max().unwrap_or(0);
         let stamp = numbers.iter().find(|(path, ..)| path == "timestamp").map(|(_, kind, at)| (*kind, *at));
         if stamp.is_none() {
             self.notes.push(format!("{name}: it has no time stamps; left out"));
@@ -297,12 +366,23 @@ impl Ulog {
                 table.column(path.clone(), None);
             }
             self.tables.push(table);
+            self.blocks.push((0, Vec::new()));
             self.tables.len() - 1
         });
         let fields = numbers.iter().filter(|(path, ..)| path != "timestamp").enumerate();
         let fields = fields.map(|(column, (_, kind, at))| Field { kind: *kind, at: *at, column }).collect();
         let id = id.first_chunk().map_or(0, |id| u16::from_le_bytes(*id));
-        self.subscriptions.insert(id, Subscription { topic, stamp, fields });
+        // What the number stood for before is taken apart by what it was.
+        self.flush(topic);
+        if let Some(before) = self.subscriptions.get(usize::from(id)).and_then(Option::as_ref).map(|s| s.topic) {
+            self.flush(before);
+        }
+        if self.subscriptions.len() <= usize::from(id) {
+            self.subscriptions.resize_with(usize::from(id) + 1, || None);
+        }
+        if let Some(place) = self.subscriptions.get_mut(usize::from(id)) {
+            *place = Some(Subscription { topic, stamp, fields, size });
+        }
     }
 
     fn sample(&mut self, payload: &[u8]) {
@@ -310,12 +390,26 @@ impl Ulog {
             self.strange += 1;
             return;
         };
-        let Some(subscription) = self.subscriptions.get(&id) else {
+        let Some(subscription) = self.subscriptions.get(usize::from(id)).and_then(Option::as_ref) else {
             self.strange += 1;
             return;
         };
         let data = payload.get(2..).unwrap_or_default();
-        let Some(table) = self.tables.get_mut(subscription.topic) else { return };
+        let topic = subscription.topic;
+        if let (Some(message), Some(_), Some((of, block))) = (data.get(..subscription.size), subscription.stamp, self.blocks.get_mut(topic))
+            && (*of == id || block.is_empty())
+        {
+            *of = id;
+            block.extend_from_slice(message);
+            if block.len() >= BLOCK {
+                self.flush(topic);
+            }
+            return;
+        }
+        // A message that is too short, or of another number than the ones before it.
+        self.flush(topic);
+        let Some(subscription) = self.subscriptions.get(usize::from(id)).and_then(Option::as_ref) else { return };
+        let Some(table) = self.tables.get_mut(topic) else { return };
         let Some(stamp_us) = subscription.stamp.and_then(|(kind, at)| kind.value(data, at)) else {
             self.short += usize::from(subscription.stamp.is_some());
             return;
@@ -331,7 +425,21 @@ impl Ulog {
         self.short += usize::from(!whole);
     }
 
+    /// Takes a topic's messages apart, one number of all of them after the other.
+    fn flush(&mut self, topic: usize) {
+        let (Some((id, block)), Some(table)) = (self.blocks.get_mut(topic), self.tables.get_mut(topic)) else { return };
+        let subscription = self.subscriptions.get(usize::from(*id)).and_then(Option::as_ref).filter(|_| !block.is_empty());
+        if let Some(Subscription { stamp: Some((kind, at)), fields, size, .. }) = subscription {
+            table.rows(|times| kind.each(block, *size, *at, times, |us| us / 1e6));
+            for field in fields {
+                table.extend(field.column, |values| field.kind.each(block, *size, field.at, values, |value| value));
+            }
+        }
+        block.clear();
+    }
+
     fn finish(mut self, source: &str) -> Result<Recording, Error> {
+        (0..self.tables.len()).for_each(|topic| self.flush(topic));
         let count = |n: usize, what: &str| (n > 0).then(|| format!("{n} {what}"));
         if self.dropouts.0 > 0 {
             self.notes.push(format!("{} dropouts, {:.3} s together, in which the recorder lost samples", self.dropouts.0, self.dropouts.1));

@@ -13,16 +13,16 @@ use pyo3::types::{PyDict, PyString};
 
 use super::convert::{Numbers, Table, array1, matrix, object, vector};
 use super::error::{OrRaise, raise};
-use super::log::Log;
+use super::log::{Log, channels};
 use super::model::Model;
 use super::work::long;
-use crate::diagnose::{Diagnosed, GapOptions, Mode, Stage, Subject, diagnose, inspect, isolability};
+use crate::diagnose::{Diagnosed, GapOptions, Mode, Stage, Subject, clocks, diagnose, inspect, isolability};
 use crate::effect::{Applied, Chance};
-use crate::log::Log as InnerLog;
+use crate::log::{Log as InnerLog, ReadOptions, open};
 use crate::model::ModelDocument;
 use crate::progress::HowFar;
 use crate::report;
-use crate::simulate::{Commands, Dynamics, Face, Port, Simulator, Start, System};
+use crate::simulate::{Commands, Dynamics, Face, Port, Restart, Simulator, Start, System};
 use crate::stop::Stop;
 
 /// Makes the exception that a call raised the one that a caller sees: whole, where it was no ordinary one; else as the cause of ours.
@@ -200,6 +200,8 @@ type Named = (String, Option<String>);
 #[pymethods]
 impl PySimulator {
     #[new]
+    #[pyo3(signature = (f, name, inputs, outputs, states, parameters, channels=None, restart_every=None))]
+    #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
         f: Py<PyAny>,
@@ -208,6 +210,8 @@ impl PySimulator {
         outputs: Vec<Named>,
         states: Vec<(String, f64, Option<f64>)>,
         parameters: Vec<(String, Option<String>, f64)>,
+        channels: Option<Vec<Option<String>>>,
+        restart_every: Option<f64>,
     ) -> PyResult<Self> {
         let port = |(name, unit): Named| Port { name, unit };
         let face = Face {
@@ -216,6 +220,7 @@ impl PySimulator {
             outputs: outputs.into_iter().map(port).collect(),
             states: states.into_iter().map(|(name, initial, std)| Start { port: Port { name, unit: None }, initial, std }).collect(),
             parameters: parameters.into_iter().map(|(name, unit, value)| (Port { name, unit }, value)).collect(),
+            restart: channels.map(|channels| Restart { channels, every_s: restart_every }),
         };
         let simulator = Self { f, face, effects: Vec::new() };
         simulator.direct(py, Raised::default()).or_raise(py)?;
@@ -386,11 +391,26 @@ fn _gap(
 
 /// The checks of a model or simulator and logs that need no diagnosis: deadtime/check@1 as text, and what the command line prints.
 #[pyfunction]
-fn _check(py: Python<'_>, subject: &Bound<'_, PyAny>, logs: Vec<PyRef<'_, Log>>) -> PyResult<(String, String)> {
+fn _check(
+    py: Python<'_>,
+    subject: &Bound<'_, PyAny>,
+    logs: Vec<PyRef<'_, Log>>,
+    files: Vec<PathBuf>,
+    wanted: (Vec<String>, Vec<String>),
+) -> PyResult<(String, String)> {
     let raised = Raised::default();
     let (what, logs) = (What::new(subject, &raised)?, copies(&logs));
     let threads = what.threads(None);
-    let found = raised.over(py, long(py, threads, move |stop| inspect(what.subject(), &logs, stop, &HowFar::default())))?;
+    let wanted = channels(wanted.0, wanted.1);
+    let work = move |stop: &Stop| {
+        let mut found = inspect(what.subject(), &logs, stop, &HowFar::default())?;
+        // The clocks are those of the files' topics.
+        for file in &files {
+            found.clocks.push(clocks(&open(file, &ReadOptions::default())?, &wanted));
+        }
+        Ok(found)
+    };
+    let found = raised.over(py, long(py, threads, work))?;
     Ok((json(&found)?, report::checks::text(&found)))
 }
 

@@ -9,9 +9,15 @@ use pyo3::types::PyDict;
 
 use super::convert::{Numbers, array1, vector};
 use super::error::OrRaise;
-use crate::log::{Channel, Log as Inner, ReadOptions, csv, name_and_unit, open};
+use crate::log::{Channel, Log as Inner, ReadOptions, Wanted, csv, name_and_unit, open};
 use crate::model::Derived;
 use crate::time::SampleTime;
+
+/// Inputs and outputs as a file is asked for them: what is not there is left out, and missed by whoever needs it.
+pub(super) fn channels(inputs: Vec<String>, outputs: Vec<String>) -> Vec<Wanted> {
+    let held = inputs.into_iter().map(|name| Wanted { name, held: true, required: false });
+    held.chain(outputs.into_iter().map(|name| Wanted { name, held: false, required: false })).collect()
+}
 
 /// A measured log: time stamps and named channels of as many samples.
 ///
@@ -64,17 +70,30 @@ impl Log {
         Ok(Self(Inner::new(source, vector(&time), columns).or_raise(py)?))
     }
 
-    /// The records of a CSV file (.csv or .csv.gz), one without `records`, else one per new value of that column.
+    /// The records of a CSV file (.csv or .csv.gz), one without `records`, else one per new value of that column. With the names of inputs and outputs the channels
+    /// of several topics are put together, on an even grid where `sample_time` is given.
     #[staticmethod]
-    #[pyo3(signature = (path, records = None))]
-    fn _read(py: Python<'_>, path: PathBuf, records: Option<String>) -> PyResult<Vec<Self>> {
+    #[pyo3(signature = (path, records = None, wanted = None, sample_time = None))]
+    fn _read(
+        py: Python<'_>,
+        path: PathBuf,
+        records: Option<String>,
+        wanted: Option<(Vec<String>, Vec<String>)>,
+        sample_time: Option<f64>,
+    ) -> PyResult<Vec<Self>> {
+        let grid = sample_time.map(SampleTime::new).transpose().or_raise(py)?;
         let options = ReadOptions::default();
         let read = || match records {
             Some(column) => csv::records(&path, &column, &options),
             None => {
                 let mut recording = open(&path, &options)?;
-                let notes = std::mem::take(&mut recording.notes);
-                Ok((vec![recording.into_log()?], notes))
+                let mut notes = std::mem::take(&mut recording.notes);
+                let Some((inputs, outputs)) = wanted.filter(|_| recording.topics.iter().any(|topic| !topic.name.is_empty())) else {
+                    return Ok((vec![recording.into_log()?], notes));
+                };
+                let (log, more) = recording.together(&channels(inputs, outputs), grid)?;
+                notes.extend(more);
+                Ok((vec![log], notes))
             }
         };
         let (logs, notes) = py.detach(read).or_raise(py)?;

@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::fmt;
+use std::ops::Range;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use nalgebra::DMatrix;
@@ -34,6 +35,15 @@ pub struct Start {
     pub std: Option<f64>,
 }
 
+/// Where a simulator's states stand in logs, so that it can be started again on the way: multiple shooting, for simulators whose free run says nothing.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Restart {
+    /// Per state, the log's channel that holds it; `None`: it begins at its initial value every time.
+    pub channels: Vec<Option<String>>,
+    /// Seconds between two starts; `None`: chosen by how fast a push grows.
+    pub every_s: Option<f64>,
+}
+
 /// The names under which a simulator's channels stand in logs.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Face {
@@ -47,6 +57,8 @@ pub struct Face {
     pub states: Vec<Start>,
     /// The parameters and their nominal values, in order; may be empty.
     pub parameters: Vec<(Port, f64)>,
+    /// Where the states stand in logs; `None`: it is started once a log.
+    pub restart: Option<Restart>,
 }
 
 impl Face {
@@ -69,6 +81,15 @@ impl Face {
             }
             if !(std.is_finite() && std >= 0.0) {
                 return Err(SimulateError::Value { what: "the standard deviation of the start", name: name.clone(), value: std });
+            }
+        }
+        if let Some(restart) = &self.restart {
+            let needed = states.len();
+            if restart.channels.len() != needed || restart.channels.iter().all(Option::is_none) {
+                return Err(SimulateError::InitialState { needed, got: restart.channels.iter().flatten().count() });
+            }
+            if let Some(every_s) = restart.every_s.filter(|s| !(s.is_finite() && *s > 0.0)) {
+                return Err(SimulateError::Value { what: "the time between two starts", name: self.name.clone(), value: every_s });
             }
         }
         match parameters.iter().find(|p| !p.1.is_finite()) {
@@ -95,13 +116,14 @@ impl System {
     /// [`SimulateError`]: no input or output, two of one name, a start or parameter that is not finite, a negative standard deviation.
     pub fn black_box(simulator: Arc<dyn Simulator>, face: Face) -> Result<Self, SimulateError> {
         face.check()?;
-        let Face { name, inputs, outputs, states, parameters } = face;
+        let Face { name, inputs, outputs, states, parameters, restart } = face;
         Ok(Self {
             name,
             input_delay_s: vec![0.0; inputs.len()],
             input_operating: vec![0.0; inputs.len()],
             output_operating: vec![0.0; outputs.len()],
             candidates: None,
+            restart,
             initial: states.iter().map(|s| s.initial).collect(),
             initial_std: states.iter().map(|s| s.std).collect(),
             dynamics: Dynamics::BlackBox(simulator, parameters.iter().map(|p| p.1).collect()),
@@ -111,6 +133,31 @@ impl System {
             outputs,
         })
     }
+}
+
+/// The samples of one of several windows of equal length.
+pub(crate) fn window(at: usize, windows: usize, samples: usize) -> Range<usize> {
+    at * samples / windows..(at + 1) * samples / windows
+}
+
+/// Goes from window to window: one for every start that `x0` holds, a single one where there are no states. In each, time begins at 0.
+pub(crate) fn windows<E>(
+    u: &DMatrix<f64>,
+    time_s: &[f64],
+    x0: &[f64],
+    states: usize,
+    mut each: impl FnMut(Range<usize>, &DMatrix<f64>, &[f64], &[f64]) -> Result<(), E>,
+) -> Result<(), E> {
+    let count = x0.len().checked_div(states).unwrap_or(1);
+    if count <= 1 {
+        return each(0..time_s.len(), u, time_s, x0);
+    }
+    for (at, x0) in x0.chunks_exact(states).enumerate() {
+        let rows = window(at, count, time_s.len());
+        let stamps: Vec<f64> = time_s[rows.clone()].iter().map(|t| t - time_s[rows.start]).collect();
+        each(rows.clone(), &u.rows(rows.start, rows.len()).into_owned(), &stamps, x0)?;
+    }
+    Ok(())
 }
 
 /// Refuses an answer of another shape, or one that holds NaN or infinity.

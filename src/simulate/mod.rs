@@ -19,7 +19,8 @@ mod sampled;
 mod system;
 mod walk;
 
-pub use black_box::{Face, Remembered, Simulator, Start};
+pub(crate) use black_box::windows;
+pub use black_box::{Face, Remembered, Restart, Simulator, Start};
 pub use lsim::{Grid, Options, Prehistory, Responds, Response, lsim};
 pub use piecewise::{Piece, Piecewise};
 pub use plan::{Drops, Late, Mode, Plan, Source, Term, Tolerance, Wanted};

@@ -7,6 +7,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, Gamma};
 
 use super::assembly::Assembly;
+use super::black_box::window;
 use super::linear::Linear;
 use super::nonlinear::Nonlinear;
 use super::ode::Integrator;
@@ -107,7 +108,8 @@ fn check(system: &System, commands: Commands<'_>, x0: &[f64]) -> Result<(), Simu
     if commands.inputs.len() != system.inputs.len() {
         return Err(SimulateError::Inputs { needed: system.inputs.len(), got: commands.inputs.len() });
     }
-    if x0.len() != system.states.len() {
+    let starts = if system.restart.is_some() { x0.len() / system.states.len().max(1) } else { 1 };
+    if x0.len() != starts * system.states.len() || x0.len() < system.states.len() {
         return Err(SimulateError::InitialState { needed: system.states.len(), got: x0.len() });
     }
     for (input, values) in commands.inputs.iter().enumerate() {
@@ -221,6 +223,10 @@ impl System {
         correction: Option<Correction<'_>>,
     ) -> Result<DMatrix<f64>, SimulateError> {
         let samples = commands.time_s.len();
+        let states = self.states.len();
+        if states > 0 && x0.len() > states {
+            return self.sensitivity_of_windows(plan, commands, x0, scale);
+        }
         let mut z = DMatrix::zeros(samples * self.outputs.len(), x0.len());
         for j in (0..x0.len()).filter(|&j| scale[j] != 0.0) {
             let moved = |by: f64| {
@@ -231,6 +237,38 @@ impl System {
             let (up, down) = (moved(0.5)?.y, moved(-0.5)?.y);
             for (to, (up, down)) in z.column_mut(j).iter_mut().zip(up.iter().zip(down.iter())) {
                 *to = (up - down) / scale[j];
+            }
+        }
+        Ok(z)
+    }
+}
+
+impl System {
+    /// The same of a simulator that is started again and again: a state is moved in all windows at once, as none reaches into the next. Columns are
+    /// window by window; `scale` is per state.
+    fn sensitivity_of_windows(
+        &self,
+        plan: &Plan,
+        commands: Commands<'_>,
+        x0: &[f64],
+        scale: &[f64],
+    ) -> Result<DMatrix<f64>, SimulateError> {
+        let (samples, states) = (commands.time_s.len(), self.states.len());
+        let windows = x0.len() / states;
+        let mut z = DMatrix::zeros(samples * self.outputs.len(), x0.len());
+        for j in (0..states).filter(|&j| scale[j] != 0.0) {
+            let moved = |by: f64| {
+                let mut x = x0.to_vec();
+                x.iter_mut().skip(j).step_by(states).for_each(|x| *x += by * scale[j]);
+                self.simulate(plan, commands, &x, None)
+            };
+            let apart = (moved(0.5)?.y - moved(-0.5)?.y) / scale[j];
+            for w in 0..windows {
+                for k in window(w, windows, samples) {
+                    for i in 0..self.outputs.len() {
+                        z[(i * samples + k, w * states + j)] = apart[(k, i)];
+                    }
+                }
             }
         }
         Ok(z)

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::DMatrix;
 
-use super::black_box::Simulator;
+use super::black_box::{Restart, Simulator};
 use crate::error::Result;
 use crate::model::{Candidates, Channel, Equations, EquationsFile, ModelDocument, ModelFile, Operating, StateSpace, TimeDomain};
 use crate::time::SampleTime;
@@ -71,6 +71,8 @@ pub struct System {
     pub output_operating: Vec<f64>,
     /// The equations with terms in them that a user suspects to be missing.
     pub candidates: Option<Arc<Candidates>>,
+    /// Where a simulator that can only be called is started again from the log; `None`: it runs freely from the start.
+    pub restart: Option<Restart>,
 }
 
 impl System {
@@ -135,6 +137,7 @@ impl System {
             input_operating,
             output_operating,
             candidates,
+            restart: None,
         })
     }
 }

@@ -76,6 +76,7 @@ fn face() -> Face {
         outputs: vec![port("angle", "rad"), port("rate", "rad/s")],
         states: vec![start("x", "rad"), start("v", "rad/s")],
         parameters: vec![(port("stiffness", "1/s^2"), 9.0), (port("gain", "rad/V"), 1.0)],
+        restart: None,
     }
 }
 

@@ -68,6 +68,7 @@ fn friction_that_cannot_be_tried_is_unknown_or_what_is_named_instead_is_said_to_
         outputs: vec![port("angle"), port("speed")],
         states: vec![start("angle", 0.01), start("speed", 0.05)],
         parameters: vec![(port("damping"), 0.06), (port("stiffness"), 1.5)],
+        restart: None,
     };
     let system = System::black_box(Arc::new(WithoutFriction), face).unwrap();
     let mut named = 0;

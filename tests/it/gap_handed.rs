@@ -83,6 +83,7 @@ const CASES: &[Case] = &[
     Case { effect: "exchange", model: TANKS, more: "", channel: "a<->b", parameters: "gain = 0.6" },
     on_servo("coulomb_friction", "v", "level = 1.5"),
     on_servo("stribeck_friction", "v", "level = 0.8, extra = 1.5, velocity = 0.2"),
+    on_servo("hysteresis", "v", "level = 3.0, displacement = 0.15, sharpness = 1.5"),
     on_servo("quadratic_drag", "v", "coefficient = 1.5"),
     on_servo("cubic_stiffness", "x->v", "coefficient = 12.0"),
     on_servo("unmodelled_mode", "u->output:angle", "frequency = 1.5, damping = 0.05, gain = 0.3"),

@@ -59,7 +59,7 @@ fn readable(file: &str) -> bool {
 #[test]
 fn every_file_holds_what_its_own_reader_says() {
     let expected = expected();
-    assert_eq!(expected.keys().filter(|file| readable(file)).count(), if cfg!(feature = "tables") { 14 } else { 9 });
+    assert_eq!(expected.keys().filter(|file| readable(file)).count(), if cfg!(feature = "tables") { 15 } else { 10 });
     for (file, topics) in expected.iter().filter(|(file, _)| readable(file)) {
         compare(file, topics);
     }
@@ -197,6 +197,68 @@ fn header_stamps_are_used_when_asked_for() {
     let recording = open(&golden("ros2_lz4.mcap"), &options).unwrap();
     let state = &recording.topics.iter().find(|t| t.name == "/state").unwrap().log;
     assert!((state.time_s()[0] + 0.003).abs() < TIME_TOLERANCE_S, "{:?}", state.time_s());
+}
+
+/// Of protobuf the sender's stamp stands in `timestamp`, 2 ms before the recorder's.
+#[test]
+fn time_stamps_of_protobuf_are_used_when_asked_for() {
+    let options = ReadOptions { stamps: deadtime::log::Stamps::Header, ..ReadOptions::default() };
+    let recording = open(&golden("protobuf.mcap"), &options).unwrap();
+    let motor = &recording.topics[0].log;
+    for (k, stamp) in motor.time_s().iter().enumerate() {
+        assert!((stamp - (0.005 * k as f64 - 0.002)).abs() < TIME_TOLERANCE_S, "{:?}", motor.time_s());
+    }
+    for part in ["recorded 0.002000 s after timestamp", "/motor.picture: more than 64 elements; left out"] {
+        assert!(recording.notes.iter().any(|n| n.contains(part)), "{:?}", recording.notes);
+    }
+}
+
+/// One field of protobuf that holds bytes.
+fn held(number: u8, bytes: &[u8]) -> Vec<u8> {
+    [&[number << 3 | 2, bytes.len() as u8], bytes].concat()
+}
+
+/// An MCAP file without chunks: messages of `test.S`, which has `double x = 1`, by these descriptors.
+fn protobuf(descriptors: &[u8], name: &str, messages: &[&[u8]]) -> Vec<u8> {
+    let text = |s: &[u8]| [&(s.len() as u32).to_le_bytes(), s].concat();
+    let record = |kind: u8, content: Vec<u8>| [&[kind], (content.len() as u64).to_le_bytes().as_slice(), &content].concat();
+    let mut bytes = b"\x89MCAP0\r\n".to_vec();
+    let id = 1_u16.to_le_bytes();
+    bytes.extend(record(3, [&id, text(name.as_bytes()).as_slice(), &text(b"protobuf"), &text(descriptors)].concat()));
+    bytes.extend(record(4, [&id, id.as_slice(), &text(b"/s"), &text(b"protobuf"), &text(b"")].concat()));
+    for (k, message) in messages.iter().enumerate() {
+        let stamp = (k as u64 * 1_000_000).to_le_bytes();
+        bytes.extend(record(5, [&id, [0; 4].as_slice(), &stamp, &stamp, message].concat()));
+    }
+    bytes.extend(record(15, vec![0; 4]));
+    bytes
+}
+
+#[test]
+fn protobuf_that_is_damaged_is_counted_or_named_with_a_remedy() {
+    // FileDescriptorSet, FileDescriptorProto and so on, as descriptor.proto numbers their fields; label optional, type double.
+    let field = [held(1, b"x"), vec![3 << 3, 1, 4 << 3, 1, 5 << 3, 1]].concat();
+    let message = [held(1, b"S"), held(2, &field)].concat();
+    let file = [held(1, b"s.proto"), held(2, b"test"), held(4, &message), held(12, b"proto3")].concat();
+    let whole = held(1, &file);
+    let x = [[9].as_slice(), &2.5_f64.to_le_bytes()].concat();
+    let folder = Folder::new();
+    // A message cut short, one of another type for the same field, an empty one (0), one with a field that the definition does not know.
+    let unknown = [x.as_slice(), &[16, 7]].concat();
+    let bytes = protobuf(&whole, "test.S", &[&x, &x[..5], &[8, 1], &[], &unknown]);
+    let recording = read(&folder.write_bytes("s.mcap", &bytes));
+    let samples = recording.topics[0].log.channel("x").unwrap().samples();
+    assert_eq!((0..3).map(|k| samples.get(k)).collect::<Vec<_>>(), [Some(2.5), Some(0.0), Some(2.5)]);
+    assert!(recording.notes.iter().any(|n| n.contains("/s: 2 of 5 messages do not fit their definition")), "{:?}", recording.notes);
+    let importing = held(1, &[file.as_slice(), &held(3, b"other.proto")].concat());
+    for (descriptors, name, parts) in [
+        (&whole[..20], "test.S", ["no complete set of descriptors", "record it with every file"]),
+        (&importing, "test.S", ["other.proto", "record it with every file"]),
+        (&whole, "test.T", ["test.T", "has no such message, only test.S"]),
+    ] {
+        let log = folder.write_bytes("s.mcap", &protobuf(descriptors, name, &[&x]));
+        deadtime(&["log", text(&log)]).refused(&["s.mcap", "/s", parts[0], parts[1]]);
+    }
 }
 
 /// A flight whose rate answers the command 0.06 s late, in two topics of different rates.

@@ -17,6 +17,7 @@ mod bad_input;
 mod bjorklund;
 mod black_box;
 mod black_box_pushes;
+mod black_box_restart;
 mod blind;
 #[cfg(feature = "cli")]
 mod blind_program;

@@ -19,6 +19,7 @@ fn face() -> Face {
         outputs: vec![port("y")],
         states: vec![Start { port: port("x"), initial: 0.0, std: None }],
         parameters: vec![(port("k"), 2.0)],
+        restart: None,
     }
 }
 

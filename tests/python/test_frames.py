@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 from datetime import datetime, timedelta, timezone
 from decimal import Decimal
@@ -197,3 +198,15 @@ def test_channels_are_calculated_from_others(tmp_path: Path) -> None:
     for channels, says in (({"s": "hypot(vx)"}, "2 arguments"), ({"s": "vz"}, "vz"), ({"vx": "vy"}, "vx"), ({"s": ""}, "NAME=EXPRESSION")):
         with pytest.raises(errors.LogError, match=says):
             deadtime.read(path, channels=channels)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_file_of_several_topics_is_asked_for_channels(root: Path) -> None:
+    flight = root / "golden" / "log_files" / "flight.ulg"
+    with pytest.raises(errors.LogError, match="topics"):
+        deadtime.read(flight)
+    log = deadtime.read(flight, inputs=["thrust"], outputs=["points[0].x"])
+    assert log.channels == ["thrust", "points[0].x"]
+    # What pyulog reads.
+    read = json.loads((root / "golden" / "log_files" / "expected.json").read_text())["flight.ulg"]["actuator"]["channels"]["thrust"]
+    assert len(log) > 3 and set(log["thrust"].tolist()) <= set(read)

@@ -4,7 +4,7 @@
 //! parameters could still make up for taken out (T-optimal discrimination; Atkinson and Fedorov 1975, doi:10.1093/biomet/62.1.57).
 //!
 //! How it can be wrong: the machine's limits are not known here, so an experiment may ask for more than it stands; an unstable model cannot be simulated
-//! ahead without its controller, and gets advice by the kinds of its rivals only.
+//! ahead without its controller, nor a simulator that the log starts again, and gets advice by the kinds of its rivals only.
 
 use nalgebra::DVector;
 use rand::RngExt;
@@ -101,7 +101,8 @@ pub(in crate::diagnose) fn experiment(
     rival: &[Applied],
 ) -> String {
     let names = names(class);
-    let simulated = (likelihood.predictor.mode == Mode::Simulation).then(|| trials(likelihood, scales)).flatten();
+    let ahead = likelihood.predictor.mode == Mode::Simulation && likelihood.system.restart.is_none();
+    let simulated = ahead.then(|| trials(likelihood, scales)).flatten();
     let Some((time_s, trials)) = simulated else { return by_kind(class) };
     let expected = |trial: &Trial| Some((apart(likelihood, scales, &time_s, trial, own, rival)?, trial.words));
     let best = trials.par_iter().filter_map(expected).collect::<Vec<_>>().into_iter().max_by(|a, b| a.0.total_cmp(&b.0));

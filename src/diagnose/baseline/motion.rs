@@ -39,7 +39,7 @@ impl Motion {
         for (at, record) in records.iter().enumerate() {
             let correction = predictor.gains.get(at).map(|gain| Correction { gain, measured: &record.measured });
             let run = system
-                .simulate(&plan, record.commands(), &system.initial, correction)
+                .simulate(&plan, record.commands(), &record.start, correction)
                 .map_err(|e| GapError::Nominal { log: record.name.clone(), why: e.to_string() })?;
             predicted.push(run.y);
             states.push(run.x);

@@ -203,6 +203,8 @@ mod tests {
                 sample_time_s: 1.0,
                 inputs: Vec::new(),
                 measured: vec![measured; 2],
+                start: Vec::new(),
+                states: Vec::new(),
                 context: Vec::new(),
                 train: Some(Span { from_s, to_s: 30.0 }),
                 held: None,

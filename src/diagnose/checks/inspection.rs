@@ -13,6 +13,7 @@ use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::inputs::{Simulator, model_effects};
 use crate::diagnose::input::poles::Poles;
 use crate::diagnose::input::record::{LogRecord, Span};
+use crate::diagnose::input::restart::restart;
 use crate::diagnose::input::subject::Subject;
 use crate::error::Result;
 use crate::log::{Channel, Log, LogError};
@@ -234,7 +235,8 @@ fn checks(subject: Subject<'_>, logs: &[Log], reports: &[LogReport], (stop, far)
             debug_assert_eq!(c.role, Role::Output);
         }
     }
-    let probed = probe(&system, memory.as_ref(), &records)?;
+    let restarted = restart(&system, &mut records)?;
+    let probed = probe(&system, memory.as_ref(), &records, restarted)?;
     let poles = probed.as_ref().map_or_else(|| Poles::of(&system, &records), Poles::probed);
     let predictor = Predictor::of(&system, &records, &poles, probed.as_ref(), None, &Criteria::default());
     Ok(every::checks(&system, &model_effects, &records, predictor, &far.part(SIMULATED, 1.0)).checks)

@@ -142,7 +142,8 @@ impl<'a> View<'a> {
     fn run(&self, at: usize, inputs: &[Vec<f64>], measured: &[Measured]) -> Option<Columns> {
         let correction = self.gains.get(at).map(|gain| Correction { gain, measured });
         let commands = Commands { time_s: &self.records[at].time_s, inputs };
-        let run = self.simulator.simulate(self.plan.as_ref()?, commands, &self.simulator.initial, correction).ok()?;
+        let start = if self.simulator.restart.is_some() { &self.records[at].start } else { &self.simulator.initial };
+        let run = self.simulator.simulate(self.plan.as_ref()?, commands, start, correction).ok()?;
         run.y.iter().all(|v| v.is_finite()).then(|| run.y.column_iter().map(|c| c.iter().copied().collect()).collect())
     }
 

@@ -67,14 +67,50 @@ pub enum GapError {
     },
     /// A simulator whose free run says nothing.
     #[error(
-        "{log}: what a push at the start does to the simulator grows {factor:.0e}-fold over the log, so that no free run says anything; \
-         close the loop inside the simulator, or cut the logs into shorter ones"
+        "{log}: what a small push does to the simulator grows {factor:.0e}-fold over the log, so that no free run says anything; \
+         name the log's channels of its states, from which it is then started again and again (--states \"NAME=CHANNEL,…\"), or close the loop inside the simulator"
     )]
     Unstable {
         /// The log.
         log: String,
         /// By how much.
         factor: f64,
+    },
+    /// A state without a sample in the log.
+    #[error(
+        "{log}: `{channel}`, from which the simulator is to be started again, has no sample; name another channel of that state in --states"
+    )]
+    NoState {
+        /// The log.
+        log: String,
+        /// The channel.
+        channel: String,
+    },
+    /// Starts that follow each other too fast.
+    #[error("{log}: a start every {given_s} s leaves {got} samples between two; give {least_s:.3} s or more (--restart-every)")]
+    RestartsTooOften {
+        /// The log.
+        log: String,
+        /// What was given, seconds.
+        given_s: f64,
+        /// Samples between two starts.
+        got: usize,
+        /// The shortest time, seconds.
+        least_s: f64,
+    },
+    /// More starts than can be fitted.
+    #[error(
+        "{log}: started again every {every_s:.3} s, the simulator has {got} starts to fit, more than {most}; look at fewer rows (--look-at), or give a longer time between starts (--restart-every)"
+    )]
+    TooManyStarts {
+        /// The log.
+        log: String,
+        /// Seconds between two starts.
+        every_s: f64,
+        /// Starts, of all states together.
+        got: usize,
+        /// The most.
+        most: usize,
     },
     /// The nominal model cannot follow the log.
     #[error("{log}: the model cannot be simulated on it: {why}")]

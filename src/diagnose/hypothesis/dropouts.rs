@@ -126,7 +126,7 @@ fn response(likelihood: &Likelihood<'_>, at: usize, others: &[Applied], input: u
         let mut inputs = record.inputs.clone();
         inputs[input][place] += by;
         let commands = Commands { time_s: &record.time_s, inputs: &inputs };
-        likelihood.system.simulate(&plan, commands, &likelihood.system.initial, likelihood.correction(at)).ok()
+        likelihood.system.simulate(&plan, commands, &record.start, likelihood.correction(at)).ok()
     };
     let (up, down) = (simulate(0.5 * size)?.y, simulate(-0.5 * size)?.y);
     let length = likelihood.budget.response.min(samples - place);

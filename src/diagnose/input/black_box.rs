@@ -25,11 +25,17 @@ const FORGOTTEN: f64 = 0.02;
 /// Of a push that is not forgotten more than this is left in the last tenth of the log.
 const LEFT: f64 = 0.05;
 /// What grows by more than this from the first third of a log to its last tenth is no integrator's ramp.
-const GROWS: f64 = 10.0;
+pub(super) const GROWS: f64 = 10.0;
 /// What grows by more than this cannot be simulated freely by anyone.
-const UNSTABLE: f64 = 1e3;
+pub(super) const UNSTABLE: f64 = 1e3;
+/// A free run that misses by more than so many times the outputs' motion has left the log: what grew may have come to rest elsewhere.
+const FAR: f64 = 3.0;
 /// The relative change of the inputs that shows how fine the simulator resolves.
 const FINE: f64 = 1e-10;
+/// A simulator that this moves by more than such a part of its motion is rough or chaotic.
+const ROUGH: f64 = 1e-3;
+/// One that it moves by more than this has left the log: unstable, or turned over by rounding alone.
+const LOST: f64 = 0.1;
 /// Two answers to one call that differ by more than this part of the output's motion are two answers.
 const SAME: f64 = 1e-5;
 /// A relative change by this shows whether a parameter matters: the first guess of `parameter_error`.
@@ -94,12 +100,21 @@ impl Probe<'_> {
 
     /// Answers to other inputs, a start or parameters; `None` where the simulator fails.
     fn pushed(&self, inputs: &[Vec<f64>]) -> Option<Response> {
-        Some(self.apart(&self.run(inputs, &self.system.initial, &self.plan)?))
+        Some(self.apart(&self.run(inputs, &self.record.start, &self.plan)?))
+    }
+
+    /// How far the outputs are from what was measured, root mean square, in units of how far they move: the worst output.
+    fn misses(&self) -> f64 {
+        let one = |(i, m): (usize, &crate::simulate::Measured)| {
+            let apart = (0..self.nominal.nrows()).filter_map(|k| Some(m.get(k)? - self.nominal[(k, i)]));
+            stats::rms(apart).unwrap_or(0.0) / self.spread[i]
+        };
+        self.record.measured.iter().enumerate().map(one).fold(0.0, f64::max)
     }
 
     fn started(&self, state: usize, by: f64) -> Option<Response> {
-        let mut x0 = self.system.initial.clone();
-        x0[state] += by;
+        let mut x0 = self.record.start.clone();
+        x0.iter_mut().skip(state).step_by(self.system.states.len()).for_each(|x| *x += by);
         Some(self.apart(&self.run(&self.record.inputs, &x0, &self.plan)?))
     }
 
@@ -109,7 +124,7 @@ impl Probe<'_> {
             let value = parameters[at];
             parameters[at] += share * if value == 0.0 { 1.0 } else { value };
         }
-        Some(self.apart(&self.run(&self.record.inputs, &self.system.initial, &plan)?))
+        Some(self.apart(&self.run(&self.record.inputs, &self.record.start, &plan)?))
     }
 
     /// An input with a push on its first samples, or throughout.
@@ -121,8 +136,14 @@ impl Probe<'_> {
     }
 }
 
+/// How many times as large as at first a response to another start becomes.
+fn risen(response: &[f64]) -> Option<f64> {
+    let first = largest(response.get(..LASTS.1)?);
+    (first > 0.0).then(|| largest(response) / first)
+}
+
 /// Standard deviation; of what stands still its size, of what is 0 one.
-fn spread(values: &[f64]) -> f64 {
+pub(super) fn spread(values: &[f64]) -> f64 {
     let std = stats::deviation(values).unwrap_or(0.0);
     let size = values.iter().map(|v| v.abs()).fold(0.0, f64::max);
     if std > 1e-12 * size {
@@ -138,16 +159,21 @@ fn largest(response: &[f64]) -> f64 {
     response.iter().copied().fold(0.0, f64::max)
 }
 
-/// Finds out; `None` for a simulator that is no black box.
+/// Finds out; `None` for a simulator that is no black box. Of one that is started again, every how many seconds and why.
 ///
 /// # Errors
 /// [`GapError`]: a call with the nominal model fails, or two of them differ, or what a push does grows without bounds.
-pub(in crate::diagnose) fn probe(system: &System, memory: Option<&Arc<Remembered>>, records: &[LogRecord]) -> Result<Option<Probed>> {
+pub(in crate::diagnose) fn probe(
+    system: &System,
+    memory: Option<&Arc<Remembered>>,
+    records: &[LogRecord],
+    restarted: Option<(f64, String)>,
+) -> Result<Option<Probed>> {
     let (Some(memory), Dynamics::BlackBox(_, parameters)) = (memory, &system.dynamics) else { return Ok(None) };
     let plan = Plan::new(system);
     let mut answers = Vec::new();
     for record in records {
-        let run = system.simulate(&plan, record.commands(), &system.initial, None);
+        let run = system.simulate(&plan, record.commands(), &record.start, None);
         answers.push(run.map_err(|e| GapError::Nominal { log: record.name.clone(), why: e.to_string() })?.y);
     }
     let Some(at) = (0..records.len()).max_by_key(|&at| records[at].time_s.len()) else { return Ok(None) };
@@ -163,14 +189,17 @@ pub(in crate::diagnose) fn probe(system: &System, memory: Option<&Arc<Remembered
     let mut found = Probed::default();
     // As fine as a change of the inputs that only rounding could magnify.
     let finer: Vec<Vec<f64>> = record.inputs.iter().map(|u| u.iter().map(|v| v * (1.0 + FINE)).collect()).collect();
-    let fine = probe.run(&finer, &system.initial, &probe.plan);
+    let fine = probe.run(&finer, &record.start, &probe.plan);
     for (i, repeated) in resolution.into_iter().enumerate() {
         let moved = fine.as_ref().map_or(0.0, |y| (y.column(i) - probe.nominal.column(i)).amax());
         probe.resolution[i] = repeated.max(moved);
     }
     if let Some((i, coarse)) = probe.resolution.iter().zip(&probe.spread).map(|(r, s)| r / s).enumerate().max_by(|a, b| a.1.total_cmp(&b.1))
-        && coarse > 1e-3
+        && coarse > ROUGH
     {
+        if coarse > LOST {
+            return Err(GapError::Unstable { log: record.name.clone(), factor: coarse / FINE }.into());
+        }
         found.caveats.push(Caveat::Rough { output: system.outputs[i].name.clone(), percent: format!("{:.2}", 100.0 * coarse) });
     }
     let mut responses: Vec<Response> = Vec::new();
@@ -189,7 +218,12 @@ pub(in crate::diagnose) fn probe(system: &System, memory: Option<&Arc<Remembered
         if size == 0.0 {
             found.caveats.push(Caveat::StartMovesNothing { state: system.states[j].name.clone() });
         }
-        found.states.push(size);
+        // A start that is fitted in every window may be off by as much as the state moves at all.
+        let logged = record.states.get(j).and_then(Option::as_ref).map_or(0.0, |x| self::spread(x));
+        found.states.push(if size > 0.0 { size.max(logged) } else { 0.0 });
+        if let Some(factor) = response.as_deref().and_then(risen).filter(|f| restarted.is_none() && *f > UNSTABLE && probe.misses() > FAR) {
+            return Err(GapError::Unstable { log: record.name.clone(), factor }.into());
+        }
         responses.extend(response);
     }
     if system.states.is_empty() {
@@ -202,7 +236,13 @@ pub(in crate::diagnose) fn probe(system: &System, memory: Option<&Arc<Remembered
             found.caveats.push(Caveat::ParameterMovesNothing { parameter: port.name.clone() });
         }
     }
-    forgetting(record, &responses, &mut found)?;
+    match restarted {
+        Some((every_s, why)) => {
+            found.settling_s = every_s.min(0.1 * record.duration_s());
+            found.why = why;
+        }
+        None => forgetting(record, &responses, &mut found)?,
+    }
     found.resolution = probe.resolution;
     Ok(Some(found))
 }
@@ -210,8 +250,13 @@ pub(in crate::diagnose) fn probe(system: &System, memory: Option<&Arc<Remembered
 /// Per output, how far two answers to the same call are apart.
 fn same_twice(system: &System, memory: &Remembered, record: &LogRecord, first: &DMatrix<f64>, parameters: &[f64]) -> Result<Vec<f64>> {
     let u = DMatrix::from_fn(record.time_s.len(), record.inputs.len(), |k, j| record.inputs[j][k]);
-    let second = memory.call(&u, &record.time_s, &system.initial, parameters);
-    let second = second.map_err(|why| GapError::Nominal { log: record.name.clone(), why: format!("called again it failed: {why}") })?;
+    let mut second = DMatrix::zeros(first.nrows(), first.ncols());
+    crate::simulate::windows(&u, &record.time_s, &record.start, system.states.len(), |rows, u, time_s, x0| {
+        let again = memory.call(u, time_s, x0, parameters);
+        let again = again.map_err(|why| GapError::Nominal { log: record.name.clone(), why: format!("called again it failed: {why}") })?;
+        second.rows_mut(rows.start, rows.len()).copy_from(&again);
+        Ok::<(), GapError>(())
+    })?;
     let mut apart = Vec::new();
     for (i, output) in system.outputs.iter().enumerate() {
         let column: Vec<f64> = first.column(i).iter().copied().collect();

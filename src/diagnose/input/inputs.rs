@@ -6,6 +6,7 @@ use super::black_box::{Probed, probe, remembering};
 use super::options::GapOptions;
 use super::poles::Poles;
 use super::record::LogRecord;
+use super::restart::restart;
 use super::spans::{longest_delay, set_spans};
 use super::subject::Subject;
 use crate::diagnose::format::diagnosis::{Holdout, Mode};
@@ -69,7 +70,8 @@ impl Inputs {
         }
         let model_effects = model_effects(subject, system)?;
         let mut records = logs.iter().chain(holdout).map(|log| LogRecord::new(log, system)).collect::<Result<Vec<_>>>()?;
-        let probed = probe(system, simulator.memory.as_ref(), &records)?;
+        let restarted = restart(system, &mut records)?;
+        let probed = probe(system, simulator.memory.as_ref(), &records, restarted)?;
         let poles = probed.as_ref().map_or_else(|| Poles::of(system, &records), Poles::probed);
         let longest_delay_s = options.longest_delay_s.unwrap_or_else(|| longest_delay(&records, poles.settling_s));
         let limit_s = records.iter().map(|r| 0.5 * r.duration_s()).fold(f64::INFINITY, f64::min);

@@ -9,5 +9,6 @@ pub(in crate::diagnose) mod log_caveats;
 pub(in crate::diagnose) mod options;
 pub(in crate::diagnose) mod poles;
 pub(in crate::diagnose) mod record;
+pub(in crate::diagnose) mod restart;
 pub(in crate::diagnose) mod spans;
 pub(in crate::diagnose) mod subject;

@@ -28,6 +28,10 @@ pub(in crate::diagnose) struct LogRecord {
     pub(in crate::diagnose) sample_time_s: f64,
     pub(in crate::diagnose) inputs: Vec<Vec<f64>>,
     pub(in crate::diagnose) measured: Vec<Measured>,
+    /// Where the simulator starts: its initial state, or a state for every window of the log.
+    pub(in crate::diagnose) start: Vec<f64>,
+    /// Per state of a simulator that is started again, what the log says of it at every sample.
+    pub(in crate::diagnose) states: Vec<Option<Vec<f64>>>,
     /// Further columns of the log, by name; NaN where one is missing.
     pub(in crate::diagnose) context: Vec<(String, Vec<f64>)>,
     /// What parameters are fitted to.
@@ -73,10 +77,20 @@ impl LogRecord {
             sample_time_s,
             inputs: system.inputs.iter().map(|c| Ok(log.input(&c.name)?.to_vec())).collect::<Result<_>>()?,
             measured: system.outputs.iter().map(|c| measured(&c.name)).collect::<Result<_>>()?,
+            start: system.initial.clone(),
+            states: logged_states(log, system)?,
             context: log.channels().filter(|c| !known(c.name())).map(further).collect(),
             train: None,
             held: None,
         })
+    }
+
+    /// Starts the simulator again after so many samples at most, from what the log says of its states there.
+    pub(in crate::diagnose) fn restart_after(&mut self, samples: usize, system: &System) {
+        let count = self.time_s.len().div_ceil(samples.max(1)).max(1);
+        let at = |w: usize| w * self.time_s.len() / count;
+        let state = |w: usize, j: usize| self.states[j].as_ref().map_or(system.initial[j], |x| x[at(w)]);
+        self.start = (0..count).flat_map(|w| (0..self.states.len()).map(move |j| (w, j))).map(|(w, j)| state(w, j)).collect();
     }
 
     pub(in crate::diagnose) fn duration_s(&self) -> f64 {
@@ -96,6 +110,28 @@ impl LogRecord {
     pub(in crate::diagnose) fn measured_in(&self, span: Option<Span>, output: usize, k: usize) -> Option<f64> {
         span.filter(|s| s.holds(self.time_s[k])).and_then(|_| self.measured[output].get(k))
     }
+}
+
+/// What a log says of the states of a simulator that is started again; straight between neighbours where a sample is missing.
+fn logged_states(log: &Log, system: &System) -> Result<Vec<Option<Vec<f64>>>> {
+    let Some(restart) = &system.restart else { return Ok(Vec::new()) };
+    let one = |name: &String| -> Result<Vec<f64>> {
+        let unknown = |found: LogError| GapError::Channel { found: found.into(), channel: name.clone() };
+        let samples = log.output(name).map_err(unknown)?;
+        let time_s = log.time_s();
+        let there: Vec<(f64, f64)> = (0..log.len()).filter_map(|k| Some((time_s[k], samples.get(k)?))).collect();
+        if there.is_empty() {
+            return Err(GapError::NoState { log: log.source().to_owned(), channel: name.clone() }.into());
+        }
+        let at = |t: &f64| {
+            let after = there.partition_point(|(s, _)| s <= t).min(there.len() - 1);
+            let (before, after) = (there[after.saturating_sub(1)], there[after]);
+            let share = if after.0 > before.0 { ((t - before.0) / (after.0 - before.0)).clamp(0.0, 1.0) } else { 0.0 };
+            before.1 + share * (after.1 - before.1)
+        };
+        Ok(time_s.iter().map(at).collect())
+    };
+    restart.channels.iter().map(|name| name.as_ref().map(one).transpose()).collect()
 }
 
 /// Fewer samples than this tell nothing about a gap.

@@ -81,6 +81,7 @@ impl<'a> Likelihood<'a> {
         let Terms { system, records, predictor, model_effects, prior, noise_std, resolution, criteria, stop } = terms;
         let budget = Budget::of(system);
         let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
+        let prior_states = prior.len().max(1);
         let plan = Applied::plan(system, &model_effects, Chance::Mean)?;
         let noise = vec![Noise::white(noise_std); records.len()];
         let mut likelihood = Self {
@@ -102,15 +103,17 @@ impl<'a> Likelihood<'a> {
             likelihood.stop.check()?;
             let scale: Vec<f64> = likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
             let failed = |e: SimulateError| GapError::Nominal { log: record.name.clone(), why: e.to_string() };
-            let all = system.sensitivity(&plan, record.commands(), &system.initial, &scale, likelihood.correction(at)).map_err(failed)?;
-            let steps = system.simulate(&plan, record.commands(), &system.initial, likelihood.correction(at)).map_err(failed)?.steps;
+            let all = system.sensitivity(&plan, record.commands(), &record.start, &scale, likelihood.correction(at)).map_err(failed)?;
+            let steps = system.simulate(&plan, record.commands(), &record.start, likelihood.correction(at)).map_err(failed)?.steps;
             likelihood.step_limits.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
             let shape = (record.time_s.len(), system.outputs.len());
-            let mut raw: Vec<_> = free.iter().map(|&j| DMatrix::from_column_slice(shape.0, shape.1, all.column(j).as_slice())).collect();
+            // Of a simulator that is started again every start is a nuisance of its own, window by window.
+            let starts: Vec<usize> = (0..all.ncols()).filter(|c| free.contains(&(c % prior_states))).collect();
+            let mut raw: Vec<_> = starts.iter().map(|&j| DMatrix::from_column_slice(shape.0, shape.1, all.column(j).as_slice())).collect();
             if let Some(predicted) = likelihood.predict(at, NO_EFFECT) {
                 raw.extend(feedback::regressors(record, &likelihood.residual(at, &predicted), &likelihood.criteria));
             }
-            likelihood.nuisances.push(Nuisances::new(raw, free.len(), record, &likelihood.noise[at], &likelihood.prior));
+            likelihood.nuisances.push(Nuisances::new(raw, starts.len(), record, &likelihood.noise[at], &likelihood.prior));
         }
         Ok(likelihood)
     }
@@ -219,7 +222,7 @@ impl<'a> Likelihood<'a> {
     fn predict_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
         let plan = self.plan_on(record, active, samples)?;
         let commands = Commands { time_s: &self.records[record].time_s, inputs };
-        let run = self.system.simulate(&plan, commands, &self.system.initial, self.correction(record)).ok()?;
+        let run = self.system.simulate(&plan, commands, &self.records[record].start, self.correction(record)).ok()?;
         Some(run.y)
     }
 

@@ -52,7 +52,8 @@ impl Nuisances {
 
     /// P⁻¹; regressors without a prior get next to none, so that the sum can be factored.
     pub(super) fn precision(&self, prior: &[f64]) -> DMatrix<f64> {
-        let known = prior.iter().filter(|s| **s > 0.0).map(|s| 1.0 / (s * s));
+        // Of several starts each has the same prior.
+        let known = prior.iter().filter(|s| **s > 0.0).map(|s| 1.0 / (s * s)).cycle().take(self.states);
         let loose = self.raw.len() - self.states;
         let all: Vec<f64> = known.chain(std::iter::repeat_n(1e-9, loose)).collect();
         DMatrix::from_diagonal(&DVector::from_vec(all))
