@@ -182,14 +182,14 @@ pub fn seconds(value_s: f64, step_s: f64) -> String {
     format!("{value_s:.decimals$}")
 }
 
-/// A value and the ends of its interval, all with the same decimals: four, more where value or interval are smaller, powers of ten where that is too many.
+/// A value and the ends of its interval, all with the same decimals: half the interval keeps two digits, a value without one three; powers of ten where that is
+/// too many decimals.
 #[must_use]
 pub(super) fn estimate(value: f64, ci95: Option<[f64; 2]>) -> (String, Option<[String; 2]>) {
-    // Half the interval keeps a digit; without one, the value keeps three.
-    let finest = ci95.map(|[lower, upper]| 0.5 * (upper - lower)).filter(|half| *half > 0.0).unwrap_or(0.01 * value.abs());
+    let finest = ci95.map(|[lower, upper]| 0.5 * (upper - lower)).filter(|half| *half > 0.0).unwrap_or(0.1 * value.abs());
     let place = |v: f64| if v > 0.0 && v.is_finite() { v.log10().floor() } else { 0.0 };
     let digits = |count: f64| count.clamp(0.0, 15.0) as usize;
-    let (fixed, mantissa) = (digits((-place(finest)).max(4.0)), digits(place(value.abs()) - place(finest)));
+    let (fixed, mantissa) = (digits(1.0 - place(finest)), digits(1.0 + place(value.abs()) - place(finest)));
     let text = |v: f64| if fixed <= 8 { format!("{v:.fixed$}") } else { format!("{v:.mantissa$e}") };
     (text(value), ci95.map(|ends| ends.map(text)))
 }
@@ -204,12 +204,13 @@ mod tests {
             let (value, ends) = estimate(value, Some([lower, upper]));
             format!("{value} ({})", ends.map(|e| e.join(" to ")).unwrap_or_default())
         };
-        assert_eq!(shown(0.129_93, 0.129_61, 0.130_22), "0.1299 (0.1296 to 0.1302)");
-        assert_eq!(shown(2.6445, 2.3774, 2.9116), "2.6445 (2.3774 to 2.9116)");
-        assert_eq!(shown(0.011_98, 0.011_96, 0.012_003), "0.01198 (0.01196 to 0.01200)");
-        assert_eq!(shown(2.1166e-8, 2.1142e-8, 2.119e-8), "2.117e-8 (2.114e-8 to 2.119e-8)");
-        assert_eq!(shown(-3e-12, -5e-12, -1e-12), "-3e-12 (-5e-12 to -1e-12)");
-        assert_eq!([estimate(0.5, None).0, estimate(2e-10, None).0, estimate(0.0, None).0], ["0.5000", "2.00e-10", "0.0000"]);
+        assert_eq!(shown(0.129_93, 0.129_61, 0.130_22), "0.12993 (0.12961 to 0.13022)");
+        assert_eq!(shown(2.6445, 2.3774, 2.9116), "2.64 (2.38 to 2.91)");
+        assert_eq!(shown(0.011_98, 0.011_96, 0.012_003), "0.011980 (0.011960 to 0.012003)");
+        assert_eq!(shown(2.1166e-8, 2.1142e-8, 2.119e-8), "2.1166e-8 (2.1142e-8 to 2.1190e-8)");
+        assert_eq!(shown(-3e-12, -5e-12, -1e-12), "-3.0e-12 (-5.0e-12 to -1.0e-12)");
+        assert_eq!(shown(1234.4, 1200.0, 1270.0), "1234 (1200 to 1270)");
+        assert_eq!([estimate(0.5, None).0, estimate(2e-10, None).0, estimate(0.0, None).0], ["0.500", "2.00e-10", "0.0"]);
     }
 
     #[test]
