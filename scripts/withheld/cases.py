@@ -330,6 +330,8 @@ class Case:
         whole = self._energy(problem, [])
         rises = [max(self._energy(problem, [o for o in truth if o is not e]) - left, 0.0) for e in truth]
         total = sum(rises)
+        if not np.isfinite(total + whole):
+            raise Inadequate("without one of the effects the machine runs away")
         if total <= 0 or whole <= left:
             raise Inadequate("nothing of the mixture shows")
         order = sorted(range(len(truth)), key=lambda i: -rises[i])

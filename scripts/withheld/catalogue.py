@@ -9,7 +9,7 @@ from .system import DYNAMICS, MOVING, Names
 BOUNDS = {
     "delay": (0.0, math.inf), "later": (0.0, math.inf), "time": (0.0, math.inf), "period": (1e-6, math.inf), "width": (0.0, math.inf), "time_constant": (1e-6, math.inf), "damping": (0.003, 1.5), "level+": (0.0, math.inf),
     "rate+": (1e-12, math.inf), "step": (1e-12, math.inf), "frequency": (1e-6, math.inf), "ratio": (0.5, 2.0),
-    "extra": (0.0, math.inf), "velocity": (1e-9, math.inf),
+    "extra": (0.0, math.inf), "velocity": (1e-9, math.inf), "displacement": (1e-12, math.inf), "sharpness": (1.0, 10.0),
 }
 
 

@@ -54,7 +54,7 @@ fn unit(p: &FoundParameter) -> String {
     if p.unit == "1" { String::new() } else { format!(" {}", p.unit) }
 }
 
-/// `delay 0.1299 s (0.1296 to 0.1302)`.
+/// `delay 0.12993 s (0.12961 to 0.13022)`.
 fn parameter(p: &FoundParameter) -> String {
     let Some(value) = p.value else { return format!("no {} limit", p.name) };
     match estimate(value, p.ci95) {
