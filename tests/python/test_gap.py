@@ -374,7 +374,10 @@ def test_wrong_arguments_say_the_remedy(examples: Path) -> None:
         deadtime.gap(log=log, simulate=servo, inputs=["u"])
     with pytest.raises(TypeError, match="at least one log"):
         deadtime.gap(simulate=servo, **FACE)
-    with pytest.raises(TypeError, match="states: x is 'zero'"):
+    with pytest.raises(TypeError, match="states: x is \\[\\]"):
+        deadtime.gap(log=log, simulate=servo, **{**FACE, "states": {"x": ([], 1.0)}})
+    # A word is the channel that the state is started from.
+    with pytest.raises(errors.GapError, match="no channel is called `zero`"):
         deadtime.gap(log=log, simulate=servo, **{**FACE, "states": {"x": ("zero", 1.0)}})
     with pytest.raises(ValueError, match="prediction is `both`"):
         deadtime.gap(log=log, simulate=servo, prediction="both", **FACE)  # type: ignore[arg-type]
