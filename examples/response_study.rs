@@ -44,8 +44,11 @@ impl Plant {
     }
 }
 
+/// A draw by name.
+type Drawn<T> = (&'static str, fn(&mut ChaCha8Rng) -> T);
+
 /// Plants of which frequency responses are drawn; the slowest time constant is 1 s.
-const PLANTS: [(&str, fn(&mut ChaCha8Rng) -> Plant); 5] = [
+const PLANTS: [Drawn<Plant>; 5] = [
     ("one lag", |_| Plant { lags_s: vec![1.0], resonance: None, zero_s: None }),
     ("two lags", |rng| Plant { lags_s: vec![1.0, between(0.05, 1.0, rng)], resonance: None, zero_s: None }),
     ("three lags", |rng| Plant { lags_s: vec![1.0, between(0.1, 1.0, rng), between(0.05, 0.5, rng)], resonance: None, zero_s: None }),
@@ -100,7 +103,7 @@ fn of_frequencies(plant: usize, errors: usize, seed: u64) -> Result<Answer, Box<
 }
 
 /// Time constants of plants of which step responses are drawn, over the slowest.
-const STEPS: [(&str, fn(&mut ChaCha8Rng) -> Vec<f64>); 4] = [
+const STEPS: [Drawn<Vec<f64>>; 4] = [
     ("one pole", |_| vec![1.0]),
     ("a pole and one of 0.2", |_| vec![1.0, 0.2]),
     ("two poles", |rng| vec![1.0, rng.random_range(0.3..0.95)]),

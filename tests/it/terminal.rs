@@ -69,7 +69,7 @@ fn no_line_of_a_gap_is_wider_than_80_columns_and_the_cause_comes_first() {
     let folder = Folder::new();
     let said = gap(&folder, &[]);
     assert!(
-        said.starts_with("Cause: input_delay on `r`, delay 0.129") && said.lines().next().is_some_and(|l| l.contains(" s (")) && said.lines().nth(1).is_some_and(|l| l.starts_with("Rivals: ")),
+        said.starts_with("Cause: input_delay on `r`, delay 0.129") && said.lines().take(3).any(|l| l.starts_with("Rivals: ")),
         "{said}"
     );
     // The folder's name is a test's and may be long.

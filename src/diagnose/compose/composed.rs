@@ -126,7 +126,7 @@ impl Compose<'_, '_> {
         let enough = judged.verdict == GapVerdict::Effects && alone;
         if !decoded && !enough {
             let composition = self.composition(&begin, &judged, progress)?;
-            let composition = self.from_elsewhere(composition, &judged, progress);
+            let composition = self.begun_elsewhere(composition, &judged, progress);
             // Where nothing changed, what was judged stays as it was fitted.
             if !composition.hypothesis.effects.is_empty() && composition.hypothesis.key() != begin.key() {
                 return self.judged(judged, &composition);
@@ -230,7 +230,7 @@ impl Compose<'_, '_> {
 
     /// The same, or a better one that begins elsewhere. Laws of many numbers (a resonance) take the shape of several plain ones together: so all is done again without
     /// any of them. And where something is left above the noise, what explains most may stand in the way of others: so all is done again without that.
-    fn from_elsewhere(&self, mut best: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
+    fn begun_elsewhere(&self, mut best: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
         if self.likelihood.system.is_black_box() || best.hypothesis.effects.is_empty() {
             return best;
         }
