@@ -1,7 +1,7 @@
 //! A force with a memory of the way: −level·z on the derivative of the velocity x, with ż = x/displacement·(1 − |z|ⁿ) while x and z have one sign, and
 //! ż = x/displacement while they have not.
 //!
-//! This is Wen's law with β = γ in the normalised form of Ikhouane and Rodellar (2007), eq. 2.14 with σ = ½. A small displacement makes it dry friction, a large
+//! This is Wen's law with β = γ in the normalised form of Ikhouane and Rodellar (2007) with σ = ½. A small displacement makes it dry friction, a large
 //! one a spring.
 
 use crate::effect::channel;
@@ -12,7 +12,7 @@ use crate::simulate::{Plan, System, Term};
 ///
 /// Assumes: the state is a velocity; loading and unloading are alike, and nothing wears.
 /// Fails when: the motion is much smaller than the displacement (a spring explains as much) or much larger (dry friction does).
-/// Source: Wen (1976), J. Eng. Mech. Div. 102, 249-263; Ikhouane and Rodellar (2007), Systems with Hysteresis, eq. 2.14, doi:10.1002/9780470513200.
+/// Source: Wen (1976), J. Eng. Mech. Div. 102, 249-263; Ikhouane and Rodellar (2007), Systems with Hysteresis, doi:10.1002/9780470513200.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hysteresis;
 
