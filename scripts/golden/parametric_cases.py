@@ -10,6 +10,10 @@ from .witness import TOOL, answer, as_records, binary, kept, lagged, noisy, shif
 SAMPLES, WINDOW, START = 300, 10, 5
 F = (-1.2, 0.45)
 ARMAX = (3, 3, 2)
+# Polynomials C of the search: complex pairs of zeros by radius and angle, denser where valleys are narrow, and pairs of real ones.
+COMPLEX = [[np.array([-2 * r * np.cos(angle), r * r]) for angle in np.linspace(0.02, np.pi - 0.02, 90)] for r in (0.3, 0.6, 0.8, 0.9, 0.95, 0.98, 0.995)]
+REAL = [[np.array([-(p + q), p * q]) for q in np.tanh(np.linspace(-3.5, 3.5, 15))] for p in np.tanh(np.linspace(-3.5, 3.5, 15))]
+FOLLOWED = 6
 NOISE_POLES, ROUNDS = 4, 60
 PAST, ORDER = 20, 10
 LAG, PART = 0.8, 0.35  # the pole and the dead time within a sample of the one-lag plant
@@ -102,7 +106,10 @@ class Armax:
         return float(np.mean((target - matrix @ theta) ** 2) * np.exp(log_det / n)), theta
 
     def fit(self):
-        """C by its reflection coefficients, which keep it stable."""
+        """C by its reflection coefficients, which keep it stable: a grid of its zeros, and the lowest minima of the grid followed to their bottom.
+
+        A search by gradients from few starts ends in one valley or another by the processor's rounding.
+        """
 
         def polynomial(r):
             c = np.array([1.0])
@@ -110,15 +117,24 @@ class Armax:
                 c = np.concatenate([c, [0.0]]) + k * np.concatenate([[0.0], c[::-1]])
             return c[1:]
 
-        best = None
-        for start in ([0.0, 0.0], [-1.0, 0.4], [1.0, 0.4]):
-            found = optimize.minimize(lambda r: np.log(self.loss(polynomial(r))[0]), start, method="BFGS", options={"gtol": 1e-9})
-            found = optimize.minimize(lambda r: np.log(self.loss(polynomial(r))[0]), found.x, method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-15})
-            if best is None or found.fun < best.fun:
-                best = found
-        c = polynomial(best.x)
+        criterion = lambda r: np.log(self.loss(polynomial(r))[0])
+        starts = [start for zeros in (COMPLEX, REAL) for start in minima(lambda c: np.log(self.loss(c)[0]), zeros)]
+        starts = [start for _, start in sorted(starts, key=lambda s: s[0])[:FOLLOWED]]
+        reflections = lambda c: np.arctanh([c[0] / (1 + c[1]), c[1]])
+        options = {"xatol": 1e-10, "fatol": 1e-15, "maxiter": 2000}
+        found = [optimize.minimize(criterion, reflections(c), method="Nelder-Mead", options=options) for c in starts]
+        c = polynomial(min(found, key=lambda f: f.fun).x)
         loss, theta = self.loss(c)
         return loss, theta, c
+
+
+def minima(criterion, grid):
+    """(value, C) of the points of a grid of polynomials that none of their neighbours is below."""
+    values = np.array([[criterion(c) for c in row] for row in grid])
+    around = np.pad(values, 1, constant_values=np.inf)
+    n, m = values.shape
+    lowest = np.min([around[i : i + n, j : j + m] for i in range(3) for j in range(3)], axis=0)
+    return [(values[i, j], grid[i][j]) for i, j in np.argwhere(values <= lowest)]
 
 
 def armax(u, y):
