@@ -86,6 +86,7 @@ mod machines;
 mod model_laws;
 mod moving;
 mod options;
+mod pairs;
 mod phase_and_area;
 mod predictor;
 mod process;

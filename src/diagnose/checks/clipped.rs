@@ -45,6 +45,12 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     found
 }
 
+/// The limits at which an output stops in a log.
+pub(super) fn limits(e: &Evidence<'_>, at: usize, output: usize) -> [Option<f64>; 2] {
+    let trace = Trace::output(e.view.records[at], output);
+    [true, false].map(|upper| limit(e, at, output, &trace, upper).map(|(value, _)| value))
+}
+
 /// The limit and how many samples are at it.
 fn limit(e: &Evidence<'_>, at: usize, output: usize, trace: &Trace<'_>, upper: bool) -> Option<(f64, usize)> {
     let value = if upper { trace.largest() } else { trace.smallest() };

@@ -3,7 +3,7 @@
 use super::evidence::Evidence;
 use super::faults::Search;
 use super::view::View;
-use super::{axes, clipped, clock_offset, clock_skew, excitation, kinematics, one_sample_shift, sign, stuck, timing, unit};
+use super::{axes, clipped, clock_offset, clock_skew, excitation, kinematics, one_sample_shift, pairs, sign, stuck, timing, unit};
 use crate::diagnose::baseline::predictor::Predictor;
 use crate::diagnose::format::diagnosis::Check;
 use crate::diagnose::input::record::LogRecord;
@@ -17,10 +17,11 @@ type Checker = fn(&Evidence<'_>) -> Vec<Check>;
 const SEARCH: f64 = 0.5;
 
 /// The checks, in the order in which they are reported.
-const CHECKS: [Checker; 9] = [
+const CHECKS: [Checker; 10] = [
     sign::check,
     axes::check,
     unit::check,
+    pairs::check,
     one_sample_shift::check,
     clock_offset::check,
     clock_skew::check,
@@ -52,12 +53,13 @@ pub(in crate::diagnose) fn checks(
     let search = Search::run(&view, &far.part(0.0, SEARCH));
     let steps = far.part(SEARCH, 1.0);
     let steps = steps.steps(CHECKS.len() + 2, "checks");
-    let kinematics = kinematics::measure(&view);
+    let relations = kinematics::relations(&view);
+    let kinematics = kinematics::measure(&view, &relations);
     steps.one_more();
     let timing = search.as_ref().map_or_else(|| vec![None; view.outputs()], |s| timing::measure(&view, s));
     steps.one_more();
     let remedies = search.iter().flat_map(|s| &s.faults).filter_map(|f| f.fault.as_effect(system)).collect();
-    let evidence = Evidence { view, search, kinematics, timing };
+    let evidence = Evidence { view, search, relations, kinematics, timing };
     let run = |check: &Checker| {
         let found = check(&evidence);
         steps.one_more();

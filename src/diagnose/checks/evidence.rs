@@ -11,6 +11,8 @@ pub(super) struct Evidence<'a> {
     pub(super) view: View<'a>,
     /// `None` where the model cannot be simulated on the logs.
     pub(super) search: Option<Search>,
+    /// What the model says of outputs that are derivatives of others.
+    pub(super) relations: Vec<kinematics::Relation>,
     pub(super) kinematics: Vec<kinematics::Measured>,
     /// Per output.
     pub(super) timing: Vec<Option<Timing>>,
@@ -61,9 +63,11 @@ impl Evidence<'_> {
         if open.is_empty() && found.is_empty() {
             found.push(result(check, ALL, Some(true), good.to_owned()));
         }
-        for (i, why) in open {
-            let name = self.output(i).to_owned();
-            found.push(result(check, &name, None, format!("cannot be told: {why}")));
+        // One reason of several outputs is one line.
+        for (at, (i, why)) in open.iter().enumerate().filter(|(at, (_, why))| open[..*at].iter().all(|(_, said)| said != why)) {
+            let count = open[at..].iter().filter(|(_, other)| other == why).count();
+            let (name, of) = if count > 1 { (ALL, format!(" of {count} outputs")) } else { (self.output(*i), String::new()) };
+            found.push(result(check, name, None, format!("cannot be told{of}: {why}")));
         }
     }
 }

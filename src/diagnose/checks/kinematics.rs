@@ -43,7 +43,7 @@ fn spread(at: usize, index: usize) -> f64 {
 }
 
 /// Derivatives of all outputs and the outputs themselves at one point; no derivative where it depends on the input's.
-type Point = (Vec<Option<f64>>, Vec<f64>);
+pub(super) type Point = (Vec<Option<f64>>, Vec<f64>);
 
 fn linear(m: &Matrices, at: usize) -> Point {
     let x = DVector::from_fn(m.a.nrows(), |j, _| spread(at, j));
@@ -54,7 +54,8 @@ fn linear(m: &Matrices, at: usize) -> Point {
     ((0..m.c.nrows()).map(derivative).collect(), y.iter().copied().collect())
 }
 
-fn points(view: &View<'_>) -> Option<Vec<Point>> {
+/// What the model says at points of all kinds; `None` where it shows no equations.
+pub(super) fn points(view: &View<'_>) -> Option<Vec<Point>> {
     let system = view.system;
     match &system.dynamics {
         Dynamics::Sampled(..) | Dynamics::BlackBox(..) => None,
@@ -103,6 +104,11 @@ pub(super) fn relations(view: &View<'_>) -> Vec<Relation> {
         .collect()
 }
 
+/// The model shows equations, so that what they do not relate is not related.
+pub(super) fn shows_equations(view: &View<'_>) -> bool {
+    matches!(view.system.dynamics, Dynamics::Linear(_) | Dynamics::Equations(..))
+}
+
 /// Change of one output over windows and the integral of another over the same, where every sample of both is there.
 fn windows(view: &View<'_>, of: usize, rate: usize, half: usize) -> Vec<(Vec<f64>, Vec<f64>)> {
     view.records
@@ -139,14 +145,15 @@ fn compare(view: &View<'_>, of: usize, rate: usize) -> Option<(f64, f64)> {
 }
 
 /// Every relation beside the logs; those whose channels stand still are left out.
-pub(super) fn measure(view: &View<'_>) -> Vec<Measured> {
+pub(super) fn measure(view: &View<'_>, relations: &[Relation]) -> Vec<Measured> {
     let moves = |i: usize| {
         let values = || view.records.iter().flat_map(move |r| (0..r.time_s.len()).filter_map(move |k| r.measured_in(r.train, i, k)));
         let centre = mean(values());
         mean(values().map(|v| (v - centre).powi(2))) > 0.0
     };
-    relations(view)
-        .into_iter()
+    relations
+        .iter()
+        .copied()
         .filter(|r| moves(r.of) && moves(r.rate))
         .filter_map(|relation| {
             let (correlation, ratio) = compare(view, relation.of, relation.rate)?;

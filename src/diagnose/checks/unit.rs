@@ -2,7 +2,7 @@
 
 use super::evidence::{Evidence, result, short};
 use super::faults::{AGREES, Fault, Port, agrees};
-use super::kinematics::TOGETHER;
+use super::kinematics::{Relation, TOGETHER};
 use super::units::{Factor, alternatives};
 use crate::diagnose::format::diagnosis::{Check, CheckKind};
 
@@ -43,20 +43,25 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
     found
 }
 
+/// The units in which one of two sensors may be, where measured change over integral is `slope`; nothing where it is near 1.
+pub(super) fn guesses(e: &Evidence<'_>, relation: Relation, slope: f64) -> Vec<String> {
+    let near = |factor: f64| (slope / factor).ln().abs() <= CLOSE.ln();
+    // The one in another unit multiplies, the other divides.
+    let guess = |i: usize, inverse: bool| {
+        let port = Port::Output(i);
+        let fits = move |f: &Factor| near(if inverse { 1.0 / f.factor } else { f.factor });
+        alternatives(port.unit(&e.view)).into_iter().find(fits).map(|f| format!("`{}` in {}", e.output(i), f.unit))
+    };
+    if near(1.0) { Vec::new() } else { [guess(relation.of, false), guess(relation.rate, true)].into_iter().flatten().collect() }
+}
+
 /// Two sensors of which the one is the derivative of the other.
 fn kinematic(e: &Evidence<'_>, found: &mut Vec<Check>) {
     for m in e.kinematics.iter().filter(|m| m.correlation.abs() > TOGETHER) {
         let slope = (m.slope[0] * m.slope[1]).sqrt();
-        let near = |factor: f64| (slope / factor).ln().abs() <= CLOSE.ln();
-        // The one in another unit multiplies, the other divides.
         let (of, rate) = (m.relation.of, m.relation.rate);
-        let guess = |i: usize, inverse: bool| {
-            let port = Port::Output(i);
-            let fits = move |f: &Factor| near(if inverse { 1.0 / f.factor } else { f.factor });
-            alternatives(port.unit(&e.view)).into_iter().find(fits).map(|f| format!("`{}` in {}", e.output(i), f.unit))
-        };
-        let guesses: Vec<String> = [guess(of, false), guess(rate, true)].into_iter().flatten().collect();
-        if guesses.is_empty() || near(1.0) {
+        let guesses = guesses(e, m.relation, slope);
+        if guesses.is_empty() {
             continue;
         }
         let text = format!("measured, the derivative of `{}` is {} times what `{}` says it is", e.output(of), short(slope), e.output(rate));
