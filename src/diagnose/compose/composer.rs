@@ -140,6 +140,9 @@ impl<'a> Composer<'_, 'a> {
             progress(Stage::Composing(self.effects_of(&composition.hypothesis)));
             let Some((likelihood, before)) = self.renewed(&composition.hypothesis) else { break };
             composition.hypothesis = before.hypothesis.clone();
+            if self.gate.nothing_to_take(&before, original) {
+                break;
+            }
             self.scales.peaks_hz = peaks_hz(likelihood.records, &before.residuals, likelihood.system.outputs.len());
             let all: Vec<&Applied> = self.candidates.iter().collect();
             let promising = self.promising(&likelihood, &before.hypothesis, &all);
@@ -377,7 +380,7 @@ impl<'a> Composer<'_, 'a> {
             // With fewer numbers: as good, on held-out data too.
             let fall = self.gate.criteria.added_falls;
             let worse = Gate::fall(&other, &present) > fall && present.better_by_t(&other) >= self.gate.criteria.added_t;
-            return !worse && other.held.over(&present.held) <= 1.0 / (1.0 - fall);
+            return !worse && self.gate.holds_out(&present, &other);
         }
         let more = other.hypothesis.free.len().saturating_sub(present.hypothesis.free.len());
         let enough = self.gate.criteria.added_falls * (1 + more) as f64;
