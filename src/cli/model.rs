@@ -23,7 +23,8 @@ pub(super) enum Model {
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   deadtime model new linear --out model.toml
-  deadtime model new process --log flight.csv --input rudder --output yaw_rate --out model.toml")]
+  deadtime model new process --log flight.csv --input rudder --output yaw_rate --out model.toml
+  deadtime model new quadrotor --log flight.csv --out model.toml")]
 pub(super) struct New {
     /// Kind of model
     #[arg(value_enum)]
@@ -50,23 +51,81 @@ enum Kind {
     Process,
     /// Differential equations with parameters
     Equations,
+    /// Six degrees of freedom under four motor speeds; the log's channels are found by their names
+    Quadrotor,
 }
 
 impl Model {
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
         let Self::New(new) = self;
-        let text = new.text()?;
-        // What is written must be read again.
-        ModelDocument::from_toml(&text, &new.out)
-            .context("these channel names cannot stand in such a file; rename them (--map when it is used)")?;
-        if new.out.extension().and_then(|e| e.to_str()) != Some("toml") {
-            bail!("--out {}: templates carry comments, which only TOML has; name it .toml", new.out.display());
+        if new.kind == Kind::Quadrotor {
+            return new.quadrotor(to);
         }
-        write_atomic(&new.out, |out| out.write_all(text.as_bytes()))?;
+        let text = new.text()?;
+        new.write(&text)?;
         to.json(&serde_json::json!({ "out": new.out, "inputs": new.names(true), "outputs": new.names(false) }))?;
         say!(to, "{}: fill in the numbers, then `deadtime simulate` or `deadtime gap` take it", new.out.display());
         Ok(())
     }
+}
+
+/// The shipped model.
+const QUADROTOR: &str = include_str!("../../examples/quadrotor.toml");
+/// Its channels, and what logs call them, in small letters and digits alone.
+const CHANNELS: [(&str, &[&str]); 17] = [
+    ("m1_rads", &["m1", "motor1", "rotor1", "omega1", "motor1rads", "motor1speed", "rpm1rads"]),
+    ("m2_rads", &["m2", "motor2", "rotor2", "omega2", "motor2rads", "motor2speed", "rpm2rads"]),
+    ("m3_rads", &["m3", "motor3", "rotor3", "omega3", "motor3rads", "motor3speed", "rpm3rads"]),
+    ("m4_rads", &["m4", "motor4", "rotor4", "omega4", "motor4rads", "motor4speed", "rpm4rads"]),
+    ("x", &["px", "posx", "positionx"]),
+    ("y", &["py", "posy", "positiony"]),
+    ("z", &["pz", "posz", "positionz"]),
+    ("vx", &["velx", "velocityx"]),
+    ("vy", &["vely", "velocityy"]),
+    ("vz", &["velz", "velocityz"]),
+    ("qx", &["quatx", "quaternionx", "orientationx", "attitudex"]),
+    ("qy", &["quaty", "quaterniony", "orientationy", "attitudey"]),
+    ("qz", &["quatz", "quaternionz", "orientationz", "attitudez"]),
+    ("qw", &["quatw", "quaternionw", "orientationw", "attitudew"]),
+    ("wx", &["p", "omegax", "ratex", "gyrox", "angularvelocityx"]),
+    ("wy", &["q", "omegay", "ratey", "gyroy", "angularvelocityy"]),
+    ("wz", &["r", "omegaz", "ratez", "gyroz", "angularvelocityz"]),
+];
+
+/// A log's column for a channel: of its own name, else the only one with a known other name, of the whole or of what follows the topic.
+fn column(log: &Log, own: &str, also: &[&str]) -> Option<String> {
+    if log.names().any(|name| name == own) {
+        return Some(own.to_owned());
+    }
+    let plain = |name: &str| name.chars().filter(|c| c.is_alphanumeric()).collect::<String>().to_lowercase();
+    let known = |name: &str| also.contains(&plain(name).as_str()) || plain(name) == plain(own);
+    let mut found = log.names().filter(|name| known(name) || name.rsplit(['.', '/']).next().is_some_and(known));
+    found.next().filter(|_| found.next().is_none()).map(str::to_owned)
+}
+
+/// The template with another name for one channel: where channels are listed, grouped and written, and in expressions of a command.
+fn renamed(text: &str, own: &str, name: &str) -> String {
+    let mut section = "";
+    let mut lines = Vec::new();
+    for line in text.lines() {
+        section = if line.starts_with('[') { line } else { section };
+        let of_channel = |line: &str| {
+            let line = line.replace(&format!("{{ name = \"{own}\""), &format!("{{ name = {}", quoted(name)));
+            line.replace(&format!("derivative_of = \"{own}\""), &format!("derivative_of = {}", quoted(name)))
+        };
+        lines.push(match section {
+            "" => of_channel(line),
+            // Commands stand in expressions; their names are no parts of others.
+            "[definitions]" if own.ends_with("_rads") => line.replace(own, name),
+            "[output_equations]" => match line.strip_prefix(&format!("{own} = ")) {
+                Some(rest) => format!("{} = {rest}", quoted(name)),
+                None => line.to_owned(),
+            },
+            "[groups]" => line.replace(&format!("\"{own}\""), &quoted(name)),
+            _ => line.to_owned(),
+        });
+    }
+    lines.join("\n") + "\n"
 }
 
 /// A text as TOML writes it.
@@ -75,6 +134,53 @@ fn quoted(text: &str) -> String {
 }
 
 impl New {
+    fn write(&self, text: &str) -> anyhow::Result<()> {
+        // What is written must be read again.
+        ModelDocument::from_toml(text, &self.out)
+            .context("these channel names cannot stand in such a file; rename them (--map when it is used)")?;
+        if self.out.extension().and_then(|e| e.to_str()) != Some("toml") {
+            bail!("--out {}: templates carry comments, which only TOML has; name it .toml", self.out.display());
+        }
+        Ok(write_atomic(&self.out, |out| out.write_all(text.as_bytes()))?)
+    }
+
+    /// The shipped quadrotor with the log's names where they are known; the states keep theirs.
+    fn quadrotor(&self, to: &Out<'_>) -> anyhow::Result<()> {
+        if !self.input.is_empty() || !self.output.is_empty() {
+            bail!("a quadrotor has its own channels: give --log alone, and --map for what is named otherwise when the model is used");
+        }
+        let log = self.log.as_deref().map(read).transpose()?;
+        let found: Vec<(&str, Option<String>)> =
+            CHANNELS.iter().map(|(own, also)| (*own, log.as_ref().and_then(|l| column(l, own, also)))).collect();
+        let mut text = QUADROTOR.to_owned();
+        for (own, name) in &found {
+            if let Some(name) = name.as_deref().filter(|name| name != own) {
+                text = renamed(&text, own, name);
+            }
+        }
+        let stem = self.out.file_stem().map_or_else(|| "model".to_owned(), |s| s.to_string_lossy().into_owned());
+        let text = text.replacen("name = \"quadrotor\"", &format!("name = {}", quoted(&stem)), 1);
+        self.write(&format!(
+            "# docs/models.md explains every key. Mass, inertias, arm and coefficients are of one machine: put in your own.\n{text}"
+        ))?;
+        let missing: Vec<&str> = found.iter().filter(|(_, name)| name.is_none()).map(|(own, _)| *own).collect();
+        let matched: std::collections::BTreeMap<&str, &String> =
+            found.iter().filter_map(|(own, name)| Some((*own, name.as_ref()?))).collect();
+        to.json(&serde_json::json!({ "out": self.out, "channels": matched, "not_found": missing }))?;
+        say!(
+            to,
+            "{}: put in your machine's mass, inertias, arm and coefficients, then `deadtime check` looks at it beside a log",
+            self.out.display()
+        );
+        if let Some(log) = &log {
+            say!(to, "{} of {} channels are in {}", matched.len(), found.len(), log.source());
+            if !missing.is_empty() {
+                say!(to, "not found: {}; give their columns by --map NAME=COLUMN when the model is used", missing.join(", "));
+            }
+        }
+        Ok(())
+    }
+
     fn names(&self, input: bool) -> Vec<String> {
         let (given, default) = if input { (&self.input, "u") } else { (&self.output, "y") };
         if given.is_empty() { vec![default.to_owned()] } else { given.clone() }
@@ -100,7 +206,7 @@ impl New {
         let kind = match self.kind {
             Kind::Linear => "lti",
             Kind::Process => "tf",
-            Kind::Equations => "equations",
+            Kind::Equations | Kind::Quadrotor => "equations",
         };
         let mut text =
             format!("# docs/models.md explains every key.\nformat = \"deadtime/model@1\"\nname = {}\nkind = \"{kind}\"\n", quoted(&stem));
@@ -120,7 +226,7 @@ impl New {
         match self.kind {
             Kind::Linear => linear(&mut text, inputs.len(), outputs.len())?,
             Kind::Process => process(&mut text, &inputs, &outputs)?,
-            Kind::Equations => equations(&mut text, &inputs, &outputs)?,
+            Kind::Equations | Kind::Quadrotor => equations(&mut text, &inputs, &outputs)?,
         }
         Ok(text)
     }

@@ -55,6 +55,9 @@ pub(super) fn meaning(found: &StructuredFit, standing: Standing) -> Option<&'sta
             "surrogate: it predicts, but it is not the physics: one step and many steps ahead ask for values that differ twofold, or a nominal value moved tenfold."
         }
         Standing::Open => "open: these logs do not fix it: its interval holds 0, or another parameter trades with it.",
+        Standing::Unchecked if found.parameters.iter().any(|p| p.one_step.is_some()) => {
+            "unchecked: nothing speaks against it, but what single steps ask for is too vague to agree."
+        }
         Standing::Physical | Standing::Unchecked => return None,
     };
     found.parameters.iter().any(|p| p.standing == standing).then_some(said)
@@ -99,7 +102,7 @@ pub fn text(found: &StructuredFit) -> String {
         ]);
     }
     text += &table.to_string();
-    for said in [Standing::Surrogate, Standing::Open].into_iter().filter_map(|s| meaning(found, s)) {
+    for said in [Standing::Surrogate, Standing::Open, Standing::Unchecked].into_iter().filter_map(|s| meaning(found, s)) {
         text += &format!("\n{said}\n");
     }
     for unseen in &found.unseen {

@@ -99,3 +99,43 @@ fn a_template_has_the_channels_of_the_log_and_is_read_as_it_stands() {
     deadtime(&["model", "new", "linear", "--log", text(&data), "--input", "w", "--output", "y", "--out", text(&out)]).refused(&["`w`"]);
     assert!(!out.exists());
 }
+
+#[test]
+fn a_quadrotors_template_finds_the_logs_columns_and_is_the_shipped_model_otherwise() {
+    let folder = Folder::new();
+    let own = "m1_rads m2_rads m3_rads m4_rads x y z vx vy vz qx qy qz qw wx wy wz".split(' ').collect::<Vec<_>>();
+    let log = |names: &[&str]| {
+        let rows = (0..60).map(|k| {
+            let hover = [1722.0; 4].iter().chain(&[0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+            let row: Vec<String> = hover.take(names.len()).map(ToString::to_string).collect();
+            format!("{},{}\n", f64::from(k) / 100.0, row.join(","))
+        });
+        format!("time,{}\n{}", names.join(","), rows.collect::<String>())
+    };
+    let new = |name: &str, log: &str| {
+        let (data, model) = (folder.write(&format!("{name}.csv"), log), folder.path(&format!("{name}.toml")));
+        let said = deadtime(&["model", "new", "quadrotor", "--log", text(&data), "--out", text(&model)]).done();
+        let out = folder.path("out.csv");
+        (said, std::fs::read_to_string(&model).unwrap(), move || {
+            deadtime(&["simulate", text(&model), text(&data), "--out", text(&out)]).done();
+            std::fs::read_to_string(&out).unwrap()
+        })
+    };
+    let (said, same, simulated) = new("quadrotor", &log(&own));
+    assert!(said.contains("17 of 17 channels") && same.ends_with(include_str!("../../examples/quadrotor.toml")), "{said}");
+    let own_names = simulated();
+    let other = "motor_1 motor_2 motor_3 motor_4 pos_x pos_y pos_z vel_x vel_y vel_z quat_x quat_y quat_z quat_w p q r"
+        .split(' ')
+        .collect::<Vec<_>>();
+    let (said, text_of, simulated) = new("other", &log(&other));
+    assert!(said.contains("17 of 17 channels"), "{said}");
+    assert!(text_of.contains("n1 = \"motor_1 - motor_lag*m1_slope\"") && text_of.contains("derivative_of = \"motor_1\""), "{text_of}");
+    // Names apart, the same flight.
+    let numbers = |csv: &str| csv.lines().skip(1).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(numbers(&own_names), numbers(&simulated()));
+    let (said, _, _) = new("few", &log(&own[..7]));
+    assert!(said.contains("7 of 17 channels") && said.contains("not found: vx, vy, vz, qx"), "{said}");
+    let out = folder.path("refused.toml");
+    deadtime(&["model", "new", "quadrotor", "--input", "u", "--out", text(&out)]).refused(&["--log alone", "--map"]);
+    assert!(!out.exists());
+}

@@ -28,7 +28,7 @@ pub fn structured(found: &StructuredFit) -> String {
         }
         h2 { "What they are" }
         (parameters(found))
-        @for said in [Standing::Surrogate, Standing::Open].into_iter().filter_map(|s| meaning(found, s)) { p { (said) } }
+        @for said in [Standing::Surrogate, Standing::Open, Standing::Unchecked].into_iter().filter_map(|s| meaning(found, s)) { p { (said) } }
         @if !found.unseen.is_empty() || !found.trades.is_empty() {
             h2 { "What cannot be had" }
             ul {
