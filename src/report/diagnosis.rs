@@ -33,7 +33,7 @@ pub(super) fn first(found: &Diagnosed) -> Option<String> {
 
 fn size(d: &Diagnosis) -> String {
     let mode = match d.prediction.mode {
-        Mode::Simulation => "simulated freely",
+        Mode::Simulation => d.prediction.words(),
         Mode::Predictor => "predicted one step ahead by a fixed observer",
     };
     match (d.gap.before, d.gap.floor) {

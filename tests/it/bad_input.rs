@@ -91,7 +91,14 @@ fn text_in_a_number_column_names_row_and_channel() {
 
 #[test]
 fn nan_and_infinity_name_row_and_channel() {
-    for bad in ["NaN", "nan", "inf", "-inf", "Infinity", "1e999"] {
+    for nothing in ["NaN", "nan", "-"] {
+        refused(&with_row(&good(400), 100, &format!("9.8,{nothing},1")), &[], &["row 100", "input `u`", "only outputs may miss"]);
+        refused(&with_row(&good(400), 100, &format!("{nothing},1,1")), &[], &["row 100", "`time`"]);
+        let folder = Folder::new();
+        let log = folder.write("log.csv", &with_row(&good(400), 100, &format!("9.8,1,{nothing}")));
+        assert!(estimate(&log, &[]).words().contains("Believe a dead time of 0.200"), "{nothing}");
+    }
+    for bad in ["inf", "-inf", "Infinity", "1e999"] {
         refused(&with_row(&good(400), 100, &format!("9.8,1,{bad}")), &[], &["row 100", "`y`", bad, "finite", "empty"]);
         refused(&with_row(&good(400), 100, &format!("9.8,{bad},1")), &[], &["row 100", "`u`", bad]);
         refused(&with_row(&good(400), 100, &format!("{bad},1,1")), &[], &["row 100", "`time`"]);
@@ -223,7 +230,17 @@ fn a_binary_file_and_a_damaged_gz_are_told_from_logs() {
     let fine = folder.write_bytes("whole.csv.gz", &whole);
     assert!(estimate(&fine, &[]).words().contains("Believe a dead time of 0.200"));
     let cut = folder.write_bytes("cut.csv.gz", &whole[..whole.len() / 2]);
-    estimate(&cut, &[]).refused(&["cut.csv.gz", "gzip", "cut off after row", "copy or compress"]);
+    let run = estimate(&cut, &[]);
+    assert!(run.stderr.contains("cut off") && run.stderr.contains("read up to row"), "{}", run.stderr);
+    assert!(run.words().contains("Believe a dead time of 0.200"));
+    let mut damaged = whole.clone();
+    damaged.iter_mut().rev().skip(7).take(1).for_each(|byte| *byte ^= 1);
+    estimate(&folder.write_bytes("damaged.csv.gz", &damaged), &[]).refused(&[
+        "damaged.csv.gz",
+        "gzip",
+        "cut off after row",
+        "copy or compress",
+    ]);
     let plain = folder.write("plain.csv.gz", &good(300));
     estimate(&plain, &[]).refused(&["plain.csv.gz", "not compressed", "rename it to .csv"]);
 }

@@ -1,7 +1,7 @@
 //! A diagnosis for a terminal.
 
 use super::axis::share as bar;
-use crate::diagnose::{Diagnosed, Diagnosis, FoundParameter, Mode, RankingRow, Share, Strength};
+use crate::diagnose::{Diagnosed, Diagnosis, FoundParameter, RankingRow, Share, Strength};
 use crate::report::diagnosis::{described, first, percent, probability, shared};
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns};
 use crate::report::text::estimate;
@@ -103,10 +103,7 @@ fn rivals(d: &Diagnosis) -> String {
 }
 
 fn size(d: &Diagnosis) -> String {
-    let mode = match d.prediction.mode {
-        Mode::Simulation => "simulated freely",
-        Mode::Predictor => "predicted one step ahead",
-    };
+    let mode = d.prediction.words();
     match (d.gap.before, d.gap.floor) {
         (Some(before), Some(floor)) => {
             format!("{}, {mode}, misses the logs by {} of their spread; noise is {}.", shown(&d.model), percent(before), percent(floor))
