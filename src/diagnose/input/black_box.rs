@@ -30,6 +30,8 @@ pub(super) const GROWS: f64 = 10.0;
 pub(super) const UNSTABLE: f64 = 1e3;
 /// A free run that misses by more than so many times the outputs' motion has left the log: what grew may have come to rest elsewhere.
 const FAR: f64 = 3.0;
+/// So far off a run need not be seen to grow: what fell within the first third of a log grows no more.
+const FAR_OFF: f64 = 10.0;
 /// A free run of which no line explains more than this part of an output's variance goes its own way: not the log's in another unit, or with another sign.
 const TELLS: f64 = 0.5;
 /// The relative change of the inputs that shows how fine the simulator resolves.
@@ -255,9 +257,9 @@ pub(in crate::diagnose) fn probe(
     }
     if restarted.is_none()
         && let Some((i, times)) = probe.lost()
-        && (system.states.is_empty() || grown.is_some_and(|g| g > GROWS))
+        && (system.states.is_empty() || times > FAR_OFF || grown.is_some_and(|g| g > GROWS))
     {
-        let (output, grown) = (system.outputs[i].name.clone(), grown.map(|g| format!("{g:.0}")));
+        let (output, grown) = (system.outputs[i].name.clone(), grown.filter(|g| *g > GROWS).map(|g| format!("{g:.0}")));
         found.caveats.push(Caveat::LeftTheLog { output, times: format!("{times:.1}"), grown });
     }
     for (at, port) in system.parameters.iter().enumerate() {
