@@ -170,16 +170,6 @@ impl Compose<'_, '_> {
         (before > floor).then(|| (before - after) / (before - floor))
     }
 
-    /// Less is left of the squared error than a further cause must take, on what was learnt from and on held-out data.
-    fn takes_all(&self, hypothesis: &Hypothesis) -> bool {
-        let levels = Level::of(self.likelihood, None).zip(Level::of(self.likelihood, Some(hypothesis)));
-        levels.is_some_and(|(before, after)| {
-            [(&before.train, &after.train), (&before.held, &after.held)]
-                .iter()
-                .all(|(b, a)| a.over(b) < self.likelihood.criteria.added_matters)
-        })
-    }
-
     /// A small effect that is certain all the same.
     fn weak(&self) -> Option<Hypothesis> {
         let likelihood = self.likelihood.with_noise(noise_of(self.likelihood, NO_EFFECT, self.smallest)?);
@@ -242,7 +232,7 @@ impl Compose<'_, '_> {
     /// The same, or a better one that begins elsewhere. Laws of many numbers (a resonance) take the shape of several plain ones together: so all is done again without
     /// any of them. And where something is left above the noise, what explains most may stand in the way of others: so all is done again without that.
     fn begun_elsewhere(&self, mut best: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
-        if self.likelihood.system.is_black_box() || best.hypothesis.effects.is_empty() || self.takes_all(&best.hypothesis) {
+        if self.likelihood.system.is_black_box() || best.hypothesis.effects.is_empty() {
             return best;
         }
         let singly = |of: &Composition| -> Vec<Applied> {

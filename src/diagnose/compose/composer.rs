@@ -140,9 +140,6 @@ impl<'a> Composer<'_, 'a> {
             progress(Stage::Composing(self.effects_of(&composition.hypothesis)));
             let Some((likelihood, before)) = self.renewed(&composition.hypothesis) else { break };
             composition.hypothesis = before.hypothesis.clone();
-            if self.gate.nothing_to_take(&before, original) {
-                break;
-            }
             self.scales.peaks_hz = peaks_hz(likelihood.records, &before.residuals, likelihood.system.outputs.len());
             let all: Vec<&Applied> = self.candidates.iter().collect();
             let promising = self.promising(&likelihood, &before.hypothesis, &all);

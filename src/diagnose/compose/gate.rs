@@ -50,12 +50,6 @@ impl Gate {
         after.held.over(&before.held) <= 1.0 / (1.0 - self.criteria.added_falls)
     }
 
-    /// Hardly anything of the gap is left, so that no addition can take what one must take.
-    pub(super) fn nothing_to_take(&self, before: &Standing, original: &Original) -> bool {
-        let left = [before.train.over(&original.train), before.held.over(&original.held)];
-        left.iter().any(|left| *left < self.criteria.added_matters)
-    }
-
     /// An earlier effect is needless where the blocks are hardly worse without it.
     pub(super) fn needless(&self, without: &Standing, with: &Standing) -> bool {
         with.better_by_t(without) < self.criteria.dropped_t

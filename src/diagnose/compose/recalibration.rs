@@ -1,7 +1,7 @@
 //! All numbers of the model at once, each a little off: one block whose size the data choose.
 //!
 //! How it can be wrong: tried first it eats the structure (a friction, a coupling, a lag), so it comes after effects were looked for, and never alone. With as
-//! many numbers as a model has, a fit describes the training logs; so the logarithms of all have a normal prior about the value that came, of one size, and the
+//! many numbers as a model has, a fit describes the training logs; so all have a normal prior about the value that came, of one relative size, and the
 //! size is that which predicts blocks of time left out best. Blocks beside those that were learnt from are still like them: what takes an effect's place must do so on
 //! held-out data, too. Numbers that the data do not see stay where they were and are taken out again.
 
@@ -66,15 +66,6 @@ impl Composer<'_, '_> {
     /// The effects as they stand, and every other number of the model at its nominal value.
     fn freed(&self, likelihood: &Likelihood<'_>, before: &Standing) -> Option<Hypothesis> {
         let present: Vec<String> = before.hypothesis.effects.iter().map(Applied::key).collect();
-        // What the search gave the other sign is an effect of its own.
-        if before
-            .hypothesis
-            .effects
-            .iter()
-            .any(|a| a.effect.corrects_model() && a.values.iter().zip(&a.parameters).any(|(v, p)| v * p.nominal <= 0.0))
-        {
-            return None;
-        }
         let number = |a: &&Applied| a.effect.corrects_model() && a.parameters.iter().all(|p| p.nominal != 0.0 && p.nominal.is_finite());
         let mut others: Vec<Applied> = self.candidates.iter().filter(number).filter(|a| !present.contains(&a.key())).cloned().collect();
         if others.is_empty() || others.len() > MOST {

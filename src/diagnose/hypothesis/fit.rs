@@ -67,9 +67,6 @@ impl Hypothesis {
             let active = active.with(&there);
             let residual = likelihood.whitened(active)?;
             let cost = likelihood.inner(&residual, &residual) + prior_cost(likelihood, &there, &free);
-            if !cost.is_finite() {
-                return None;
-            }
             // Where the cost does not fall, nobody asks which way it falls.
             if cost >= lowest {
                 let k = free.len();
@@ -140,13 +137,13 @@ impl Hypothesis {
     }
 }
 
-/// Per free parameter how far it stands from its prior's middle, and the prior's standard deviation.
+/// Per free parameter how far it stands from its prior's mean, and the prior's standard deviation.
 fn priors<'p>(
     likelihood: &'p Likelihood<'_>,
     effects: &'p [Applied],
     free: &'p [(usize, usize)],
 ) -> impl Iterator<Item = Option<(f64, f64)>> + 'p {
-    free.iter().map(|&(e, i)| likelihood.prior_of(&effects[e], i))
+    free.iter().map(|&(e, i)| likelihood.prior_of(&effects[e], i).map(|(mean, std)| (effects[e].values[i] - mean, std)))
 }
 
 fn prior_cost(likelihood: &Likelihood<'_>, effects: &[Applied], free: &[(usize, usize)]) -> f64 {

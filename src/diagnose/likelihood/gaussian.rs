@@ -131,18 +131,16 @@ impl<'a> Likelihood<'a> {
         Self { prior, nuisances, ..self.clone() }
     }
 
-    /// With a prior on every number of the model that is fitted: the logarithm of its ratio to the value that came is normal, with this standard deviation.
+    /// With a normal prior on every number of the model that is fitted: about the value that came, of this relative standard deviation.
     pub(in crate::diagnose) fn with_shrinkage(&self, size: f64) -> Self {
         Self { shrinkage: Some(size), ..self.clone() }
     }
 
-    /// How far an effect's parameter stands from its prior's middle, and the prior's standard deviation, both in units of the parameter about its present value;
-    /// `None`: it is free. A number of the model may be off by a factor, and its sign is the model's: the other one is infinitely far.
+    /// Mean and standard deviation of the prior on an effect's parameter; `None`: it is free.
     pub(in crate::diagnose) fn prior_of(&self, applied: &Applied, parameter: usize) -> Option<(f64, f64)> {
-        let (nominal, value, size) = (applied.parameters[parameter].nominal, applied.values[parameter], self.shrinkage?);
-        let has_prior = applied.effect.corrects_model() && size > 0.0 && nominal != 0.0 && nominal.is_finite();
-        let ratio = value / nominal;
-        has_prior.then(|| if ratio > 0.0 { (ratio.ln() * value, size * value.abs()) } else { (f64::INFINITY, 1.0) })
+        let nominal = applied.parameters[parameter].nominal;
+        let std = self.shrinkage? * nominal.abs();
+        (applied.effect.corrects_model() && std > 0.0 && std.is_finite()).then_some((nominal, std))
     }
 
     /// To try the effect a black box must be called: what comes after it costs nothing.
