@@ -30,7 +30,7 @@ const TRADE: f64 = 0.95;
 pub(in crate::diagnose) struct GapBudget<'b, 'a> {
     pub(in crate::diagnose) likelihood: &'b Likelihood<'a>,
     pub(in crate::diagnose) composed: &'b Composed,
-    /// Residuals of the model as it came, and of the model as it is handed over.
+    /// Residuals of the model as it came, and of the model as it is handed over; of a hidden sequence those once it is known.
     pub(in crate::diagnose) before: &'b [DMatrix<f64>],
     pub(in crate::diagnose) after: &'b [DMatrix<f64>],
     pub(in crate::diagnose) scales: &'b Scales,
