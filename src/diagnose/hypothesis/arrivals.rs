@@ -350,7 +350,7 @@ fn solve(records: &[Linear], waiting: &Waiting) -> Option<Solved> {
         precision += own.shift.iter().sum::<f64>() - times(&own.by_shift);
         cost += own.freedom - dot(&own.target, &own.by_target);
     }
-    if !(precision > 0.0) {
+    if precision.is_nan() || precision <= 0.0 {
         return None;
     }
     let shift = towards / precision;
