@@ -13,9 +13,9 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::direction::with;
-use super::dropouts::{response, static_value};
 use super::effects::{Dropouts, Hypothesis};
 use super::queue::{Waiting, waiting_for};
+use super::response::{response, static_value};
 use super::skyline::Skyline;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::gaussian::Likelihood;
@@ -71,13 +71,16 @@ struct Solved {
 }
 
 impl Linear {
-    /// Delays of all samples: a command that changes nothing is there with the one before it.
+    /// Delays of all samples: a command that changes nothing is there with the one before it; behind the last that is there in time all are as late as that one.
     fn of_all(&self, delays: &[f64], time_s: &[f64]) -> Vec<f64> {
         let mut next = self.sent.iter().zip(delays).peekable();
+        let last_s = delays.last().copied().unwrap_or(0.0);
         let mut there_s = f64::NEG_INFINITY;
         let one = |(k, &sent_s): (usize, &f64)| {
             if let Some((_, delay_s)) = next.next_if(|(at, _)| **at == k) {
                 there_s = sent_s + delay_s;
+            } else if next.peek().is_none() {
+                there_s = there_s.max(sent_s + last_s);
             }
             (there_s - sent_s).max(0.0)
         };

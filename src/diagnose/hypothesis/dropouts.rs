@@ -7,19 +7,17 @@
 //! How it can be wrong: a command that changes by less than the noise shows decides nothing, so the probability is taken from the others; a nonlinear plant's
 //! response varies, so the exact simulation has the last word; a misfit of another kind is followed by lost commands in part only, and stays above the floor.
 
-use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::arrivals;
 use super::effects::{Dropouts, Hypothesis};
+use super::response::{response, static_value};
 use super::sequence::{Path, search};
 use super::waits::Wait;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Chance, Fates, Lateness, Scales};
-use crate::simulate::plan::InputPath;
-use crate::simulate::{Commands, Piecewise};
 
 /// The probability with which a search begins.
 const FIRST: f64 = 0.3;
@@ -106,33 +104,4 @@ fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Drop
     let p = (held + 0.5) / (decided + 1.0);
     lost.std[input] = vec![(p * (1.0 - p) / decided).sqrt()];
     Some(p)
-}
-
-/// What a command becomes at rest on its way: the curve and the maps of the path.
-pub(super) fn static_value(path: &InputPath, value: f64) -> f64 {
-    let mut signal = Piecewise::held(&[0.0], [value]);
-    if let Some(curve) = path.curve {
-        signal = signal.map(|p| (curve.gain * p.value + curve.quadratic * p.value * p.value.abs(), 0.0));
-    }
-    path.maps.iter().fold(signal, |signal, map| map(signal)).first()
-}
-
-/// The outputs' response to one held sample of one unit behind the maps of the path, samples × outputs.
-pub(super) fn response(likelihood: &Likelihood<'_>, at: usize, others: &[Applied], input: usize) -> Option<DMatrix<f64>> {
-    let record = &likelihood.records[at];
-    let mut plan = likelihood.plan(others, Chance::Mean)?;
-    (plan.inputs[input].curve, plan.inputs[input].maps) = (None, Vec::new());
-    let samples = record.time_s.len();
-    let place = samples / 4;
-    let size = 1e-2 * record.inputs[input].iter().map(|u| u.abs()).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
-    let simulate = |by: f64| {
-        let mut inputs = record.inputs.clone();
-        inputs[input][place] += by;
-        let commands = Commands { time_s: &record.time_s, inputs: &inputs };
-        likelihood.system.simulate(&plan, commands, &record.start, likelihood.correction(at)).ok()
-    };
-    let (up, down) = (simulate(0.5 * size)?.y, simulate(-0.5 * size)?.y);
-    let length = likelihood.budget.response.min(samples - place);
-    let g = (up.rows(place, length) - down.rows(place, length)) / size;
-    g.iter().all(|v| v.is_finite()).then_some(g)
 }

@@ -8,6 +8,7 @@ pub(in crate::diagnose) mod fit;
 pub(in crate::diagnose) mod penalised_gain;
 mod queue;
 pub(in crate::diagnose) mod refine;
+mod response;
 pub(in crate::diagnose) mod sequence;
 mod skyline;
 pub(in crate::diagnose) mod slopes;
