@@ -37,7 +37,7 @@ const TAIL: f64 = 1e-5;
 /// Multiplications in one factorisation of all records; a longer response is cut off, but not below so many samples.
 const WORK: f64 = 1.5e8;
 const SHORTEST: usize = 30;
-/// Draws have no more of their variance in a trend: of so many that are independent, n, about 1/n along a line and some more from one level to another, by chance.
+/// Draws have no more of their variance in a trend; 1. Chosen, far above chance: of n that are independent about 1/n along a line, and some more from one level to another.
 const BY_CHANCE: f64 = 0.5;
 /// A command that changes by less than this part of the largest change decides nothing.
 const CHANGES: f64 = 1e-6;
