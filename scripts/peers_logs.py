@@ -65,12 +65,13 @@ def write_ulog(path: Path, megabytes: float) -> int:
     def message(kind: str, payload: bytes) -> bytes:
         return len(payload).to_bytes(2, "little") + kind.encode() + payload
 
-    text = b"ULog\x01\x12\x35\x01" + bytes(8) + message("B", bytes(40))
+    text, subscriptions = b"ULog\x01\x12\x35\x01" + bytes(8) + message("B", bytes(40)), b""
     parts: list[tuple[str, object]] = []
     places: list[tuple[int, int, int]] = []
     for at, (name, fields, often) in enumerate(TOPICS):
         text += message("F", f"{name}:uint64_t timestamp;{''.join(f'float f{k};' for k in range(fields))}".encode())
-        text += message("A", bytes([0]) + at.to_bytes(2, "little") + name.encode())
+        # All formats stand before the first subscription: there the definitions end.
+        subscriptions += message("A", bytes([0]) + at.to_bytes(2, "little") + name.encode())
         for k in range(often):
             one = [("size", "<u2"), ("kind", "u1"), ("id", "<u2"), ("t", "<u8"), ("x", "<f4", (fields,))]
             parts.append((f"m{at}_{k}", np.dtype(one)))
@@ -84,7 +85,7 @@ def write_ulog(path: Path, megabytes: float) -> int:
         part["size"], part["kind"], part["id"] = 10 + 4 * fields, ord("D"), at
         part["t"] = 1_000_000 + 4000 * np.arange(rounds) + 4000 * k // TOPICS[at][2]
         part["x"] = rng.normal(size=(rounds, fields))
-    path.write_bytes(text + table.tobytes())
+    path.write_bytes(text + subscriptions + table.tobytes())
     return rounds * sum((1 + fields) * often for _, fields, often in TOPICS)
 
 

@@ -66,6 +66,7 @@ AFTER = """
 - [What was checked with what](results/validation.md)
 - [Withheld effects](results/withheld.md)
 - [Several causes at once](results/mixtures.md)
+- [Delays that move](results/moving.md)
 - [Real machines](results/machines.md)
 - [Real logs](results/real-logs.md)
 - [All methods compared](results/methods.md)

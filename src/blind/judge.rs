@@ -18,6 +18,9 @@ const SMALL: f64 = 1e-3;
 const SMALLEST: f64 = 1e-9;
 /// By how much, relative, an interval's end may miss the truth through rounding alone.
 const ROUNDING: f64 = 1e-12;
+/// The effect that a delay which moves is taken for, and the probability above which it is.
+const LOST: &str = "dropped_commands:";
+const PROBABLE: f64 = 0.5;
 /// How many answers of the ranking count as its first ones.
 const FIRST: usize = 3;
 
@@ -96,6 +99,12 @@ pub struct Judgement {
     pub share_errors: Vec<f64>,
     /// Mixture: an answer that claims to explain all names something that is not there.
     pub false_cause: Option<bool>,
+    /// Moving: the verdict is in the truth's alias class.
+    pub moving_class: Option<bool>,
+    /// Moving: lost commands are given a probability above 0.5.
+    pub moving_lost: Option<bool>,
+    /// Moving: the held-out error is larger than before.
+    pub moving_worse: Option<bool>,
     /// Share of the explainable gap that was closed, over the oracle's.
     pub of_oracle: Option<f64>,
     /// The held-out error is more than 2 % worse than before.
@@ -116,7 +125,9 @@ pub fn judge(case: &Scored) -> Judged {
     let (label, diagnosis) = (&case.label, &case.diagnosis);
     let names = Names::of(diagnosis);
     let truth: Vec<String> = match label.group {
-        Group::Single | Group::Pair | Group::Mixture => label.effects.iter().map(|e| names.name(&e.effect, &e.channel)).collect(),
+        Group::Single | Group::Pair | Group::Mixture | Group::Moving => {
+            label.effects.iter().map(|e| names.name(&e.effect, &e.channel)).collect()
+        }
         Group::None => vec!["none".to_owned()],
         Group::Unknown => vec!["unknown".to_owned()],
     };
@@ -128,6 +139,10 @@ pub fn judge(case: &Scored) -> Judged {
         Group::Single => {
             single(&mut j, label, diagnosis, &names, &verdict);
             j.right = j.top1_class == Some(true);
+        }
+        Group::Moving => {
+            moving(&mut j, label, diagnosis, &names, &verdict);
+            j.right = j.moving_class == Some(true);
         }
         Group::Pair => {
             let classes: Vec<Vec<String>> = (0..truth.len()).map(|i| names.class(&truth[i], label.alias_class.of(i))).collect();
@@ -178,6 +193,16 @@ fn single(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Names
     if top1 && let Some(found) = diagnosis.cause.effects.iter().find(|f| names.name(&f.effect, &f.channel) == truth) {
         parameters(j, effect, found);
     }
+}
+
+/// A delay that moves: named up to its class, taken for lost commands, and worth writing down.
+fn moving(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Names, verdict: &[String]) {
+    let mut named = Judgement::default();
+    single(&mut named, label, diagnosis, names, verdict);
+    j.moving_class = named.top1_class;
+    let lost = diagnosis.cause.ranking.iter().map(|row| names.row(row)).filter(|(effects, _)| effects.iter().any(|e| e.starts_with(LOST)));
+    j.moving_lost = Some(lost.map(|(_, probability)| probability).sum::<f64>() > PROBABLE);
+    j.moving_worse = diagnosis.shrink.before.zip(diagnosis.shrink.after).map(|(before, after)| after > before);
 }
 
 /// What contributes, beside what acts: each contribution stands for itself and for all that it could be exchanged with.

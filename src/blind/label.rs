@@ -24,11 +24,13 @@ pub enum Group {
     Pair,
     /// Several effects, with their shares; something outside the catalogue may act beside them.
     Mixture,
+    /// One effect of the catalogue, a delay that moves.
+    Moving,
 }
 
 impl Group {
     /// All of them, in the order of reports.
-    pub const ALL: [Self; 5] = [Self::Single, Self::None, Self::Unknown, Self::Pair, Self::Mixture];
+    pub const ALL: [Self; 6] = [Self::Single, Self::None, Self::Unknown, Self::Pair, Self::Mixture, Self::Moving];
 
     /// The word that labels use.
     #[must_use]
@@ -39,6 +41,7 @@ impl Group {
             Self::Unknown => "unknown",
             Self::Pair => "pair",
             Self::Mixture => "mixture",
+            Self::Moving => "moving",
         }
     }
 }
@@ -152,7 +155,7 @@ impl Label {
             return Err(BlindError::LabelId { file: path.to_owned(), id: label.id }.into());
         }
         let needed = match label.group {
-            Group::Single => 1,
+            Group::Single | Group::Moving => 1,
             Group::Pair => 2,
             // What stands outside the catalogue may be described or not.
             Group::Unknown => label.effects.len(),

@@ -136,7 +136,7 @@ impl BlindScore {
 /// The true effect without its channel, or the kind of case.
 fn kind(case: &Judged) -> String {
     match case.group {
-        Group::Single => first_word(&case.truth),
+        Group::Single | Group::Moving => first_word(&case.truth),
         Group::None | Group::Unknown | Group::Pair | Group::Mixture => case.group.name().to_owned(),
     }
 }

@@ -88,6 +88,9 @@ pub const SCORES: &[Definition] = {
         "false_causes" "mixture called explained: something named that is not there" Share(|c| c.judgement.false_cause);
         "mixture_of_oracle" "mixture: mean share of the oracle's shrink"
             Mean(|c| if c.group == Group::Mixture { one(c.judgement.of_oracle) } else { Vec::new() });
+        "moving_class" "moving: named up to the alias class" Share(|c| c.judgement.moving_class);
+        "moving_lost" "moving: dropped_commands at more than 0.5" Share(|c| c.judgement.moving_lost);
+        "moving_worse" "moving: the written model is worse than nominal on held-out data" Share(|c| c.judgement.moving_worse);
         "of_oracle" "single, pair, mixture: median share of the oracle's shrink" Quantile(0.5, |c| one(c.judgement.of_oracle));
         "harm" "all: held-out error more than 2 % worse" Share(|c| c.judgement.harm);
         "log_loss" "all: mean -ln(probability of the truth)" Mean(|c| one(c.judgement.truth_probability.map(|p| -p.clamp(LEAST, 1.0).ln())));

@@ -107,11 +107,8 @@ impl SimulatorArgs {
             bail!("--restart-every {}: give seconds above 0", self.restart_every.unwrap_or_default());
         }
         let restart = (!self.states.is_empty()).then_some(Restart { channels, every_s: self.restart_every });
-        // What is called by its path is called by its file.
-        let first = command.split_whitespace().next().unwrap_or("simulator");
-        let name = Path::new(first).file_stem().map_or(first.to_owned(), |s| s.to_string_lossy().into_owned());
         Ok(Face {
-            name,
+            name: called(command),
             inputs: self.input.iter().map(|t| port(t)).collect::<Result<_, _>>()?,
             outputs: self.output.iter().map(|t| port(t)).collect::<Result<_, _>>()?,
             states,
@@ -129,6 +126,20 @@ impl SimulatorArgs {
         let program = Program { command: command.to_owned(), talk, timeout: Duration::from_secs_f64(self.timeout), folder: None };
         Ok(System::black_box(program.simulator(&face, &RUNNING), face)?)
     }
+}
+
+/// A program by its file, one that runs a script by the script.
+fn called(command: &str) -> String {
+    const RUN_SCRIPTS: [&str; 12] = ["bash", "bun", "deno", "env", "julia", "node", "octave", "perl", "python", "rscript", "ruby", "sh"];
+    let stem = |word: &str| Path::new(word).file_stem().map_or(word.to_owned(), |s| s.to_string_lossy().into_owned());
+    let mut words = command.split_whitespace();
+    let first = stem(words.next().unwrap_or("simulator"));
+    let runs = first.to_lowercase();
+    // `python3.12` has the stem `python3`.
+    if !RUN_SCRIPTS.contains(&runs.trim_end_matches(|c: char| c.is_ascii_digit() || c == '.')) {
+        return first;
+    }
+    words.find(|word| !word.starts_with('-') && Path::new(word).extension().is_some()).map_or(first, stem)
 }
 
 /// What is held against the logs: a model file, or a program.
@@ -179,6 +190,26 @@ impl<'a> From<&'a Simulated> for Subject<'a> {
         match subject {
             Simulated::Model(document) => document.as_ref().into(),
             Simulated::Program(system) => system.as_ref().into(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::called;
+
+    #[test]
+    fn a_program_is_called_by_its_file_and_a_script_by_its_own() {
+        for (command, name) in [
+            ("./pendulum --fast", "pendulum"),
+            ("/opt/sim/tank.exe", "tank"),
+            ("python3 models/arm.py --gain 2", "arm"),
+            ("/usr/bin/python3.12 -u arm.py", "arm"),
+            ("env julia tank.jl", "tank"),
+            ("python3 -m arm", "python3"),
+            ("nodes run.csv", "nodes"),
+        ] {
+            assert_eq!(called(command), name, "{command}");
         }
     }
 }

@@ -69,7 +69,7 @@ pub struct DelayEstimate {
     pub contradicted: bool,
     /// How well the method's model fits, where models of other orders fit the same.
     pub misfit: Option<Box<Misfit>>,
-    /// One step shows no more poles than the method's model has.
+    /// The record, of one step or of several inputs, shows no more poles than the method's model has.
     pub enough_poles: bool,
     /// It was read from the part of the input that the output did not cause ([`super::open_part`]).
     pub open_part: bool,

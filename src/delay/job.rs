@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::conditions::of_the_plant;
 use super::evidence::{Evidence, evidence, impulse_response};
 use super::experiment::recordings;
-use super::process::{judge_orders, rough};
+use super::process::{Measured, Shares, judge_orders, rough};
 use super::report::{Bias, Estimate, FORMAT, Pair, Report, Response, Searched};
 use super::verdict::EXPERIMENT;
 use super::{
@@ -24,7 +24,7 @@ use crate::model::c2d::{Conversion, ZeroOrderHold};
 use crate::model::{ModelFile, Operating, Sampled, StateSpace};
 use crate::progress::HowFar;
 use crate::registry::RegistryError;
-use crate::signal::stats;
+use crate::signal::stats::{self, NORMAL_95};
 use crate::stop::Stop;
 use crate::time::SampleTime;
 
@@ -205,9 +205,10 @@ impl Job {
         let methods: Vec<&Method> = self.methods.iter().map(|r| r.method).filter(|m| m.scope == Scope::Pair).collect();
         let mut expected = Vec::new();
         for (o, output) in self.outputs.iter().enumerate() {
+            let shares = Shares::of(&experiment.towards(0, o)?, search.max_delay, &self.stop)?;
             for (i, input) in self.inputs.iter().enumerate() {
                 self.stop.check()?;
-                let seen = self.seen(&logged, &experiment, &search, (i, o))?;
+                let seen = self.seen(&logged, &experiment, &search, (i, o), shares.as_ref())?;
                 let predicted = richness(seen.by_start(Start::Rest), &seen.search, &methods)?;
                 let methods = methods.iter().map(|m| m.entry.name).zip(predicted).collect();
                 expected.push(Expected { input: input.clone(), output: output.clone(), methods });
@@ -270,17 +271,18 @@ impl Job {
             return Ok(pairs);
         }
         for (o, output) in self.outputs.iter().enumerate() {
+            let shares = Shares::of(&experiment.towards(0, o)?, search.max_delay, &self.stop)?;
             for (i, input) in self.inputs.iter().enumerate() {
                 self.stop.check()?;
                 let share = |done: usize| done as f64 / (self.inputs.len() * self.outputs.len()) as f64;
                 let far = self.far.part(share(o * self.inputs.len() + i), share(o * self.inputs.len() + i + 1));
                 far.at(0.0, &format_args!("what the record of {input} and {output} shows"));
-                let seen = self.seen(logged, experiment, search, (i, o))?;
+                let seen = self.seen(logged, experiment, search, (i, o), shares.as_ref())?;
                 let mut search = seen.search.clone();
                 let bias = search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
                 let records = seen.one.pair(0, 0)?;
-                let looped = self.looped(&records, search.max_delay, bias);
-                let mut findings = of_the_plant(&records, search.max_delay);
+                let looped = &seen.looped;
+                let mut findings = of_the_plant(&seen.alone().pair(0, 0)?, search.max_delay);
                 findings.extend(self.feedback.said().or_else(|| looped.finding()));
                 findings.extend(moving_together(&seen.together, search.max_delay));
                 self.stop.check()?;
@@ -316,15 +318,19 @@ impl Job {
                 };
                 let mut answers: Vec<Answer> = methods.par_iter().zip(predicted).map(answer).collect::<Result<_>>()?;
                 let one_step = records.iter().all(Record::is_one_step);
-                if one_step {
+                let others_act = seen.freed.is_some();
+                if one_step || others_act {
                     judge_orders(answers.iter_mut().map(|a| (a.method, &mut a.estimate)));
                 }
                 self.stop.check()?;
                 far.at(ANSWERED, &format_args!("whether the delay of {output} behind {input} changes"));
                 let held = if closed && self.feedback == Feedback::Auto { held_for(&records) } else { 1 };
                 let held_s = ts.to_seconds(held as f64 - 1.0);
-                let facts = RecordFacts { early_s: self.early_s().max(held_s), direct: looped.direct, one_step };
+                let facts = RecordFacts { early_s: self.early_s().max(held_s), direct: looped.direct, one_step, others_act };
                 let mut pair = pair(input, output, &answers, findings, ts, &facts);
+                if let Some(shares) = shares.as_ref().filter(|_| others_act) {
+                    pair.verdict.why.push_str(&taken_off_note(&self.inputs, &shares.beside(i)));
+                }
                 if held > 1 {
                     pair.verdict = held_verdict(pair.verdict, input, held, ts);
                 }
@@ -338,7 +344,7 @@ impl Job {
                 } else if let Some(samples) = lead {
                     pair.verdict = none(lead_note(input, output, samples, ts));
                 } else {
-                    watched::tell(&mut pair, &seen.one, &search, &methods, &watched::Asked { track: self.track, facts })?;
+                    watched::tell(&mut pair, seen.alone(), &search, &methods, &watched::Asked { track: self.track, facts })?;
                 }
                 far.at(1.0, &format_args!("{input} and {output} done"));
                 pairs.push(pair);
@@ -354,28 +360,49 @@ impl Job {
         experiment: &'a Experiment<'_>,
         search: &Search,
         (i, o): (usize, usize),
+        shares: Option<&Shares>,
     ) -> Result<Seen<'a>> {
-        let one = experiment.select(i, o)?;
-        let logged_one = logged.select(i, o)?;
-        let rested = if self.detrend == Detrend::Mean { self.best_start(&one, logged_one, search.max_delay)? } else { None };
-        let together = experiment.towards(i, o)?;
+        let search = search.towards(i, o, self.inputs.len());
+        let (one, together) = (experiment.select(i, o)?, experiment.towards(i, o)?);
+        let looped = self.looped(&one.pair(0, 0)?, search.max_delay, search.bias(0, 0));
+        // What a loop makes of several inputs is no sum of what each does.
+        let closed = self.feedback.said().is_some() || looped.finding().is_some();
+        let shares = shares.filter(|s| !closed && !s.beside(i).is_empty());
+        let without = |together: &Experiment<'_>, from| shares.map(|s| s.without_others(together, i, from)).transpose();
+        let freed = without(&together, Measured::FromMean)?;
+        let at_mean = freed.as_ref().unwrap_or(&one);
+        let rested = if self.detrend == Detrend::Mean {
+            let all_rested = together.from_rest().map(|t| without(&t, Measured::FromRest)).transpose()?.flatten();
+            let before_moving = all_rested.or_else(|| at_mean.from_rest()).map(|e| (e, Level::BeforeMoving));
+            let as_logged = match without(&logged.towards(i, o)?, Measured::FromRest)? {
+                Some(freed) => freed,
+                None => logged.select(i, o)?,
+            };
+            self.best_start(at_mean, [before_moving, Some((as_logged, Level::AsLogged))], search.max_delay)?
+        } else {
+            None
+        };
         let (rested, together_rested) = match rested {
             None => (None, None),
             Some((rested, Level::BeforeMoving)) => (Some(rested), together.from_rest()),
             Some((rested, Level::AsLogged)) => (Some(rested), Some(logged.towards(i, o)?)),
         };
-        Ok(Seen { rested, together, together_rested, search: search.towards(i, o, self.inputs.len()), one })
+        Ok(Seen { rested, freed, together, together_rested, search, looped, one })
     }
 
     /// The pair measured from where it rested, where that explains it better than its mean: from its level before the inputs moved, or as logged, where that is zero. A
     /// rough model judges, as an input that is still for a while at first may be one that moves seldom, and a controller that rests at zero moves at once.
-    fn best_start<'a>(&self, one: &Experiment<'a>, logged: Experiment<'a>, max_delay: usize) -> Result<Option<(Experiment<'a>, Level)>> {
+    fn best_start<'a>(
+        &self,
+        at_mean: &Experiment<'_>,
+        starts: [Option<(Experiment<'a>, Level)>; 2],
+        max_delay: usize,
+    ) -> Result<Option<(Experiment<'a>, Level)>> {
         let left = |seen: &Experiment<'_>| -> Result<f64> {
             let fitted = rough(&seen.pair(0, 0)?, 2, max_delay, 0);
             Ok(fitted.map_or(f64::INFINITY, |r| r.residual.iter().map(|e| e * e).sum()))
         };
-        let mut best = (left(one)?, None);
-        let starts = [one.from_rest().map(|e| (e, Level::BeforeMoving)), Some((logged, Level::AsLogged))];
+        let mut best = (left(at_mean)?, None);
         for start in starts.into_iter().flatten() {
             self.stop.check()?;
             let less = left(&start.0)?;
@@ -456,7 +483,9 @@ impl Job {
 /// One pair as methods see it.
 struct Seen<'a> {
     one: Experiment<'a>,
-    /// Measured from where it rested, where it did.
+    /// Without what other inputs do, where they visibly do something and there is no loop.
+    freed: Option<Experiment<'a>>,
+    /// The same, or the pair, measured from where it rested, where it did.
     rested: Option<Experiment<'a>>,
     /// What a method that takes all inputs together sees: this one first.
     together: Experiment<'a>,
@@ -464,6 +493,8 @@ struct Seen<'a> {
     together_rested: Option<Experiment<'a>>,
     /// The window, with this pair's bias.
     search: Search,
+    /// What the record shows of a loop.
+    looped: InLoop,
 }
 
 /// From where a pair is measured that rests at its start.
@@ -483,10 +514,15 @@ impl<'a> Seen<'a> {
         }
     }
 
+    /// The pair without what other inputs do.
+    fn alone(&self) -> &Experiment<'a> {
+        self.freed.as_ref().unwrap_or(&self.one)
+    }
+
     fn by_start(&self, start: Start) -> &Experiment<'a> {
         match start {
-            Start::Rest => self.rested.as_ref().unwrap_or(&self.one),
-            Start::Any => &self.one,
+            Start::Rest => self.rested.as_ref().unwrap_or_else(|| self.alone()),
+            Start::Any => self.alone(),
         }
     }
 }
@@ -511,6 +547,12 @@ fn tied_note(input: &str, output: &str) -> String {
     format!(
         "`{input}` is a function of `{output}` and of nothing else: the controller and the plant are one equation here, and no method can tell a dead time from it; {EXPERIMENT}"
     )
+}
+
+/// Which inputs were taken off first, each with its share of the output's power.
+fn taken_off_note(inputs: &[String], shares: &[(usize, f64)]) -> String {
+    let each = shares.iter().map(|(other, share)| format!("`{}` ({:.0} % of the output's power)", inputs[*other], 100.0 * share));
+    format!("; what other inputs do was taken off for methods that see one input: {}", each.collect::<Vec<_>>().join(", "))
 }
 
 fn lead_note(input: &str, output: &str, samples: usize, ts: SampleTime) -> String {
@@ -670,6 +712,7 @@ struct Answer {
 
 fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, sample_time: SampleTime, facts: &RecordFacts) -> Pair {
     let by_trust: Vec<_> = answers.iter().map(|a| (a.method, &a.estimate, a.predicted.map(|p| p.std_s))).collect();
+    let verdict = verdict(&by_trust, &findings, sample_time, facts);
     Pair {
         input: input.to_owned(),
         output: output.to_owned(),
@@ -677,9 +720,9 @@ fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, s
             .iter()
             .map(|a| Estimate::new(a.method, &a.estimate, a.predicted.map(|p| p.std_s), a.time_s, &findings))
             .collect(),
-        poor_std_s: poor(answers, &findings),
+        poor_std_s: poor(answers, &findings, verdict.ci95_s),
         standing_off: 0,
-        verdict: verdict(&by_trust, &findings, sample_time, facts),
+        verdict,
         moving: None,
         track: None,
         findings,
@@ -687,8 +730,9 @@ fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, s
 }
 
 /// Where the data hardly tell neighbouring delays apart, the best that is to be expected of a method that knows neither gain nor poles and whose answer counts (of any such
-/// method where none does), s: the number that stands in that method's line.
-fn poor(answers: &[Answer], findings: &[Finding]) -> Option<f64> {
+/// method where none does), s: the number that stands in that method's line. Nothing where the believed interval is far narrower than that: the rough model that predicts was
+/// then no model of this plant.
+fn poor(answers: &[Answer], findings: &[Finding], believed_s: Option<[f64; 2]>) -> Option<f64> {
     // The predictions are of stable plants in open loop.
     if findings.iter().any(|f| matches!(f.condition, Condition::Feedback | Condition::UnstablePlant)) {
         return None;
@@ -701,7 +745,9 @@ fn poor(answers: &[Answer], findings: &[Finding]) -> Option<f64> {
         let expected = answers.iter().filter(of_poles).filter(|a| which(a)).filter_map(|a| a.predicted);
         expected.max_by(|a, b| a.separation.total_cmp(&b.separation))
     };
-    best(&counts).or_else(|| best(&|_| true)).filter(|p| p.separation < TOLD_APART).map(|p| p.std_s)
+    let predicted = best(&counts).or_else(|| best(&|_| true)).filter(|p| p.separation < TOLD_APART)?;
+    let narrower = believed_s.is_some_and(|[from, to]| to - from < NORMAL_95 * predicted.std_s);
+    (!narrower).then_some(predicted.std_s)
 }
 
 /// Half the distance between two responses, in standard deviations of the noise, from which they are seldom taken for each other.

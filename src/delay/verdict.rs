@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::conditions::Finding;
+use super::method::WHOLE;
 use super::posterior::RESOLUTION;
 use super::{Basis, Class, Condition, DelayEstimate, Method, Outcome};
 use crate::signal::stats::NORMAL_95;
@@ -55,6 +56,8 @@ pub struct RecordFacts {
     pub direct: bool,
     /// The input moves once.
     pub one_step: bool,
+    /// Other inputs visibly act: models of all inputs tell the fraction, and the rest see the output without what the others do.
+    pub others_act: bool,
 }
 
 /// What the record shows that this answer does not withstand; empty where it may be counted. An answer from the part of the input that the output did not cause withstands
@@ -82,7 +85,9 @@ pub(super) const EXPERIMENT: &str = "move the set point, or add a random binary 
 /// allows, nor than the data let expect before it ran, because a model that is too small is wrong by more than it says).
 ///
 /// The delay that most votes hold inside their intervals gathers a group; the number is the group's weighted median. The interval is that of the whole group, as no method
-/// knows how wrong its own model is: it begins where 15 % of the weight begins earlier, and ends where 15 % ends later, so that answers which differ make it wide.
+/// knows how wrong its own model is: it begins where 15 % of the weight begins earlier, and ends where 15 % ends later, so that answers which differ make it wide. Where other inputs
+/// act, number and interval are those of the models in the group that fit all inputs together, promise a fraction of a sample, leave nothing over, and that no larger model outdoes:
+/// the others see an output from which the rest was taken by such a model, and add their votes.
 /// Source: Gaba, Tsetlin and Winkler (2017), Decision Analysis 14(1), 1-20, doi:10.1287/deca.2016.0340, for trimming the ends of many intervals. How much is left to the
 /// user there; tests/verdicts.rs measures how often what 15 % leave holds an injected dead time.
 #[must_use]
@@ -131,10 +136,13 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
         group = Group::of(&counted);
     }
     let Group { lead, agree, differ } = group;
-    let middle = quantile(agree.iter().map(|(f, w)| (f.delay_s, *w)), 0.5);
-    let chosen = agree.iter().find(|(f, _)| f.delay_s == middle).map_or(lead, |(f, _)| *f);
-    let first = quantile(agree.iter().map(|(f, w)| (f.interval_s[0], *w)), BEYOND);
-    let last = -quantile(agree.iter().map(|(f, w)| (-f.interval_s[1], *w)), BEYOND);
+    let of_all_inputs: Vec<(&Found<'_>, f64)> =
+        agree.iter().filter(|_| facts.others_act).filter_map(|(f, _)| Some((*f, f.of_all_inputs_s?.recip()))).collect();
+    let judges = if of_all_inputs.is_empty() { &agree } else { &of_all_inputs };
+    let middle = quantile(judges.iter().map(|(f, w)| (f.delay_s, *w)), 0.5);
+    let chosen = judges.iter().find(|(f, _)| f.delay_s == middle).map_or(lead, |(f, _)| *f);
+    let first = quantile(judges.iter().map(|(f, w)| (f.interval_s[0], *w)), BEYOND);
+    let last = -quantile(judges.iter().map(|(f, w)| (-f.interval_s[1], *w)), BEYOND);
     let interval_s = [first.min(chosen.delay_s), last.max(chosen.delay_s) + facts.early_s];
     let others: Vec<&str> = agree.iter().filter(|(f, _)| f.method != chosen.method).map(|(f, _)| f.method).collect();
     let mut why = who(chosen.method, &others, &differ);
@@ -149,6 +157,9 @@ pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTi
     };
     if nobody {
         doubt(&mut why, "no method is made for what the record shows, or the data contradict its model, so this is a guess");
+    }
+    if !of_all_inputs.is_empty() {
+        why.push_str("; number and interval are those of the models that fit all inputs together");
     }
     why.push_str(&left_out(&found, nobody, implausible));
     if chosen.delay_s == 0.0 && facts.direct {
@@ -315,6 +326,8 @@ struct Found<'a> {
     contradicted: bool,
     /// It answers sooner than the plant can respond.
     within: bool,
+    /// Standard deviation, s, of a model that resolves fractions of a sample, whose poles are enough: no less than it promises, nor than was to be expected.
+    of_all_inputs_s: Option<f64>,
 }
 
 impl<'a> Found<'a> {
@@ -322,6 +335,8 @@ impl<'a> Found<'a> {
         let delay_s = estimate.delay_s.filter(|_| estimate.outcome == Outcome::Found)?;
         let resolution_s = sample_time.to_seconds(RESOLUTION.sqrt());
         let interval_s = estimate.ci95_s.unwrap_or([delay_s, delay_s]);
+        let resolves = estimate.enough_poles && method.tolerance > WHOLE && method.tolerance < 1.0;
+        let least_s = sample_time.to_seconds(method.tolerance).max(predicted_s.unwrap_or(0.0));
         Some(Self {
             method: method.entry.name,
             class: method.class,
@@ -332,6 +347,7 @@ impl<'a> Found<'a> {
             open_s: [interval_s[0].min(delay_s - NORMAL_95 * resolution_s), interval_s[1].max(delay_s + NORMAL_95 * resolution_s)],
             distrust: distrust(method, estimate, findings),
             contradicted: estimate.contradicted,
+            of_all_inputs_s: estimate.std_s.filter(|_| resolves).map(|std_s| std_s.max(least_s)),
             within: estimate.raw_delay_s.is_some_and(|raw| raw < sample_time.to_seconds(estimate.degree_bias_samples - 0.5)),
         })
     }
@@ -489,6 +505,24 @@ mod tests {
         );
         let alone = verdict(&said[..2], &[], SampleTime::new(0.01).unwrap(), &RecordFacts::default());
         assert!(alone.delay_s.is_none() && alone.why.contains("sooner than a strictly proper plant answers"), "{}", alone.why);
+    }
+
+    #[test]
+    fn beside_other_inputs_the_models_of_all_inputs_tell_the_fraction_and_the_rest_vote() {
+        let fitted = |at: f64, std: f64| DelayEstimate { enough_poles: true, ..answer(at, std) };
+        let (p1d, p2d, whole, outdone) = (fitted(0.618, 0.001), fitted(0.616, 0.013), answer(0.6, 0.03), answer(0.64, 0.05));
+        let said = [("arxstruc", &whole), ("oestruc", &whole), ("p1d", &p1d), ("p2d", &p2d), ("p3d", &outdone)]
+            .map(|(m, e)| (method(m).unwrap(), e, None));
+        let v = |others_act, said: &[Said<'_>]| {
+            verdict(said, &[], SampleTime::new(0.1).unwrap(), &RecordFacts { others_act, ..RecordFacts::default() })
+        };
+        let (beside, alone) = (v(true, &said), v(false, &said));
+        assert_eq!((beside.delay_s, beside.ci95_s), (Some(0.618), Some([0.616 - 0.026, 0.616 + 0.026])), "{}", beside.why);
+        assert_eq!(alone.delay_s, Some(0.6), "with one input nothing changes: {}", alone.why);
+        // Where most votes hold another delay, two models are not believed for being fine.
+        let far = answer(0.9, 0.03);
+        let most = [("arxstruc", &far), ("threshold", &far), ("arxdap", &far), ("p1d", &p1d)].map(|(m, e)| (method(m).unwrap(), e, None));
+        assert_eq!(v(true, &most).delay_s, Some(0.9));
     }
 
     #[test]

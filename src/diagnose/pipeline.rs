@@ -294,7 +294,9 @@ impl Answer<'_> {
         let gap = gap(likelihood, &before, &floor.floor);
         let shares: Vec<Option<f64>> = gap.outputs.iter().map(|o| o.share).collect();
         let predictor = likelihood.predictor;
-        let budget = GapBudget { likelihood, composed, before: &before, after: &after, scales: self.scales, seed };
+        // A hidden sequence takes its share once it is known: what it is handed over as is another model.
+        let explained_by = decoded.as_deref().unwrap_or(&after);
+        let budget = GapBudget { likelihood, composed, before: &before, after: explained_by, scales: self.scales, seed };
         let (mut contributions, recalibration, mut remainder) = budget.sections(composed.estimate.as_ref());
         let cause = self.cause(&judgement);
         share_classes(&mut contributions, &cause.indistinguishable);

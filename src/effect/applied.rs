@@ -2,20 +2,29 @@
 
 use super::{EFFECTS, Effect, EffectError, Parameter, Scales, find};
 use crate::model::EffectEntry;
-use crate::simulate::{Drops, Late, Plan, System};
+use crate::simulate::{Delays, Drops, Plan, System};
 
 /// No size of a parameter is beyond this.
 const BOUNDLESS: f64 = 1e50;
 
 /// What random effects do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Chance<'a> {
     /// Their mean, which is what a fit can predict.
     Mean,
     /// A draw from this seed.
     Seed(u64),
-    /// What happened, one sequence per input: in which samples the command that was sent was not yet or never there.
-    Known(&'a [Option<Vec<bool>>]),
+    /// What happened, one sequence per input.
+    Known(&'a [Option<Fates>]),
+}
+
+/// What became of the commands of an input, one for each sample of the log.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Fates {
+    /// In which samples the command that was sent was not yet or never there.
+    Missing(Vec<bool>),
+    /// By how much each was late, seconds.
+    Late(Vec<f64>),
 }
 
 /// An effect on a channel with its values.
@@ -151,24 +160,23 @@ impl Applied {
         }
         for (i, path) in plan.inputs.iter_mut().enumerate() {
             let seed_of = |seed: u64| seed.wrapping_add(i as u64);
-            if let Some(late) = path.late {
-                match chance {
-                    Chance::Mean => {}
-                    Chance::Seed(seed) => path.late = Some(Late { seed: Some(seed_of(seed)), ..late }),
-                    Chance::Known(sequences) => {
-                        if let Some(sequence) = sequences.get(i).cloned().flatten() {
-                            (path.drops, path.late) = (Some(Drops::Sequence(sequence)), None);
-                        }
-                    }
+            let known = match chance {
+                Chance::Known(sequences) => sequences.get(i).cloned().flatten(),
+                Chance::Mean | Chance::Seed(_) => None,
+            };
+            match (known, &mut path.late) {
+                (Some(Fates::Missing(missing)), late) if late.is_some() || path.drops.is_some() => {
+                    (path.drops, *late) = (Some(Drops::Sequence(missing)), None);
                 }
+                (Some(Fates::Late(delays)), Some(late)) => late.delays = Delays::Known(delays),
+                _ => {}
             }
-            let Some(Drops::Mean(probability)) = path.drops else { continue };
-            match chance {
-                Chance::Mean => {}
-                Chance::Seed(seed) => path.drops = Some(Drops::Random { probability, seed: seed_of(seed) }),
-                Chance::Known(sequences) => {
-                    path.drops = sequences.get(i).cloned().flatten().map(Drops::Sequence).or(Some(Drops::Mean(probability)))
-                }
+            let Chance::Seed(seed) = chance else { continue };
+            if let Some(late) = &mut path.late {
+                late.delays = Delays::Seed(seed_of(seed));
+            }
+            if let Some(Drops::Mean(probability)) = path.drops {
+                path.drops = Some(Drops::Random { probability, seed: seed_of(seed) });
             }
         }
         Ok(plan)

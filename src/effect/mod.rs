@@ -13,7 +13,7 @@ mod output;
 mod parameter;
 mod table;
 
-pub use applied::{Applied, Chance};
+pub use applied::{Applied, Chance, Fates};
 pub use channel::depends;
 pub use on_log::{OnLog, Still, check_units};
 pub use parameter::{Parameter, Role};

@@ -14,6 +14,8 @@ const KAISER_BETA: f64 = 8.0;
 const EDGE: f64 = 0.85;
 /// Points of the kernel's table per zero crossing.
 const TABLE: usize = 1024;
+/// A command of fewer stamps than this part of those of the densest output is sparse: its stamps would say little of the output.
+const SPARSE: f64 = 0.1;
 /// A common grid may have at most this many samples.
 const MOST_SAMPLES: f64 = 2e8;
 
@@ -92,7 +94,8 @@ impl Recording {
     /// The wanted channels as one log, each called as it was asked for; a file without topics gives all its channels.
     ///
     /// Channels of one topic keep its stamps. Where they come from several, all are put onto the stamps of the first held channel's topic, or onto an even grid of
-    /// `grid`: held channels keep their value until the next one, the others are interpolated with a kernel that passes what both rates can carry and stops what the
+    /// `grid`; where held channels have under a tenth of the stamps of the densest other topic, onto that one's. Held channels keep their value until the next one and
+    /// the last one to the log's end, the others are interpolated with a kernel that passes what both rates can carry and stops what the
     /// slower one would fold (Kaiser-windowed sinc, 16 zero crossings a side). The kernel reaches both ways, so an edge is blurred, not moved. Nothing is interpolated
     /// across a gap. The second value says what was done.
     ///
@@ -105,7 +108,7 @@ impl Recording {
             return Ok((log.clone(), Vec::new()));
         }
         let chosen = self.chosen(wanted)?;
-        let Some((_, base, _)) = chosen.iter().find(|(one, ..)| one.held).or(chosen.first()).copied() else {
+        let Some((base, sparse)) = base(&chosen) else {
             let name = wanted.first().map_or("", |one| one.name.as_str());
             return self.find(name).map(|(topic, _)| (topic.log.clone(), Vec::new()));
         };
@@ -135,14 +138,19 @@ impl Recording {
         }
         let onto = grid.map_or_else(|| format!("the stamps of {}", base.name), |step| format!("an even grid of {} s", step.seconds()));
         let mut note = format!("channels are put onto {onto}");
+        if sparse && grid.is_none() {
+            note += " (the commands are too sparse to be the grid)";
+        }
         if !held.is_empty() {
             note += &format!("; {} held", held.join(", "));
         }
+        note += &held_on(&chosen, &time_s);
         if !moved.is_empty() {
             note += &format!("; {} interpolated within what both rates carry", moved.join(", "));
         }
+        // A command that is put onto other stamps looks later than it was, by up to a step.
         let log = Log::new(self.source.clone(), time_s, channels)?;
-        Ok((Log { early_s: if moved.is_empty() { 0.0 } else { early_s + step_s }, ..log }, vec![note]))
+        Ok((Log { early_s: early_s + step_s, ..log }, vec![note]))
     }
 
     /// The channels that are wanted; those that are not required may be missing.
@@ -158,17 +166,17 @@ impl Recording {
         Ok(chosen)
     }
 
-    /// The stamps of one topic, or those of an even grid, while all topics last.
+    /// The stamps of one topic, or those of an even grid, from where all topics have begun to where the first one ends that is not held.
     fn common_times(&self, chosen: &[Chosen<'_, '_>], base: &Topic, grid: Option<SampleTime>) -> Result<Vec<f64>, LogError> {
         let from_s = chosen.iter().map(|(_, t, _)| t.log.start_s()).fold(f64::NEG_INFINITY, f64::max);
-        let to_s = chosen.iter().map(|(_, t, _)| t.log.start_s() + t.log.duration_s()).fold(f64::INFINITY, f64::min);
+        let ends = |held: bool| chosen.iter().filter(move |(one, ..)| one.held == held).map(|(_, t, _)| t.log.end_s());
+        let to_s = ends(false).reduce(f64::min).or_else(|| ends(true).reduce(f64::max)).unwrap_or(f64::INFINITY);
         let time_s: Vec<f64> = match grid {
             None => base.log.time_s.iter().copied().filter(|t| (from_s..=to_s).contains(t)).collect(),
             Some(step) => self.even(from_s, to_s, step.seconds())?,
         };
         if time_s.is_empty() {
-            let spans =
-                chosen.iter().map(|(one, t, _)| (one.name.clone(), t.log.start_s(), t.log.start_s() + t.log.duration_s())).collect();
+            let spans = chosen.iter().map(|(one, t, _)| (one.name.clone(), t.log.start_s(), t.log.end_s())).collect();
             return Err(LogError::NoCommonTime { file: self.source.clone(), spans });
         }
         Ok(time_s)
@@ -182,6 +190,37 @@ impl Recording {
         }
         Ok(if last < 0.0 { Vec::new() } else { (0..=last as usize).map(|k| from_s + k as f64 * step_s).collect() })
     }
+}
+
+/// The topic whose stamps are the grid: that of the first held channel, where one is dense enough, else the densest of the others; and whether commands were too sparse.
+fn base<'r>(chosen: &[Chosen<'_, 'r>]) -> Option<(&'r Topic, bool)> {
+    let others = chosen.iter().filter(|(one, topic, _)| !one.held && topic.log.len() > 1).map(|(_, topic, _)| *topic);
+    let densest = others.min_by(|a, b| a.log.median_step_s().total_cmp(&b.log.median_step_s()));
+    let dense = |topic: &Topic| {
+        densest.is_none_or(|other| {
+            let from_s = topic.log.start_s().max(other.log.start_s());
+            let stamps = |log: &Log| log.time_s.iter().filter(|t| (from_s..=other.log.end_s()).contains(*t)).count() as f64;
+            stamps(&topic.log) >= SPARSE * stamps(&other.log)
+        })
+    };
+    let held = || chosen.iter().filter(|(one, ..)| one.held).map(|(_, topic, _)| *topic);
+    match (held().find(|topic| dense(topic)), held().next(), densest) {
+        (Some(topic), ..) => Some((topic, false)),
+        (None, Some(_), Some(other)) => Some((other, true)),
+        (None, held, _) => held.or(chosen.first().map(|(_, topic, _)| *topic)).map(|topic| (topic, false)),
+    }
+}
+
+/// Which commands are held far behind their last stamp, as a part of a sentence.
+fn held_on(chosen: &[Chosen<'_, '_>], time_s: &[f64]) -> String {
+    let end_s = time_s.last().copied().unwrap_or(0.0);
+    let far = |log: &Log| end_s - log.end_s() > GAP_STEPS * log.median_step_s().max(super::csv::median_step(time_s));
+    let late: Vec<String> = chosen
+        .iter()
+        .filter(|(one, topic, _)| one.held && far(&topic.log))
+        .map(|(one, topic, _)| format!("{} keeps its last value for {:.3} s, to the end", one.name, end_s - topic.log.end_s()))
+        .collect();
+    if late.is_empty() { String::new() } else { format!("; {}", late.join(", ")) }
 }
 
 fn full(topic: &str, channel: &str) -> String {
@@ -362,6 +401,52 @@ mod tests {
                 assert!(!there || (x - 3.0 - 2.0 * t).abs() < 1e-9, "{t}: {x}");
             }
         }
+    }
+
+    /// A topic `name` with one channel of that name, which is a function of time.
+    fn topic(name: &str, stamps: Vec<f64>, value: impl Fn(f64) -> f64) -> Topic {
+        let channel = Channel::new(name, None, stamps.iter().map(|t| value(*t)).collect());
+        Topic { name: name.to_owned(), log: Log::new(name, stamps, vec![channel]).unwrap() }
+    }
+
+    fn even(from_s: f64, step_s: f64, count: usize) -> Vec<f64> {
+        (0..count).map(|k| from_s + step_s * k as f64).collect()
+    }
+
+    fn both(command: Topic, output: Topic, grid: Option<f64>) -> (Log, String) {
+        let recording = Recording { source: "a.ulg".into(), format: "ulog", topics: vec![command, output], notes: Vec::new() };
+        let wanted = [("u", true), ("y", false)].map(|(name, held)| Wanted { name: name.into(), held, required: true });
+        let (log, notes) = recording.together(&wanted, grid.map(|step| SampleTime::new(step).unwrap())).unwrap();
+        (log, notes.join("|"))
+    }
+
+    #[test]
+    fn sparse_commands_last_to_the_end_and_leave_the_grid_to_the_output() {
+        let output = || topic("y", even(0.0, 0.01, 1001), |t| t);
+        // One set point near the start.
+        let (log, said) = both(topic("u", vec![0.055], |_| 3.0), output(), None);
+        assert_eq!(log.len(), 995);
+        assert!(log.input("u").unwrap().iter().all(|u| *u == 3.0) && (log.time_s()[994] - 10.0).abs() < 1e-9);
+        assert!(said.contains("stamps of y (the commands are too sparse") && said.contains("u keeps its last value for 9.945 s"), "{said}");
+        assert!(log.early_s() > 0.0, "a command between two stamps of the output is put behind it");
+        // One each second, until 6 s.
+        let seconds = || topic("u", even(0.0, 1.0, 7), |t| t);
+        let (log, said) = both(seconds(), output(), None);
+        assert_eq!(log.len(), 1001);
+        for (t, u) in log.time_s().iter().zip(log.input("u").unwrap()) {
+            assert_eq!(*u, (t + 1e-9).floor().min(6.0), "{t}");
+        }
+        assert_eq!(log.output("y").unwrap().get(437), Some(4.37), "the output's own samples");
+        assert!(said.contains("for 4.000 s"), "{said}");
+        // Onto an even grid, to the end too.
+        assert_eq!(both(seconds(), output(), Some(0.1)).0.len(), 101);
+    }
+
+    #[test]
+    fn dense_commands_are_the_grid() {
+        let (log, said) = both(topic("u", even(0.0, 0.05, 200), |t| t), topic("y", even(0.0, 0.01, 1001), |t| t), None);
+        assert_eq!(log.len(), 200);
+        assert!(said.contains("stamps of u;") && !said.contains("sparse") && !said.contains("keeps"), "{said}");
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Topics out of named arrays and structs, as MATLAB and Simulink save them.
 
-use super::csv::named_time;
+use super::LogError;
+use super::csv::{Times, named_time, seconds};
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
-use super::{LogError, Topic};
 use crate::error::Error;
 
 /// What a variable holds; arrays run column by column.
@@ -15,6 +15,16 @@ pub(super) enum Array {
     Other,
 }
 
+/// Clocks that are further apart than this do not count from the same day, s: ten years.
+const ANOTHER_CLOCK_S: f64 = 3.2e8;
+
+/// A vector of time and what stands beside it.
+struct Found<'a> {
+    name: String,
+    times: Times,
+    columns: Vec<(String, &'a [f64])>,
+}
+
 /// The recording of a file's variables: arrays as long as a vector of time beside them are its channels, structs with a time are topics.
 pub(super) fn assemble(
     source: &str,
@@ -24,8 +34,14 @@ pub(super) fn assemble(
     mut notes: Vec<String>,
     options: &ReadOptions,
 ) -> Result<Recording, Error> {
+    let mut found = Vec::new();
+    collect("", &variables, &mut found, &mut notes, options);
+    // What one topic counts from the others count from, too.
+    let origin_ns = found.iter().find_map(|found| found.times.origin_ns);
     let mut topics = Vec::new();
-    collect(source, "", &variables, &mut topics, &mut notes, options)?;
+    for found in found {
+        topics.extend(found.table(origin_ns).finish(source, &mut notes)?);
+    }
     if topics.is_empty() {
         if variables.iter().any(|(_, array)| matches!(array, Array::Numbers { .. } | Array::Struct(_))) {
             notes.push("no vector of time was found: call one `time` or `t`, or name it with --time".into());
@@ -35,14 +51,29 @@ pub(super) fn assemble(
     Ok(Recording { source: source.into(), format, topics, notes })
 }
 
-fn collect(
-    source: &str,
-    name: &str,
-    fields: &[(String, Array)],
-    topics: &mut Vec<Topic>,
-    notes: &mut Vec<String>,
-    options: &ReadOptions,
-) -> Result<(), Error> {
+impl Found<'_> {
+    /// Its rows, their time counted from an origin of the whole file.
+    fn table(&self, origin_ns: Option<i128>) -> Table {
+        let mut table = Table::new(self.name.as_str());
+        let places: Vec<usize> = self.columns.iter().map(|(column, _)| table.column(column.clone(), None)).collect();
+        let apart_ns = origin_ns.map_or(0, |origin| self.times.origin_ns.unwrap_or(0).saturating_sub(origin));
+        let mut later_s = apart_ns as f64 / 1e9;
+        if (self.times.time_s.first().copied().unwrap_or(0.0) + later_s).abs() > ANOTHER_CLOCK_S {
+            later_s = 0.0;
+        }
+        for (row, stamp) in self.times.time_s.iter().enumerate() {
+            table.row(stamp + later_s);
+            for (place, (_, values)) in places.iter().zip(&self.columns) {
+                if let Some(value) = values.get(row) {
+                    table.set(*place, *value);
+                }
+            }
+        }
+        table
+    }
+}
+
+fn collect<'a>(name: &str, fields: &'a [(String, Array)], found: &mut Vec<Found<'a>>, notes: &mut Vec<String>, options: &ReadOptions) {
     let vectors = || fields.iter().filter_map(|(field, array)| vector(array).map(|values| (field.as_str(), values)));
     let time = match &options.time {
         Some(wanted) => vectors().find(|(field, _)| field == wanted),
@@ -51,33 +82,24 @@ fn collect(
             .or_else(|| vectors().find(|(field, _)| named_time(field).is_some() || matches!(field.to_lowercase().as_str(), "t" | "tout"))),
     };
     if let Some((clock, stamps)) = time {
-        let unit = options.time_unit.or_else(|| named_time(clock).flatten()).unwrap_or(TimeUnit::S);
-        if !matches!(clock, "time" | "t" | "tout") || unit != TimeUnit::S {
-            notes.push(format!("{}time is `{clock}`, in {}", prefix(name), unit.words()));
+        let known = options.time_unit.or_else(|| named_time(clock).flatten());
+        let plain = matches!(clock, "time" | "t" | "tout");
+        let times = seconds(stamps.iter().map(f64::to_string), known, plain);
+        if !plain || times.unit != TimeUnit::S || !times.told.is_empty() {
+            notes.push(format!("{}time is `{clock}`, in {}{}", prefix(name), times.unit.words(), times.told));
         }
         let mut columns: Vec<(String, &[f64])> = Vec::new();
         for (field, array) in fields.iter().filter(|(field, _)| field != clock) {
             channels(field, array, stamps.len(), &mut columns, notes);
         }
-        let mut table = Table::new(name);
-        let places: Vec<usize> = columns.iter().map(|(column, _)| table.column(column.clone(), None)).collect();
-        for (row, stamp) in stamps.iter().enumerate() {
-            table.row(stamp / unit.per_second());
-            for (place, (_, values)) in places.iter().zip(&columns) {
-                if let Some(value) = values.get(row) {
-                    table.set(*place, *value);
-                }
-            }
-        }
-        topics.extend(table.finish(source, notes)?);
+        found.push(Found { name: name.to_owned(), times, columns });
     }
     for (field, array) in fields {
         let path = if name.is_empty() { field.clone() } else { format!("{name}.{field}") };
         if let Array::Struct(inner) = array {
-            collect(source, &path, inner, topics, notes, options)?;
+            collect(&path, inner, found, notes, options);
         }
     }
-    Ok(())
 }
 
 fn prefix(name: &str) -> String {
@@ -125,5 +147,51 @@ fn channels<'a>(field: &str, array: &'a Array, rows: usize, columns: &mut Vec<(S
             }
         }
         _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn vector_of(values: &[f64]) -> Array {
+        Array::Numbers { shape: vec![values.len(), 1], values: values.to_vec() }
+    }
+
+    /// `time` from a start on in steps, and a channel beside it.
+    fn timed(name: &str, start: f64, step: f64) -> Vec<(String, Array)> {
+        let stamps: Vec<f64> = (0..5).map(|k| start + step * f64::from(k)).collect();
+        vec![("time".to_owned(), vector_of(&stamps)), (name.to_owned(), vector_of(&[1.0, 2.0, 3.0, 4.0, 5.0]))]
+    }
+
+    fn read(variables: Vec<(String, Array)>, options: &ReadOptions) -> Recording {
+        assemble("a.mat", "mat", "MAT 5", variables, Vec::new(), options).unwrap()
+    }
+
+    #[test]
+    fn the_unit_of_time_is_told_by_the_size_of_whole_numbers_and_said() {
+        let found = |variables, options: &ReadOptions| {
+            let recording = read(variables, options);
+            (recording.topics[0].log.time_s().to_vec(), recording.notes.join("|"))
+        };
+        let none = ReadOptions::default();
+        let (time_s, notes) = found(timed("u", 0.0, 10_000.0), &none);
+        assert_eq!(time_s, [0.0, 0.01, 0.02, 0.03, 0.04]);
+        assert!(notes.contains("`time`, in microseconds by the size of its numbers; --time-unit"), "{notes}");
+        let (time_s, notes) = found(timed("u", 1.7e15, 10_000.0), &none);
+        assert_eq!(time_s, [0.0, 0.01, 0.02, 0.03, 0.04]);
+        assert!(notes.contains("counted from the first (1700000000000000)"), "{notes}");
+        assert_eq!(found(timed("u", 0.0, 0.5), &none), (vec![0.0, 0.5, 1.0, 1.5, 2.0], String::new()));
+        let seconds = ReadOptions { time_unit: Some(TimeUnit::S), ..none };
+        assert_eq!(found(timed("u", 0.0, 10_000.0), &seconds).0[1], 10_000.0);
+    }
+
+    #[test]
+    fn topics_of_a_file_count_from_one_origin() {
+        // Nanoseconds since a machine was switched on: one topic begins before 100 s, the other behind.
+        let topic = |start: f64| Array::Struct(timed("u", start, 1e7));
+        let recording = read(vec![("a".to_owned(), topic(1.002e11)), ("b".to_owned(), topic(9.99e10))], &ReadOptions::default());
+        let starts: Vec<f64> = recording.topics.iter().map(|topic| topic.log.time_s()[0]).collect();
+        assert!(starts[0] == 0.0 && (starts[1] + 0.3).abs() < 1e-9, "{starts:?}");
     }
 }

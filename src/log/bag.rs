@@ -25,10 +25,15 @@ pub(super) struct Bag {
     stamps: Stamps,
     origin_ns: Option<i128>,
     streams: BTreeMap<u64, Stream>,
+    /// Channels that go into the stream of another one: of several senders of one topic.
+    same: HashMap<u64, u64>,
     pub(super) notes: Vec<String>,
 }
 
 struct Stream {
+    topic: String,
+    /// Encoding and definition of its messages.
+    kind: Kind,
     table: Table,
     how: How,
     messages: usize,
@@ -39,6 +44,9 @@ struct Stream {
     late_s: Vec<f64>,
 }
 
+/// How messages are encoded, and the name and text of their definition.
+type Kind = (String, Option<(String, Vec<u8>)>);
+
 enum How {
     Ros(Box<Decoder>),
     Protobuf(Box<Messages>),
@@ -48,14 +56,35 @@ enum How {
 
 impl Bag {
     pub(super) fn new(stamps: Stamps) -> Self {
-        Self { stamps, origin_ns: None, streams: BTreeMap::new(), notes: Vec::new() }
+        Self { stamps, origin_ns: None, streams: BTreeMap::new(), same: HashMap::new(), notes: Vec::new() }
     }
 
     /// Adds a topic, unless its number is known already.
     pub(super) fn topic(&mut self, id: u64, name: &str, message_encoding: &str, schema: Option<&Schema<'_>>) {
-        if self.streams.contains_key(&id) {
+        if self.streams.contains_key(&id) || self.same.contains_key(&id) {
             return;
         }
+        let kind = (message_encoding.to_owned(), schema.map(|s| (s.name.to_owned(), s.data.to_vec())));
+        let called = self.streams.iter().filter(|(_, stream)| stream.topic == name).collect::<Vec<_>>();
+        if let Some((first, _)) = called.iter().find(|(_, stream)| stream.kind == kind) {
+            let (first, note) =
+                (**first, format!("{name}: several channels of one definition are read as one topic, as from several senders"));
+            self.same.insert(id, first);
+            if !self.notes.contains(&note) {
+                self.notes.push(note);
+            }
+            return;
+        }
+        let table = if called.is_empty() {
+            Table::new(name)
+        } else {
+            let numbered = format!("{name}[{}]", called.len());
+            self.notes.push(format!(
+                "{name}: channels of several definitions; the one of {} is called {numbered}",
+                schema.map_or(message_encoding, |s| s.name)
+            ));
+            Table::new(numbered)
+        };
         let ros = |encoding, schema: &Schema<'_>| match Definitions::parse(schema.name, &String::from_utf8_lossy(schema.data)) {
             Ok(definitions) => How::Ros(Box::new(Decoder { definitions, encoding, root: Node::Unseen, long: Vec::new() })),
             Err(what) => How::Unknown(format!("{}: {what}", schema.name)),
@@ -75,13 +104,14 @@ impl Bag {
                 How::Unknown(format!("messages in {encoding}{schema} are not read"))
             }
         };
-        let stream = Stream { table: Table::new(name), how, messages: 0, broken: 0, header: None, late_s: Vec::new() };
+        let stream = Stream { topic: name.to_owned(), kind, table, how, messages: 0, broken: 0, header: None, late_s: Vec::new() };
         self.streams.insert(id, stream);
     }
 
     /// Adds a message of a topic; `ns` is the recorder's stamp in nanoseconds.
     pub(super) fn message(&mut self, id: u64, ns: i128, data: &[u8]) {
         let origin = *self.origin_ns.get_or_insert(ns);
+        let id = self.same.get(&id).copied().unwrap_or(id);
         let Some(stream) = self.streams.get_mut(&id) else { return };
         stream.messages += 1;
         let table = &mut stream.table;

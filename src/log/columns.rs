@@ -86,9 +86,9 @@ pub(super) fn assemble(
         return Err(LogError::NoTopics { file: source.into(), format: title, notes }.into());
     };
     let known = options.time_unit.or(clock.cells.unit()).or_else(|| named_time(&clock.name).flatten());
-    let (stamps, unit) = seconds((0..clock.cells.len()).map(|row| clock.cells.text(row)), known, clock.name == "time");
-    if clock.name != "time" || unit != TimeUnit::S {
-        notes.push(format!("time is `{}`, in {}", clock.name, unit.words()));
+    let times = seconds((0..clock.cells.len()).map(|row| clock.cells.text(row)), known, clock.name == "time");
+    if clock.name != "time" || times.unit != TimeUnit::S || !times.told.is_empty() {
+        notes.push(format!("time is `{}`, in {}{}", clock.name, times.unit.words(), times.told));
     }
     let mut table = Table::new("");
     let mut channels = Vec::new();
@@ -100,7 +100,7 @@ pub(super) fn assemble(
             channels.push((table.column(name, unit), &column.cells));
         }
     }
-    for (row, stamp) in stamps.iter().enumerate() {
+    for (row, stamp) in times.time_s.iter().enumerate() {
         table.row(*stamp);
         for (place, cells) in &channels {
             if let Some(value) = cells.number(row) {

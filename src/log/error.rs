@@ -204,6 +204,21 @@ pub enum LogError {
         /// The cell, shortened if long.
         text: String,
     },
+    /// A comma in a number that commas separate from others.
+    #[error(
+        "{file}, {place}: channel `{channel}` holds `{text}`, whose comma may be a decimal one or stand between thousands; \
+         write numbers with a decimal point, or separate the columns by semicolons"
+    )]
+    Comma {
+        /// The log.
+        file: String,
+        /// Where.
+        place: Place,
+        /// The column.
+        channel: String,
+        /// The cell, shortened if long.
+        text: String,
+    },
     /// NaN, an infinity, or a number beyond the range of `f64`.
     #[error(
         "{file}, {place}: channel `{channel}` holds `{text}`, which is no finite number; {}",

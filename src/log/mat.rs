@@ -42,7 +42,7 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
     let big = match bytes.get(124..128) {
         Some([0, 1, b'I', b'M']) => false,
         Some([1, 0, b'M', b'I']) => true,
-        _ => return Err(refused("the header is not one of version 5 to 7.3; save it with `save -v7` or `-v7.3`").into()),
+        _ => return Err(refused("the header is not one of version 5 to 7.3 (version 4, say); save it with `save -v7` or `-v7.3`, in Python with scipy.io.savemat(FILE, data)").into()),
     };
     let mut file = Elements { bytes: bytes.get(HEADER..).unwrap_or_default(), big };
     let (mut variables, mut notes) = (Vec::new(), Vec::new());

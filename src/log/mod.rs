@@ -487,6 +487,10 @@ impl Log {
     fn start_s(&self) -> f64 {
         self.time_s.first().copied().unwrap_or(0.0)
     }
+
+    fn end_s(&self) -> f64 {
+        self.time_s.last().copied().unwrap_or(0.0)
+    }
 }
 
 /// Checks one time stamp against the one before it.

@@ -5,7 +5,7 @@
 use std::fs::File;
 use std::path::Path;
 
-use ::parquet::basic::{LogicalType, TimeUnit as Unit, Type};
+use ::parquet::basic::{Compression, LogicalType, TimeUnit as Unit, Type};
 use ::parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use ::parquet::data_type::DataType;
 use ::parquet::errors::ParquetError;
@@ -37,6 +37,11 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
 fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, Vec<String>), ParquetError> {
     let reader = SerializedFileReader::new(file)?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
+    let packed = reader.metadata().row_groups().iter().flat_map(|group| group.columns().iter().map(|column| column.compression()));
+    if let Some(name) = packed.into_iter().find_map(unread) {
+        let remedy = "write it again with compression=\"zstd\", \"snappy\" or \"gzip\"";
+        return Err(ParquetError::General(format!("compressed by {name}, which is not read; {remedy}")));
+    }
     let (mut columns, mut notes) = (Vec::new(), Vec::new());
     let steps = far.steps(schema.num_columns(), "reading columns");
     for (at, leaf) in schema.columns().iter().enumerate() {
@@ -61,6 +66,15 @@ fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, Vec<String>), ParquetE
         steps.one_more();
     }
     Ok((columns, notes))
+}
+
+/// The name of a compression that is not read.
+fn unread(how: Compression) -> Option<&'static str> {
+    match how {
+        Compression::BROTLI(_) => Some("Brotli"),
+        Compression::LZO => Some("LZO"),
+        _ => None,
+    }
 }
 
 /// The cells of a column before any is read; `None` of what is neither number nor text.
@@ -125,4 +139,41 @@ fn values<T: DataType, V>(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use ::parquet::basic::{BrotliLevel, GzipLevel};
+    use ::parquet::data_type::DoubleType;
+    use ::parquet::file::properties::WriterProperties;
+    use ::parquet::file::writer::SerializedFileWriter;
+    use ::parquet::schema::parser::parse_message_type;
+
+    use super::*;
+
+    #[test]
+    fn pages_in_gzip_are_read_and_what_is_not_read_is_known() {
+        let schema = Arc::new(parse_message_type("message log { required double time; required double u; }").unwrap());
+        let properties = WriterProperties::builder().set_compression(Compression::GZIP(GzipLevel::default()));
+        let mut bytes = Vec::new();
+        let mut writer = SerializedFileWriter::new(&mut bytes, schema, Arc::new(properties.build())).unwrap();
+        let mut group = writer.next_row_group().unwrap();
+        let values = |scale: f64| (0..500).map(|k| scale * f64::from(k)).collect::<Vec<_>>();
+        for scale in [0.01, 2.0] {
+            let mut column = group.next_column().unwrap().unwrap();
+            column.typed::<DoubleType>().write_batch(&values(scale), None, None).unwrap();
+            column.close().unwrap();
+        }
+        group.close().unwrap();
+        writer.close().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.parquet");
+        std::fs::write(&path, bytes).unwrap();
+        let log = open(&path, &ReadOptions::default()).unwrap().into_log().unwrap();
+        assert_eq!((log.time_s(), log.input("u").unwrap()), (values(0.01).as_slice(), values(2.0).as_slice()));
+        let names = [Compression::BROTLI(BrotliLevel::default()), Compression::LZO, Compression::SNAPPY].map(unread);
+        assert_eq!(names, [Some("Brotli"), Some("LZO"), None]);
+    }
 }

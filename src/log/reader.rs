@@ -3,7 +3,6 @@
 use std::io::Read;
 use std::path::Path;
 
-#[cfg(not(feature = "tables"))]
 use super::LogError;
 use super::recording::{ReadOptions, Recording};
 use super::{Log, csv, mat, mcap, rosbag2, ulog};
@@ -46,7 +45,7 @@ pub const READERS: &[Reader] = &[
     },
     Reader {
         name: "mcap",
-        summary: "MCAP: topics of ROS 2 (CDR) and ROS 1 messages by their definitions, and JSON; plain, lz4 or zstd chunks",
+        summary: "MCAP: topics of ROS 2 (CDR), ROS 1 and protobuf messages by their definitions, and JSON; plain, lz4 or zstd chunks",
         extensions: &["mcap"],
         sniff: |head| head.starts_with(mcap::MAGIC),
         open: mcap::open,
@@ -77,7 +76,7 @@ pub const READERS: &[Reader] = &[
     },
     Reader {
         name: "parquet",
-        summary: "Parquet: every column of numbers beside one of time; snappy, lz4 and zstd",
+        summary: "Parquet: every column of numbers beside one of time; snappy, gzip, lz4 and zstd",
         extensions: &["parquet", "pq"],
         sniff: |head| head.starts_with(b"PAR1"),
         #[cfg(feature = "tables")]
@@ -104,17 +103,97 @@ pub const READERS: &[Reader] = &[
     },
 ];
 
+/// A format that is known and not read.
+struct Foreign {
+    /// What it is.
+    name: &'static str,
+    /// How such a file begins.
+    head: &'static [u8],
+    /// How its name ends; empty: its first bytes are enough.
+    extensions: &'static [&'static str],
+    /// What to do.
+    remedy: &'static str,
+}
+
+const FOREIGN: &[Foreign] = &[
+    Foreign {
+        name: "a bag of ROS 1",
+        head: b"#ROSBAG",
+        extensions: &[],
+        remedy: "convert it to MCAP: `mcap convert FILE.bag FILE.mcap`, or to a bag of ROS 2 by rosbags-convert of the Python package rosbags",
+    },
+    Foreign {
+        name: "a workbook of Excel",
+        head: b"PK\x03\x04",
+        extensions: &["xlsx", "xlsm"],
+        remedy: "save the sheet as CSV, or in Python: pandas.read_excel(FILE).to_csv(\"log.csv\", index=False)",
+    },
+    Foreign {
+        name: "a workbook of Excel",
+        head: b"\xd0\xcf\x11\xe0",
+        extensions: &["xls"],
+        remedy: "save the sheet as CSV, or in Python: pandas.read_excel(FILE).to_csv(\"log.csv\", index=False)",
+    },
+    Foreign {
+        name: "arrays of numpy",
+        head: b"PK\x03\x04",
+        extensions: &["npz"],
+        remedy: "in Python: pandas.DataFrame(dict(numpy.load(FILE))).to_parquet(\"log.parquet\"), where all arrays are as long as `time`; or deadtime.Log(time, channels)",
+    },
+    Foreign {
+        name: "an array of numpy",
+        head: b"\x93NUMPY",
+        extensions: &[],
+        remedy: "give its columns names and a time: deadtime.Log(time, channels) in Python, or write CSV",
+    },
+    Foreign {
+        name: "a measurement in MDF",
+        head: b"MDF     ",
+        extensions: &[],
+        remedy: "export it as CSV or MAT, in Python by asammdf: MDF(FILE).to_dataframe().to_csv(\"log.csv\", index_label=\"time\")",
+    },
+    Foreign {
+        name: "a measurement in TDMS",
+        head: b"TDSm",
+        extensions: &[],
+        remedy: "export it as CSV, in Python by npTDMS: TdmsFile.read(FILE).as_dataframe(time_index=True).to_csv(\"log.csv\", index_label=\"time\")",
+    },
+    Foreign { name: "a ZIP archive", head: b"PK\x03\x04", extensions: &[], remedy: "unpack it, and give the log in it" },
+];
+
+/// A folder, which may be a bag of ROS 2: the files in it that are read.
+fn folder(path: &Path) -> Option<Error> {
+    if !path.is_dir() {
+        return None;
+    }
+    let inside = std::fs::read_dir(path).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
+    let mut bags: Vec<String> =
+        inside.filter(|p| p.extension().is_some_and(|e| e == "mcap" || e == "db3")).map(|p| p.display().to_string()).collect();
+    bags.sort();
+    let first = bags.first()?;
+    let what =
+        format!("a folder; its parts are read one by one: give `{first}`{}", if bags.len() > 1 { ", or another of its files" } else { "" });
+    Some(LogError::Format { file: path.display().to_string(), format: "a bag of ROS 2", what }.into())
+}
+
 /// The format of a file: by its first bytes, then by its name; text where neither tells.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// [`Error::Io`]; [`LogError::Format`] for a format that is known and not read.
 pub fn reader(path: &Path) -> Result<&'static Reader, Error> {
     let io = |e| Error::io(path, e);
+    if let Some(error) = folder(path) {
+        return Err(error);
+    }
     let mut head = Vec::with_capacity(HEAD);
     std::fs::File::open(path).map_err(io)?.take(HEAD as u64).read_to_end(&mut head).map_err(io)?;
     let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
-    let called = |r: &&Reader| r.extensions.iter().any(|e| name.strip_suffix(e).is_some_and(|stem| stem.ends_with('.')));
-    let known = READERS.iter().find(|r| (r.sniff)(&head)).or_else(|| READERS.iter().find(called));
+    let ends = |extensions: &[&str]| extensions.iter().any(|e| name.strip_suffix(e).is_some_and(|stem| stem.ends_with('.')));
+    if let Some(foreign) = FOREIGN.iter().find(|f| head.starts_with(f.head) && (f.extensions.is_empty() || ends(f.extensions))) {
+        let (file, what) = (path.display().to_string(), format!("this format is not read; {}", foreign.remedy));
+        return Err(LogError::Format { file, format: foreign.name, what }.into());
+    }
+    let known = READERS.iter().find(|r| (r.sniff)(&head)).or_else(|| READERS.iter().find(|r| ends(r.extensions)));
     known.or(READERS.last()).ok_or_else(|| io(std::io::ErrorKind::Unsupported.into()))
 }
 

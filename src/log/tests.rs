@@ -81,14 +81,14 @@ fn gzip_is_read_by_its_first_bytes_and_by_name() {
 
 #[test]
 fn context_columns_of_text_load_and_are_refused_only_when_asked_for() {
-    let log = log("time,mode,u,v\n0,hover,1,1\n1,land,2,nan\n");
+    let log = log("time,mode,u,v\n0,hover,1,1\n1,land,2,inf\n");
     assert_eq!(log.names().collect::<Vec<_>>(), ["u"]);
     let text = log.channel("mode").unwrap_err();
     assert!(matches!(&text, LogError::NotANumber { place: Place::Row(2), text, .. } if text == "hover"));
     says(&text, &["a.csv", "row 2", "`mode`", "`hover`", "correct it"]);
     let nan = log.output("v").unwrap_err();
-    assert!(matches!(&nan, LogError::NotFinite { place: Place::Row(3), text, .. } if text == "nan"));
-    says(&nan, &["a.csv", "row 3", "`v`", "`nan`", "leave the cell empty"]);
+    assert!(matches!(&nan, LogError::NotFinite { place: Place::Row(3), text, .. } if text == "inf"));
+    says(&nan, &["a.csv", "row 3", "`v`", "`inf`", "leave the cell empty"]);
 }
 
 // What is refused.
@@ -184,6 +184,9 @@ fn the_unit_of_time_is_guessed_and_said() {
         ("time,u\n0,1\n10,1\n20,1\n", [0.0, 10.0, 20.0], "taken in seconds, a sample every 10 s; --time COLUMN"),
         ("time,u\n0,1\n3600,1\n7200,1\n", [0.0, 3600.0, 7200.0], "taken in seconds"),
         ("t,u\n0,1\n0.1,1\n0.2,1\n", [0.0, 0.1, 0.2], "column `t`, taken in seconds"),
+        ("time,u\n1700000000.25,1\n1700000000.26,1\n1700000000.27,1\n", [0.25, 0.26, 0.27], "taken in seconds, counted from 1700000000"),
+        ("time;u\n1700000000,25;1\n1700000001,25;1\n1700000001,26;1\n", [0.25, 1.25, 1.26], "counted from 1700000000"),
+        ("stamp,u\n2024-03-01 10:00:00 UTC,1\n2024-03-01 10:00:00.5 UTC,1\n2024-03-01 10:00:01 UTC,1\n", [0.0, 0.5, 1.0], "dates"),
     ] {
         let (time_s, notes) = timed(text, &ReadOptions::default());
         assert_eq!(time_s, expected, "{text}: {notes}");
@@ -252,8 +255,8 @@ fn nan_and_infinity_in_time_are_refused() {
 }
 
 #[test]
-fn nan_and_infinity_in_a_channel_are_refused() {
-    for text in ["NaN", "nan", "inf", "-Infinity", "-1e999"] {
+fn infinity_in_a_channel_is_refused() {
+    for text in ["inf", "-Infinity", "-1e999"] {
         let error = log(&format!("time,u\n0,1\n1,{text}\n")).input("u").unwrap_err();
         assert!(matches!(error, LogError::NotFinite { place: Place::Row(3), .. }), "{error:?}");
         says(&error, &["a.csv", "row 3", "`u`", text, "leave the cell empty"]);
@@ -291,25 +294,184 @@ fn time_running_back_is_refused_and_offers_records() {
 
 #[test]
 fn binary_is_refused() {
-    for bytes in [b"\x89PNG\r\n\x1a\n\0\0".as_slice(), b"time,\x01\n", b"\xff\xfet\0i\0m\0e\0", b"time,\xb0C\n0,1\n"] {
+    for bytes in [b"\x89PNG\r\n\x1a\n\0\0".as_slice(), b"time,\x01\n", b"time,\x93C\n0,1\n"] {
         let error = refusal(bytes);
         assert!(matches!(error, LogError::NotText { row: 1, .. }), "{error:?}");
         says(&error, &["a.csv", "row 1", "not text", "UTF-8"]);
     }
-    assert!(matches!(refusal(b"time,u\n0,1\n\0\0\0"), LogError::NotText { row: 3, .. }));
+    for bytes in [b"time,u\n0,1\n\0\0\n2,1\n".as_slice(), b"time,u\n0,1\n1,\x002\n2,1\n", b"time,u\n0,1\n\0\0\n", b"\0\0\0\0"] {
+        assert!(matches!(refusal(bytes), LogError::NotText { row: 1 | 3, .. }), "{bytes:?}");
+    }
     let endless = read_from("a.csv", std::io::repeat(b'x')).unwrap_err();
     assert!(matches!(endless, Error::Log(LogError::NotText { row: 1, .. })));
 }
 
+fn squares(rows: i32) -> String {
+    (0..rows).fold("time,u\n".to_owned(), |text, k| text + &format!("{k},{}\n", k * k % 977))
+}
+
 #[test]
-fn cut_off_gzip_is_refused() {
-    let text = (0..20_000).fold("time,u\n".to_owned(), |text, k| text + &format!("{k},{}\n", k * k % 977));
-    let whole = gzip(text.as_bytes());
-    let error = refusal(&whole[..whole.len() / 2]);
+fn damaged_gzip_is_refused() {
+    let whole = gzip(squares(20_000).as_bytes());
+    // The checksum: whole, and something in it is not what was written.
+    let mut damaged = whole.clone();
+    let checksum = whole.len() - 8;
+    damaged[checksum] ^= 1;
+    let error = refusal(&damaged);
     assert!(matches!(error, LogError::Gzip { row, .. } if row > 1000), "{error:?}");
+    // What unpacks to nonsense is refused, whatever is noticed first.
+    let mut damaged = whole.clone();
+    let middle = whole.len() / 2;
+    damaged[middle..middle + 40].iter_mut().for_each(|byte| *byte ^= 0x5a);
+    says(&refusal(&damaged), &["a.csv"]);
     says(&error, &["a.csv", "damaged or cut off", "row", "again"]);
-    assert!(matches!(refusal(&whole[..whole.len() - 4]), LogError::Gzip { .. }));
     assert!(matches!(refusal(b"\x1f\x8bgarbage and more garbage"), LogError::Gzip { row: 0, .. }));
+    assert!(matches!(refusal(&whole[..12]), LogError::Gzip { .. }), "nothing of it can be read");
+}
+
+// Files that break off.
+
+fn cut(bytes: &[u8]) -> (Log, String) {
+    let recording = super::csv::recording_from("a.csv", bytes, &ReadOptions::default()).unwrap();
+    let notes = recording.notes.join("|");
+    (recording.into_log().unwrap(), notes)
+}
+
+/// However many bytes there are, the rows are those of the whole file, and no other.
+#[test]
+fn a_gzip_stream_that_is_cut_off_is_read_up_to_there() {
+    let whole = log(&squares(20_000));
+    let packed = gzip(squares(20_000).as_bytes());
+    for left in [packed.len() / 2, packed.len() * 9 / 10, packed.len() - 9, packed.len() - 4] {
+        let (log, notes) = cut(&packed[..left]);
+        assert!(log.len() > 1000 && log.len() <= 20_000, "{}", log.len());
+        assert_eq!(log.time_s(), &whole.time_s()[..log.len()]);
+        assert_eq!(log.input("u").unwrap(), &whole.input("u").unwrap()[..log.len()]);
+        assert!(notes.contains("cut off") && notes.contains(&format!("read up to row {}", log.len() + 1)), "{notes}");
+    }
+    let records = read_records_from("a.csv", &packed[..packed.len() - 4], "u").unwrap();
+    assert_eq!(records.iter().map(Log::len).sum::<usize>(), 20_000);
+    // Of events nobody would be told what is missing.
+    let error = super::csv::read_events_from("a.csv", &packed[..packed.len() - 4], ["time", "time"]).unwrap_err();
+    assert!(matches!(error, Error::Log(LogError::Gzip { .. })), "{error:?}");
+}
+
+#[test]
+fn half_a_last_row_is_left_out_and_named() {
+    let rows = "time,u,y\n0,1,2\n1,1,2\n";
+    for (rest, why) in [
+        ("2", "1 of 3 cells"),
+        ("2,1", "2 of 3 cells"),
+        ("2,1,-", "`y` is `-`"),
+        ("2,1,", "`y` is ``"),
+        ("2,1,1e", "`y` is `1e`"),
+        ("2,-,5", ""),
+        ("0", "1 of 3 cells"),
+        ("0.5,1,2", "its time is `0.5`"),
+        ("2,1,\"5", "0 of 3 cells"),
+    ] {
+        let (log, notes) = cut(format!("{rows}{rest}").as_bytes());
+        if why.is_empty() {
+            // A whole row: the input's sample is missing, as in any other.
+            assert_eq!((log.len(), notes.as_str()), (3, ""), "{rest}");
+            continue;
+        }
+        assert_eq!(
+            (log.len(), log.input("u").unwrap(), log.output("y").unwrap().values),
+            (2, [1.0, 1.0].as_slice(), [2.0, 2.0].as_slice())
+        );
+        assert!(notes.contains("row 4, the last one, is cut off") && notes.contains(why), "{rest}: {notes}");
+    }
+    // A row that is whole needs no end of the line, and a column that misses samples may miss the last one.
+    assert_eq!(cut(format!("{rows}2,1,2").as_bytes()).0.len(), 3);
+    assert_eq!(cut(b"time,u,y\n0,1,\n1,1,").0.len(), 2);
+    // A row of too few cells that has an end is damage of another kind, and so is one in the middle.
+    for text in [format!("{rows}2,1\n"), format!("{rows}2\n3,1,2")] {
+        says(&refusal(text), &["a.csv", "row 4", "header has 3", "complete or delete the row"]);
+    }
+    assert_eq!(read_records_from("a.csv", "time,r\n0,1\n1,1\n0,2".as_bytes(), "r").unwrap().len(), 2, "a whole row begins another record");
+    assert_eq!(read_records_from("a.csv", "time,r,u\n0,1,1\n1,1,1\n0,2".as_bytes(), "r").unwrap().len(), 1);
+}
+
+#[test]
+fn zero_bytes_at_the_end_are_left_out_and_named() {
+    for (rest, rows) in [("", 2), ("2,1", 2), ("2", 2)] {
+        let bytes = [b"time,u\n0,1\n1,1\n".as_slice(), rest.as_bytes(), &vec![0; 40_000_000]].concat();
+        let (log, notes) = cut(&bytes);
+        assert_eq!(log.len(), rows);
+        assert!(notes.contains("zero bytes stand from row 4") && notes.contains("read up to row 3"), "{notes}");
+    }
+}
+
+// What other programs write.
+
+#[test]
+fn tables_of_pandas_loggers_and_spreadsheets_are_read() {
+    let expected = (vec![0.0, 0.5], vec![1.0, -1.0], vec![Some(2.5), None]);
+    for (text, said) in [
+        (",time,u,y\n0,0,1,2.5\n1,0.5,-1,NaN\n", "column 1 has no name and counts the rows"),
+        (",time,u,y\n17,0,1,2.5\n25,0.5,-1,\n", "column 1 has no name"),
+        ("time,u,y,\n0,1,2.5,\n0.5,-1,nan,\n", ""),
+        ("time,u,y,\n0,1,2.5\n0.5,-1,-\n", ""),
+        ("time;u;y\n0;1;2,5;\n0,5;-1;--;\n", ""),
+        ("time,u,y\ns,V,deg\n0,1,2.5\n0.5,-1,N/A\n", "holds the units"),
+        ("time;u;y\n[s];[V];[deg]\n0;1;2,5\n0,5;-1;null\n", "holds the units"),
+        ("time,u,y\n(ms),1,(deg)\n0,1,2.5\n500,-1,None\n", "milliseconds"),
+        ("time,u,y\n\"0,0\",\"1\",\"2,5\"\n\"0,5\",\"-1\",\"\"\n", ""),
+        ("time,u,y\n\"0,000\",\"1,000\",\"2,500\"\n\"0,500\",\"-1,000\",NaN\n", ""),
+        ("time,u,y\n0,True,2.5\n0.5,-1,\n", ""),
+        ("time,u,y\n0,TRUE,2.5\n0.5,-1,-nan\n", ""),
+    ] {
+        let (log, notes) = cut(text.as_bytes());
+        let y = log.output("y").unwrap();
+        let found = (log.time_s().to_vec(), log.input("u").unwrap().to_vec(), (0..2).map(|k| y.get(k)).collect::<Vec<_>>());
+        assert_eq!(found, expected, "{text}: {notes}");
+        assert!(notes.contains(said) && (!said.is_empty() || notes.is_empty()), "{text}: {notes}");
+    }
+    let (log, _) = cut(b"time,u [A],y,m\n[s],[V],(m/s^2),-\n0,1,2,3\n0.1,1,2,3\n");
+    assert_eq!((log.unit("u"), log.unit("y"), log.unit("m")), (Some("A"), Some("m/s^2"), None));
+    let (log, notes) = cut(b",u\n2024-03-01 10:00:00+00:00,False\n2024-03-01 10:00:00.5+00:00,1\n");
+    assert_eq!((log.time_s(), log.input("u").unwrap()), ([0.0, 0.5].as_slice(), [0.0, 1.0].as_slice()));
+    assert!(notes.contains("taken as the time"), "{notes}");
+    let events = super::csv::read_events_from("a.csv", "a,b\n1,2\nNaN,3\n".as_bytes(), ["a", "b"]).unwrap();
+    assert_eq!((events[0].times.as_slice(), events[1].times.as_slice()), ([1.0].as_slice(), [2.0, 3.0].as_slice()));
+}
+
+#[test]
+fn what_could_mean_two_things_is_refused_with_a_remedy() {
+    // Numbers in a column that has no name.
+    says(&refusal("time,u,\n0,1,2\n"), &["a.csv", "row 1", "column 3", "name it"]);
+    says(&refusal("time,u,\n0,1,\n1,1,2\n"), &["a.csv", "row 1", "column 3", "name it"]);
+    says(&refusal(",time,u\n0.5,0,1\n1.5,1,1\n"), &["a.csv", "row 1", "column 1", "name it"]);
+    // A cell too many that holds something.
+    says(&refusal("time,u\n0,1\n1,1,2\n"), &["row 3", "3 cells"]);
+    // Thousands, or a decimal comma.
+    let error = log("time,u\n0,\"1,234\"\n1,\"1,5\"\n").input("u").unwrap_err();
+    assert!(matches!(error, LogError::Comma { place: Place::Row(2), .. }), "{error:?}");
+    says(&error, &["a.csv", "row 2", "`u`", "`1,234`", "thousands", "decimal point", "semicolons"]);
+    // Words that are no units.
+    says(&refusal("time,u\nstart,V\n0,1\n"), &["a.csv", "row 2", "`time`", "`start`"]);
+    says(&refusal("time,u\ns,5\n0,1\n"), &["a.csv", "row 2", "`time`", "`s`"]);
+    // A missing input names its row.
+    for nothing in ["NaN", "nan", "-", "N/A"] {
+        let error = log(&format!("time,u\n0,1\n1,{nothing}\n2,1\n")).input("u").unwrap_err();
+        assert!(matches!(error, LogError::MissingInput { place: Place::Row(3), .. }), "{error:?}");
+        says(&error, &["a.csv", "row 3", "input `u`", "only outputs may miss"]);
+    }
+}
+
+#[test]
+fn text_of_windows_is_read() {
+    let text = "time;Größe [°C]\r\n0;1,5\r\n0,5;2\r\n";
+    let le: Vec<u8> = "\u{feff}".encode_utf16().chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect();
+    let be: Vec<u8> = "\u{feff}".encode_utf16().chain(text.encode_utf16()).flat_map(u16::to_be_bytes).collect();
+    let latin1: Vec<u8> = text.chars().map(|c| u8::try_from(u32::from(c)).unwrap()).collect();
+    for (bytes, said) in [(le.clone(), ""), (be, ""), (gzip(&le), ""), (latin1, "row 1 is no UTF-8: its names are read as Latin-1")] {
+        let (log, notes) = cut(&bytes);
+        assert_eq!((log.time_s(), log.input("Größe").unwrap()), ([0.0, 0.5].as_slice(), [1.5, 2.0].as_slice()));
+        assert_eq!((log.unit("Größe"), notes.as_str()), (Some("°C"), said));
+    }
+    assert_eq!(cut(&le[..le.len() - 3]).0.len(), 2);
 }
 
 #[test]

@@ -33,7 +33,7 @@ pub(super) fn first(found: &Diagnosed) -> Option<String> {
 
 fn size(d: &Diagnosis) -> String {
     let mode = match d.prediction.mode {
-        Mode::Simulation => "simulated freely",
+        Mode::Simulation => d.prediction.words(),
         Mode::Predictor => "predicted one step ahead by a fixed observer",
     };
     match (d.gap.before, d.gap.floor) {
@@ -127,7 +127,14 @@ fn budget(d: &Diagnosis) -> Option<String> {
         format!("the model's own numbers ({}{alike}) take {}", each.join(", "), share(&r.share))
     };
     let all: Vec<String> = d.cause.contributions.iter().map(one).chain(recalibrated(d).map(numbers)).collect();
-    Some(format!("Budget: {}{}.", all.join("; "), stays.unwrap_or_default()))
+    let (known, gains) = match (d.shrink.decoded, d.shrink.of_explainable) {
+        (Some(_), gained) => {
+            let gains = gained.map(|g| format!("; a simulation, which cannot know it, gains {} of held-out data", percent(g)));
+            ("once it is known which commands were lost or late, ", gains.unwrap_or_default())
+        }
+        (None, _) => ("", String::new()),
+    };
+    Some(format!("Budget: {known}{}{}{gains}.", all.join("; "), stays.unwrap_or_default()))
 }
 
 /// What stays, as a missing force.

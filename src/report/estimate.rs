@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::text::{Table, seconds};
+use super::text::{Table, delay, delay_cells, deviation, seconds};
 use crate::delay::Outcome;
 use crate::delay::report::{Bias, Estimate, Pair, Report, Searched};
 use crate::delay::track::Tracked;
@@ -71,14 +71,11 @@ impl Report {
             }
             let step = self.sample_time_s;
             let _ = match (&pair.verdict.delay_s, &pair.verdict.ci95_s) {
-                (Some(delay), Some([from, to])) => writeln!(
-                    text,
-                    "Believe a dead time of {} s ({} to {} s): {}.",
-                    seconds(*delay, step),
-                    seconds(*from, step),
-                    seconds(*to, step),
-                    pair.verdict.why
-                ),
+                (Some(delay_s), ci95_s) => {
+                    let (value, ends) = delay(*delay_s, *ci95_s, step);
+                    let ends = ends.map_or_else(String::new, |e| format!(" ({} s)", e.join(" to ")));
+                    writeln!(text, "Believe a dead time of {value} s{ends}: {}.", pair.verdict.why)
+                }
                 _ if pair.moving.is_some() => writeln!(text, "{}.", pair.verdict.why),
                 _ => writeln!(text, "Believe none of it: {}.", pair.verdict.why),
             };
@@ -104,14 +101,14 @@ impl Report {
         ];
         let mut table = Table::new(&headings, &[0, 1, 8]);
         let step = self.sample_time_s;
-        let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| seconds(v, step));
         let mut class = None;
         for e in &shown.rows {
             if shown.headed && class != Some(e.class) {
                 class = Some(e.class);
                 table.row(vec![format!("{}:", e.class.title())]);
             }
-            let interval = e.ci95_s.map_or_else(|| "–".to_owned(), |[a, b]| format!("{} … {}", seconds(a, step), seconds(b, step)));
+            let [value, interval] = delay_cells(e.delay_s, e.ci95_s, step);
+            let [raw, _] = delay_cells(e.raw_delay_s, e.ci95_s, step);
             let bias = if e.delay_s.is_some() { e.degree_bias_samples.to_string() } else { "–".to_owned() };
             let counts = match (e.outcome, e.distrust.as_slice()) {
                 (Outcome::Found, []) if e.contradicted => "no: contradicted".to_owned(),
@@ -122,11 +119,11 @@ impl Report {
             table.row(vec![
                 e.method.clone(),
                 e.outcome.name().replace('_', " "),
-                number(e.delay_s),
-                number(e.std_s),
-                number(e.predicted_std_s),
+                value,
+                deviation(e.std_s),
+                deviation(e.predicted_std_s),
                 interval,
-                number(e.raw_delay_s),
+                raw,
                 bias,
                 counts,
                 run_time(e.time_s),
@@ -145,8 +142,8 @@ fn track_table(track: &Tracked, step_s: f64) -> Table {
     let count = track.time_s.len();
     for line in 0..TRACK_LINES.min(count) {
         let i = if count <= TRACK_LINES { line } else { line * (count - 1) / (TRACK_LINES - 1) };
-        let band = format!("{} … {}", seconds(track.low_s[i], step_s), seconds(track.high_s[i], step_s));
-        table.row(vec![(track.record[i] + 1).to_string(), seconds(track.time_s[i], step_s), seconds(track.delay_s[i], step_s), band]);
+        let [value, band] = delay_cells(Some(track.delay_s[i]), Some([track.low_s[i], track.high_s[i]]), step_s);
+        table.row(vec![(track.record[i] + 1).to_string(), seconds(track.time_s[i], step_s), value, band]);
     }
     table
 }
@@ -156,7 +153,7 @@ impl Pair {
     #[must_use]
     pub fn warning(&self, sample_time_s: f64) -> Option<String> {
         let poor = |std_s: f64| {
-            let std = seconds(std_s, sample_time_s);
+            let std = deviation(Some(std_s));
             format!(
                 "poor data: a standard deviation of {std} s was to be expected before any method ran, so delays {sample_time_s} s apart are hardly told apart"
             )

@@ -2,15 +2,12 @@
 
 use super::styled::{WIDTH, wrapped};
 use super::text::Table;
-use crate::diagnose::{Isolability, Mode, Size};
+use crate::diagnose::{Isolability, Size};
 
 /// Every effect with the smallest size that would be seen and its closest rival, then the groups that look alike.
 #[must_use]
 pub fn text(found: &Isolability) -> String {
-    let mode = match found.prediction.mode {
-        Mode::Simulation => "simulated freely",
-        Mode::Predictor => "predicted one step ahead",
-    };
+    let mode = found.prediction.words();
     let mut table = Table::new(&["effect", "channel", "seen from", "closest rival", "cosine"], &[0, 1, 2, 3]);
     for e in &found.effects {
         let seen = e.smallest.as_ref().map_or_else(|| "not visible".to_owned(), size);

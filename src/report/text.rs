@@ -194,6 +194,32 @@ pub(super) fn estimate(value: f64, ci95: Option<[f64; 2]>) -> (String, Option<[S
     (text(value), ci95.map(|ends| ends.map(text)))
 }
 
+/// Finest part of a sample time that digits of a delay tell: an exact fit knows more only of its own model.
+const FINEST: f64 = 1e-3;
+
+/// A delay and the ends of its interval, s, with the digits that the interval allows; without an interval those that the sample time deserves.
+#[must_use]
+pub(super) fn delay(value_s: f64, ci95_s: Option<[f64; 2]>, step_s: f64) -> (String, Option<[String; 2]>) {
+    let Some([from, to]) = ci95_s else { return (seconds(value_s, step_s), None) };
+    let half = (0.5 * (to - from)).max(FINEST * step_s);
+    // The digits of an interval of that width, for all three.
+    let text = |v: f64| estimate(v, Some([v - half, v + half])).0;
+    (text(value_s), Some([text(from), text(to)]))
+}
+
+/// The same as it stands in the columns of a table: value and interval, `–` where there is none.
+#[must_use]
+pub(super) fn delay_cells(value_s: Option<f64>, ci95_s: Option<[f64; 2]>, step_s: f64) -> [String; 2] {
+    let (value, ends) = value_s.map_or_else(|| ("–".to_owned(), None), |v| delay(v, ci95_s, step_s));
+    [value, ends.map_or_else(|| "–".to_owned(), |ends| ends.join(" … "))]
+}
+
+/// A standard deviation, s, with two digits; `–` where there is none.
+#[must_use]
+pub(super) fn deviation(std_s: Option<f64>) -> String {
+    std_s.map_or_else(|| "–".to_owned(), |v| estimate(v, Some([0.0, 2.0 * v])).0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -222,6 +248,16 @@ mod tests {
         assert!(text.contains("`x`\\u{1b}[2J\\n# c\n") && text.contains("long …"), "{text}");
         assert!(text.lines().count() == 3 && text.lines().all(|l| l.chars().count() < 210), "{text}");
         assert!(table.markdown().contains("| a\\|b \\<script> \\`x\\`\\\\u{1b}[2J\\\\n# c |"), "{}", table.markdown());
+    }
+
+    #[test]
+    fn a_delay_shows_the_digits_of_its_interval_to_a_thousandth_of_a_sample_at_most() {
+        assert_eq!(delay_cells(Some(0.145), Some([0.0, 0.203]), 0.1), ["0.14", "0.00 … 0.20"].map(str::to_owned));
+        assert_eq!(delay_cells(Some(0.6178), Some([0.6152, 0.6203]), 0.1), ["0.6178", "0.6152 … 0.6203"].map(str::to_owned));
+        assert_eq!(delay_cells(Some(0.3), Some([0.3, 0.3]), 0.1), ["0.300000", "0.300000 … 0.300000"].map(str::to_owned));
+        assert_eq!(delay_cells(Some(0.3), None, 0.1), ["0.300", "–"].map(str::to_owned));
+        assert_eq!(delay_cells(None, None, 0.1), ["–", "–"].map(str::to_owned));
+        assert_eq!([deviation(Some(0.012_96)), deviation(Some(1.01)), deviation(None)], ["0.013", "1.0", "–"].map(str::to_owned));
     }
 
     #[test]

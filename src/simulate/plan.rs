@@ -31,7 +31,7 @@ pub enum Drops {
 }
 
 /// Commands that arrive late, each by a delay of its own: draws of a gamma distribution. The first sample has always arrived.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Late {
     /// Mean delay, seconds.
     pub delay_s: f64,
@@ -39,8 +39,19 @@ pub struct Late {
     pub spread_s: f64,
     /// No command overtakes another: it waits for those sent before it. Else the last to arrive acts.
     pub ordered: bool,
-    /// Seed of the delays; `None`: every delay is the mean, which is what a fit can predict.
-    pub seed: Option<u64>,
+    /// The delays of single commands.
+    pub delays: Delays,
+}
+
+/// The delays of single commands.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Delays {
+    /// Each is the mean: what a fit can predict.
+    Mean,
+    /// They are drawn from this seed.
+    Seed(u64),
+    /// They are known, seconds, one for each sample of the log.
+    Known(Vec<f64>),
 }
 
 /// The way of one input from the log to the plant.

@@ -12,7 +12,7 @@ use super::linear::Linear;
 use super::nonlinear::Nonlinear;
 use super::ode::Integrator;
 use super::piecewise::Piecewise;
-use super::plan::{Drops, InputPath, Late, Plan, Term};
+use super::plan::{Delays, Drops, InputPath, Late, Plan, Term};
 use super::sampled;
 use super::system::{Dynamics, System};
 use super::walk::{Correction, Run, walk};
@@ -131,7 +131,7 @@ fn arrive(path: &InputPath, time_s: &[f64], values: &[f64]) -> Result<Piecewise,
     let passed = path.drops.as_ref().map(|drops| passed_on(drops, values)).transpose()?;
     let values = passed.as_deref().unwrap_or(values);
     let mut signal = match &path.late {
-        Some(late) => arrive_late(late, time_s, values),
+        Some(late) => arrive_late(late, time_s, values)?,
         None => Piecewise::held(time_s, values.iter().copied()),
     };
     if let Some((period_s, phase_s)) = path.passing {
@@ -154,26 +154,43 @@ fn arrive_joined(input: usize, path: &InputPath, time_s: &[f64], values: &[f64])
 }
 
 /// Commands as they arrive, each late by a delay of its own.
-fn arrive_late(late: &Late, time_s: &[f64], values: &[f64]) -> Piecewise {
-    let (mean, spread) = (late.delay_s, late.spread_s);
-    // Shape and scale of a gamma distribution with this mean and standard deviation.
-    let drawn = late.seed.filter(|_| mean > 0.0 && spread > 0.0);
-    let Some((seed, delays)) = drawn.and_then(|seed| Some((seed, Gamma::new((mean / spread).powi(2), spread * spread / mean).ok()?)))
-    else {
-        return Piecewise::held(time_s, values.iter().copied()).delayed(mean);
+fn arrive_late(late: &Late, time_s: &[f64], values: &[f64]) -> Result<Piecewise, SimulateError> {
+    let mean = late.delay_s;
+    let drawn = match &late.delays {
+        Delays::Known(delays) if delays.len() != values.len() => {
+            return Err(SimulateError::Drops { needed: values.len(), got: delays.len() });
+        }
+        Delays::Known(delays) => Some(delays.clone()),
+        Delays::Seed(seed) => late.distribution().map(|delays| {
+            let mut rng = ChaCha8Rng::seed_from_u64(*seed);
+            // The first command draws none.
+            let rest = (1..values.len()).map(|_| delays.sample(&mut rng));
+            std::iter::once(0.0).chain(rest).collect()
+        }),
+        Delays::Mean => None,
     };
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let Some(drawn) = drawn else { return Ok(Piecewise::held(time_s, values.iter().copied()).delayed(mean)) };
     let mut latest_s = f64::NEG_INFINITY;
     let arrival = |(k, (&sent_s, &value)): (usize, (&f64, &f64))| {
         // The first command holds from the start.
-        let delay_s = if k == 0 { 0.0 } else { delays.sample(&mut rng) };
+        let delay_s = if k == 0 { 0.0 } else { drawn[k] };
         latest_s = if late.ordered { latest_s.max(sent_s + delay_s) } else { sent_s + delay_s };
         (latest_s, value)
     };
     let mut arrivals: Vec<(f64, f64)> = time_s.iter().zip(values).enumerate().map(arrival).collect();
     // Stable: of commands that arrive together the last one sent acts.
     arrivals.sort_by(|a, b| a.0.total_cmp(&b.0));
-    Piecewise::arriving(&arrivals)
+    Ok(Piecewise::arriving(&arrivals))
+}
+
+impl Late {
+    /// The distribution of the delays; `None` where they have no spread.
+    #[must_use]
+    pub fn distribution(&self) -> Option<Gamma<f64>> {
+        let (mean, spread) = (self.delay_s, self.spread_s);
+        // Shape and scale of a gamma distribution with this mean and standard deviation.
+        (mean > 0.0 && spread > 0.0).then(|| Gamma::new((mean / spread).powi(2), spread * spread / mean).ok()).flatten()
+    }
 }
 
 /// The commands that are passed on.
@@ -285,8 +302,8 @@ mod tests {
         let count = 20_000;
         let time_s: Vec<f64> = (0..count).map(|k| 10.0 * f64::from(k)).collect();
         let values: Vec<f64> = (0..count).map(f64::from).collect();
-        let late = Late { delay_s: 0.3, spread_s: 0.12, ordered: false, seed: Some(4) };
-        let heard = arrive_late(&late, &time_s, &values);
+        let late = Late { delay_s: 0.3, spread_s: 0.12, ordered: false, delays: Delays::Seed(4) };
+        let heard = arrive_late(&late, &time_s, &values).unwrap();
         let delays: Vec<f64> = heard.pieces().iter().map(|p| p.start_s - 10.0 * p.value).collect();
         assert!(delays.len() == count as usize && delays[0] == 0.0 && delays[1..].iter().all(|d| *d > 0.0));
         let size = (delays.len() - 1) as f64;

@@ -181,11 +181,11 @@ fn logs_too_short_empty_or_no_numbers() {
         MODEL,
         &log(HEADER, 400, 1, |k, row| {
             if k == 7 {
-                row[3] = "NaN".into()
+                row[3] = "inf".into()
             }
         }),
     )
-    .refused(&["a.csv, row 9", "`y`", "`NaN`", "empty"]);
+    .refused(&["a.csv, row 9", "`y`", "`inf`", "empty"]);
     let files = [("a.csv", log(HEADER, 400, 1, as_is)), ("b.csv", log(HEADER, 2, 2, as_is))];
     gap(MODEL, &files.each_ref().map(|(n, l)| (*n, l.as_str())), &["--log", "a.csv", "--holdout", "b.csv"])
         .refused(&["b.csv", "2 samples are too few"]);

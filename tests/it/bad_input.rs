@@ -48,7 +48,7 @@ fn refused(text: &str, more: &[&str], says: &[&str]) -> String {
 fn the_good_log_that_the_bad_ones_are_made_from_is_fine() {
     let folder = Folder::new();
     let log = folder.write("log.csv", &good(400));
-    assert!(estimate(&log, &[]).words().contains("Believe a dead time of 0.200"));
+    assert!(estimate(&log, &[]).words().contains("Believe a dead time of 0.20"));
 }
 
 #[test]
@@ -91,7 +91,14 @@ fn text_in_a_number_column_names_row_and_channel() {
 
 #[test]
 fn nan_and_infinity_name_row_and_channel() {
-    for bad in ["NaN", "nan", "inf", "-inf", "Infinity", "1e999"] {
+    for nothing in ["NaN", "nan", "-"] {
+        refused(&with_row(&good(400), 100, &format!("9.8,{nothing},1")), &[], &["row 100", "input `u`", "only outputs may miss"]);
+        refused(&with_row(&good(400), 100, &format!("{nothing},1,1")), &[], &["row 100", "`time`"]);
+        let folder = Folder::new();
+        let log = folder.write("log.csv", &with_row(&good(400), 100, &format!("9.8,1,{nothing}")));
+        assert!(estimate(&log, &[]).words().contains("Believe a dead time of 0.20"), "{nothing}");
+    }
+    for bad in ["inf", "-inf", "Infinity", "1e999"] {
         refused(&with_row(&good(400), 100, &format!("9.8,1,{bad}")), &[], &["row 100", "`y`", bad, "finite", "empty"]);
         refused(&with_row(&good(400), 100, &format!("9.8,{bad},1")), &[], &["row 100", "`u`", bad]);
         refused(&with_row(&good(400), 100, &format!("{bad},1,1")), &[], &["row 100", "`time`"]);
@@ -119,7 +126,7 @@ fn time_that_runs_back_offers_records_and_the_offer_works() {
     let folder = Folder::new();
     let log = folder.write("two.csv", &two);
     let out = estimate(&log, &["--records", "run"]).words();
-    assert!(out.contains("in 2 records") && out.contains("Believe a dead time of 0.200"), "{out}");
+    assert!(out.contains("in 2 records") && out.contains("Believe a dead time of 0.20"), "{out}");
     estimate(&log, &["--records", "runn"]).refused(&["`runn`", "did you mean `run`"]);
 }
 
@@ -179,7 +186,7 @@ fn a_log_too_short_for_some_methods_still_answers_by_the_others() {
     let out = estimate(&log, &["--full"]).words();
     // 71 taps need 143 samples.
     assert!(out.contains("threshold needs at least 143 samples") && out.contains("has 110") && out.contains("--max-delay"), "{out}");
-    assert!(out.contains("Believe a dead time of 0.200"), "{out}");
+    assert!(out.contains("Believe a dead time of 0.20"), "{out}");
     let tiny = folder.write("tiny.csv", &good(20));
     let short = estimate(&tiny, &["--max-delay", "1.8"]).words();
     assert!(short.contains("Believe none of it") && short.contains("needs at least"), "{short}");
@@ -206,7 +213,7 @@ fn missing_cells_are_refused_in_an_input_and_taken_in_an_output() {
     }
     let log = folder.write("gaps.csv", &text);
     let out = estimate(&log, &[]).words();
-    assert!(out.contains("Believe a dead time of 0.200"), "{out}");
+    assert!(out.contains("Believe a dead time of 0.20"), "{out}");
     let rows: Vec<String> = good(300).lines().skip(1).map(|l| l.rsplit_once(',').unwrap().0.to_owned() + ",").collect();
     refused(&format!("time,u,y\n{}\n", rows.join("\n")), &[], &["`y`", "no sample in any row"]);
 }
@@ -221,9 +228,19 @@ fn a_binary_file_and_a_damaged_gz_are_told_from_logs() {
     compressed.write_all(good(2000).as_bytes()).unwrap();
     let whole = compressed.finish().unwrap();
     let fine = folder.write_bytes("whole.csv.gz", &whole);
-    assert!(estimate(&fine, &[]).words().contains("Believe a dead time of 0.200"));
+    assert!(estimate(&fine, &[]).words().contains("Believe a dead time of 0.20"));
     let cut = folder.write_bytes("cut.csv.gz", &whole[..whole.len() / 2]);
-    estimate(&cut, &[]).refused(&["cut.csv.gz", "gzip", "cut off after row", "copy or compress"]);
+    let run = estimate(&cut, &[]);
+    assert!(run.stderr.contains("cut off") && run.stderr.contains("read up to row"), "{}", run.stderr);
+    assert!(run.words().contains("Believe a dead time of 0.20"));
+    let mut damaged = whole.clone();
+    damaged.iter_mut().rev().skip(7).take(1).for_each(|byte| *byte ^= 1);
+    estimate(&folder.write_bytes("damaged.csv.gz", &damaged), &[]).refused(&[
+        "damaged.csv.gz",
+        "gzip",
+        "cut off after row",
+        "copy or compress",
+    ]);
     let plain = folder.write("plain.csv.gz", &good(300));
     estimate(&plain, &[]).refused(&["plain.csv.gz", "not compressed", "rename it to .csv"]);
 }

@@ -126,6 +126,16 @@ fn an_unstable_simulator_is_refused_with_the_remedy_and_so_are_states_and_window
     let error = refused(&system(|angle| angle, None));
     assert!(matches!(error, deadtime::Error::Gap(GapError::Unstable { .. })), "{error}");
     assert!(error.to_string().contains("--states"), "{error}");
+    // One that falls and comes to rest upside down stays within bounds, and its free run says as little.
+    for machine in [AS_SIMULATED, Machine { late: 3, ..AS_SIMULATED }, Machine { damping: 1.2, ..AS_SIMULATED }] {
+        match found(&system(f64::sin, None), machine) {
+            Err(error) => assert!(matches!(error, deadtime::Error::Gap(GapError::Unstable { .. })), "{error}"),
+            Ok(found) => {
+                let said = deadtime::report::diagnosis::summary(&found);
+                assert!(said.starts_with("First: ") && said.contains("can be believed") && said.contains("--states"), "{said}");
+            }
+        }
+    }
     let error = refused(&from(["angle", "speed"], None)).to_string();
     assert!(error.contains("`speed`") && error.contains("rate"), "{error}");
     let error = refused(&from(["angle", "rate"], Some(0.03))).to_string();

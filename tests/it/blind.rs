@@ -387,3 +387,32 @@ fn every_score_is_defined_in_the_documentation() {
         assert!(page.contains(&format!("`{name}`")), "{name}");
     }
 }
+
+#[test]
+fn delays_that_move_have_scores_of_their_own() {
+    let check = Check::new();
+    check.answer(perfect);
+    let moving = |id: &str| {
+        let jump = json!([{ "effect": "delay_jump", "channel": "u", "parameters": { "delay": 0.1 } }]);
+        label(id, "moving", jump, json!({ "alias_class": ["delay_jump:u", "input_delay:u"], "verdict": "delay_jump" }))
+    };
+    // Named, taken for its alias and a little worse than nominal, taken for lost commands.
+    let mut worse = serde_json::to_value(always_input_delay()).unwrap();
+    worse["shrink"]["after"] = json!(0.501);
+    let mut lost = serde_json::to_value(always_none()).unwrap();
+    lost["cause"]["ranking"] = json!([{ "effect": "dropped_commands", "channel": "u", "probability": 0.6, "after": 0.4 },
+        { "effect": "delay_jump", "channel": "u", "probability": 0.4, "after": 0.4 }]);
+    lost["shrink"]["after"] = json!(0.5);
+    let answers = [perfect(&moving("m1")), serde_json::from_value(worse).unwrap(), serde_json::from_value(lost).unwrap()];
+    for (id, answer) in ["m1", "m2", "m3"].into_iter().zip(&answers) {
+        check.add(&moving(id));
+        check.answer_one(&moving(id), answer);
+    }
+    let scores = scores(&check);
+    let third = 1.0 / 3.0;
+    let own = [("moving_class", 2.0 * third, 3), ("moving_lost", third, 3), ("moving_worse", third, 3)];
+    assert_scores(&scores.scores, &own);
+    // Singles are counted apart, and `right` holds both.
+    assert_scores(&scores.scores, &[("top1", 1.0, 4), ("right", 10.0 / 11.0, 11)]);
+    assert_eq!((scores.groups["moving"], scores.groups["single"]), (3, 4));
+}

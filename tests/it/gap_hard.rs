@@ -2,7 +2,7 @@
 //! catalogue.
 
 use approx::assert_abs_diff_eq;
-use deadtime::diagnose::{Diagnosis, GapOptions, Mode, diagnose};
+use deadtime::diagnose::{Diagnosis, GapOptions, Mode, Strength, diagnose};
 use deadtime::effect::{Applied, Chance, find};
 use deadtime::log::{Channel, Log};
 use deadtime::model::ModelDocument;
@@ -171,6 +171,13 @@ fn lost_commands_are_found_one_by_one() {
         assert!(d.shrink.decoded.unwrap() < 1.3 * NOISE, "{:?}", d.shrink);
         assert!(d.shrink.after.unwrap() > d.shrink.decoded.unwrap(), "{:?}", d.shrink);
         assert!(d.shrink.after.unwrap() < 1.02 * d.shrink.before.unwrap(), "{:?}", d.shrink);
+        // The budget is of the known sequence, too, and does not call the only cause weak.
+        let (cause, rest) = (&d.cause.contributions[0], d.cause.remainder.as_ref().unwrap());
+        assert!(cause.strength == Strength::Clear && cause.share.learnt.unwrap() > 0.9, "{cause:?}");
+        assert!(
+            rest.above_floor.unwrap() < 1.3 && (rest.share.learnt.unwrap() + cause.share.learnt.unwrap() - 1.0).abs() < 1e-9,
+            "{rest:?}"
+        );
     }
 }
 

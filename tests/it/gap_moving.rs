@@ -21,11 +21,14 @@ fn model() -> ModelDocument {
     document(&servo(", initial_std = 0.02", ""))
 }
 
+/// What is sent.
+type Sent = fn(usize, &mut ChaCha8Rng) -> Vec<f64>;
+
 /// A log of what was sent, by a machine that hears something else.
-fn logged(samples: usize, seed: u64, heard: Heard<'_>) -> Log {
+fn logged(samples: usize, seed: u64, sent: Sent, heard: Heard<'_>) -> Log {
     let system = System::new(&model(), |_| Ok(0.0)).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let sent = commands(samples, &mut rng);
+    let sent = sent(samples, &mut rng);
     let inputs = [heard(&sent, &mut rng)];
     let time_s: Vec<f64> = (0..samples).map(|k| TS * k as f64).collect();
     let run = system.simulate(&Plan::new(&system), Commands { time_s: &time_s, inputs: &inputs }, &[0.0, 0.0], None).unwrap();
@@ -35,9 +38,13 @@ fn logged(samples: usize, seed: u64, heard: Heard<'_>) -> Log {
 
 /// Two logs to learn from and one held out; and how far off the model is there as it came and as it is handed over, run as a user would.
 fn diagnosed(seed: u64, heard: Heard<'_>) -> (Diagnosed, [f64; 2]) {
+    diagnosed_from(seed, steps, heard)
+}
+
+fn diagnosed_from(seed: u64, sent: Sent, heard: Heard<'_>) -> (Diagnosed, [f64; 2]) {
     let nominal = model();
-    let logs = [logged(1500, seed, heard), logged(1200, seed + 1, heard)];
-    let held = logged(1200, seed + 2, heard);
+    let logs = [logged(1500, seed, sent, heard), logged(1200, seed + 1, sent, heard)];
+    let held = logged(1200, seed + 2, sent, heard);
     let found = diagnose(&nominal, &logs, std::slice::from_ref(&held), &GapOptions::default(), &|_| ()).unwrap();
     let nrmse = |model: &ModelDocument| {
         let run = OnLog::new(model, &held).unwrap();
@@ -105,16 +112,15 @@ fn a_slower_loop_is_named_with_its_period() {
     assert!(handed < 0.15 * nominal, "{nominal} to {handed}");
 }
 
-#[test]
-fn random_delays_are_not_called_lost_commands_and_their_mean_is_handed_over() {
-    // In order; a change of the command comes late by a delay of its own.
-    let jitter = |sent: &[f64], rng: &mut ChaCha8Rng| {
+/// In order; a change of the command comes late by a delay of its own, in samples.
+fn in_order(mean: f64, spread: f64) -> impl Fn(&[f64], &mut ChaCha8Rng) -> Vec<f64> {
+    move |sent, rng| {
         let mut heard = Vec::with_capacity(sent.len());
         let (mut due, mut latest) = (std::collections::VecDeque::new(), 0.0_f64);
         let mut held = sent[0];
         for k in 0..sent.len() {
             if k > 0 && sent[k] != sent[k - 1] {
-                latest = latest.max(k as f64 + (7.0 + 2.0 * rng.sample::<f64, _>(StandardNormal)).max(0.0));
+                latest = latest.max(k as f64 + (mean + spread * rng.sample::<f64, _>(StandardNormal)).max(0.0));
                 due.push_back((latest.round() as usize, sent[k]));
             }
             while due.front().is_some_and(|(at, _)| *at <= k) {
@@ -123,7 +129,47 @@ fn random_delays_are_not_called_lost_commands_and_their_mean_is_handed_over() {
             heard.push(held);
         }
         heard
-    };
+    }
+}
+
+/// Commands that hold for a while.
+fn steps(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    commands(samples, rng)
+}
+
+/// Commands that never rest: a sum of sines.
+fn sines(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    let parts: Vec<(f64, f64)> = (0..5).map(|n| (0.7 * f64::from(n + 1) + 0.2 * rng.random::<f64>(), 6.0 * rng.random::<f64>())).collect();
+    (0..samples).map(|k| parts.iter().map(|(hz, phase)| 0.3 * (hz * TS * k as f64 * 3.0 + phase).sin()).sum()).collect()
+}
+
+/// Where commands never rest no single one shows; the delays are told by all together.
+#[test]
+fn random_delays_of_commands_that_never_rest_are_named() {
+    for (seed, mean, spread) in [(780, 6.0, 2.0), (790, 4.0, 1.5)] {
+        let (found, [nominal, handed]) = diagnosed_from(seed, sines, &in_order(mean, spread));
+        assert_eq!(keys(&found), ["delay_jitter:u"]);
+        println!("{} {}", value(&found, "delay") / TS, value(&found, "spread") / TS);
+        // What is heard is rounded to samples.
+        assert!((value(&found, "delay") / TS - mean).abs() < 1.5, "{} is not {mean}", value(&found, "delay") / TS);
+        assert!((value(&found, "spread") / TS / spread - 1.0).abs() < 0.4, "{} is not {spread}", value(&found, "spread") / TS);
+        assert!(handed < 0.6 * nominal, "{nominal} to {handed}");
+        let shrink = &found.diagnosis.shrink;
+        assert!(shrink.decoded.as_ref().is_some(), "{shrink:?}");
+    }
+}
+
+/// A delay that stands still is no draw of anything, whatever is sent.
+#[test]
+fn a_fixed_delay_of_commands_that_never_rest_is_no_random_one() {
+    let (found, _) = diagnosed_from(800, sines, &late_by(|_| 6));
+    assert_eq!(keys(&found), ["input_delay:u"]);
+    assert!((value(&found, "delay") - 6.0 * TS).abs() < 0.1 * TS);
+}
+
+#[test]
+fn random_delays_are_not_called_lost_commands_and_their_mean_is_handed_over() {
+    let jitter = in_order(7.0, 2.0);
     let (found, [nominal, handed]) = diagnosed(760, &jitter);
     assert!(lost(&found) < 0.5, "{:?}", found.diagnosis.cause.ranking);
     assert_eq!(keys(&found), ["delay_jitter:u"]);
@@ -196,7 +242,7 @@ fn a_delay_that_stands_still_is_named_as_before() {
 fn a_long_log_tells_whether_what_was_found_in_its_first_part_holds_later() {
     let options = GapOptions { rows: 1200, ..GapOptions::default() };
     for (seed, later, holds_later) in [(780, 5, true), (790, 15, false)] {
-        let log = logged(2400, seed, &late_by(|k| if k < 1800 { 5 } else { later }));
+        let log = logged(2400, seed, steps, &late_by(|k| if k < 1800 { 5 } else { later }));
         let found = diagnose(&model(), &[log], &[], &options, &|_| ()).unwrap();
         assert_eq!(keys(&found), ["input_delay:u"]);
         assert!(matches!(found.caveats[0], Caveat::FirstPart { rows: 2400, used: 1200, .. }), "{:?}", found.caveats);

@@ -314,3 +314,62 @@ fn topics_of_different_rates_are_put_together() {
     let run = deadtime(&["log", text(&text_)]).done();
     assert!(run.contains("csv, 1 channels") && run.contains("2 samples"), "{run}");
 }
+
+/// An MCAP file without chunks, of channels of one topic with messages in JSON: schema, definition and value of each.
+fn json_channels(channels: &[(u16, &str, f64)]) -> Vec<u8> {
+    let text = |s: &[u8]| [&(s.len() as u32).to_le_bytes(), s].concat();
+    let record = |kind: u8, content: Vec<u8>| [&[kind], (content.len() as u64).to_le_bytes().as_slice(), &content].concat();
+    let mut bytes = b"\x89MCAP0\r\n".to_vec();
+    for (at, (schema, definition, _)) in channels.iter().enumerate() {
+        let id = (at as u16).to_le_bytes();
+        bytes.extend(record(
+            3,
+            [schema.to_le_bytes().as_slice(), &text(definition.as_bytes()), &text(b"jsonschema"), &text(b"{}")].concat(),
+        ));
+        bytes.extend(record(4, [&id, schema.to_le_bytes().as_slice(), &text(b"/x"), &text(b"json"), &text(b"")].concat()));
+    }
+    for k in 0..6_u64 {
+        for (at, (_, _, value)) in channels.iter().enumerate() {
+            let stamp = (k * 10_000_000 + at as u64 * 1_000_000).to_le_bytes();
+            let message = format!("{{\"v\": {value}}}");
+            bytes.extend(record(5, [&(at as u16).to_le_bytes(), [0; 4].as_slice(), &stamp, &stamp, message.as_bytes()].concat()));
+        }
+    }
+    bytes.extend(record(15, vec![0; 4]));
+    bytes
+}
+
+#[test]
+fn channels_of_one_name_are_put_together_or_numbered() {
+    let folder = Folder::new();
+    let log = read(&folder.write_bytes("same.mcap", &json_channels(&[(1, "A", 1.0), (1, "A", 2.0)])));
+    assert_eq!((log.topics.len(), log.topics[0].log.len()), (1, 12));
+    assert!(log.notes.iter().any(|n| n.contains("/x: several channels of one definition")), "{:?}", log.notes);
+    let log = read(&folder.write_bytes("two.mcap", &json_channels(&[(1, "A", 1.0), (2, "B", 2.0)])));
+    for (name, value) in [("/x.v", 1.0), ("/x[1].v", 2.0)] {
+        let (_, channel) = log.channel(name).unwrap_or_else(|| panic!("{name}: {:?}", log.notes));
+        assert_eq!(channel.samples().values, [value; 6]);
+    }
+}
+
+#[test]
+fn formats_that_are_not_read_are_named_with_a_remedy() {
+    let folder = Folder::new();
+    for (name, head, says) in [
+        ("a.bag", b"#ROSBAG V2.0\n".as_slice(), "mcap convert"),
+        ("a.xlsx", b"PK\x03\x04", "save the sheet as CSV"),
+        ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1", "save the sheet as CSV"),
+        ("a.npz", b"PK\x03\x04", "to_parquet"),
+        ("a.npy", b"\x93NUMPY\x01", "deadtime.Log"),
+        ("a.mf4", b"MDF     4.10", "asammdf"),
+        ("a.tdms", b"TDSm", "npTDMS"),
+        ("a.zip", b"PK\x03\x04", "unpack it"),
+        ("a.mat", &[0; 200], "savemat"),
+    ] {
+        deadtime(&["log", text(&folder.write_bytes(name, head))]).refused(&[name, says]);
+    }
+    std::fs::create_dir(folder.path("bag")).unwrap();
+    let part = folder.write_bytes("bag/bag_0.mcap", &json_channels(&[(1, "A", 1.0)]));
+    deadtime(&["log", text(&folder.path("bag"))]).refused(&["a bag of ROS 2", "bag_0.mcap"]);
+    deadtime(&["log", text(&part)]).done();
+}

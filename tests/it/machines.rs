@@ -48,6 +48,8 @@ fn the_hair_dryer_lacks_its_dead_time() {
     for other in ["output_delay:*", "clock_offset:*"] {
         assert!(class.iter().any(|e| e == other), "{class:?}");
     }
+    // No oscillation is known that is slower than the record is long, and its amplitude could not be told from 0.
+    assert!(d.cause.contributions.iter().all(|c| c.effect != "periodic_disturbance"), "{:?}", d.cause.contributions);
     // Most of the error is that delay; it goes on data that the fit has not seen.
     assert!(d.shrink.fraction.unwrap() > 0.5, "{:?}", d.shrink);
 }
@@ -88,6 +90,18 @@ fn the_heater_lacks_its_sensor_s_lag_though_the_other_heater_differs_too() {
     assert!(["actuator_lag:heater1_pct", "sensor_lag:temp1_degC"].contains(&effect.as_str()), "{effect}");
     // The same board's step test: 16.7 s; this log with everything else fitted beside it: 13.6 s.
     assert!(lower < 16.7 && upper > 13.6, "{lower} to {upper}");
+}
+
+#[test]
+fn the_heaters_exchange_heat_and_the_model_s_own_numbers_are_no_substitute() {
+    let Some(d) = diagnosis("tclab_alone", "tclab/tclab_dual_10min.csv", &[]) else { return };
+    // With all eight numbers of the model free, the training part is described without the exchange, by a negative transfer of heat, and held-out data are not.
+    let first = d.cause.contributions.first().unwrap_or_else(|| panic!("nothing was found: {:?}", d.cause.recalibration));
+    assert_eq!(format!("{}:{}", first.effect, first.channel), "exchange:heater1<->heater2");
+    // Fitted beside everything else on the whole log: 8.9e-4 1/s.
+    let [lower, upper] = first.parameters[0].ci95.unwrap();
+    assert!(lower < 8.9e-4 && upper > 8.9e-4, "{lower} to {upper}");
+    assert!(first.share.held_out.unwrap() > 0.4, "{:?}", first.share);
 }
 
 #[test]

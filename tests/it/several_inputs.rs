@@ -1,7 +1,10 @@
 //! Process models of several inputs that act together.
 
+use std::collections::BTreeMap;
+
+use deadtime::delay::report::Pair;
 use deadtime::delay::{
-    DelayEstimate, DelayEstimator, Experiment, Job, Others, Outcome, P1d, P2d, Process, ProcessModel, Recording, Search,
+    DelayEstimate, DelayEstimator, Experiment, Job, Others, Outcome, P1d, P2d, Process, ProcessModel, Recording, Scope, Search, chosen,
 };
 use deadtime::log::{Channel, Log};
 use deadtime::signal::{Excitation, excitation::Rbs};
@@ -112,21 +115,123 @@ fn an_input_that_does_nothing_has_no_delay_whatever_the_others_do() {
     assert!((found[1].delay_s.unwrap() - 0.62).abs() < 0.03, "{:?}", found[1]);
 }
 
+/// The verdict's interval for each input, from methods of several classes.
+fn believed(inputs: &[Vec<f64>], y: Vec<f64>) -> Vec<Pair> {
+    believed_by(&["oestruc", "armaxstruc", "arxstruc", "p1d", "p2d", "threshold", "crosscorr", "arxdap"], inputs, y)
+}
+
+/// The same of chosen methods.
+fn believed_by(methods: &[&str], inputs: &[Vec<f64>], y: Vec<f64>) -> Vec<Pair> {
+    let time = (0..y.len()).map(|k| STEP_S * f64::from(u32::try_from(k).unwrap())).collect();
+    let named = inputs.iter().enumerate().map(|(i, u)| Channel::new(format!("u{i}"), None, u.clone()));
+    let log = Log::new("several.csv", time, named.chain([Channel::new("y", None, y)]).collect()).unwrap();
+    let names = (0..inputs.len()).map(|i| format!("u{i}"));
+    let methods: Vec<String> = methods.iter().map(|&m| m.to_owned()).collect();
+    let methods = chosen(&methods, &BTreeMap::new(), &[Scope::Pair]).unwrap();
+    Job { methods, ..Job::new(vec![log], names, ["y"]) }.run().unwrap().pairs
+}
+
+/// How many verdicts hold the truth, and how many are narrower than a sample.
+fn held(pairs: &[Pair], delays: &[f64], told: &mut [usize; 3]) {
+    for (pair, truth) in pairs.iter().zip(delays) {
+        let [low, high] = pair.verdict.ci95_s.unwrap_or([f64::NAN; 2]);
+        told[0] += 1;
+        told[1] += usize::from(low <= *truth && *truth <= high);
+        told[2] += usize::from(high - low < STEP_S);
+        println!("{} {truth}: {:?} {:?} {}", pair.input, pair.verdict.delay_s, pair.verdict.ci95_s, pair.verdict.why);
+    }
+}
+
+/// Noise of first order, a twentieth of whose power is new in each sample.
+fn slow(samples: usize, std: f64, seed: u64) -> Vec<f64> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut e = 0.0;
+    let mut next = || {
+        let white: f64 = StandardNormal.sample(&mut rng);
+        e = 0.95_f64.sqrt() * e + 0.05_f64.sqrt() * std * white;
+        e
+    };
+    (0..samples).map(|_| next()).collect()
+}
+
+#[test]
+fn verdicts_on_two_inputs_hold_their_fractions_and_are_narrower_than_a_sample() {
+    let delays = [0.15, 0.62];
+    let mut told = [0; 3];
+    for (noise, seeds) in [(0.02, 0..6), (0.05, 6..12)] {
+        for seed in seeds {
+            let inputs = [binary(600, 1000 + seed), binary(600, 2000 + seed)];
+            let y = output(&inputs, &[model(1.0, &[0.8], delays[0]), model(-0.6, &[0.8], delays[1])], noise, 3000 + seed);
+            held(&believed(&inputs, y), &delays, &mut told);
+        }
+    }
+    let [all, inside, narrow] = told;
+    println!("{inside} of {all} verdicts hold the dead time, {narrow} are narrower than a sample");
+    // Of 24 intervals of 95 % fewer than 20 hold the truth once in 170 times.
+    assert!(inside >= 20 && narrow >= 22, "{told:?}");
+}
+
+#[test]
+fn verdicts_on_two_inputs_hold_where_each_has_its_own_poles_or_the_noise_is_slow() {
+    let delays = [0.15, 0.62];
+    let (mut own, mut coloured) = ([0; 3], [0; 3]);
+    for seed in 0..5 {
+        let inputs = [binary(600, 4000 + seed), binary(600, 5000 + seed)];
+        let y = output(&inputs, &[model(1.0, &[0.4], delays[0]), model(-0.6, &[1.5, 0.3], delays[1])], 0.02, 6000 + seed);
+        held(&believed(&inputs, y), &delays, &mut own);
+        let y = output(&inputs, &[model(1.0, &[0.8], delays[0]), model(-0.6, &[0.8], delays[1])], 0.0, 0);
+        let y = y.iter().zip(slow(600, 0.05, 7000 + seed)).map(|(y, e)| y + e).collect();
+        held(&believed(&inputs, y), &delays, &mut coloured);
+    }
+    println!("poles of their own: {own:?}; slow noise: {coloured:?}");
+    // Of 10 intervals of 95 % fewer than 7 hold the truth once in 900 times.
+    assert!(own[1] >= 7 && coloured[1] >= 7, "{own:?} {coloured:?}");
+}
+
+#[test]
+fn an_input_beside_one_that_does_nothing_is_judged_as_if_it_were_alone() {
+    let inputs = [binary(600, 41), binary(600, 42)];
+    let y = output(&inputs[..1], &[model(1.0, &[0.8], 0.35)], 0.05, 43);
+    let (beside, alone) = (believed(&inputs, y.clone()), believed(&inputs[..1], y));
+    assert_eq!(beside[0].findings, alone[0].findings);
+    for name in ["oestruc", "threshold", "arxdap"] {
+        let of = |pair: &Pair| pair.estimates.iter().find(|e| e.method == name).map(|e| (e.delay_s, e.ci95_s, e.predicted_std_s));
+        assert_eq!(of(&beside[0]), of(&alone[0]), "{name}");
+    }
+    assert!(!beside[0].verdict.why.contains("taken off"), "{}", beside[0].verdict.why);
+}
+
+#[test]
+fn what_is_shown_and_expected_of_a_pair_is_free_of_what_other_inputs_do() {
+    let inputs = [binary(600, 51), binary(600, 52)];
+    let models = [model(1.0, &[0.8], 0.15), model(-0.6, &[0.8], 0.62)];
+    let together = believed(&inputs, output(&inputs, &models, 0.02, 53));
+    for (i, pair) in together.iter().enumerate() {
+        let alone = believed(&inputs[i..=i], output(&inputs[i..=i], &models[i..=i], 0.02, 53));
+        let shown = |p: &Pair| p.findings.iter().map(|f| f.condition).collect::<Vec<_>>();
+        assert_eq!(shown(pair), shown(&alone[0]), "{}", pair.input);
+        let expected = |p: &Pair| p.estimates.iter().find(|e| e.method == "p2d").and_then(|e| e.predicted_std_s).unwrap();
+        let ratio = expected(pair) / expected(&alone[0]);
+        assert!((0.5..2.0).contains(&ratio), "{}: {ratio}", pair.input);
+        assert!(pair.verdict.why.contains("taken off for methods that see one input"), "{}", pair.verdict.why);
+    }
+}
+
 #[test]
 fn the_verdict_counts_process_models_of_several_inputs() {
-    let inputs = [binary(600, 21), binary(600, 22)];
-    let y = output(&inputs, &[model(1.0, &[0.5, 0.2], 0.15), model(1.0, &[0.5, 0.2], 0.62)], 0.02, 23);
-    let time = (0..600).map(|k| STEP_S * f64::from(k)).collect();
-    let [a, b] = inputs;
-    let channels = vec![Channel::new("a", None, a), Channel::new("b", None, b), Channel::new("y", None, y)];
-    let log = Log::new("two.csv", time, channels).unwrap();
-    let report = Job::new(vec![log], ["a", "b"], ["y"]).run().unwrap();
-    for (pair, truth) in report.pairs.iter().zip([0.15, 0.62]) {
-        let p2d = pair.estimates.iter().find(|e| e.method == "p2d").unwrap();
-        assert!(p2d.counts(), "{p2d:?}");
-        assert!((p2d.delay_s.unwrap() - truth).abs() < 0.01, "{p2d:?}");
-        // The others of the verdict see one input at a time.
-        let [low, high] = pair.verdict.ci95_s.unwrap();
-        assert!((pair.verdict.delay_s.unwrap() - truth).abs() < 0.1 && low <= truth && truth <= high, "{}: {:?}", pair.input, pair.verdict);
+    let (mut counted, mut near, mut held) = (0, 0, 0);
+    for seed in 0..4 {
+        let inputs = [binary(600, 21 + 10 * seed), binary(600, 22 + 10 * seed)];
+        let y = output(&inputs, &[model(1.0, &[0.5, 0.2], 0.15), model(1.0, &[0.5, 0.2], 0.62)], 0.02, 23 + 10 * seed);
+        for (pair, truth) in believed_by(&["all"], &inputs, y).iter().zip([0.15, 0.62]) {
+            let p2d = pair.estimates.iter().find(|e| e.method == "p2d").unwrap();
+            counted += u32::from(p2d.counts());
+            near += u32::from((p2d.delay_s.unwrap() - truth).abs() < 0.01);
+            let [low, high] = pair.verdict.ci95_s.unwrap();
+            held += u32::from((pair.verdict.delay_s.unwrap() - truth).abs() < 0.1 && low <= truth && truth <= high);
+        }
     }
+    println!("of 8 pairs: {counted} count, {near} near, {held} held");
+    // A fit of one parameter more is taken for better by chance: once in 87 (chi-square of one degree above ln 600).
+    assert!(counted >= 5 && near == 8 && held >= 7, "{counted} {near} {held}");
 }

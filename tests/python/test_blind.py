@@ -47,7 +47,7 @@ def test_what_was_done_is_kept_and_a_case_that_fails_stops_no_other(checked, tmp
 def test_scores_are_what_the_labels_say(checked, tmp_path):
     _, labels, verdicts, _, _ = checked
     score = blind.score(verdicts, labels)
-    assert score.cases == 2 and score.groups == {"mixture": 0, "none": 1, "pair": 0, "single": 1, "unknown": 0}
+    assert score.cases == 2 and score.groups == {"mixture": 0, "moving": 0, "none": 1, "pair": 0, "single": 1, "unknown": 0}
     assert score["top1_class"] == 1.0 and score["false_alarm"] == 0.0 and score["pair_any"] is None
     assert score.scores["top1_class"]["count"] == 1 and {b["key"] for b in score.by} == {"effect", "plant"}
     assert score.to_dict()["format"] == "deadtime/blind-score@1" and "top1_class" in repr(score)

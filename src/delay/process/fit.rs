@@ -7,6 +7,7 @@ mod several;
 
 use nalgebra::{DMatrix, DVector};
 
+pub(super) use self::several::Own;
 use self::several::Part;
 use super::chain::{Chain, INPUT, LEAST_LAG, LEAST_RATIO, MOST_RATIO, REAL_RATIO, Row, Shape};
 use crate::delay::{bound, posterior};
@@ -275,16 +276,8 @@ impl<'a> Problem<'a> {
 
     /// The model's answer to a unit pulse of one sample.
     pub(super) fn impulse(&self, theta: &[f64], place: Place, signals: &Signals, samples: usize) -> Vec<f64> {
-        let chain = Chain::new(self.shape, &theta[..self.shape.denominator().min(theta.len())]);
         let pulse: Vec<f64> = (0..samples).map(|t| f64::from(u8::from(t == 0))).collect();
-        let states = chain.states(&pulse, &[]);
-        let mut response = vec![0.0; samples];
-        for (row, c) in chain.after(place.g, &chain.basis).iter().zip(signals.coefficients.iter()) {
-            let mut part = vec![0.0; samples];
-            combine(row, &states, &pulse, place.lag, None, &mut part);
-            add(&mut response, *c, &part);
-        }
-        response
+        answer(self.shape, theta, place, signals.coefficients.as_slice(), &pulse)
     }
 
     /// Cost, gradient and information by the poles, and by g where `fraction` says so.
@@ -613,6 +606,19 @@ const LAGS: [f64; 8] = [0.1, 0.6, 2.0, 5.0, 12.0, 30.0, 100.0, 1000.0];
 
 fn count(n: usize) -> f64 {
     n as f64
+}
+
+/// A model's answer to an input, from rest; `coefficients` of its numerator.
+fn answer(shape: Shape, theta: &[f64], place: Place, coefficients: &[f64], u: &[f64]) -> Vec<f64> {
+    let chain = Chain::new(shape, &theta[..shape.denominator().min(theta.len())]);
+    let states = chain.states(u, &[]);
+    let mut response = vec![0.0; u.len()];
+    for (row, c) in chain.after(place.g, &chain.basis).iter().zip(coefficients) {
+        let mut part = vec![0.0; u.len()];
+        combine(row, &states, u, place.lag, None, &mut part);
+        add(&mut response, *c, &part);
+    }
+    response
 }
 
 /// to(t) = mask(t)·Σ row·(states, u)(t − lag), zero before the record.

@@ -6,12 +6,14 @@ mod chain;
 mod fit;
 mod model;
 mod orders;
+mod shares;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 pub use self::model::{ProcessModel, Slopes};
 pub use self::orders::Misfit;
 pub(super) use self::orders::judge_orders;
+pub(super) use self::shares::{Measured, Shares};
 
 use self::chain::Shape;
 use self::fit::{Found, Place, Problem};

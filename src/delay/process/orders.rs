@@ -25,7 +25,7 @@ impl Misfit {
     }
 }
 
-/// Marks the answers of process models on a record of one step: what a larger model outdoes, and what has poles enough.
+/// Marks the answers of process models on a record of one step, or of several inputs: what a larger model outdoes, and what has poles enough.
 pub(in crate::delay) fn judge_orders<'a>(answers: impl Iterator<Item = (&'a Method, &'a mut DelayEstimate)>) {
     let mut fitted: Vec<(&Method, &mut DelayEstimate, Misfit)> =
         answers.filter_map(|(m, e)| e.misfit.as_deref().copied().map(|fit| (m, e, fit))).collect();

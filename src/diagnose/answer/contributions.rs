@@ -30,7 +30,7 @@ const TRADE: f64 = 0.95;
 pub(in crate::diagnose) struct GapBudget<'b, 'a> {
     pub(in crate::diagnose) likelihood: &'b Likelihood<'a>,
     pub(in crate::diagnose) composed: &'b Composed,
-    /// Residuals of the model as it came, and of the model as it is handed over.
+    /// Residuals of the model as it came, and of the model as it is handed over; of a hidden sequence those once it is known.
     pub(in crate::diagnose) before: &'b [DMatrix<f64>],
     pub(in crate::diagnose) after: &'b [DMatrix<f64>],
     pub(in crate::diagnose) scales: &'b Scales,
@@ -122,7 +122,7 @@ impl GapBudget<'_, '_> {
         (contributions, recalibration, self.remainder(left, &learnt))
     }
 
-    /// Pairs of the model's numbers that the data hardly tell apart, in words.
+    /// Pairs of the model's numbers that the data hardly tell apart, and numbers that only predict, in words.
     fn directions(&self, numbers: &[usize]) -> Vec<String> {
         let Some(hypothesis) = &self.composed.hypothesis else { return Vec::new() };
         let Some(slopes) = hypothesis.slopes(self.likelihood, self.scales) else { return Vec::new() };
@@ -135,12 +135,13 @@ impl GapBudget<'_, '_> {
         let name = |at: usize| &hypothesis.effects[at].channel;
         let pairs = numbers.iter().enumerate().flat_map(|(k, a)| numbers[k + 1..].iter().map(move |b| (*a, *b)));
         let told = pairs.filter_map(|(a, b)| Some((a, b, cosine(a, b)?))).filter(|(_, _, cosine)| cosine.abs() > TRADE);
-        told.map(|(a, b, cosine)| {
+        let traded = told.map(|(a, b, cosine)| {
             let relative = cosine * hypothesis.effects[a].values[0] * hypothesis.effects[b].values[0];
             let what = if relative < 0.0 { "ratio" } else { "product" };
             format!("{} and {} hardly but as their {what}", name(a), name(b))
-        })
-        .collect()
+        });
+        let surrogates = numbers.iter().filter(|&&at| self.is_surrogate(hypothesis, at));
+        traded.chain(surrogates.map(|&at| format!("{} predicts but is not the physics'", name(at)))).collect()
     }
 
     /// Weak: without it, no output's error is larger by the factor that an effect is asked for.

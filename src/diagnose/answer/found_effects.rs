@@ -20,9 +20,8 @@ pub(in crate::diagnose) fn found_effects(
         let place = hypothesis.free.iter().position(|&at| at == (e, i));
         let std = match (&hypothesis.lost, place) {
             (Some(lost), None) if applied.effect.loses_commands() => {
-                let std = likelihood.system.inputs.iter().position(|p| p.name == applied.channel).and_then(|input| lost.std[input]);
-                // A mean first, then a standard deviation, which so many waits tell better by √2; then how it was decoded.
-                std.zip([1.0, std::f64::consts::FRAC_1_SQRT_2].get(i)).map(|(std, factor)| std * factor)
+                let input = likelihood.system.inputs.iter().position(|p| p.name == applied.channel);
+                input.and_then(|input| lost.std[input].get(i).copied())
             }
             (_, None) if applied.effect.leaves_residual() => Some(LATTICE * applied.values[i]),
             _ => estimate.zip(place).and_then(|(estimate, at)| estimate.std[at]),

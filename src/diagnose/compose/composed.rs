@@ -7,7 +7,7 @@
 use rayon::prelude::*;
 use statrs::function::erf::erfc_inv;
 
-use super::composer::{Composer, Composition};
+use super::composer::{Composer, Composition, to_be_fitted};
 use super::gate::Gate;
 use super::weak::weak;
 use crate::diagnose::baseline::noise::Noise;
@@ -23,6 +23,7 @@ use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::diagnose::search::catalogue_search::{SearchResult, noise_of};
 use crate::effect::{Applied, Scales};
+use crate::signal::stats::NORMAL_95;
 
 /// The error may rise by so much when parameters are fitted beside the noise's colour.
 const SETTLED: f64 = 1.02;
@@ -283,6 +284,10 @@ impl Compose<'_, '_> {
         let beside = shrunk.likelihood.with_noise(noise_of(shrunk.likelihood, (&composition.hypothesis).into(), self.smallest)?);
         let settled = shrunk.settled(&beside, composition.hypothesis.clone())?;
         let (hypothesis, taken_out) = shrunk.by_share(settled, composition.recalibration);
+        let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
+        if let Some(needless) = estimate.as_ref().and_then(|e| Self::not_established(&hypothesis, e, composition.recalibration)) {
+            return self.judged(judged, &composition.without(&to_be_fitted(&hypothesis, None, Some(&needless))));
+        }
         let without = shrunk.refitted(&hypothesis, &taken_out);
         let stand_ins = hypothesis.effects.iter().map(|a| composition.stand_ins_of(a)).collect();
 
@@ -298,7 +303,6 @@ impl Compose<'_, '_> {
         };
         let found = (verdict == GapVerdict::Effects).then(|| hypothesis.clone());
         let judged = Judged { verdict, found, best: Some(hypothesis.clone()), unknown, left_over, inexact: judged.inexact, floor, reached };
-        let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
         Some(Composed {
             judged,
             hypothesis: Some(hypothesis),
@@ -308,6 +312,15 @@ impl Compose<'_, '_> {
             recalibration: composition.recalibration,
             estimate,
         })
+    }
+
+    /// The last of the effects behind the first whose interval holds the value at which it does nothing: what the gate let in may be what others lack.
+    fn not_established(hypothesis: &Hypothesis, estimate: &Estimate, recalibration: Option<f64>) -> Option<Applied> {
+        let behind = (1..hypothesis.effects.len()).rev().filter(|&at| !in_block(recalibration, &hypothesis.effects[at]));
+        behind
+            .map(|at| (at, &hypothesis.effects[at]))
+            .find(|(at, _)| !estimate.one_apart(hypothesis, *at, NORMAL_95))
+            .map(|(_, a)| a.clone())
     }
 
     /// In the order of what each effect explains beside the others, the block of the model's numbers last; and all the others without each.

@@ -377,7 +377,7 @@ impl<'a> Composer<'_, 'a> {
             // With fewer numbers: as good, on held-out data too.
             let fall = self.gate.criteria.added_falls;
             let worse = Gate::fall(&other, &present) > fall && present.better_by_t(&other) >= self.gate.criteria.added_t;
-            return !worse && other.held.over(&present.held) <= 1.0 / (1.0 - fall);
+            return !worse && self.gate.holds_out(&present, &other);
         }
         let more = other.hypothesis.free.len().saturating_sub(present.hypothesis.free.len());
         let enough = self.gate.criteria.added_falls * (1 + more) as f64;

@@ -45,6 +45,11 @@ impl Gate {
         enough && (alike || best.better_by_t(other).abs() < self.criteria.added_t)
     }
 
+    /// What takes another's place is hardly worse on held-out data.
+    pub(super) fn holds_out(&self, before: &Standing, after: &Standing) -> bool {
+        after.held.over(&before.held) <= 1.0 / (1.0 - self.criteria.added_falls)
+    }
+
     /// An earlier effect is needless where the blocks are hardly worse without it.
     pub(super) fn needless(&self, without: &Standing, with: &Standing) -> bool {
         with.better_by_t(without) < self.criteria.dropped_t

@@ -1,8 +1,9 @@
 //! All numbers of the model at once, each a little off: one block whose size the data choose.
 //!
 //! How it can be wrong: tried first it eats the structure (a friction, a coupling, a lag), so it comes after effects were looked for, and never alone. With as
-//! many numbers as a model has, a fit describes the training logs; so all have a normal prior about the value that came, of one relative size, and the size is
-//! that which predicts blocks of time left out best. Numbers that the data do not see stay where they were and are taken out again.
+//! many numbers as a model has, a fit describes the training logs; so all have a normal prior about the value that came, of one relative size, and the
+//! size is that which predicts blocks of time left out best. Blocks beside those that were learnt from are still like them: what takes an effect's place must do so on
+//! held-out data, too. Numbers that the data do not see stay where they were and are taken out again.
 
 use super::composer::{Composer, Composition, in_order, to_be_fitted};
 use super::gate::{Gate, Original};
@@ -40,9 +41,10 @@ impl Composer<'_, '_> {
         // numbers takes the shape of an effect of one: then it must predict better, too.
         let plainer = others(&after) < others(&before) && after.hypothesis.free.len() <= before.hypothesis.free.len();
         let takes_place = plainer || numbers(&before) >= FEWEST && others(&after) == others(&before);
-        let as_good = after.better_by_t(&before) >= -self.gate.criteria.dropped_t;
-        let better =
-            after.better_by_t(&before) >= self.gate.criteria.added_t && Gate::fall(&before, &after) > self.gate.criteria.added_equals;
+        let as_good = after.better_by_t(&before) >= -self.gate.criteria.dropped_t && self.gate.holds_out(&before, &after);
+        let better = after.better_by_t(&before) >= self.gate.criteria.added_t
+            && Gate::fall(&before, &after) > self.gate.criteria.added_equals
+            && self.gate.holds_out(&before, &after);
         let accepted =
             (takes_place && as_good) || (others(&after) < others(&before) && better) || self.gate.accepts(&before, &after, original);
         (numbers(&after) >= FEWEST && accepted).then_some((released, size))
@@ -53,7 +55,7 @@ impl Composer<'_, '_> {
         let effects: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| !a.effect.corrects_model()).cloned().collect();
         for old in effects {
             let Some(without) = self.fitted(likelihood, to_be_fitted(&present.hypothesis, None, Some(&old))) else { continue };
-            if self.gate.needless(&without, &present) {
+            if self.gate.needless(&without, &present) && self.gate.holds_out(&present, &without) {
                 composition = composition.without(&without.hypothesis);
                 present = without;
             }

@@ -142,6 +142,20 @@ pub enum Caveat {
         /// By how much.
         factor: String,
     },
+    /// A simulator whose free run is nowhere near the log, as one that fell over and came to rest.
+    #[error(
+        "the free run of the simulator has left the log: it misses `{output}` by {times} times what that moves and goes its own way{}. So does an unstable machine that fell over, \
+         and no effect that is named here can be believed; name the log's channels of its states, from which it is then started again and again (--states \"NAME=CHANNEL,…\"), \
+         or close the loop inside the simulator", grown.as_ref().map_or_else(String::new, |grown| format!(", and what a push at the start does grows {grown}-fold"))
+    )]
+    LeftTheLog {
+        /// The output.
+        output: String,
+        /// By how much.
+        times: String,
+        /// What a push on a start grows by, where one is named.
+        grown: Option<String>,
+    },
     /// A simulator that answers next to nothing with something.
     #[error(
         "a change of the inputs by 1e-10 moves `{output}` by {percent} % of its motion: the simulator is rough or chaotic, and no effect smaller than that can be told"
@@ -197,6 +211,6 @@ impl Caveat {
     /// It has to be settled before anything else is believed.
     #[must_use]
     pub fn comes_first(&self) -> bool {
-        matches!(self, Self::OtherOperatingPoint { .. } | Self::PoorModel { .. })
+        matches!(self, Self::OtherOperatingPoint { .. } | Self::PoorModel { .. } | Self::LeftTheLog { .. })
     }
 }

@@ -75,7 +75,7 @@ pub struct Recalibration {
     pub share: Share,
     /// The parameters with their new values.
     pub parameters: Vec<FoundParameter>,
-    /// What cannot be told apart among them, in words.
+    /// What cannot be told apart among them, and which of them predict without being the physics', in words.
     pub directions: Vec<String>,
 }
 

@@ -96,6 +96,21 @@ pub struct Prediction {
     pub why: String,
 }
 
+/// How the reason begins where a simulator is started again on the way.
+pub(in crate::diagnose) const STARTED_AGAIN: &str = "started again";
+
+impl Prediction {
+    /// What the model does, in a sentence.
+    #[must_use]
+    pub fn words(&self) -> &'static str {
+        match self.mode {
+            Mode::Simulation if self.why.starts_with(STARTED_AGAIN) => "simulated from window to window",
+            Mode::Simulation => "simulated freely",
+            Mode::Predictor => "predicted one step ahead",
+        }
+    }
+}
+
 /// The prediction mode; values of different modes are not comparable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -7,18 +7,17 @@
 //! How it can be wrong: a command that changes by less than the noise shows decides nothing, so the probability is taken from the others; a nonlinear plant's
 //! response varies, so the exact simulation has the last word; a misfit of another kind is followed by lost commands in part only, and stays above the floor.
 
-use nalgebra::DMatrix;
 use rayon::prelude::*;
 
+use super::arrivals;
 use super::effects::{Dropouts, Hypothesis};
+use super::response::{response, static_value};
 use super::sequence::{Path, search};
 use super::waits::Wait;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::gaussian::Likelihood;
-use crate::effect::{Applied, Chance, Scales};
-use crate::simulate::plan::InputPath;
-use crate::simulate::{Commands, Piecewise};
+use crate::effect::{Applied, Chance, Fates, Lateness, Scales};
 
 /// The probability with which a search begins.
 const FIRST: f64 = 0.3;
@@ -37,16 +36,18 @@ pub(in crate::diagnose) fn decoded(
         return Some(hypothesis);
     }
     for _ in 0..likelihood.budget.passes {
-        let mut lost = Dropouts {
-            sequences: vec![vec![None; likelihood.system.inputs.len()]; likelihood.records.len()],
-            price: 0.0,
-            waits: vec![Vec::new(); likelihood.system.inputs.len()],
-            std: vec![None; likelihood.system.inputs.len()],
-        };
+        let mut lost = Dropouts::none(likelihood);
         for &e in &losing {
             let channel = hypothesis.effects[e].channel.clone();
             let input = likelihood.system.inputs.iter().position(|p| p.name == channel)?;
             let others: Vec<Applied> = hypothesis.effects.iter().filter(|a| !a.effect.loses_commands()).cloned().collect();
+            if hypothesis.effects[e].effect.lateness() == Some(Lateness::Random) {
+                if let Some(known) = &hypothesis.lost {
+                    known.sequences.iter().zip(&mut lost.sequences).for_each(|(from, to)| to[input].clone_from(&from[input]));
+                }
+                hypothesis.effects[e] = arrivals::decode(likelihood, &others, &hypothesis.effects[e], input, &mut lost)?;
+                continue;
+            }
             let before = hypothesis.effects[e].values[0];
             let given = if hypothesis.lost.is_some() { before.clamp(0.01, 0.9) } else { FIRST };
             let probability = decode_input(likelihood, &others, &mut lost, input, given)?;
@@ -94,42 +95,13 @@ fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Drop
             }
             (wait, sent) = (0, None);
         }
-        lost.sequences[at][input] = Some(path.lost);
+        lost.sequences[at][input] = Some(Fates::Missing(path.lost));
     }
     if decided < likelihood.criteria.decisions {
         return None;
     }
     // Laplace's rule keeps the probability off its edges.
     let p = (held + 0.5) / (decided + 1.0);
-    lost.std[input] = Some((p * (1.0 - p) / decided).sqrt());
+    lost.std[input] = vec![(p * (1.0 - p) / decided).sqrt()];
     Some(p)
-}
-
-/// What a command becomes at rest on its way: the curve and the maps of the path.
-fn static_value(path: &InputPath, value: f64) -> f64 {
-    let mut signal = Piecewise::held(&[0.0], [value]);
-    if let Some(curve) = path.curve {
-        signal = signal.map(|p| (curve.gain * p.value + curve.quadratic * p.value * p.value.abs(), 0.0));
-    }
-    path.maps.iter().fold(signal, |signal, map| map(signal)).first()
-}
-
-/// The outputs' response to one held sample of one unit behind the maps of the path, samples × outputs.
-fn response(likelihood: &Likelihood<'_>, at: usize, others: &[Applied], input: usize) -> Option<DMatrix<f64>> {
-    let record = &likelihood.records[at];
-    let mut plan = likelihood.plan(others, Chance::Mean)?;
-    (plan.inputs[input].curve, plan.inputs[input].maps) = (None, Vec::new());
-    let samples = record.time_s.len();
-    let place = samples / 4;
-    let size = 1e-2 * record.inputs[input].iter().map(|u| u.abs()).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
-    let simulate = |by: f64| {
-        let mut inputs = record.inputs.clone();
-        inputs[input][place] += by;
-        let commands = Commands { time_s: &record.time_s, inputs: &inputs };
-        likelihood.system.simulate(&plan, commands, &record.start, likelihood.correction(at)).ok()
-    };
-    let (up, down) = (simulate(0.5 * size)?.y, simulate(-0.5 * size)?.y);
-    let length = likelihood.budget.response.min(samples - place);
-    let g = (up.rows(place, length) - down.rows(place, length)) / size;
-    g.iter().all(|v| v.is_finite()).then_some(g)
 }

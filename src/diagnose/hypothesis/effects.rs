@@ -2,6 +2,7 @@
 
 use super::waits::Wait;
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, LostCommands};
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::Applied;
 
 /// Effects with their best parameters so far.
@@ -28,8 +29,21 @@ pub(in crate::diagnose) struct Dropouts {
     pub(in crate::diagnose) price: f64,
     /// Per input, the waits of commands that show on the training logs.
     pub(in crate::diagnose) waits: Vec<Vec<Wait>>,
-    /// Standard deviation of each input's probability, where one could be estimated.
-    pub(in crate::diagnose) std: Vec<Option<f64>>,
+    /// Per input, standard deviations of the first parameters of what makes its commands late, as far as they could be estimated.
+    pub(in crate::diagnose) std: Vec<Vec<f64>>,
+}
+
+impl Dropouts {
+    /// Nothing is known yet.
+    pub(super) fn none(likelihood: &Likelihood<'_>) -> Self {
+        let inputs = likelihood.system.inputs.len();
+        Self {
+            sequences: vec![vec![None; inputs]; likelihood.records.len()],
+            price: 0.0,
+            waits: vec![Vec::new(); inputs],
+            std: vec![Vec::new(); inputs],
+        }
+    }
 }
 
 impl<'e> From<&'e Hypothesis> for ActiveEffects<'e> {

@@ -30,6 +30,10 @@ pub(super) const GROWS: f64 = 10.0;
 pub(super) const UNSTABLE: f64 = 1e3;
 /// A free run that misses by more than so many times the outputs' motion has left the log: what grew may have come to rest elsewhere.
 const FAR: f64 = 3.0;
+/// So far off a run need not be seen to grow: what fell within the first third of a log grows no more.
+const FAR_OFF: f64 = 10.0;
+/// A free run of which no line explains more than this part of an output's variance goes its own way: not the log's in another unit, or with another sign.
+const TELLS: f64 = 0.5;
 /// The relative change of the inputs that shows how fine the simulator resolves.
 const FINE: f64 = 1e-10;
 /// A simulator that this moves by more than such a part of its motion is rough or chaotic.
@@ -112,6 +116,16 @@ impl Probe<'_> {
         self.record.measured.iter().enumerate().map(one).fold(0.0, f64::max)
     }
 
+    /// The output that the free run misses by far while it goes its own way, and by how many times its motion.
+    fn lost(&self) -> Option<(usize, f64)> {
+        let one = |(i, m): (usize, &crate::simulate::Measured)| {
+            let pairs: Vec<(f64, f64)> = (0..self.nominal.nrows()).filter_map(|k| Some((m.get(k)?, self.nominal[(k, i)]))).collect();
+            let missed = stats::rms(pairs.iter().map(|(y, run)| run - y)).unwrap_or(0.0) / self.spread[i];
+            (missed > FAR && explained(&pairs) < TELLS).then_some((i, missed))
+        };
+        self.record.measured.iter().enumerate().filter_map(one).max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
     fn started(&self, state: usize, by: f64) -> Option<Response> {
         let mut x0 = self.record.start.clone();
         x0.iter_mut().skip(state).step_by(self.system.states.len()).for_each(|x| *x += by);
@@ -140,6 +154,15 @@ impl Probe<'_> {
 fn risen(response: &[f64]) -> Option<f64> {
     let first = largest(response.get(..LASTS.1)?);
     (first > 0.0).then(|| largest(response) / first)
+}
+
+/// The part of the variance of the first that a line through the second explains: their correlation, squared; 0 where one stands still.
+fn explained(pairs: &[(f64, f64)]) -> f64 {
+    let means = stats::mean(pairs.iter().map(|p| p.0)).zip(stats::mean(pairs.iter().map(|p| p.1)));
+    let Some((a, b)) = means else { return 0.0 };
+    let sum = |product: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(product).sum::<f64>();
+    let (aa, bb, ab) = (sum(&|p| (p.0 - a).powi(2)), sum(&|p| (p.1 - b).powi(2)), sum(&|p| (p.0 - a) * (p.1 - b)));
+    if aa > 0.0 && bb > 0.0 { ab * ab / (aa * bb) } else { 0.0 }
 }
 
 /// Standard deviation; of what stands still its size, of what is 0 one.
@@ -203,6 +226,7 @@ pub(in crate::diagnose) fn probe(
         found.caveats.push(Caveat::Rough { output: system.outputs[i].name.clone(), percent: format!("{:.2}", 100.0 * coarse) });
     }
     let mut responses: Vec<Response> = Vec::new();
+    let mut grown: Option<f64> = None;
     let samples = record.time_s.len();
     for (j, input) in system.inputs.iter().enumerate() {
         let short = probe.pushed(&probe.input(j, (samples / LASTS.0).max(LASTS.1)));
@@ -221,13 +245,22 @@ pub(in crate::diagnose) fn probe(
         // A start that is fitted in every window may be off by as much as the state moves at all.
         let logged = record.states.get(j).and_then(Option::as_ref).map_or(0.0, |x| self::spread(x));
         found.states.push(if size > 0.0 { size.max(logged) } else { 0.0 });
-        if let Some(factor) = response.as_deref().and_then(risen).filter(|f| restarted.is_none() && *f > UNSTABLE && probe.misses() > FAR) {
+        let factor = response.as_deref().and_then(risen).filter(|_| restarted.is_none());
+        grown = factor.into_iter().chain(grown).reduce(f64::max);
+        if let Some(factor) = factor.filter(|f| *f > UNSTABLE && probe.misses() > FAR) {
             return Err(GapError::Unstable { log: record.name.clone(), factor }.into());
         }
         responses.extend(response);
     }
     if system.states.is_empty() {
         found.caveats.push(Caveat::NoStart);
+    }
+    if restarted.is_none()
+        && let Some((i, times)) = probe.lost()
+        && (system.states.is_empty() || times > FAR_OFF || grown.is_some_and(|g| g > GROWS))
+    {
+        let (output, grown) = (system.outputs[i].name.clone(), grown.filter(|g| *g > GROWS).map(|g| format!("{g:.0}")));
+        found.caveats.push(Caveat::LeftTheLog { output, times: format!("{times:.1}"), grown });
     }
     for (at, port) in system.parameters.iter().enumerate() {
         let still = |share: f64| probe.with_parameter(at, share).is_some_and(|r| largest(&r) == 0.0);

@@ -53,6 +53,8 @@ pub(in crate::diagnose) struct Budget {
     pub(in crate::diagnose) losing: usize,
     /// The part of the best gain from which lost commands are looked for again under another noise.
     pub(in crate::diagnose) again: f64,
+    /// The same for delays of single commands, which cost less to look for and were linear in the first noise.
+    pub(in crate::diagnose) again_late: f64,
     /// Sequences of lost commands that are kept at a time.
     pub(in crate::diagnose) sequences: usize,
     /// Searches for lost commands, each with the last one's probability and parameters.
@@ -87,6 +89,7 @@ pub(in crate::diagnose) const MODEL_FILE: Budget = {
         swapped: 3,
         losing: 3,
         again: 0.8,
+        again_late: 0.5,
         sequences: 32,
         passes: 2,
         response: 400,

@@ -14,6 +14,7 @@
 
 use super::black_box::{GROWS, UNSTABLE, spread};
 use super::record::LogRecord;
+use crate::diagnose::format::diagnosis::STARTED_AGAIN;
 use crate::diagnose::format::error::GapError;
 use crate::error::Result;
 use crate::simulate::{Commands, Plan, System};
@@ -41,7 +42,7 @@ impl Restarted {
         match windows {
             1 => "simulated freely, from what the log says of its states at the first sample".to_owned(),
             _ => format!(
-                "started again from what the log says of its states, every {every_s:.3} s ({windows} windows in the longest log); within one a push grows {growth:.1}-fold"
+                "{STARTED_AGAIN} from what the log says of its states, every {every_s:.3} s ({windows} windows in the longest log); within one a push grows {growth:.1}-fold"
             ),
         }
     }

@@ -113,16 +113,20 @@ pub(in crate::diagnose) fn established(likelihood: &Likelihood<'_>, hypothesis: 
 }
 
 impl Estimate {
-    /// Every effect is so many standard deviations away from the value at which it does nothing. What has no such value (a limit) or no interval counts as it is.
+    /// Every effect is so many standard deviations away from the value at which it does nothing.
     pub(in crate::diagnose) fn apart(&self, hypothesis: &Hypothesis, deviations: f64) -> bool {
-        hypothesis.effects.iter().enumerate().all(|(e, applied)| {
-            let own = hypothesis.free.iter().zip(&self.std).filter(|((of, _), _)| *of == e);
-            let sizes = own.map(|((_, i), std)| (&applied.parameters[*i], applied.values[*i], std));
-            let sizes = sizes.filter(|(p, _, _)| p.nominal.is_finite() && !p.role.is_shape());
-            let mut apart = sizes.map(|(p, value, std)| std.is_none_or(|s| (value - p.nominal).abs() > deviations * s));
-            let first = apart.next();
-            first.is_none_or(|first| first || apart.any(|a| a))
-        })
+        (0..hypothesis.effects.len()).all(|e| self.one_apart(hypothesis, e, deviations))
+    }
+
+    /// One effect is so far away. What has no such value (a limit) or no interval counts as it is.
+    pub(in crate::diagnose) fn one_apart(&self, hypothesis: &Hypothesis, e: usize, deviations: f64) -> bool {
+        let applied = &hypothesis.effects[e];
+        let own = hypothesis.free.iter().zip(&self.std).filter(|((of, _), _)| *of == e);
+        let sizes = own.map(|((_, i), std)| (&applied.parameters[*i], applied.values[*i], std));
+        let sizes = sizes.filter(|(p, _, _)| p.nominal.is_finite() && !p.role.is_shape());
+        let mut apart = sizes.map(|(p, value, std)| std.is_none_or(|s| (value - p.nominal).abs() > deviations * s));
+        let first = apart.next();
+        first.is_none_or(|first| first || apart.any(|a| a))
     }
 }
 

@@ -1,9 +1,9 @@
 //! Effects at work in a simulation, as far as what they do by chance is known.
 
-use crate::effect::Applied;
+use crate::effect::{Applied, Fates};
 
-/// Which commands of each input are lost; `None` where none are.
-pub(in crate::diagnose) type LostCommands = Vec<Option<Vec<bool>>>;
+/// What became of each input's commands; `None` where all are there.
+pub(in crate::diagnose) type LostCommands = Vec<Option<Fates>>;
 
 /// Effects at work, with the commands that were lost where that is known.
 #[derive(Debug, Clone, Copy)]

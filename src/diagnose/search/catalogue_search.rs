@@ -16,7 +16,7 @@ use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::diagnose::likelihood::residuals::residuals;
-use crate::effect::{Applied, Role, Scales};
+use crate::effect::{Applied, Lateness, Role, Scales};
 
 /// What a search found, best first.
 pub(in crate::diagnose) struct SearchResult {
@@ -74,7 +74,8 @@ pub(in crate::diagnose) fn search<'a>(
             let leaders = frugal(&likelihood, hypotheses.iter().take(budget.plain.leaders).map(|e| e.effects.as_slice()));
             hypotheses.par_iter_mut().zip(leaders).filter(|(e, leads)| *leads && e.gain.is_finite()).for_each(|(e, _)| {
                 // A sequence that explains much less than the best hypothesis is not worth another search.
-                let again = e.lost.is_none() || e.gain > budget.again * best;
+                let late = e.effects.iter().any(|a| a.effect.lateness() == Some(Lateness::Random));
+                let again = e.lost.is_none() || e.gain > if late { budget.again_late } else { budget.again } * best;
                 let sequences = if again { decoded(&likelihood, e.clone(), scales, cost, steps) } else { Some(e.clone()) };
                 if let Some(better) = sequences.and_then(|e| Hypothesis::refit(&likelihood, e, scales, cost, steps)) {
                     *e = better.with_missing_limits(&likelihood, scales, cost, steps);

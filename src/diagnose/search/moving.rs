@@ -76,9 +76,12 @@ fn of_input(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, ch
     let best = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b]))?;
     let least = likelihood.criteria.selection_penalty;
     let worth = |(cost, start): (f64, Vec<f64>)| (sums[best] - cost > least).then_some(start);
+    // Drifts of a sample over the logs, which the grid may be too coarse to show.
+    let turns = [-1.0, 1.0].map(|sign| vec![grid.delays_s[best], sign * scales.sample_time_s / scales.duration_s]);
+    let slow = turns.into_iter().filter(|_| grid.delays_s[best] > 0.0 && sums[0] - sums[best] > least);
     let mut moves = Moves {
         jumps: grid.jump().and_then(worth).into_iter().collect(),
-        drifts: grid.drift().and_then(worth).into_iter().collect(),
+        drifts: grid.drift().and_then(worth).into_iter().chain(slow).collect(),
         slower: Vec::new(),
     };
     // A slower loop is late on average: where no fixed delay helps it is none.

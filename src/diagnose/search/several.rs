@@ -9,7 +9,7 @@ use crate::diagnose::hypothesis::dropouts::decoded;
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
-use crate::effect::{Applied, Scales, row};
+use crate::effect::{Applied, Lateness, Scales, row};
 
 /// The first effects that pairs are built on: the best, and the best of one parameter, each kind of effect once.
 fn firsts<'h>(singles: &'h [Hypothesis], penalties: &Penalties, [any, plain]: [usize; 2]) -> Vec<&'h Hypothesis> {
@@ -177,6 +177,10 @@ fn wanted(
         for (_, second) in seconds.chain(special) {
             let mut pair: Vec<Applied> = beside.first.effects.iter().chain([second]).cloned().collect();
             if pair.iter().filter(|a| a.effect.loses_commands()).count() > 1 || pair[0].key() == pair[1].key() {
+                continue;
+            }
+            // Delays of single commands take a little of all that a second effect could explain.
+            if pair.iter().any(|a| a.effect.lateness() == Some(Lateness::Random)) {
                 continue;
             }
             pair.sort_by_key(|a| row(a.effect));

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::screen::Screened;
 use super::slower_loop::from_waits;
+use crate::diagnose::hypothesis::arrivals::beside_fixed;
 use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::hypothesis::dropouts::decoded;
 use crate::diagnose::hypothesis::effects::Hypothesis;
@@ -73,6 +74,9 @@ pub(in crate::diagnose) fn fit_first(
         }
     });
     from_waits(likelihood, &mut singles, scales, cost);
+    if !likelihood.system.is_black_box() {
+        beside_fixed(likelihood, &mut singles, cost);
+    }
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     singles
 }

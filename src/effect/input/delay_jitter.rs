@@ -4,7 +4,7 @@
 
 use crate::effect::channel;
 use crate::effect::{Effect, EffectError, Lateness, Parameter, Role, Scales, Site, Telling};
-use crate::simulate::{Late, Plan, System};
+use crate::simulate::{Delays, Late, Plan, System};
 
 /// From this value on commands keep their order.
 const ORDERED: f64 = 0.5;
@@ -41,7 +41,7 @@ impl Effect for DelayJitter {
         Ok(vec![channel::delay("delay"), channel::not_negative("spread", "s".to_owned(), 0.0), ordered])
     }
 
-    /// None: its mean is a plain delay's, and what tells it is the sequence that was found for lost commands.
+    /// None: its mean is a plain delay's, and what tells it is the delay of every single command, which is decoded from the outputs.
     fn starts(&self, _: &System, _: &str, _: &Scales) -> Vec<Vec<f64>> {
         Vec::new()
     }
@@ -59,7 +59,7 @@ impl Effect for DelayJitter {
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
-        let late = Late { delay_s: values[0], spread_s: values[1], ordered: values[2] >= ORDERED, seed: None };
+        let late = Late { delay_s: values[0], spread_s: values[1], ordered: values[2] >= ORDERED, delays: Delays::Mean };
         plan.inputs[channel::input(self, system, channel)?].late = Some(late);
         Ok(())
     }

@@ -3,7 +3,7 @@
 use crate::log::neighbours;
 use crate::log::recording::TimeUnit;
 
-/// Whole numbers beyond this are counted from the first stamp, so that differences of nanoseconds since 1970 keep every digit.
+/// Whole numbers beyond this are counted from the first stamp, so that differences of nanoseconds since 1970 keep every digit; seconds since 1970 are, too.
 const COUNTED_FROM_FIRST: i128 = 100_000_000_000;
 /// Seconds since 1970 at the beginning of 2000 and of 2100: whole numbers between them are dates in seconds, and so on for thousandths.
 const DATES_S: std::ops::Range<f64> = 946_684_800.0..4_102_444_800.0;
@@ -58,14 +58,37 @@ pub(in crate::log) fn named_time(name: &str) -> Option<Option<TimeUnit>> {
     named(name, false)
 }
 
-/// Stamps of any format, each as text would have it, in seconds (NaN where there is none), and their unit; they are understood as a text file's.
-#[cfg(feature = "tables")]
-pub(in crate::log) fn seconds(cells: impl Iterator<Item = String>, unit: Option<TimeUnit>, plain: bool) -> (Vec<f64>, TimeUnit) {
+/// The stamps of a table or an array.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::log) struct Times {
+    /// In seconds, NaN where there is none; from `origin_ns` on where there is one.
+    pub(in crate::log) time_s: Vec<f64>,
+    /// Their unit.
+    pub(in crate::log) unit: TimeUnit,
+    /// What they count from, nanoseconds.
+    pub(in crate::log) origin_ns: Option<i128>,
+    /// How the unit was found out, where its size told it, and what the stamps count from: the end of a sentence.
+    pub(in crate::log) told: String,
+}
+
+/// Stamps of any format, each as text would have it; they are understood as a text file's. `plain` says that whole numbers of seconds may stand there.
+pub(in crate::log) fn seconds(cells: impl Iterator<Item = String>, unit: Option<TimeUnit>, plain: bool) -> Times {
     let mut stamps = Stamps::default();
     let number = |cell: &[u8]| std::str::from_utf8(cell).ok()?.parse().ok();
     let raw: Vec<f64> = cells.map(|cell| stamps.read(cell.as_bytes(), unit, number).unwrap_or(f64::NAN)).collect();
-    let unit = unit.unwrap_or_else(|| stamps.guess(&raw, plain).0);
-    (raw.iter().map(|stamp| stamp / unit.per_second()).collect(), unit)
+    let (unit, why) = unit.map_or_else(|| stamps.guess(&raw, plain), |unit| (unit, Why::Given));
+    let time_s: Vec<f64> = raw.iter().map(|stamp| stamp / unit.per_second()).collect();
+    let size = if why == Why::Size { " by the size of its numbers" } else { "" };
+    let again = match why {
+        Why::Size => "; --time-unit s|ms|us|ns|iso says it otherwise".to_owned(),
+        Why::Rule if median_step(&time_s) >= 2.0 => {
+            format!(", a sample every {} s; --time-unit s|ms|us|ns|iso says it otherwise", super::shortest(median_step(&time_s)))
+        }
+        _ => String::new(),
+    };
+    let per_unit = (1e9 / unit.per_second()) as i128;
+    let origin_ns = stamps.origin.map(|origin| origin.saturating_mul(per_unit));
+    Times { time_s, unit, origin_ns, told: format!("{size}{}{again}", stamps.counted_from(unit)) }
 }
 
 /// How the unit of the time came about.
@@ -100,8 +123,10 @@ impl Stamps {
             self.dates = unit == Some(TimeUnit::Iso) || (unit.is_none() && number(cell).is_none() && text().and_then(date).is_some());
             self.whole = true;
             self.started = true;
-            let first = if self.dates { text().and_then(date) } else { text().and_then(|t| t.parse().ok()) };
-            self.origin = first.filter(|x: &i128| self.dates || x.unsigned_abs() >= COUNTED_FROM_FIRST.unsigned_abs());
+            let whole = |t: &str| t.parse().ok().or_else(|| number(cell).and(parts(t)).map(|(whole, _)| whole));
+            let first = if self.dates { text().and_then(date) } else { text().and_then(whole) };
+            let large = |x: &i128| x.unsigned_abs() >= COUNTED_FROM_FIRST.unsigned_abs() || DATES_S.contains(&(*x as f64));
+            self.origin = first.filter(|x: &i128| self.dates || large(x));
         }
         let from = self.origin.unwrap_or(0);
         if self.dates {
@@ -111,12 +136,22 @@ impl Stamps {
             return Some(whole.saturating_sub(from) as f64);
         }
         self.whole = false;
-        number(cell).map(|x| x - from as f64)
+        let x = number(cell)?;
+        // What stands behind the point would lose its last digits beside a large number.
+        match text().filter(|_| self.origin.is_some()).and_then(parts) {
+            Some((whole, behind)) => Some(whole.saturating_sub(from) as f64 + behind),
+            None => Some(x - from as f64),
+        }
     }
 
-    /// Where the stamps count from, in their unit (nanoseconds for dates); `None` where they are as written.
-    pub(super) fn origin(&self) -> Option<i128> {
-        self.origin
+    /// Where the stamps count from, as the end of a sentence; nothing where they are as written.
+    pub(super) fn counted_from(&self, unit: TimeUnit) -> String {
+        match self.origin {
+            Some(_) if unit == TimeUnit::Iso => ", counted from the first".to_owned(),
+            Some(origin) if self.whole => format!(", counted from the first ({origin})"),
+            Some(origin) => format!(", counted from {origin}"),
+            None => String::new(),
+        }
     }
 
     /// The unit of such stamps where nobody said it, and why. `plain` says that the column is called `time`, which has always meant seconds.
@@ -142,6 +177,13 @@ impl Stamps {
             _ => (TimeUnit::S, Why::Rule),
         }
     }
+}
+
+/// What stands before and behind the point of a plain decimal that is not negative.
+fn parts(text: &str) -> Option<(i128, f64)> {
+    let (whole, behind) = text.split_once(['.', ','])?;
+    let digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    (digits(whole) && digits(behind)).then(|| Some((whole.parse().ok()?, format!("0.{behind}").parse().ok()?))).flatten()
 }
 
 /// The median difference of neighbours; 0 for fewer than two stamps.
@@ -181,8 +223,9 @@ fn days(year: i128, month: i128, of_month: i128) -> i128 {
 
 /// Nanoseconds of `HH:MM`, `HH:MM:SS`, `HH:MM:SS.fraction` with or without a zone.
 fn time_of_day(text: &str) -> Option<i128> {
-    let (clock, zone_min) = if let Some(clock) = text.strip_suffix(['Z', 'z']) {
-        (clock, 0)
+    let utc = text.strip_suffix(['Z', 'z']).or_else(|| text.strip_suffix("UTC")).or_else(|| text.strip_suffix("GMT"));
+    let (clock, zone_min) = if let Some(clock) = utc {
+        (clock.trim_end(), 0)
     } else if let Some(at) = text.rfind(['+', '-']) {
         let (clock, zone) = text.split_at_checked(at)?;
         let sign = if zone.starts_with('-') { -1 } else { 1 };
@@ -227,6 +270,8 @@ mod tests {
             ("2024-03-01T13:30:01,25+01:00", 1_709_296_201_250_000_000),
             ("1969-12-31T23:59:59.999999999Z", -1),
             ("2024-03-01T07:30-0500", 1_709_296_200_000_000_000),
+            ("2024-03-01 12:30:00 UTC", 1_709_296_200_000_000_000),
+            ("2024-03-01 12:30 GMT", 1_709_296_200_000_000_000),
         ] {
             assert_eq!(date(text), Some(ns), "{text}");
         }

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use super::clock::Stamps;
 use super::lines::{LONGEST_LINE, Lines};
+use super::utf16::byte_order;
 use super::{GZIP_MAGIC, Header};
 use crate::error::Error;
 use crate::log::{LogError, Place, ReadOptions, time_follows};
@@ -199,7 +200,7 @@ impl Follower {
     fn rows(&mut self, news: &mut Vec<News>) -> Result<(), Error> {
         let end = self.pending.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
         let too_long = |bytes: usize| bytes as u64 > LONGEST_LINE;
-        if self.header.is_none() && self.pending.starts_with(&GZIP_MAGIC) {
+        if self.header.is_none() && (self.pending.starts_with(&GZIP_MAGIC) || byte_order(&self.pending).is_some()) {
             return Err(LogError::NotText { file: self.source.clone(), row: 1 }.into());
         }
         if too_long(self.pending.len() - end) {

@@ -7,7 +7,7 @@ use std::path::Path;
 use nalgebra::Complex;
 
 use super::lines::Lines;
-use super::{Cell, open, parse, shown};
+use super::{open, parse, shown};
 use crate::error::Error;
 use crate::log::frequency::{FrequencyError, FrequencyResponse, Quality};
 use crate::log::{LogError, Place};
@@ -225,13 +225,7 @@ fn frequency_unit(column: &Column) -> Result<f64, FrequencyError> {
 /// A cell as a number; `None` where it is empty.
 fn number(lines: &Lines<'_>, column: &Column) -> Result<Option<f64>, LogError> {
     let cell = lines.cell(column.place);
-    let (file, place, channel, text) = (lines.file.to_owned(), Place::Row(lines.row), column.name.clone(), shown(cell));
-    match parse(cell, lines.separator) {
-        Cell::Missing => Ok(None),
-        Cell::Number(value) => Ok(Some(value)),
-        Cell::NotFinite => Err(LogError::NotFinite { file, place, channel, text }),
-        Cell::Text => Err(LogError::NotANumber { file, place, channel, text }),
-    }
+    parse(cell, lines.separator.allows_decimal_comma()).number(lines.file, lines.row, &column.name, cell)
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use flate2::bufread::MultiGzDecoder;
 
+use super::utf16::{Utf16, byte_order};
 use super::{GZIP_MAGIC, first_bytes};
 use crate::error::Error;
 use crate::log::LogError;
@@ -33,15 +34,39 @@ impl Separator {
     }
 }
 
+/// How a file broke off.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Break {
+    /// The gzip stream has no end, and what the decoder said.
+    Gzip(String),
+    /// Nothing but bytes of zero follows.
+    Zeros,
+}
+
+/// A line that was read and is not the current one yet.
+#[derive(Debug, Clone)]
+struct Ahead {
+    row: usize,
+    line: Vec<u8>,
+    open: bool,
+}
+
 /// The lines of a file, blank ones and comments left out; the current one is cut into cells.
 pub(super) struct Lines<'a> {
     pub(super) file: &'a str,
     pub(super) row: usize,
     pub(super) separator: Separator,
+    /// The current line has no end, as only the last of a file can.
+    pub(super) open: bool,
+    /// A file that breaks off is read up to there, instead of being refused.
+    to_break: bool,
+    broken: Option<Break>,
     gzip: bool,
     reader: Box<dyn BufRead + 'a>,
     read: usize,
-    ahead: VecDeque<(usize, Vec<u8>)>,
+    /// The last line that has an end.
+    ended: usize,
+    ahead: VecDeque<Ahead>,
     line: Vec<u8>,
     cells: Vec<Range<usize>>,
 }
@@ -53,19 +78,75 @@ impl<'a> Lines<'a> {
         let whole = BufReader::with_capacity(1 << 16, std::io::Cursor::new(head).chain(bytes));
         let reader: Box<dyn BufRead> =
             if gzip { Box::new(BufReader::with_capacity(1 << 18, MultiGzDecoder::new(whole))) } else { Box::new(whole) };
-        let separator = Separator::Byte(b',');
-        Ok(Self { file, row: 0, separator, gzip, reader, read: 0, ahead: VecDeque::new(), line: Vec::new(), cells: Vec::new() })
+        let mut lines = Self { gzip, ..Self::over(file, reader, Separator::Byte(b','), 0) };
+        // An error of the first bytes comes once.
+        let order = match lines.reader.fill_buf() {
+            Ok(first) => byte_order(first),
+            Err(error) => return Err(lines.refusal(error)),
+        };
+        match order {
+            Some(unit) => Ok(Self { reader: Box::new(BufReader::new(Utf16::new(lines.reader, unit))), ..lines }),
+            None => Ok(lines),
+        }
+    }
+
+    /// As [`Lines::new`]; a file that breaks off is read up to there.
+    pub(super) fn to_break(file: &'a str, bytes: impl Read + 'a) -> Result<Self, Error> {
+        Ok(Self { to_break: true, ..Self::new(file, bytes)? })
     }
 
     /// Rows below a header that was read before: plain text, the line in front of it is number `before`.
     pub(super) fn rows(file: &'a str, bytes: &'a [u8], separator: Separator, before: usize) -> Self {
+        Self::over(file, Box::new(bytes), separator, before)
+    }
+
+    fn over(file: &'a str, reader: Box<dyn BufRead + 'a>, separator: Separator, before: usize) -> Self {
         let (ahead, line, cells) = (VecDeque::new(), Vec::new(), Vec::new());
-        Self { file, row: before, separator, gzip: false, reader: Box::new(bytes), read: before, ahead, line, cells }
+        let (open, to_break, broken, gzip) = (false, false, None, false);
+        Self { file, row: before, separator, open, to_break, broken, gzip, reader, read: before, ended: before, ahead, line, cells }
     }
 
     /// A row stands below the header that was just found.
     pub(super) fn has_row(&self) -> bool {
         !self.ahead.is_empty()
+    }
+
+    /// The cells of the row below the header that was just found; it stays to be read.
+    pub(super) fn below(&mut self) -> Vec<Vec<u8>> {
+        let Some(next) = self.ahead.front().cloned() else { return Vec::new() };
+        let here = (self.row, self.open, std::mem::take(&mut self.line), std::mem::take(&mut self.cells));
+        let whole = self.take(next).is_ok();
+        let cells = if whole { (0..self.len()).map(|i| self.cell(i).to_vec()).collect() } else { Vec::new() };
+        (self.row, self.open, self.line, self.cells) = here;
+        cells
+    }
+
+    /// Passes over the row below the header.
+    pub(super) fn skip_below(&mut self) {
+        self.ahead.pop_front();
+    }
+
+    /// Whether the current line is where the file broke off: what stands in it is not all that did.
+    pub(super) fn cut_off(&self) -> bool {
+        self.open && self.broken.is_some()
+    }
+
+    /// How the file broke off, a sentence.
+    pub(super) fn how_it_ends(&self) -> Option<String> {
+        let up_to = format!("read up to row {}", self.ended);
+        match self.broken.as_ref()? {
+            Break::Gzip(reason) => Some(format!("the gzip stream is cut off ({reason}): {up_to}")),
+            Break::Zeros => Some(format!("zero bytes stand from row {} to the end of the file: {up_to}", self.ended + 1)),
+        }
+    }
+
+    /// What to say of a file without rows: what broke it off, where something did.
+    pub(super) fn nothing(&self, otherwise: LogError) -> LogError {
+        match &self.broken {
+            Some(Break::Gzip(reason)) => LogError::Gzip { file: self.file.into(), row: self.read, reason: reason.clone() },
+            Some(Break::Zeros) => LogError::NotText { file: self.file.into(), row: self.ended + 1 },
+            None => otherwise,
+        }
     }
 
     /// Goes to the header row and finds out what separates columns; false when the file holds nothing. Where the first row is numbers and the comment above it has as many
@@ -87,16 +168,16 @@ impl<'a> Lines<'a> {
                 },
             }
         }
-        let first = (self.row, std::mem::take(&mut self.line));
-        let second = if self.fetch_row()? { Some((self.row, std::mem::take(&mut self.line))) } else { None };
-        let below = second.as_ref().map(|(_, line)| line.as_slice());
-        self.separator = said.map_or_else(|| guess(&first.1, below), Separator::Byte);
+        let first = self.ahead();
+        let second = if self.fetch_row()? { Some(self.ahead()) } else { None };
+        let below = second.as_ref().map(|next| next.line.as_slice());
+        self.separator = said.map_or_else(|| guess(&first.line, below), Separator::Byte);
         self.take(first)?;
         let numbers = !self.cells.is_empty() && (0..self.cells.len()).all(|i| is_number(self.cell(i)));
         let header = match comment {
             Some((row, text)) if numbers => {
-                let (cells, values) = (self.cells.len(), (self.row, std::mem::take(&mut self.line)));
-                self.take((row, text))?;
+                let (cells, values) = (self.cells.len(), self.ahead());
+                self.take(Ahead { row, line: text, open: false })?;
                 if self.cells.len() == cells {
                     self.ahead.push_back(values);
                 } else {
@@ -119,13 +200,28 @@ impl<'a> Lines<'a> {
         if !self.fetch_row()? {
             return Ok(false);
         }
-        self.cut()?;
+        self.cut_or_break()?;
         Ok(true)
     }
 
-    fn take(&mut self, (row, line): (usize, Vec<u8>)) -> Result<(), Error> {
-        (self.row, self.line) = (row, line);
-        self.cut()
+    fn take(&mut self, next: Ahead) -> Result<(), Error> {
+        (self.row, self.line, self.open) = (next.row, next.line, next.open);
+        self.cut_or_break()
+    }
+
+    /// The current line, to be taken later.
+    fn ahead(&mut self) -> Ahead {
+        Ahead { row: self.row, line: std::mem::take(&mut self.line), open: self.open }
+    }
+
+    /// Cuts the line into cells; into none where the file broke off within quotes.
+    fn cut_or_break(&mut self) -> Result<(), Error> {
+        let cut = self.cut();
+        if cut.is_err() && self.to_break && self.open {
+            self.cells.clear();
+            return Ok(());
+        }
+        cut
     }
 
     /// Reads the next line that is no comment.
@@ -142,23 +238,65 @@ impl<'a> Lines<'a> {
     fn fetch(&mut self) -> Result<bool, Error> {
         loop {
             self.line.clear();
-            let read = self.reader.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut self.line).map_err(|e| self.refusal(e))?;
+            if self.broken.is_some() {
+                return Ok(false);
+            }
+            if let Err(error) = self.reader.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut self.line) {
+                self.breaks_off(error)?;
+            }
+            let read = self.line.len() as u64;
             if read == 0 {
                 return Ok(false);
             }
             self.read += 1;
             self.row = self.read;
+            self.open = !self.line.ends_with(b"\n");
+            if let Some(at) = self.line.iter().position(|byte| *byte == 0) {
+                if !self.zeros_from(at)? {
+                    return Err(LogError::NotText { file: self.file.into(), row: self.row }.into());
+                }
+                self.line.truncate(at);
+                self.broken = Some(Break::Zeros);
+            } else if read == LONGEST_LINE && self.open {
+                return Err(LogError::NotText { file: self.file.into(), row: self.row }.into());
+            }
+            if !self.open {
+                self.ended = self.read;
+            }
             if self.row == 1 && self.line.starts_with(BYTE_ORDER_MARK) {
                 self.line.drain(..BYTE_ORDER_MARK.len());
-            }
-            let endless = read as u64 == LONGEST_LINE && !self.line.ends_with(b"\n");
-            if endless || self.line.contains(&0) {
-                return Err(LogError::NotText { file: self.file.into(), row: self.row }.into());
             }
             if !self.line.trim_ascii().is_empty() {
                 return Ok(true);
             }
         }
+    }
+
+    /// Whether nothing but bytes of zero stands from a place of the current line to the end, as where a machine lost its power.
+    fn zeros_from(&mut self, at: usize) -> Result<bool, Error> {
+        let zeros = |bytes: &[u8]| bytes.iter().all(|byte| *byte == 0);
+        if !self.to_break || !self.line.get(at..).is_some_and(zeros) {
+            return Ok(false);
+        }
+        loop {
+            let (read, only) = match self.reader.fill_buf() {
+                Ok(more) => (more.len(), zeros(more)),
+                Err(error) => return Err(self.refusal(error)),
+            };
+            if read == 0 || !only {
+                return Ok(only);
+            }
+            self.reader.consume(read);
+        }
+    }
+
+    /// A gzip stream without an end is one that was cut off, where such a file may be read.
+    fn breaks_off(&mut self, error: std::io::Error) -> Result<(), Error> {
+        if self.to_break && self.gzip && error.kind() == std::io::ErrorKind::UnexpectedEof {
+            self.broken = Some(Break::Gzip(error.to_string()));
+            return Ok(());
+        }
+        Err(self.refusal(error))
     }
 
     fn refusal(&self, error: std::io::Error) -> Error {

@@ -8,15 +8,14 @@ pub(super) mod follow;
 pub(super) mod frequency;
 mod lines;
 mod number;
+mod utf16;
 
 use std::fmt::Write as _;
 use std::io::{Read, Write};
 use std::path::Path;
 
-#[cfg(feature = "tables")]
-pub(super) use self::clock::seconds;
 use self::clock::{Stamps, Why};
-pub(super) use self::clock::{median_step, named_time};
+pub(super) use self::clock::{Times, median_step, named_time, seconds};
 use self::lines::{Lines, Separator};
 use self::number::decimal;
 use super::counted::Counted;
@@ -31,6 +30,8 @@ const SHOWN: usize = 40;
 /// Numbers that are read into memory, of all columns together: 3.2 GB.
 const MOST_NUMBERS: usize = 400_000_000;
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
+/// Cells that say that a sample is missing, besides empty ones and those that are read as NaN; lower case.
+const NOTHING: [&[u8]; 7] = [b"-", b"--", b"na", b"n/a", b"#n/a", b"null", b"none"];
 
 /// Reads a file of several records: a new one begins wherever the cell of `column` (numbers or text) differs from the row before, and time
 /// may start afresh in it. They are called `FILE#VALUE`; a value that comes back later begins another record of the same name.
@@ -94,14 +95,8 @@ pub fn read_events_from(source: &str, bytes: impl Read, columns: [&str; 2]) -> R
         }
         for (place, events) in &mut found {
             let (cell, row, channel) = (lines.cell(*place), lines.row, events.name.clone());
-            let time = match parse(cell, lines.separator) {
-                Cell::Missing => continue,
-                Cell::Number(time) => time,
-                Cell::NotFinite => {
-                    return Err(LogError::NotFinite { file: file(), place: Place::Row(row), channel, text: shown(cell) }.into());
-                }
-                Cell::Text => return Err(LogError::NotANumber { file: file(), place: Place::Row(row), channel, text: shown(cell) }.into()),
-            };
+            let found = parse(cell, lines.separator.allows_decimal_comma());
+            let Some(time) = found.number(&file(), row, &channel, cell)? else { continue };
             if let Some(&before) = events.times.last().filter(|before| **before >= time) {
                 return Err(LogError::EventOrder { file: file(), row, channel, before, time }.into());
             }
@@ -136,11 +131,18 @@ pub(super) fn recording(path: &Path, options: &ReadOptions) -> Result<Recording,
 /// # Errors
 /// As [`super::read`].
 pub fn recording_from(source: &str, bytes: impl Read, options: &ReadOptions) -> Result<Recording, Error> {
-    let mut lines = Lines::new(source, bytes)?;
+    let mut lines = Lines::to_break(source, bytes)?;
     let mut header = Header::read(&mut lines, options)?;
     let mut part = Part::new(source.into(), &header);
     while lines.next()? {
-        part.push(&lines, &mut header)?;
+        match part.cut_off(&lines, &header) {
+            None => part.push(&lines, &mut header)?,
+            Some(why) => header.left_out(&lines, &why),
+        }
+    }
+    header.notes.extend(lines.how_it_ends());
+    if part.raw.is_empty() {
+        return Err(lines.nothing(LogError::NoSamples { file: source.into() }).into());
     }
     let log = part.finish(&mut header)?;
     Ok(Recording::single("csv", log, header.notes))
@@ -163,12 +165,20 @@ pub fn records(path: &Path, column: &str, options: &ReadOptions) -> Result<(Vec<
 }
 
 fn records_from(source: &str, bytes: impl Read, column: &str, options: &ReadOptions) -> Result<(Vec<Log>, Vec<String>), Error> {
-    let mut lines = Lines::new(source, bytes)?;
+    let mut lines = Lines::to_break(source, bytes)?;
     let mut header = Header::read(&mut lines, options)?;
     let place = header.place(source, column)?;
     let mut logs = Vec::new();
     let mut current: Option<(Vec<u8>, Part)> = None;
     while lines.next()? {
+        // A row that is whole may begin another record.
+        if let Some((name, part)) = &current
+            && (lines.cut_off() || lines.len() < header.cells || name.as_slice() == lines.cell(place))
+            && let Some(why) = part.cut_off(&lines, &header)
+        {
+            header.left_out(&lines, &why);
+            continue;
+        }
         header.check_length(&lines)?;
         let value = lines.cell(place);
         if value.is_empty() {
@@ -186,9 +196,10 @@ fn records_from(source: &str, bytes: impl Read, column: &str, options: &ReadOpti
         };
         part.push(&lines, &mut header)?;
     }
+    header.notes.extend(lines.how_it_ends());
     match current {
         Some((_, last)) => logs.push(last.finish(&mut header)?),
-        None => return Err(LogError::NoSamples { file: source.into() }.into()),
+        None => return Err(lines.nothing(LogError::NoSamples { file: source.into() }).into()),
     }
     Ok((logs, header.notes))
 }
@@ -275,11 +286,15 @@ fn first_bytes(bytes: &mut impl Read) -> std::io::Result<Vec<u8>> {
 #[derive(Debug)]
 struct Header {
     separator: Separator,
+    /// Whether a comma within a cell is a decimal comma.
+    decimal_comma: bool,
     time: usize,
     clock: Clock,
     /// Cell, name and unit of each channel.
     columns: Vec<(usize, String, Option<String>)>,
     cells: usize,
+    /// Its line, where a separator stands behind its last name.
+    trailing: Option<usize>,
     notes: Vec<String>,
 }
 
@@ -290,32 +305,93 @@ struct Clock {
     unit: Option<(TimeUnit, Why)>,
 }
 
+/// Name and unit of each cell of a header.
+type Names = Vec<(String, Option<String>)>;
+
+/// The cells of the current line as names and units; in Latin-1 where they are no UTF-8, which is said.
+fn names(lines: &Lines<'_>, notes: &mut Vec<String>) -> Result<Names, LogError> {
+    let mut names = Vec::with_capacity(lines.len());
+    for place in 0..lines.len() {
+        let cell = lines.cell(place);
+        let text = match std::str::from_utf8(cell) {
+            Ok(text) => text.to_owned(),
+            // What are signs there and in the code pages of Western Europe; the rest are control characters in one of them.
+            Err(_) if cell.iter().all(|byte| byte.is_ascii() || *byte >= 0xa0) => {
+                let note = format!("row {} is no UTF-8: its names are read as Latin-1", lines.row);
+                if !notes.contains(&note) {
+                    notes.push(note);
+                }
+                cell.iter().map(|byte| char::from(*byte)).collect()
+            }
+            Err(_) => return Err(LogError::NotText { file: lines.file.into(), row: lines.row }),
+        };
+        if text.chars().any(|c| c.is_control() && c != '\t') {
+            return Err(LogError::NotText { file: lines.file.into(), row: lines.row });
+        }
+        let (name, unit) = name_and_unit(&text);
+        names.push((name.to_owned(), unit.map(ToOwned::to_owned)));
+    }
+    Ok(names)
+}
+
+/// Takes the units of a row below the header that holds nothing else: the time's is one, and no cell is a number but 1, which stands for none. Whether it was such a row.
+fn take_units(names: &mut Names, time: usize, below: &[Vec<u8>]) -> bool {
+    let bare = |cell: &[u8]| {
+        let text: String = match std::str::from_utf8(cell) {
+            Ok(text) => text.trim().to_owned(),
+            Err(_) => cell.iter().map(|byte| char::from(*byte)).collect(),
+        };
+        let inner = [('[', ']'), ('(', ')')].iter().find_map(|(open, close)| text.strip_prefix(*open)?.strip_suffix(*close));
+        inner.map_or_else(|| text.clone(), |inner| inner.trim().to_owned())
+    };
+    let of_unit = |cell: &Vec<u8>| matches!(parse(cell, true), Cell::Text | Cell::Missing) || bare(cell) == "1";
+    let timed = below.get(time).is_some_and(|cell| clock::unit(&bare(cell)).is_some());
+    if !timed || below.len() < names.len() || !below.iter().all(of_unit) {
+        return false;
+    }
+    for ((_, unit), cell) in names.iter_mut().zip(below) {
+        let text = bare(cell);
+        if unit.is_none() && !matches!(text.as_str(), "" | "-" | "--" | "1") {
+            *unit = Some(text);
+        }
+    }
+    true
+}
+
 impl Header {
     fn read(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<Self, Error> {
         let file = lines.file;
         if !lines.header()? {
-            return Err(LogError::Empty { file: file.into() }.into());
+            return Err(lines.nothing(LogError::Empty { file: file.into() }).into());
         }
-        let not_text = || LogError::NotText { file: file.into(), row: lines.row };
-        let mut names = Vec::with_capacity(lines.len());
-        for place in 0..lines.len() {
-            let cell = std::str::from_utf8(lines.cell(place)).map_err(|_| not_text())?;
-            if cell.chars().any(|c| c.is_control() && c != '\t') {
-                return Err(not_text().into());
-            }
-            let (name, unit) = name_and_unit(cell);
-            names.push((name.to_owned(), unit.map(ToOwned::to_owned)));
-        }
-        let (time, unit) = time_column(lines, &names, options)?;
         let mut notes = Vec::new();
+        let mut names = names(lines, &mut notes)?;
+        let trailing = (names.len() > 1 && names.last().is_some_and(|last| *last == Default::default())).then(|| {
+            names.pop();
+            lines.row
+        });
+        let below = lines.below();
+        let cell = |place: usize| below.get(place).map_or(b"".as_slice(), Vec::as_slice);
+        if let (Some(row), true) = (trailing, matches!(parse(cell(names.len()), true), Cell::Number(_))) {
+            return Err(LogError::UnnamedColumn { file: file.into(), row, column: names.len() + 1 }.into());
+        }
+        let index = unnamed_first(&mut names, cell(0), options, &mut notes);
+        let (time, _) = time_column(lines, &names, options)?;
+        if take_units(&mut names, time, &below) {
+            notes.push(format!("the row below row {} holds the units", lines.row));
+            lines.skip_below();
+        }
+        let (_, unit) = time_column(lines, &names, options)?;
         let mut columns = Vec::with_capacity(names.len());
         let mut clock = Clock { column: String::new(), unit };
+        let cells = names.len();
         for (place, (name, unit)) in names.into_iter().enumerate() {
             if place == time {
                 clock.column = name;
                 continue;
             }
             match name.as_str() {
+                "" if place == 0 && index => notes.push("column 1 has no name and counts the rows; left out".to_owned()),
                 "" => return Err(LogError::UnnamedColumn { file: file.into(), row: lines.row, column: place + 1 }.into()),
                 "time" if options.time.is_none() => return Err(LogError::DuplicateChannel { file: file.into(), channel: name }.into()),
                 "time" => notes.push("the column `time` is left out: another one is taken as the time".to_owned()),
@@ -323,9 +399,18 @@ impl Header {
             }
         }
         let mut seen = std::collections::HashSet::new();
-        match columns.iter().find(|(_, name, _)| !seen.insert(name)) {
-            Some((_, twice, _)) => Err(LogError::DuplicateChannel { file: file.into(), channel: twice.clone() }.into()),
-            None => Ok(Self { separator: lines.separator, time, clock, columns, cells: lines.len(), notes }),
+        if let Some((_, twice, _)) = columns.iter().find(|(_, name, _)| !seen.insert(name)) {
+            return Err(LogError::DuplicateChannel { file: file.into(), channel: twice.clone() }.into());
+        }
+        let separator = lines.separator;
+        let decimal_comma = separator.allows_decimal_comma() || lines.below().iter().any(|cell| has_decimal_comma(cell));
+        Ok(Self { separator, decimal_comma, time, clock, columns, cells, trailing, notes })
+    }
+
+    /// Says that the last row is not whole.
+    fn left_out(&mut self, lines: &Lines<'_>, why: &str) {
+        if !lines.cut_off() {
+            self.notes.push(format!("row {}, the last one, is cut off ({why}) and left out", lines.row));
         }
     }
 
@@ -342,43 +427,42 @@ impl Header {
 
     fn check_length(&self, lines: &Lines<'_>) -> Result<(), LogError> {
         let (expected, found) = (self.cells, lines.len());
-        if expected == found { Ok(()) } else { Err(LogError::RowLength { file: lines.file.into(), row: lines.row, expected, found }) }
+        let one_more = found == expected + 1;
+        match self.trailing {
+            _ if expected == found => Ok(()),
+            // A separator behind the last cell.
+            _ if one_more && lines.cell(expected).is_empty() => Ok(()),
+            Some(row) if one_more => Err(LogError::UnnamedColumn { file: lines.file.into(), row, column: found }),
+            _ => Err(LogError::RowLength { file: lines.file.into(), row: lines.row, expected, found }),
+        }
     }
 
     /// The time stamp of the current line, in the file's unit.
     fn stamp(&self, source: &str, lines: &Lines<'_>, stamps: &mut Stamps) -> Result<f64, LogError> {
         let (time, row) = (lines.cell(self.time), lines.row);
-        let number = |cell: &[u8]| match parse(cell, self.separator) {
+        let number = |cell: &[u8]| match parse(cell, self.decimal_comma) {
             Cell::Number(x) => Some(x),
             _ => None,
         };
         if let Some(raw) = stamps.read(time, self.clock.unit.map(|(unit, _)| unit), number) {
             return Ok(raw);
         }
-        let (file, place, channel, text) = (source.to_owned(), Place::Row(row), self.clock.column.clone(), shown(time));
-        Err(match parse(time, self.separator) {
-            Cell::Missing => LogError::EmptyTime { file, row },
-            Cell::NotFinite => LogError::NotFinite { file, place, channel, text },
-            Cell::Number(_) | Cell::Text => LogError::NotANumber { file, place, channel, text },
-        })
+        if time.is_empty() {
+            return Err(LogError::EmptyTime { file: source.to_owned(), row });
+        }
+        // Time must be there: what stands for nothing is not finite either.
+        let found = match parse(time, self.decimal_comma) {
+            Cell::Missing => Cell::NotFinite,
+            Cell::Number(_) => Cell::Text,
+            other => other,
+        };
+        Err(found.refusal(source, row, &self.clock.column, time))
     }
 
     /// The number of a channel in the current line; `None` where it is missing.
     fn number(&self, source: &str, lines: &Lines<'_>, place: usize, name: &str) -> Result<Option<f64>, LogError> {
         let cell = lines.cell(place);
-        let facts = || (source.to_owned(), Place::Row(lines.row), name.to_owned(), shown(cell));
-        match parse(cell, self.separator) {
-            Cell::Number(x) => Ok(Some(x)),
-            Cell::Missing => Ok(None),
-            Cell::NotFinite => {
-                let (file, place, channel, text) = facts();
-                Err(LogError::NotFinite { file, place, channel, text })
-            }
-            Cell::Text => {
-                let (file, place, channel, text) = facts();
-                Err(LogError::NotANumber { file, place, channel, text })
-            }
-        }
+        parse(cell, self.decimal_comma).number(source, lines.row, name, cell)
     }
 
     /// The unit of time, settled by the first record that shows it.
@@ -398,11 +482,7 @@ impl Header {
         let column = &self.clock.column;
         let every = if step_s > 0.0 { format!(", a sample every {} s", shortest(step_s)) } else { String::new() };
         let again = "; --time COLUMN and --time-unit s|ms|us|ns|iso say it otherwise";
-        let from = match (stamps.origin(), unit) {
-            (Some(_), TimeUnit::Iso) => ", counted from the first".to_owned(),
-            (Some(origin), _) => format!(", counted from the first ({origin})"),
-            (None, _) => String::new(),
-        };
+        let from = stamps.counted_from(unit);
         let note = match why {
             Why::Given => None,
             Why::Named if plain && unit == TimeUnit::S => None,
@@ -410,7 +490,8 @@ impl Header {
             Why::Size => Some(format!("time is the column `{column}` in {} by the size of its numbers{every}{from}{again}", unit.words())),
             Why::Written => Some(format!("time is the column `{column}`, {}{every}{from}", unit.words())),
             Why::Rule if !plain => Some(format!("time is the column `{column}`, taken in seconds{every}{from}{again}")),
-            Why::Rule if step_s >= 2.0 => Some(format!("time is taken in seconds{every}{again}")),
+            Why::Rule if step_s >= 2.0 => Some(format!("time is taken in seconds{every}{from}{again}")),
+            Why::Rule if !from.is_empty() => Some(format!("time is taken in seconds{from}")),
             Why::Rule => None,
         };
         self.notes.extend(note.filter(|n| !self.notes.contains(n)));
@@ -459,29 +540,98 @@ fn time_column(
     Ok((time, unit.map(|unit| (unit, Why::Named))))
 }
 
+/// Deals with a first column without a name, as pandas writes its index: it is the time where it holds dates and no other column is the time. Whether it counts the rows.
+fn unnamed_first(names: &mut Names, below: &[u8], options: &ReadOptions, notes: &mut Vec<String>) -> bool {
+    let time = names.iter().enumerate().any(|(place, (name, _))| clock::named(name, place == 0).is_some());
+    let Some((name, None)) = names.first_mut() else { return false };
+    if !name.is_empty() || names_time(options, "") {
+        return false;
+    }
+    let text = std::str::from_utf8(below).unwrap_or_default();
+    if !time && options.time.is_none() && clock::date(text).is_some() {
+        *name = "time".to_owned();
+        notes.push("column 1 has no name and holds dates: it is taken as the time".to_owned());
+        return false;
+    }
+    text.bytes().all(|byte| byte.is_ascii_digit()) && !text.is_empty()
+}
+
+/// Whether the caller says that a column of this name is the time.
+fn names_time(options: &ReadOptions, name: &str) -> bool {
+    options.time.as_deref() == Some(name)
+}
+
 /// What one cell holds.
 enum Cell {
     Number(f64),
     Missing,
     NotFinite,
+    /// A comma that may be a decimal one or stand between thousands.
+    Comma,
     Text,
 }
 
-fn parse(cell: &[u8], separator: Separator) -> Cell {
+impl Cell {
+    /// The number; `None` where it is missing.
+    fn number(self, file: &str, row: usize, channel: &str, cell: &[u8]) -> Result<Option<f64>, LogError> {
+        match self {
+            Self::Number(x) => Ok(Some(x)),
+            Self::Missing => Ok(None),
+            other => Err(other.refusal(file, row, channel, cell)),
+        }
+    }
+
+    /// What to say of a cell without a number.
+    fn refusal(&self, file: &str, row: usize, channel: &str, cell: &[u8]) -> LogError {
+        let (file, place, channel, text) = (file.to_owned(), Place::Row(row), channel.to_owned(), shown(cell));
+        match self {
+            Self::NotFinite => LogError::NotFinite { file, place, channel, text },
+            Self::Comma => LogError::Comma { file, place, channel, text },
+            Self::Number(_) | Self::Missing | Self::Text => LogError::NotANumber { file, place, channel, text },
+        }
+    }
+}
+
+/// A cell with one comma and no point, the comma made a point.
+fn with_point(text: &str) -> Option<String> {
+    (text.bytes().filter(|byte| *byte == b',').count() == 1 && !text.contains('.')).then(|| text.replace(',', "."))
+}
+
+/// Whether a comma may stand between thousands: three digits behind it, one to three before it and no 0 in front.
+fn may_be_thousands(text: &str) -> bool {
+    let digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+    text.trim_start_matches(['-', '+']).split_once(',').is_some_and(|(whole, behind)| {
+        digits(whole) && digits(behind) && behind.len() == 3 && (1..=3).contains(&whole.len()) && !whole.starts_with('0')
+    })
+}
+
+/// Whether a cell is a number with a decimal comma beyond doubt.
+fn has_decimal_comma(cell: &[u8]) -> bool {
+    cell.contains(&b',') && !std::str::from_utf8(cell).is_ok_and(may_be_thousands) && matches!(parse(cell, true), Cell::Number(_))
+}
+
+fn parse(cell: &[u8], decimal_comma: bool) -> Cell {
     if cell.is_empty() {
         return Cell::Missing;
     }
     if let Some(x) = decimal(cell) {
         return Cell::Number(x);
     }
-    let number = |text: &str| match text.parse::<f64>() {
-        // A decimal comma, where commas separate nothing.
-        Err(_) if separator.allows_decimal_comma() && text.contains(',') && !text.contains('.') => text.replace(',', ".").parse().ok(),
-        x => x.ok(),
+    let Ok(text) = std::str::from_utf8(cell) else { return Cell::Text };
+    let number = match text.parse::<f64>() {
+        Ok(x) => Some(x),
+        Err(_) => match with_point(text).and_then(|t| t.parse().ok()) {
+            Some(_) if !decimal_comma && may_be_thousands(text) => return Cell::Comma,
+            x => x,
+        },
     };
-    match std::str::from_utf8(cell).ok().and_then(number) {
+    match number {
         Some(x) if x.is_finite() => Cell::Number(x),
+        Some(x) if x.is_nan() => Cell::Missing,
         Some(_) => Cell::NotFinite,
+        None if NOTHING.contains(&text.to_lowercase().as_bytes()) => Cell::Missing,
+        None if text.eq_ignore_ascii_case("true") => Cell::Number(1.0),
+        None if text.eq_ignore_ascii_case("false") => Cell::Number(0.0),
         None => Cell::Text,
     }
 }
@@ -526,6 +676,40 @@ impl Part {
         let columns = header.columns.iter().map(|_| Column::default()).collect();
         let most = MOST_NUMBERS / (header.columns.len() + 1);
         Self { source, stamps: Stamps::default(), raw: Vec::new(), columns, rows: Rows::new(Origin::File), most }
+    }
+
+    /// Why the current line is the rest of a row whose end is lost; only the last one of a file can be, and only one below rows that are whole.
+    fn cut_off(&self, lines: &Lines<'_>, header: &Header) -> Option<String> {
+        if !lines.open {
+            return None;
+        }
+        if lines.cut_off() {
+            return Some(String::new());
+        }
+        let last = self.raw.last()?;
+        if lines.len() < header.cells {
+            return Some(format!("{} of {} cells", lines.len(), header.cells));
+        }
+        if lines.len() > header.cells {
+            return None;
+        }
+        let stamp = header.stamp(&self.source, lines, &mut self.stamps.clone());
+        if !stamp.is_ok_and(|stamp| stamp > *last) {
+            return Some(format!("its time is `{}`", shown(lines.cell(header.time))));
+        }
+        let columns = self.columns.iter().zip(&header.columns).filter(|(column, _)| column.refused.is_none());
+        for (column, (place, name, _)) in columns {
+            let cell = lines.cell(*place);
+            match header.number(&self.source, lines, *place, name) {
+                Err(_) => return Some(format!("`{name}` is `{}`", shown(cell))),
+                // A column that missed nothing so far, and has lost its last number.
+                Ok(None) if *place + 1 == header.cells && column.present.is_none() => {
+                    return Some(format!("`{name}` is `{}`", shown(cell)));
+                }
+                Ok(_) => {}
+            }
+        }
+        None
     }
 
     /// Adds the current line as a sample.

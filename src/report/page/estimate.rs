@@ -12,7 +12,7 @@ use crate::delay::{Evidence, Outcome};
 use crate::log::Log;
 use crate::report::picture::{Shown, svg};
 use crate::report::terminal::{Axis, without_lists};
-use crate::report::text::seconds;
+use crate::report::text::{delay, delay_cells, seconds};
 
 /// Records that the page holds.
 const LOGS: usize = 40;
@@ -61,9 +61,9 @@ fn target(pair: &Pair) -> &str {
 fn verdict(pair: &Pair, step_s: f64) -> Markup {
     html! {
         h3 { (pair.input) " → " (target(pair)) }
-        @match (pair.verdict.delay_s, pair.verdict.ci95_s) {
-            (Some(delay), Some([from, to])) => p .verdict {
-                "Believe a dead time of " strong { (seconds(delay, step_s)) " s" } " (95 %: " (seconds(from, step_s)) " to " (seconds(to, step_s)) " s)."
+        @match pair.verdict.delay_s.map(|v| delay(v, pair.verdict.ci95_s, step_s)) {
+            Some((value, Some([from, to]))) => p .verdict {
+                "Believe a dead time of " strong { (value) " s" } " (95 %: " (from) " to " (to) " s)."
             },
             _ if pair.moving.is_some() => {},
             _ => p .verdict { strong { "Believe none of it." } },
@@ -83,9 +83,8 @@ fn methods(pair: &Pair, step_s: f64) -> Markup {
         (Some(delay), Some(ci)) => Axis::around(delay, ci, counted(), usize::MAX),
         _ => Axis::over(pair.estimates.iter().filter_map(|e| e.ci95_s), usize::MAX),
     };
-    let number = |v: Option<f64>| v.map_or_else(|| "–".to_owned(), |v| seconds(v, step_s));
     let row = |e: &Estimate| {
-        let interval = e.ci95_s.map_or_else(|| "–".to_owned(), |[a, b]| format!("{} … {}", seconds(a, step_s), seconds(b, step_s)));
+        let [value, interval] = delay_cells(e.delay_s, e.ci95_s, step_s);
         let aside = if e.counts() { "" } else { "aside" };
         let counts = match (e.outcome, e.distrust.as_slice()) {
             (_, []) if e.counts() => "yes".to_owned(),
@@ -100,8 +99,8 @@ fn methods(pair: &Pair, step_s: f64) -> Markup {
                 (dot(axis.share(delay), aside))
             }
         };
-        let label = format!("{} s, interval {interval} s", number(e.delay_s));
-        let texts = [Cell::Words(e.method.clone()), Cell::Number(number(e.delay_s)), Cell::Number(interval)];
+        let label = format!("{value} s, interval {interval} s");
+        let texts = [Cell::Words(e.method.clone()), Cell::Number(value), Cell::Number(interval)];
         let mut cells: Vec<Cell> = texts.into();
         cells.extend([Cell::Drawn(bar(&label, &drawn)), Cell::Words(counts), Cell::Words(e.note.clone().unwrap_or_default())]);
         cells

@@ -250,6 +250,12 @@ fn budget(d: &Diagnosis) -> Markup {
         p { "The error falls from " (percent(Some(before))) " of the spread; the noise floor is " (percent(Some(floor))) ". Shares are of the gap between the two, in squared error." }
         (table("From the nominal model down to the noise", &["what", "share learnt", "held out", "squared error"], &rows))
         @if let Some(remark) = remark { p { (remark) } }
+        @if d.shrink.decoded.is_some() {
+            p {
+                "These shares are taken once it is known which commands were lost or late. A simulation, which cannot know it, gains "
+                (percent(d.shrink.of_explainable)) " of the gap on held-out data."
+            }
+        }
     }
 }
 

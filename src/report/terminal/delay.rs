@@ -6,7 +6,7 @@ use crate::delay::report::{Estimate, Pair, Report};
 use crate::delay::track::Tracked;
 use crate::report::estimate::A_HANDFUL;
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns, wrapped};
-use crate::report::text::seconds;
+use crate::report::text::{delay, delay_cells, seconds};
 use crate::text::shown;
 
 /// Methods and notes that are named where more would bury the answer.
@@ -67,15 +67,16 @@ fn answer(text: &mut Styled, pair: &Pair, step_s: f64) {
     let (verdict, grounds) = (&pair.verdict, &pair.verdict.grounds);
     let why = without_lists(&verdict.why, pair);
     match (verdict.delay_s, verdict.ci95_s) {
-        (Some(delay), Some([from, to])) => {
+        (Some(delay_s), Some(_)) => {
             let who = match grounds.agree.as_slice() {
                 [] => why,
                 [one] => format!("{one} alone"),
                 [one, other] => format!("{one} and {other}"),
                 [one, rest @ ..] => format!("{one} and {} more", rest.len()),
             };
-            let [delay, from, to] = [delay, from, to].map(|v| seconds(v, step_s));
-            text.sentence((Role::Strong, &format!("Believe a dead time of {delay} s")), &format!(" ({from} to {to} s): {who}."), WIDTH, 2);
+            let (value, ends) = delay(delay_s, verdict.ci95_s, step_s);
+            let ends = ends.map_or_else(String::new, |e| format!(" ({} s)", e.join(" to ")));
+            text.sentence((Role::Strong, &format!("Believe a dead time of {value} s")), &format!("{ends}: {who}."), WIDTH, 2);
         }
         _ if pair.moving.is_some() => {
             let (label, rest) = why.split_once(": ").map_or(("", why.as_str()), |(label, rest)| (label, rest));
@@ -86,7 +87,9 @@ fn answer(text: &mut Styled, pair: &Pair, step_s: f64) {
             text.sentence((Role::Doubt, "Believe none of it: "), &format!("{why}."), WIDTH, 2);
         }
     }
-    let mut others: Vec<String> = grounds.differ.iter().take(NAMED).map(|(m, d)| format!("{m} {} s", seconds(*d, step_s))).collect();
+    let ci95_s = |method: &str| pair.estimates.iter().find(|e| e.method == method).and_then(|e| e.ci95_s);
+    let mut others: Vec<String> =
+        grounds.differ.iter().take(NAMED).map(|(m, d)| format!("{m} {} s", delay(*d, ci95_s(m), step_s).0)).collect();
     if grounds.differ.len() > NAMED {
         others.push(format!("{} more", grounds.differ.len() - NAMED));
     }
@@ -147,21 +150,20 @@ fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
     if rows.is_empty() {
         return;
     }
-    let number = |v: Option<f64>| v.map_or_else(|| "–".to_owned(), |v| seconds(v, step_s));
-    let between =
-        |ci: Option<[f64; 2]>| ci.map_or_else(|| "–".to_owned(), |[a, b]| format!("{} … {}", seconds(a, step_s), seconds(b, step_s)));
-    let width = |heading: &str, of: &dyn Fn(&Estimate) -> String| {
-        rows.iter().map(|e| columns(&of(e))).max().unwrap_or(0).max(columns(heading)).max(columns("believed"))
+    let (believed, verdict) = (pair.verdict.ci95_s, pair.verdict.delay_s);
+    let stated = delay_cells(verdict, believed, step_s);
+    let answer = |e: &Estimate| delay_cells(e.delay_s, e.ci95_s, step_s);
+    let width = |heading: &str, least: &str, of: &dyn Fn(&Estimate) -> String| {
+        rows.iter().map(|e| columns(&of(e))).max().unwrap_or(0).max(columns(heading)).max(columns(least))
     };
     let (name, value, interval) = (
-        width("method", &|e| e.method.clone()),
-        width("answer (s)", &|e| number(e.delay_s)),
-        width("95 % interval (s)", &|e| between(e.ci95_s)),
+        width("method", "believed", &|e| e.method.clone()),
+        width("answer (s)", &stated[0], &|e| answer(e)[0].clone()),
+        width("95 % interval (s)", &stated[1], &|e| answer(e)[1].clone()),
     );
     let counts = 6;
     let bar = WIDTH.saturating_sub(2 + name + 2 + value + 2 + interval + 2 + 2 + counts).clamp(BAR[0], BAR[1]);
     let intervals = || rows.iter().filter(|e| e.counts()).filter_map(|e| e.ci95_s);
-    let (believed, verdict) = (pair.verdict.ci95_s, pair.verdict.delay_s);
     let axis = match (verdict, believed) {
         (Some(delay), Some(ci)) => Axis::around(delay, ci, intervals(), bar),
         _ => Axis::over(rows.iter().filter_map(|e| e.ci95_s), bar),
@@ -179,7 +181,7 @@ fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
     text.push(Role::Faint, format!("  {}  counts\n", heads.join("  ")));
     if let (Some(delay), Some(ci)) = (verdict, believed) {
         let drawn = axis.map_or_else(String::new, |a| a.bar(delay, Some(ci), None));
-        let cells = [cell("believed", name, false), cell(&number(verdict), value, true), cell(&between(believed), interval, true), drawn];
+        let cells = [cell("believed", name, false), cell(&stated[0], value, true), cell(&stated[1], interval, true), drawn];
         text.push(Role::Strong, format!("  {}", cells.join("  ").trim_end())).push(Role::Plain, "\n");
     }
     for e in rows {
@@ -192,7 +194,8 @@ fn table(text: &mut Styled, pair: &Pair, rows: &[&Estimate], step_s: f64) {
             (Some(axis), Some(delay)) => axis.bar(delay, e.ci95_s, believed),
             _ => e.outcome.name().replace('_', " "),
         };
-        let cells = [cell(&e.method, name, false), cell(&number(e.delay_s), value, true), cell(&between(e.ci95_s), interval, true)];
+        let [at, between] = answer(e);
+        let cells = [cell(&e.method, name, false), cell(&at, value, true), cell(&between, interval, true)];
         let plain = if role == Role::Faint { Role::Faint } else { Role::Plain };
         text.push(plain, format!("  {}  ", cells.join("  "))).push(role, cell(&drawn, bar, false)).push(plain, format!("  {counts}\n"));
     }
@@ -242,8 +245,8 @@ fn against_time(text: &mut Styled, track: &Tracked, step_s: f64) {
     let at: Vec<usize> = (0..lines).map(|line| if count <= TRACK_LINES { line } else { line * (count - 1) / (TRACK_LINES - 1) }).collect();
     let band = |i: usize| [track.low_s[i], track.high_s[i]];
     let several = at.iter().any(|&i| track.record[i] > 0);
-    let words = |i: usize| band(i).map(|v| seconds(v, step_s)).join(" … ");
-    let band_width = at.iter().map(|&i| columns(&words(i))).max().unwrap_or(0).max(13);
+    let words = |i: usize| delay_cells(Some(track.delay_s[i]), Some(band(i)), step_s);
+    let band_width = at.iter().map(|&i| columns(&words(i)[1])).max().unwrap_or(0).max(13);
     let bar = WIDTH.saturating_sub(2 + 8 + 9 + 2 + 13 + 2 + band_width + 2).clamp(BAR[0], BAR[1]);
     let Some(axis) = Axis::over(at.iter().map(|&i| band(i)), bar) else { return };
     let [from, to] = axis.ends().map(|v| seconds(v, step_s));
@@ -259,8 +262,9 @@ fn against_time(text: &mut Styled, track: &Tracked, step_s: f64) {
         ),
     );
     for i in at {
-        let cells = [cell(&seconds(track.time_s[i], step_s), 9, true), cell(&seconds(track.delay_s[i], step_s), 13, true)];
-        let line = format!("  {}{}  {}  ", record(&(track.record[i] + 1).to_string()), cells.join("  "), cell(&words(i), band_width, true));
+        let [value, ends] = words(i);
+        let cells = [cell(&seconds(track.time_s[i], step_s), 9, true), cell(&value, 13, true), cell(&ends, band_width, true)];
+        let line = format!("  {}{}  ", record(&(track.record[i] + 1).to_string()), cells.join("  "));
         text.push(Role::Plain, line).push(Role::Counts, axis.bar(track.delay_s[i], Some(band(i)), None).trim_end()).push(Role::Plain, "\n");
     }
 }

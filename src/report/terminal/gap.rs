@@ -1,7 +1,7 @@
 //! A diagnosis for a terminal.
 
 use super::axis::share as bar;
-use crate::diagnose::{Diagnosed, Diagnosis, FoundParameter, Mode, RankingRow, Share, Strength};
+use crate::diagnose::{Diagnosed, Diagnosis, FoundParameter, RankingRow, Share, Strength};
 use crate::report::diagnosis::{described, first, percent, probability, shared};
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns};
 use crate::report::text::estimate;
@@ -103,10 +103,7 @@ fn rivals(d: &Diagnosis) -> String {
 }
 
 fn size(d: &Diagnosis) -> String {
-    let mode = match d.prediction.mode {
-        Mode::Simulation => "simulated freely",
-        Mode::Predictor => "predicted one step ahead",
-    };
+    let mode = d.prediction.words();
     match (d.gap.before, d.gap.floor) {
         (Some(before), Some(floor)) => {
             format!("{}, {mode}, misses the logs by {} of their spread; noise is {}.", shown(&d.model), percent(before), percent(floor))
@@ -169,8 +166,18 @@ fn budget(text: &mut Styled, d: &Diagnosis) {
         let times = r.above_floor.map(|t| format!(" ({t:.1} times the noise)")).unwrap_or_default();
         lines.push((Role::Doubt, format!("what stays{times}"), of(&r.share), Vec::new()));
     }
+    let known = d.shrink.decoded.is_some();
+    if let Some(gained) = d.shrink.of_explainable.filter(|_| known) {
+        lines.push((
+            Role::Counts,
+            "a simulation gains".to_owned(),
+            Some(gained),
+            vec!["nobody knows the sequence of a run that is still to come".to_owned()],
+        ));
+    }
     let name = lines.iter().map(|l| columns(&l.1)).max().unwrap_or(0).clamp(8, WIDTH - 2 - 2 - 5 - 2 - BAR);
-    text.push(Role::Faint, format!("  {}  takes  of the gap\n", cell("cause", name, false)));
+    let of_the_gap = if known { "of the gap, lost or late commands known" } else { "of the gap" };
+    text.push(Role::Faint, format!("  {}  takes  {of_the_gap}\n", cell("cause", name, false)));
     for (role, what, share, notes) in lines {
         let percentage = share.map_or_else(|| "–".to_owned(), percent);
         text.push(Role::Plain, format!("  {}  {}  ", cell(&what, name, false), cell(&percentage, 5, true)));

@@ -1,6 +1,7 @@
 //! Several inputs: each fitted to what the others leave, then all with common poles.
 
-use super::{COARSE, Found, Problem, VALLEYS, Work, add, keep, project};
+use super::{COARSE, Found, Problem, Shape, VALLEYS, Work, add, answer, keep, project};
+use crate::delay::posterior;
 use crate::identify::dot;
 
 /// What one input of several does, through poles of its own.
@@ -9,6 +10,22 @@ pub(super) struct Part {
     found: Found,
     /// Its share of the output, all records in a row.
     model: Vec<f64>,
+}
+
+/// An input's own model, to be driven by any record of that input.
+pub(in crate::delay::process) struct Own {
+    shape: Shape,
+    found: Found,
+    coefficients: Vec<f64>,
+    /// The share of the output's power that the input makes.
+    pub(in crate::delay::process) share: f64,
+}
+
+impl Own {
+    /// What the input does, from rest.
+    pub(in crate::delay::process) fn answer(&self, u: &[f64]) -> Vec<f64> {
+        answer(self.shape, &self.found.theta, self.found.place, &self.coefficients, u)
+    }
 }
 
 /// Turns in which each input is fitted to what the others leave.
@@ -130,6 +147,24 @@ impl<'a> Problem<'a> {
         let parts: Vec<Option<Part>> = self.parts.iter().cloned().map(Some).collect();
         let left = self.output_of(parts.len(), &parts);
         (!parts.is_empty()).then(|| dot(&left, &left))
+    }
+
+    /// The own model of every input, where taking it away costs more than chance explains.
+    pub(in crate::delay::process) fn acting(&self) -> Vec<Option<Own>> {
+        let parts: Vec<Option<Part>> = self.parts.iter().cloned().map(Some).collect();
+        let left = self.output_of(parts.len(), &parts);
+        let (cost, floor) = (dot(&left, &left), posterior::ROUNDING * self.power);
+        let needed = posterior::visible_gain(self.shape.denominator() + self.shape.numerator(), self.max_delay + 1);
+        let own = |(input, part): (usize, &Part)| {
+            let y = self.output_of(input, &parts);
+            let under = if cost <= floor { 1.0 } else { posterior::samples_under(&part.model, &left) / left.len().max(1) as f64 };
+            let gain = self.samples * under * (dot(&y, &y) / cost.max(floor).max(f64::MIN_POSITIVE)).ln();
+            let single = self.single(input, &y);
+            let signals = single.signals(&part.found.theta, part.found.place).filter(|_| gain >= needed)?;
+            let share = dot(&signals.model, &signals.model) / self.power.max(f64::MIN_POSITIVE);
+            Some(Own { shape: self.shape, found: part.found.clone(), coefficients: signals.coefficients.as_slice().to_vec(), share })
+        };
+        self.parts.iter().enumerate().map(own).collect()
     }
 
     /// The first input alone, what the others do through poles of their own taken off the output.
