@@ -364,7 +364,8 @@ impl Job {
             Some((rested, Level::BeforeMoving)) => (Some(rested), together.from_rest()),
             Some((rested, Level::AsLogged)) => (Some(rested), Some(logged.towards(i, o)?)),
         };
-        Ok(Seen { rested, together, together_rested, search: search.towards(i, o, self.inputs.len()), one })
+        let rested = rested.map(Experiment::shared);
+        Ok(Seen { rested, together, together_rested, search: search.towards(i, o, self.inputs.len()), one: one.shared() })
     }
 
     /// The pair measured from where it rested, where that explains it better than its mean: from its level before the inputs moved, or as logged, where that is zero. A

@@ -84,7 +84,7 @@ pub(super) const EXPERIMENT: &str = "move the set point, or add a random binary 
 /// The delay that most votes hold inside their intervals gathers a group; the number is the group's weighted median. The interval is that of the whole group, as no method
 /// knows how wrong its own model is: it begins where 15 % of the weight begins earlier, and ends where 15 % ends later, so that answers which differ make it wide.
 /// Source: Gaba, Tsetlin and Winkler (2017), Decision Analysis 14(1), 1-20, doi:10.1287/deca.2016.0340, for trimming the ends of many intervals. How much is left to the
-/// user there; tests/verdicts.rs measures how often what 15 % leave holds an injected dead time.
+/// user there; tests/it/verdicts.rs measures how often what 15 % leave holds an injected dead time.
 #[must_use]
 pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTime, facts: &RecordFacts) -> Verdict {
     let found: Vec<Found<'_>> = answers.iter().filter_map(|answer| Found::new(answer, findings, sample_time)).collect();
