@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use super::events::check_times;
+use super::scans::Scans;
 use super::{DelayError, Events, Record};
 use crate::log::Log;
 use crate::model::{Continuous, Sampled, StateSpace};
@@ -75,6 +76,8 @@ pub struct Experiment<'a> {
     model: Option<PlantModel>,
     /// Event times at two places, one entry per recording, for methods that look at events and at nothing else; the sample time only scales their window.
     events: Vec<Events>,
+    /// Scans that several methods share, where they do.
+    scans: Scans,
 }
 
 impl<'a> Experiment<'a> {
@@ -88,7 +91,7 @@ impl<'a> Experiment<'a> {
         outputs: Vec<String>,
         recordings: Vec<Recording<'a>>,
     ) -> Result<Self, DelayError> {
-        Self { sample_time, inputs, outputs, recordings, model: None, events: Vec::new() }.checked()
+        Self { sample_time, inputs, outputs, recordings, model: None, events: Vec::new(), scans: Scans::default() }.checked()
     }
 
     /// One input `u`, one output `y`, one recording; vectors are taken, slices borrowed.
@@ -109,7 +112,7 @@ impl<'a> Experiment<'a> {
             return Err(DelayError::Count { what: "sequences of events", needed: 1, got: 0 });
         }
         let (inputs, outputs) = (vec![first.to_owned()], vec![second.to_owned()]);
-        let experiment = Self { sample_time, inputs, outputs, recordings: Vec::new(), model: None, events };
+        let experiment = Self { sample_time, inputs, outputs, recordings: Vec::new(), model: None, events, scans: Scans::default() };
         check_times(&experiment)?;
         Ok(experiment)
     }
@@ -246,6 +249,7 @@ impl<'a> Experiment<'a> {
                 .collect(),
             model: None,
             events: Vec::new(),
+            scans: Scans::default(),
         })
     }
 
@@ -278,7 +282,17 @@ impl<'a> Experiment<'a> {
     /// The same channels measured otherwise, for what keeps numbers finite and lengths alike.
     pub(super) fn with_recordings<'b>(&self, recordings: Vec<Recording<'b>>) -> Experiment<'b> {
         let Self { sample_time, inputs, outputs, model, events, .. } = self.clone();
-        Experiment { sample_time, inputs, outputs, recordings, model, events }
+        Experiment { sample_time, inputs, outputs, recordings, model, events, scans: Scans::default() }
+    }
+
+    /// The same for several methods, who need not make one scan twice.
+    pub(super) fn shared(self) -> Self {
+        Self { scans: Scans::kept(), ..self }
+    }
+
+    /// What methods share.
+    pub(super) fn scans(&self) -> &Scans {
+        &self.scans
     }
 
     /// Samples of the longest recording.

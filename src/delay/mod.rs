@@ -21,6 +21,7 @@ mod process;
 pub mod report;
 mod response;
 mod richness;
+mod scans;
 mod states;
 mod taken_out;
 mod threshold;

@@ -14,6 +14,7 @@ use super::unit;
 use super::view::View;
 use crate::diagnose::format::diagnosis::{Check, CheckKind};
 use crate::diagnose::input::record::LogRecord;
+use crate::simulate::Dynamics;
 
 /// A factor that differs from 1 by less is none that anyone would look for.
 const FACTOR: f64 = 0.03;
@@ -24,6 +25,9 @@ const OFFSET: f64 = 0.05;
 /// Wider intervals than this would not have shown a fault: of the factor, upper over lower end; of the lag, samples.
 const WIDE: f64 = 1.25;
 const VAGUE: f64 = 2.0;
+/// What is blamed lies so many times half its 95 % interval away: of intervals that rest on sixteen stretches (Student's t with 15 degrees of freedom) one in
+/// 1 400 does by chance, where one in 20 lies outside.
+const SURE: f64 = 2.0;
 /// Another axis counts from this part of the own one, and so many standard deviations.
 const ACROSS: f64 = 0.1;
 const CERTAIN: f64 = 5.0;
@@ -32,6 +36,8 @@ const AXES: usize = 8;
 const STRETCHES: usize = 16;
 /// Turned back by the attitude, the part of what did not agree that must be gone.
 const GAINED: f64 = 0.75;
+/// Less than this does not go together as logged: nothing to turn.
+const APART: f64 = 0.01;
 /// A quaternion's length is 1 within this.
 const LENGTH: f64 = 0.02;
 /// Disagreement of the model's own rates that is rounding.
@@ -170,11 +176,18 @@ fn turning(view: &View<'_>) -> Option<[Pair; 3]> {
     })
 }
 
-/// Samples of an output; NaN where one is missing or at a limit.
+/// Samples of an output; NaN where several on end are missing, or one is at a limit. A single one that is missing is that of the cubic through its four neighbours,
+/// which favours no side: left out with all that a filter takes in around it, regular gaps would leave samples of one phase alone.
 fn samples(e: &Evidence<'_>, at: usize, output: usize) -> Vec<f64> {
     let record: &LogRecord = e.view.records[at];
     let limits = clipped::limits(e, at, output);
-    let value = |k: usize| record.measured_in(record.train, output, k).filter(|v| !limits.contains(&Some(*v)));
+    let logged = |k: usize| (k < record.time_s.len()).then(|| record.measured_in(record.train, output, k)).flatten();
+    let limited = |k: usize| logged(k).is_some_and(|v| limits.contains(&Some(v)));
+    let between = |k: usize| {
+        let [a, b, c, d] = [k.checked_sub(2)?, k - 1, k + 1, k + 2].map(|n| logged(n).filter(|_| !limited(n)));
+        Some((4.0 * (b? + c?) - a? - d?) / 6.0)
+    };
+    let value = |k: usize| if limited(k) { None } else { logged(k).or_else(|| between(k)) };
     (0..record.time_s.len()).map(|k| value(k).unwrap_or(f64::NAN)).collect()
 }
 
@@ -254,7 +267,7 @@ fn in_body(e: &Evidence<'_>, group: &[Pair], fits: &[Option<Alike>], turning: &O
     let [Pair { source: Source::Output(..), .. }, _, _] = group else { return None };
     let left = |fits: &[Option<Alike>]| fits.iter().map(|f| 1.0 - f.map_or(0.0, |f| f.correlation)).fold(0.0, f64::max);
     let logged = left(fits);
-    if logged <= 1.0 - TOGETHER {
+    if logged <= APART {
         return None;
     }
     let mut turned: Vec<Vec<Part>> = vec![Vec::new(); 3];
@@ -383,7 +396,8 @@ fn one(e: &Evidence<'_>, pair: &Pair, fit: Option<Alike>, alone: bool, said: &mu
     let factor = (low * high).sqrt();
     let lag = Known { value: fit.lag.value * ts, half: fit.lag.half * ts };
     let before = said.found.len();
-    let excludes = |k: Known, least: f64| k.value.abs() > k.half && k.value.abs() > least;
+    let excludes = |k: Known, least: f64| k.value.abs() > SURE * k.half && k.value.abs() > least;
+    let gain = Known { value: factor.ln(), half: 0.5 * (high / low).ln() };
     // A factor between units is named as such elsewhere, and so is a wrong sign.
     let relation = |of: usize, factor: f64| Relation { of, rate: pair.rate, factor };
     let known = matches!(pair.source, Source::Output(of, f) if !unit::guesses(e, relation(of, f), 1.0 / factor).is_empty());
@@ -396,11 +410,18 @@ fn one(e: &Evidence<'_>, pair: &Pair, fit: Option<Alike>, alone: bool, said: &mu
             short(also)
         );
         said.found.push(result(CheckKind::Unit, rate, Some(false), finding));
-    } else if !known && (low > 1.0 || high < 1.0) && (factor - 1.0).abs() > FACTOR {
+    } else if !known && excludes(gain, (1.0 + FACTOR).ln()) {
         let axis = alone && factor < 1.0 && matches!(pair.source, Source::Output(..));
         let or = if axis { format!(", or an axis that is {}° off", short(factor.min(1.0).acos().to_degrees())) } else { String::new() };
-        let finding =
-            format!("`{rate}` is {} times {words} (95 %: {} to {}): a gain of one of the two{or}", short(factor), short(low), short(high));
+        // Matrices do not tell kinematics from numbers that may be wrong.
+        let matrix = pair.stated && matches!(e.view.system.dynamics, Dynamics::Linear(_));
+        let number = if matrix { ", or the model's own number between the two" } else { "" };
+        let finding = format!(
+            "`{rate}` is {} times {words} (95 %: {} to {}): a gain of one of the two{or}{number}",
+            short(factor),
+            short(low),
+            short(high)
+        );
         said.found.push(result(CheckKind::Unit, rate, Some(false), finding));
     }
     if excludes(fit.lag, LATE) {
