@@ -107,7 +107,7 @@ fn of_pairs(found: &[Check]) -> Vec<&Check> {
     found.iter().filter(|c| ["the slope of", "the turning of", "the slopes of"].iter().any(|w| c.finding.contains(w))).collect()
 }
 
-fn wrong<'a>(found: &'a [Check]) -> Vec<&'a Check> {
+fn wrong(found: &[Check]) -> Vec<&Check> {
     of_pairs(found).into_iter().filter(|c| c.ok == Some(false)).collect()
 }
 
