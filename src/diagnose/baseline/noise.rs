@@ -47,6 +47,11 @@ impl Noise {
         Self { ar, unmix: unmix.unwrap_or_else(|| Self::white(&diagonal).unmix) }
     }
 
+    /// So many times as large.
+    pub(in crate::diagnose) fn times(self, factor: f64) -> Self {
+        Self { unmix: self.unmix / factor, ..self }
+    }
+
     /// Standard deviation of every output's innovations, if they were uncorrelated.
     pub(in crate::diagnose) fn std(&self) -> Vec<f64> {
         let mix = self.unmix.clone().try_inverse().unwrap_or_else(|| self.unmix.clone());

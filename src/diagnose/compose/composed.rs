@@ -172,14 +172,14 @@ impl Compose<'_, '_> {
 
     /// A small effect that is certain all the same.
     fn weak(&self) -> Option<Hypothesis> {
-        let likelihood = self.likelihood.with_noise(noise_of(self.likelihood, NO_EFFECT, self.smallest)?);
+        let likelihood = self.likelihood.with_noise(noise_of(self.likelihood, None, self.smallest)?);
         let composer = Composer { likelihood: &likelihood, ..self.composer(false, None) };
         weak(&likelihood, self.found, &composer)
     }
 
     /// The verdict on a weak effect: there is little to explain, and it explains it.
     fn judged_weak(&self, judged: Judged, weak: Hypothesis) -> Option<Composed> {
-        let beside = self.likelihood.with_noise(noise_of(self.likelihood, (&weak).into(), self.smallest)?);
+        let beside = self.likelihood.with_noise(noise_of(self.likelihood, Some(&weak), self.smallest)?);
         let estimate = intervals::estimate(&beside, &weak, self.scales);
         // The likelihood takes the model's other numbers as exact, and every sample as one of its own. The interval does not.
         if estimate.as_ref().is_some_and(|e| !e.apart(&weak, by_chance_of_many(self.likelihood.criteria.weak_chance, self.catalogue.len())))
@@ -281,7 +281,7 @@ impl Compose<'_, '_> {
     fn judged(&self, judged: Judged, composition: &Composition) -> Option<Composed> {
         let shrunk = composition.recalibration.map(|size| self.likelihood.with_shrinkage(size));
         let shrunk = Compose { likelihood: shrunk.as_ref().unwrap_or(self.likelihood), ..*self };
-        let beside = shrunk.likelihood.with_noise(noise_of(shrunk.likelihood, (&composition.hypothesis).into(), self.smallest)?);
+        let beside = shrunk.likelihood.with_noise(noise_of(shrunk.likelihood, Some(&composition.hypothesis), self.smallest)?);
         let settled = shrunk.settled(&beside, composition.hypothesis.clone())?;
         let (hypothesis, taken_out) = shrunk.by_share(settled, composition.recalibration);
         let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
@@ -293,7 +293,7 @@ impl Compose<'_, '_> {
 
         let (nothing, best) = (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
         let mut reached = judged.reached.clone();
-        reached.push((best.train.clone(), best.residuals.clone()));
+        reached.push(best.noise(self.likelihood));
         let (floor, Ruling { verdict, unknown, left_over }) =
             ruled(self.likelihood, [&nothing, &best], &reached, self.catalogue, self.scales, [true, false]);
         // Of a simulator that can only be called most laws cannot be tried: what explains all of it may stand in for one of them.
@@ -359,7 +359,7 @@ impl Compose<'_, '_> {
     /// Hypotheses refitted under white weights as large as what is left by all.
     fn refitted(&self, hypothesis: &Hypothesis, without: &[Hypothesis]) -> Vec<Option<Hypothesis>> {
         let Some(left) = residuals(self.likelihood, hypothesis) else { return vec![None; without.len()] };
-        let rms = Errors::of(self.likelihood.records, &left, |r| r.train).rms();
+        let rms = Errors::of(self.likelihood.records, &left, |r| r.train).times(hypothesis.noise_over_left(self.likelihood)).rms();
         let std: Vec<f64> = rms.iter().zip(self.smallest).map(|(r, s)| r.max(*s)).collect();
         let white = self.likelihood.with_noise(vec![Noise::white(&std); self.likelihood.records.len()]);
         let one = |e: &Hypothesis| Hypothesis::refit(&white, e.clone(), self.scales, cost(&white)?, white.budget.steps);

@@ -174,11 +174,11 @@ impl<'a> Composer<'_, 'a> {
     /// The likelihood with white weights as large as what a hypothesis leaves, and how the hypothesis stands under them, fitted anew.
     pub(super) fn renewed(&self, hypothesis: &Hypothesis) -> Option<(Likelihood<'a>, Standing)> {
         let left = residuals(self.likelihood, hypothesis)?;
-        let rms = Errors::of(self.likelihood.records, &left, |r| r.train).rms();
+        let rms = Errors::of(self.likelihood.records, &left, |r| r.train).times(hypothesis.noise_over_left(self.likelihood)).rms();
         let std: Vec<f64> = rms.iter().zip(self.smallest).map(|(r, s)| r.max(*s)).collect();
         let noise = match self.white {
             true => vec![Noise::white(&std); self.likelihood.records.len()],
-            false => noise_of(self.likelihood, hypothesis.into(), self.smallest)?,
+            false => noise_of(self.likelihood, Some(hypothesis), self.smallest)?,
         };
         let likelihood = self.likelihood.with_noise(noise);
         let likelihood = self.shrinkage.map_or_else(|| likelihood.clone(), |size| likelihood.with_shrinkage(size));
@@ -310,9 +310,11 @@ impl<'a> Composer<'_, 'a> {
                 composition = composition.with(&present.hypothesis, &old, stand_ins);
                 continue;
             }
-            // What does as well with fewer parameters takes the place of a law of many: a resonance takes the shape of a gain, a lag, a friction.
-            let plainer =
-                swapped.hypothesis.free.len() < present.hypothesis.free.len() && self.gate.stands_in(&without, &present, &swapped);
+            // What does as well with fewer parameters takes the place of a law of many: a resonance takes the shape of a gain, a lag, a friction. What leaves something
+            // above the noise where the law leaves nothing does not do as well, though few blocks, those behind a jump, hold all the difference.
+            let fewer = swapped.hypothesis.free.len() < present.hypothesis.free.len();
+            let as_complete = || !self.leaves_something(&swapped.hypothesis) || self.leaves_something(&present.hypothesis);
+            let plainer = fewer && self.gate.stands_in(&without, &present, &swapped) && as_complete();
             if plainer || self.replaces(&present, &swapped) {
                 composition = composition.with(&swapped.hypothesis, &instead, stand_ins);
                 present = swapped;

@@ -39,6 +39,8 @@ const WORK: f64 = 1.5e8;
 const SHORTEST: usize = 30;
 /// Draws have no more of their variance in a trend; 1. Chosen, far above chance: of n that are independent about 1/n along a line, and some more from one level to another.
 const BY_CHANCE: f64 = 0.5;
+/// The relative step of a derivative by differences.
+const STEP: f64 = 0.02;
 /// A command that changes by less than this part of the largest change decides nothing.
 const CHANGES: f64 = 1e-6;
 
@@ -108,6 +110,7 @@ pub(super) fn decode(
     let known_before = lost.sequences.iter().any(|s| s[input].is_some());
     let mut wait_s = if known_before { waits(late, step_s)?.mean_s } else { late.values[0] };
     let mut best: Option<(f64, Applied, Dropouts)> = None;
+    let mut last = None;
     for pass in 0..PASSES {
         let (from, known) = best.as_ref().map_or((late, &present), |(_, late, known)| (late, known));
         let effects: Vec<Applied> = others.iter().cloned().chain([from.clone()]).collect();
@@ -142,6 +145,7 @@ pub(super) fn decode(
         }
         let lowest = best.as_ref().map_or(f64::INFINITY, |(lowest, ..)| *lowest);
         let Some(better) = PARTS.into_iter().filter_map(tried).find(|(cost, ..)| *cost < lowest) else { break };
+        last = Some((records, waiting));
         wait_s = solved.mean_s;
         let settled = better.0 > (1.0 - SETTLED) * lowest;
         best = Some(better);
@@ -153,8 +157,23 @@ pub(super) fn decode(
     if with_time(likelihood, input, &found) > BY_CHANCE {
         return None;
     }
-    *lost = found;
+    // Of a sequence that was known before, as it stands.
+    *lost = Dropouts { followed: last.and_then(|(records, waiting)| followed(&records, &waiting)).unwrap_or(found.followed), ..found };
     Some(late)
+}
+
+/// How many numbers of the noise the delays of the training logs follow: tr S = d ln det(1 + KGᵀG)/d ln s², K being the delays' covariance and s their spread.
+fn followed(records: &[Linear], waiting: &Waiting) -> Option<f64> {
+    let at = |factor: f64| -> Option<f64> {
+        let waiting = Waiting { std_s: factor * waiting.std_s, ..*waiting };
+        let one = |r: &Linear| {
+            let mut equations = r.gram.clone();
+            let logs = add_prior(&mut equations, r, &waiting);
+            Some(equations.factor()?.log_determinant() + logs)
+        };
+        records.iter().filter(|r| r.trained).map(one).sum()
+    };
+    Some((at(1.0 + STEP)? - at(1.0 - STEP)?) / (2.0 * (1.0 + STEP).ln() - 2.0 * (1.0 - STEP).ln()))
 }
 
 /// The part of the variance of all delays on the training logs that goes with time: along a straight line, or from one level to another.

@@ -1,6 +1,7 @@
 //! One or more effects that together explain a gap.
 
 use super::waits::Wait;
+use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, LostCommands};
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::Applied;
@@ -31,6 +32,8 @@ pub(in crate::diagnose) struct Dropouts {
     pub(in crate::diagnose) waits: Vec<Vec<Wait>>,
     /// Per input, standard deviations of the first parameters of what makes its commands late, as far as they could be estimated.
     pub(in crate::diagnose) std: Vec<Vec<f64>>,
+    /// How many numbers of the training logs' noise the sequence follows: what is left is smaller than the noise by these. 0 where decisions are few.
+    pub(in crate::diagnose) followed: f64,
 }
 
 impl Dropouts {
@@ -42,6 +45,7 @@ impl Dropouts {
             price: 0.0,
             waits: vec![Vec::new(); inputs],
             std: vec![Vec::new(); inputs],
+            followed: 0.0,
         }
     }
 }
@@ -73,6 +77,20 @@ impl Hypothesis {
     /// Some effect loses commands.
     pub(in crate::diagnose) fn loses_commands(&self) -> bool {
         self.effects.iter().any(|a| a.effect.loses_commands())
+    }
+
+    /// The noise over what this leaves of it on the training logs. A sequence of delays that is a Gaussian process leaves N − tr S of N squares, S being what takes the
+    /// outputs to what it explains of them (Rasmussen and Williams 2006, section 2.6).
+    pub(in crate::diagnose) fn noise_over_left(&self, likelihood: &Likelihood<'_>) -> f64 {
+        let followed = self.lost.as_ref().map_or(0.0, |l| l.followed);
+        if followed <= 0.0 {
+            return 1.0;
+        }
+        let there = |r: &LogRecord, i: usize| (0..r.time_s.len()).filter(|&k| r.measured_in(r.train, i, k).is_some()).count();
+        let samples: usize = likelihood.records.iter().flat_map(|r| (0..r.measured.len()).map(move |i| there(r, i))).sum();
+        let samples = samples.max(1) as f64;
+        // No more than half of what is there can be followed and anything be said of the rest.
+        (samples / (samples - followed.min(0.5 * samples))).sqrt()
     }
 
     /// One of its effects, with the values that it has beside the others.

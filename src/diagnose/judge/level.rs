@@ -30,6 +30,12 @@ impl Level {
         Some(Self { hypothesis: hypothesis.cloned(), residuals, train, held, white })
     }
 
+    /// Training errors and residuals as large as they would be had no noise been followed.
+    pub(in crate::diagnose) fn noise(&self, likelihood: &Likelihood<'_>) -> (Errors, Vec<DMatrix<f64>>) {
+        let larger = self.hypothesis.as_ref().map_or(1.0, |e| e.noise_over_left(likelihood));
+        (self.train.clone().times(larger), self.residuals.iter().map(|r| r * larger).collect())
+    }
+
     pub(in crate::diagnose) fn gain(&self) -> f64 {
         self.hypothesis.as_ref().map_or(0.0, |e| e.gain)
     }

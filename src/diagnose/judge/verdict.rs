@@ -60,10 +60,10 @@ pub(in crate::diagnose) fn judge(
     let mut best = Level::of(likelihood, None)?;
     // Something beats no effect, by whatever measure; the best matters only beside noise of its colour; what a further effect would gain that does not matter.
     let (mut beaten, mut hidden, mut inexact) = (false, false, 0.0);
-    let mut reached = vec![(nothing.train.clone(), nothing.residuals.clone())];
+    let mut reached = vec![nothing.noise(likelihood)];
     for (size, hypotheses) in [&found.singles, &found.pairs].into_iter().enumerate() {
         let Some(next) = penalties.leader(hypotheses).and_then(|e| Level::of(likelihood, Some(e))) else { continue };
-        reached.push((next.train.clone(), next.residuals.clone()));
+        reached.push(next.noise(likelihood));
         let better = next.penalised_gain(&penalties) > best.penalised_gain(&penalties);
         // A lattice needs not lower the error to be seen.
         let lattice = next.is_chance() && !best.is_chance();
@@ -111,7 +111,7 @@ pub(in crate::diagnose) fn ruled(
 ) -> (Floor, Ruling) {
     let active = best.hypothesis.as_ref().map_or(NO_EFFECT, ActiveEffects::from);
     let explainable = explainable::shares(likelihood, active, &best.residuals, catalogue, scales);
-    let floor = floor::estimate(likelihood, &best.residuals, reached, &explainable);
+    let floor = floor::estimate(likelihood, &best.noise(likelihood).1, reached, &explainable);
     let sizes =
         |before: &Errors, after: &Errors| Sizes { before: before.nrmse(), after: after.nrmse(), floor: before.relative(&floor.floor) };
     let levels = Levels {

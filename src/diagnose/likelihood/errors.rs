@@ -33,6 +33,12 @@ impl Errors {
         errors
     }
 
+    /// Of residuals so many times as large.
+    pub(in crate::diagnose) fn times(mut self, factor: f64) -> Self {
+        self.squares.iter_mut().for_each(|s| *s *= factor * factor);
+        self
+    }
+
     /// Root of the mean squared error, per output.
     pub(in crate::diagnose) fn rms(&self) -> Vec<f64> {
         self.squares.iter().zip(&self.count).map(|(e, n)| (e / n.max(1.0)).sqrt()).collect()

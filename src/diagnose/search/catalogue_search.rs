@@ -62,7 +62,7 @@ pub(in crate::diagnose) fn search<'a>(
         let single = leading(&found.singles);
         let pair = leading(&found.pairs).filter(|pair| single.as_ref().is_none_or(|s| penalties.gain(pair) > penalties.gain(s)));
         let largest = pair.or(single);
-        let Some(noise) = noise_of(&likelihood, largest.as_ref().map_or(NO_EFFECT, ActiveEffects::from), smallest) else { break };
+        let Some(noise) = noise_of(&likelihood, largest.as_ref(), smallest) else { break };
         likelihood = likelihood.with_noise(noise);
         let nominal = likelihood.whitened(NO_EFFECT)?;
         let cost = likelihood.inner(&nominal, &nominal);
@@ -121,9 +121,10 @@ impl SearchResult {
     }
 }
 
-/// The noise of the residuals that one hypothesis leaves, per record; records of one sample time share it.
-pub(in crate::diagnose) fn noise_of(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, smallest: &[f64]) -> Option<Vec<Noise>> {
-    let residuals = residuals(likelihood, active)?;
+/// The noise of the residuals that one hypothesis leaves, or the model as it is, per record; records of one sample time share it.
+pub(in crate::diagnose) fn noise_of(likelihood: &Likelihood<'_>, hypothesis: Option<&Hypothesis>, smallest: &[f64]) -> Option<Vec<Noise>> {
+    let residuals = residuals(likelihood, hypothesis.map_or(NO_EFFECT, ActiveEffects::from))?;
+    let larger = hypothesis.map_or(1.0, |e| e.noise_over_left(likelihood));
     let same = |a: f64, b: f64| (a - b).abs() <= 0.02 * b;
     let noise = |ts: f64| {
         let members: Vec<usize> = (0..residuals.len())
@@ -134,7 +135,7 @@ pub(in crate::diagnose) fn noise_of(likelihood: &Likelihood<'_>, active: ActiveE
             if members.is_empty() { (0..residuals.len()).filter(|&i| likelihood.records[i].train.is_some()).collect() } else { members };
         let records: Vec<_> = members.iter().map(|&i| &likelihood.records[i]).collect();
         let residuals: Vec<_> = members.iter().map(|&i| &residuals[i]).collect();
-        Noise::fit(&records, &residuals, smallest, &likelihood.criteria)
+        Noise::fit(&records, &residuals, smallest, &likelihood.criteria).times(larger)
     };
     Some(likelihood.records.iter().map(|r| noise(r.sample_time_s)).collect())
 }
