@@ -27,7 +27,7 @@ const PASSES: usize = 10;
 /// A pass that lowers the cost by less than this part is the last one.
 const SETTLED: f64 = 2e-3;
 /// Parts of the way to where the linear equations lead that are tried, until one lowers the cost.
-const PARTS: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
+const PARTS: [f64; 5] = [1.0, 0.5, 0.25, 0.1, 0.03];
 /// Spreads that are tried, as parts of the mean delay: from, to, and how many.
 const SPREADS: (f64, f64, usize) = (0.03, 1.5, 9);
 /// Around the last one: neighbours by this factor.
@@ -39,8 +39,8 @@ const WORK: f64 = 1.5e8;
 const SHORTEST: usize = 30;
 /// Draws have no more of their variance in a trend; 1. Chosen, far above chance: of n that are independent about 1/n along a line, and some more from one level to another.
 const BY_CHANCE: f64 = 0.5;
-/// The relative step of a derivative by differences.
-const STEP: f64 = 0.02;
+/// The step of derivatives by differences, of the logarithm of the delays' variance.
+const STEP: f64 = 0.1;
 /// A command that changes by less than this part of the largest change decides nothing.
 const CHANGES: f64 = 1e-6;
 
@@ -109,20 +109,21 @@ pub(super) fn decode(
     // Of what was found before, the mean wait; else the delay that all have.
     let known_before = lost.sequences.iter().any(|s| s[input].is_some());
     let mut wait_s = if known_before { waits(late, step_s)?.mean_s } else { late.values[0] };
-    let mut best: Option<(f64, Applied, Dropouts)> = None;
-    let mut last = None;
+    // Where the search stands, and the best of where it stood; costs are those by the equations there.
+    let mut here = Place { late: late.clone(), known: present.clone(), cost: f64::INFINITY };
+    let mut best: Option<Place> = None;
     for pass in 0..PASSES {
-        let (from, known) = best.as_ref().map_or((late, &present), |(_, late, known)| (late, known));
-        let effects: Vec<Applied> = others.iter().cloned().chain([from.clone()]).collect();
-        let active = ActiveEffects { effects: &effects, lost: Some(&known.sequences) };
+        let effects: Vec<Applied> = others.iter().cloned().chain([here.late.clone()]).collect();
+        let active = ActiveEffects { effects: &effects, lost: Some(&here.known.sequences) };
         let linear = |at: usize| linear(likelihood, active, at, input, &responses[at]);
         let records: Vec<Linear> = (0..likelihood.records.len()).into_par_iter().map(linear).collect::<Option<_>>()?;
-        let (chosen, waiting) = spread(&records, from, wait_s, step_s, pass == 0)?;
+        let (chosen, waiting) = spread(&records, &here.late, wait_s, step_s, pass == 0)?;
         let solved = solve(&records, &waiting)?;
+        let told = told(&records, &waiting)?;
         let law = waiting_for(solved.mean_s, chosen.spread_s, chosen.ordered, step_s).map_or(chosen, |(law, _)| law);
         let count = records.iter().filter(|r| r.trained).map(|r| r.sent.len()).sum::<usize>().max(2) as f64;
-        let std = vec![solved.precision.sqrt().recip(), law.spread_s / (2.0 * count).sqrt()];
-        let law = with(from, &[law.delay_s, law.spread_s, from.values[2]]);
+        let std = vec![solved.precision.sqrt().recip(), law.spread_s / (2.0 * told.spread).sqrt()];
+        let law = with(&here.late, &[law.delay_s, law.spread_s, here.late.values[2]]);
         // The way there, or a part of it: the response to a delay is another one once the delay is there.
         let tried = |part: f64| {
             let mut there = present.clone();
@@ -135,37 +136,54 @@ pub(super) fn decode(
                 there.sequences[at][input] = Some(Fates::Late(record.of_all(&delays, &likelihood.records[at].time_s)));
             }
             there.price = lost.price + solved.freedom + improbability + count.ln();
+            there.followed = told.noise;
             there.std[input].clone_from(&std);
             let effects: Vec<Applied> = others.iter().cloned().chain([law.clone()]).collect();
             let whitened = likelihood.whitened(ActiveEffects { effects: &effects, lost: Some(&there.sequences) })?;
-            Some((likelihood.inner(&whitened, &whitened) + there.price, law.clone(), there))
+            Some(Place { cost: likelihood.inner(&whitened, &whitened) + there.price, late: law.clone(), known: there })
         };
-        if pass == 0 && known_before {
-            best = tried(0.0);
+        let stood = tried(0.0)?;
+        let lowest = stood.cost;
+        if (pass > 0 || known_before) && best.as_ref().is_none_or(|b| lowest < b.cost) {
+            best = Some(stood);
         }
-        let lowest = best.as_ref().map_or(f64::INFINITY, |(lowest, ..)| *lowest);
-        let Some(better) = PARTS.into_iter().filter_map(tried).find(|(cost, ..)| *cost < lowest) else { break };
-        last = Some((records, waiting));
+        let Some(next) = PARTS.into_iter().filter_map(tried).find(|next| next.cost < lowest) else { break };
         wait_s = solved.mean_s;
-        let settled = better.0 > (1.0 - SETTLED) * lowest;
-        best = Some(better);
-        if settled {
+        let settled = next.cost > (1.0 - SETTLED) * lowest;
+        here = next;
+        if settled || pass + 1 == PASSES {
+            best = best.filter(|b| b.cost <= here.cost).or(Some(here));
             break;
         }
     }
-    let (_, late, found) = best?;
-    if with_time(likelihood, input, &found) > BY_CHANCE {
+    let Place { late, known, .. } = best?;
+    if with_time(likelihood, input, &known) > BY_CHANCE {
         return None;
     }
-    // Of a sequence that was known before, as it stands.
-    *lost = Dropouts { followed: last.and_then(|(records, waiting)| followed(&records, &waiting)).unwrap_or(found.followed), ..found };
+    *lost = known;
     Some(late)
 }
 
-/// How many numbers of the noise the delays of the training logs follow: tr S = d ln det(1 + KGᵀG)/d ln s², K being the delays' covariance and s their spread.
-fn followed(records: &[Linear], waiting: &Waiting) -> Option<f64> {
-    let at = |factor: f64| -> Option<f64> {
-        let waiting = Waiting { std_s: factor * waiting.std_s, ..*waiting };
+/// Where a search for delays stands.
+struct Place {
+    late: Applied,
+    known: Dropouts,
+    cost: f64,
+}
+
+/// What the outputs tell of delays.
+struct Told {
+    /// How many numbers of the noise the delays of the training logs follow: tr S = d ln det(1 + KGᵀG)/d ln s², K being the delays' covariance, s their spread and S
+    /// what takes the outputs to what is explained of them.
+    noise: f64,
+    /// How many independent delays would tell as much of the spread: tr S² = tr S − d tr S/d ln s², twice Fisher's information on ln s².
+    spread: f64,
+}
+
+/// By differences of the determinant.
+fn told(records: &[Linear], waiting: &Waiting) -> Option<Told> {
+    let at = |step: f64| -> Option<f64> {
+        let waiting = Waiting { std_s: (0.5 * step).exp() * waiting.std_s, ..*waiting };
         let one = |r: &Linear| {
             let mut equations = r.gram.clone();
             let logs = add_prior(&mut equations, r, &waiting);
@@ -173,7 +191,10 @@ fn followed(records: &[Linear], waiting: &Waiting) -> Option<f64> {
         };
         records.iter().filter(|r| r.trained).map(one).sum()
     };
-    Some((at(1.0 + STEP)? - at(1.0 - STEP)?) / (2.0 * (1.0 + STEP).ln() - 2.0 * (1.0 - STEP).ln()))
+    let [less, same, more] = [at(-STEP)?, at(0.0)?, at(STEP)?];
+    let noise = (more - less) / (2.0 * STEP);
+    let bend = (more - 2.0 * same + less) / (STEP * STEP);
+    Some(Told { noise, spread: (noise - bend).clamp(1.0, noise.max(1.0)) })
 }
 
 /// The part of the variance of all delays on the training logs that goes with time: along a straight line, or from one level to another.

@@ -8,8 +8,8 @@ use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Lateness};
 
 /// Commands hide each other where losses leave so many times what delays leave that were decoded by themselves; 1. Chosen: 1.5 to 2.5 times in tests where commands
-/// rest for a while, 25 to 100 times where they never do.
-const HIDDEN: f64 = 5.0;
+/// rest for a while, 4.5 to 100 times where they never do.
+const HIDDEN: f64 = 3.5;
 
 /// Adds to every hypothesis that loses commands the one whose commands are late, with the same trajectory; both pay for the waits of commands alike.
 pub(in crate::diagnose) fn beside_lost(likelihood: &Likelihood<'_>, hypotheses: &mut Vec<Hypothesis>) {

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::screen::Screened;
-use super::slower_loop::from_waits;
+use super::slower_loop::from_arrivals;
 use crate::diagnose::hypothesis::arrivals::beside_fixed;
 use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::hypothesis::dropouts::decoded;
@@ -73,10 +73,10 @@ pub(in crate::diagnose) fn fit_first(
             *single = better;
         }
     });
-    from_waits(likelihood, &mut singles, scales, cost);
     if !likelihood.system.is_black_box() {
         beside_fixed(likelihood, &mut singles, cost);
     }
+    from_arrivals(likelihood, &mut singles, scales, cost);
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     singles
 }
