@@ -173,32 +173,3 @@ fn a_verdict_that_is_damaged_is_made_again_and_others_are_kept() {
     assert!(refused.to_string().contains(&std::process::id().to_string()), "{refused}");
     drop(held);
 }
-
-#[cfg(feature = "parquet")]
-#[test]
-fn any_byte_of_a_parquet_part_that_is_flipped_or_cut_is_found() {
-    use deadtime::study::Tasks;
-    let folder = tempfile::tempdir().unwrap();
-    let runner = Runner::new(&plan()).unwrap();
-    let tasks = Tasks::new(&runner, folder.path(), runner.tasks_of(2)).unwrap();
-    let made: Vec<Vec<u8>> = (0..2).map(|task| runner.part(tasks.blocks(task), &Stop::default()).unwrap()).collect();
-    (0..2).for_each(|task| tasks.keep(task, &made[task]).unwrap());
-    let state = || tasks.missing(&Stop::default()).unwrap();
-    assert!(state().0.is_empty());
-    for at in 0..made[0].len() {
-        let mut flipped = made[0].clone();
-        flipped[at] ^= 1 << (at % 8);
-        std::fs::write(tasks.path(0), flipped).unwrap();
-        let (missing, damaged) = state();
-        assert_eq!((missing.as_slice(), damaged.len()), ([0].as_slice(), 1), "byte {at}");
-        if at % 50 == 0 {
-            std::fs::write(tasks.path(0), &made[0][..at]).unwrap();
-            assert_eq!(state().0, [0], "cut at {at}");
-        }
-    }
-    std::fs::write(tasks.path(0), &made[1]).unwrap();
-    assert!(state().1[0].to_string().contains("another task"), "{:?}", state().1);
-    assert!(tasks.gather(&runner, &Stop::default()).unwrap_err().to_string().contains("part-00000000.parquet"));
-    tasks.keep(0, &made[0]).unwrap();
-    assert!(state().0.is_empty() && tasks.gather(&runner, &Stop::default()).is_ok());
-}
