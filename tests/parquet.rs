@@ -1,6 +1,9 @@
 //! Studies as Parquet: the same as CSV, parts of many tasks that make one, parts that are damaged. A program of its own, so that all features are tested without building
 //! every other test with them.
 
+// Helpers of tests may stop the test; the lints' own exception covers test functions only.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
 use std::path::Path;
 use std::process::Command;
 
