@@ -5,6 +5,7 @@ pub(in crate::diagnose) mod direction;
 pub(in crate::diagnose) mod dropouts;
 pub(in crate::diagnose) mod effects;
 pub(in crate::diagnose) mod fit;
+pub(in crate::diagnose) mod level;
 pub(in crate::diagnose) mod penalised_gain;
 mod queue;
 pub(in crate::diagnose) mod refine;

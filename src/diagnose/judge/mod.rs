@@ -3,7 +3,6 @@
 pub(in crate::diagnose) mod explainable;
 pub(in crate::diagnose) mod floor;
 pub(in crate::diagnose) mod intervals;
-pub(in crate::diagnose) mod level;
 pub(in crate::diagnose) mod perturbations;
 pub(in crate::diagnose) mod prior_sensitivity;
 pub(in crate::diagnose) mod rule;

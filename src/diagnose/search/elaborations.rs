@@ -8,8 +8,8 @@
 //! What this gives away: an elaboration that is real, takes less than that part of the gap, and lowers the error by less. The plain form is named then.
 
 use crate::diagnose::hypothesis::effects::Hypothesis;
+use crate::diagnose::hypothesis::level::Level;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
-use crate::diagnose::judge::level::Level;
 use crate::diagnose::likelihood::errors::Errors;
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::Applied;

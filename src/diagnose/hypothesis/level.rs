@@ -2,8 +2,8 @@
 
 use nalgebra::DMatrix;
 
-use crate::diagnose::hypothesis::effects::Hypothesis;
-use crate::diagnose::hypothesis::penalised_gain::Penalties;
+use super::effects::Hypothesis;
+use super::penalised_gain::Penalties;
 use crate::diagnose::input::record::{LogRecord, Span};
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::errors::Errors;
