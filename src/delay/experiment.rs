@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 
 use super::events::check_times;
-use super::scans::Scans;
 use super::{DelayError, Events, Record};
 use crate::log::Log;
 use crate::model::{Continuous, Sampled, StateSpace};
@@ -76,8 +75,6 @@ pub struct Experiment<'a> {
     model: Option<PlantModel>,
     /// Event times at two places, one entry per recording, for methods that look at events and at nothing else; the sample time only scales their window.
     events: Vec<Events>,
-    /// Scans that several methods share, where they do.
-    scans: Scans,
 }
 
 impl<'a> Experiment<'a> {
@@ -91,7 +88,7 @@ impl<'a> Experiment<'a> {
         outputs: Vec<String>,
         recordings: Vec<Recording<'a>>,
     ) -> Result<Self, DelayError> {
-        Self { sample_time, inputs, outputs, recordings, model: None, events: Vec::new(), scans: Scans::default() }.checked()
+        Self { sample_time, inputs, outputs, recordings, model: None, events: Vec::new() }.checked()
     }
 
     /// One input `u`, one output `y`, one recording; vectors are taken, slices borrowed.
@@ -112,7 +109,7 @@ impl<'a> Experiment<'a> {
             return Err(DelayError::Count { what: "sequences of events", needed: 1, got: 0 });
         }
         let (inputs, outputs) = (vec![first.to_owned()], vec![second.to_owned()]);
-        let experiment = Self { sample_time, inputs, outputs, recordings: Vec::new(), model: None, events, scans: Scans::default() };
+        let experiment = Self { sample_time, inputs, outputs, recordings: Vec::new(), model: None, events };
         check_times(&experiment)?;
         Ok(experiment)
     }
@@ -249,7 +246,6 @@ impl<'a> Experiment<'a> {
                 .collect(),
             model: None,
             events: Vec::new(),
-            scans: Scans::default(),
         })
     }
 
@@ -282,17 +278,7 @@ impl<'a> Experiment<'a> {
     /// The same channels measured otherwise, for what keeps numbers finite and lengths alike.
     pub(super) fn with_recordings<'b>(&self, recordings: Vec<Recording<'b>>) -> Experiment<'b> {
         let Self { sample_time, inputs, outputs, model, events, .. } = self.clone();
-        Experiment { sample_time, inputs, outputs, recordings, model, events, scans: Scans::default() }
-    }
-
-    /// The same for several methods, who need not make one scan twice.
-    pub(super) fn shared(self) -> Self {
-        Self { scans: Scans::kept(), ..self }
-    }
-
-    /// What methods share.
-    pub(super) fn scans(&self) -> &Scans {
-        &self.scans
+        Experiment { sample_time, inputs, outputs, recordings, model, events }
     }
 
     /// Samples of the longest recording.

@@ -387,8 +387,7 @@ impl Job {
             Some((rested, Level::BeforeMoving)) => (Some(rested), together.from_rest()),
             Some((rested, Level::AsLogged)) => (Some(rested), Some(logged.towards(i, o)?)),
         };
-        let rested = rested.map(Experiment::shared);
-        Ok(Seen { rested, freed: freed.map(Experiment::shared), together, together_rested, search, looped, one: one.shared() })
+        Ok(Seen { rested, freed, together, together_rested, search, looped, one })
     }
 
     /// The pair measured from where it rested, where that explains it better than its mean: from its level before the inputs moved, or as logged, where that is zero. A

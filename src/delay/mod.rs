@@ -21,7 +21,6 @@ mod process;
 pub mod report;
 mod response;
 mod richness;
-mod scans;
 mod states;
 mod taken_out;
 mod threshold;

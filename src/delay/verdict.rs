@@ -89,7 +89,7 @@ pub(super) const EXPERIMENT: &str = "move the set point, or add a random binary 
 /// act, number and interval are those of the models in the group that fit all inputs together, promise a fraction of a sample, leave nothing over, and that no larger model outdoes:
 /// the others see an output from which the rest was taken by such a model, and add their votes.
 /// Source: Gaba, Tsetlin and Winkler (2017), Decision Analysis 14(1), 1-20, doi:10.1287/deca.2016.0340, for trimming the ends of many intervals. How much is left to the
-/// user there; tests/it/verdicts.rs measures how often what 15 % leave holds an injected dead time.
+/// user there; tests/verdicts.rs measures how often what 15 % leave holds an injected dead time.
 #[must_use]
 pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTime, facts: &RecordFacts) -> Verdict {
     let found: Vec<Found<'_>> = answers.iter().filter_map(|answer| Found::new(answer, findings, sample_time)).collect();

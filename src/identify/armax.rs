@@ -3,9 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::arx::scan as arx_scan;
-use super::polynomial::{filter, impulse_response, is_stable, reflected};
-use super::regression::Record;
-use super::sums::{Term, blend, dot};
+use super::polynomial::{filter, filter_both, impulse_response, is_stable, reflected};
+use super::regression::{Record, dot};
 use crate::fit::{LevenbergMarquardt, Normal, Stopped};
 use crate::stop::Stop;
 
@@ -163,8 +162,7 @@ impl<'a> Problem<'a> {
                 s.yf.copy_from_slice(s.y);
                 s.uf.copy_from_slice(s.u);
             } else {
-                filter(s.y, c, &mut s.yf);
-                filter(s.u, c, &mut s.uf);
+                filter_both([s.y, s.u], c, [&mut s.yf, &mut s.uf]);
             }
             impulse_response(c, s.rows, NOTHING, &mut h);
             s.impulse.truncate(nc);
@@ -267,12 +265,11 @@ impl<'a> Problem<'a> {
         for ((s, block), before) in stretches.iter_mut().zip(&gram.blocks).zip(of_before) {
             let own = block.own.solve(&(before - &block.cross * &change));
             let (past, e) = s.e.split_at_mut(nc);
-            let explained = block.columns.iter().zip(change.iter()).chain(s.before.iter().zip(own.iter()));
-            // What is shorter is zero beyond its end.
-            let (whole, short): (Vec<Term>, Vec<Term>) =
-                explained.map(|(x, weight)| (-weight, x.as_slice())).partition(|(_, x)| x.len() == e.len());
-            blend(e, &whole);
-            short.iter().for_each(|term| blend(e, &[*term]));
+            for (column, weight) in block.columns.iter().zip(change.iter()).chain(s.before.iter().zip(own.iter())) {
+                for (e, x) in e.iter_mut().zip(column) {
+                    *e -= weight * x;
+                }
+            }
             for (past, own) in past.iter_mut().rev().zip(own.iter()) {
                 *past += own;
             }

@@ -3,9 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::lag_products::lag_matrix;
-use super::polynomial::{filtered, is_stable, reflected};
-use super::regression::Record;
-use super::sums::{blend, dot};
+use super::polynomial::{filter, filter_both, is_stable, reflected};
+use super::regression::{Record, dot};
 use crate::stop::Stop;
 
 /// Orders of the model.
@@ -55,6 +54,12 @@ fn solve(mut gram: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
         gram[(i, i)] += RIDGE * gram[(i, i)].abs() + f64::MIN_POSITIVE;
     }
     gram.lu().solve(right).filter(|x| x.iter().all(|v| v.is_finite()))
+}
+
+fn through(x: &[f64], f: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; x.len()];
+    filter(x, f, &mut out);
+    out
 }
 
 /// D x, x being zero before the record.
@@ -123,8 +128,8 @@ impl Filtered<'_> {
 fn combined(x: &[f64], nk: usize, b: &[f64]) -> Vec<f64> {
     let mut out = vec![0.0; x.len()];
     for (i, b) in b.iter().enumerate() {
-        if let Some(out) = out.get_mut(nk + i..) {
-            blend(out, &[(*b, x)]);
+        for (o, x) in out.iter_mut().skip(nk + i).zip(x) {
+            *o += b * x;
         }
     }
     out
@@ -230,17 +235,17 @@ impl RefinedIv {
                 Some(f) => f,
                 None => break,
             };
-            let divided: Vec<Filtered> = records
+            let filtered: Vec<Filtered> = records
                 .iter()
                 .map(|r| {
                     let (u, y) = (&r.u[..r.len()], &r.y[..r.len()]);
-                    Filtered { y, uf: filtered(u, &f) }
+                    Filtered { y, uf: through(u, &f) }
                 })
                 .collect();
-            let whitened_by = |d: &[f64]| divided.iter().map(|r| r.white(d)).collect::<Vec<White>>();
+            let whitened_by = |d: &[f64]| filtered.iter().map(|r| r.white(d)).collect::<Vec<White>>();
             let Some(first) = self.numerator(&whitened_by(&d), nk) else { break };
             let left = |r: &Filtered| -> Vec<f64> { r.y.iter().zip(r.simulated(nk, &first)).map(|(y, x)| y - x).collect() };
-            let rest: Vec<Vec<f64>> = divided.iter().map(left).collect();
+            let rest: Vec<Vec<f64>> = filtered.iter().map(left).collect();
             let Some((noise, _)) = autoregression(&rest, self.noise) else { break };
             d = noise;
             // B again, under the noise just found.
@@ -268,7 +273,9 @@ impl RefinedIv {
                 .into_iter()
                 .map(|White { u, y }| {
                     let simulated = combined(&u, nk, &b);
-                    [u, filtered(&y, &f), filtered(&simulated, &f)]
+                    let (mut yf, mut xf) = (vec![0.0; y.len()], vec![0.0; y.len()]);
+                    filter_both([&y, &simulated], &f, [&mut yf, &mut xf]);
+                    [u, yf, xf]
                 })
                 .collect();
             let Some(next) = self.instrumental(&signals, nk) else { break };
@@ -294,7 +301,7 @@ mod tests {
         let u: Vec<f64> = (0..samples).map(|_| next()).collect();
         let e: Vec<f64> = (0..samples).map(|_| next()).collect();
         let delayed: Vec<f64> = (0..samples).map(|t| if t < 3 { 0.0 } else { 0.5 * u[t - 3] }).collect();
-        let (x, v) = (filtered(&delayed, &[-1.5, 0.7]), filtered(&e, &[-0.9]));
+        let (x, v) = (through(&delayed, &[-1.5, 0.7]), through(&e, &[-0.9]));
         Record::new(u, x.iter().zip(&v).map(|(x, v)| x + v).collect::<Vec<f64>>())
     }
 

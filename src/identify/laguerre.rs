@@ -2,8 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::regression::Record;
-use super::sums::dot;
+use super::regression::{Record, dot};
 
 /// y(t) = Σ cₖ Lₖ(q) u(t) + e(t), Lₖ(z) = √(1 − a²)/(z − a)·((1 − az)/(z − a))^(k−1), fitted by least squares. Records are taken to begin at rest.
 ///

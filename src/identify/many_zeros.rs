@@ -3,8 +3,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::polynomial::{filter, is_stable, stabilised};
-use super::regression::{Record, Regression};
-use super::sums::dot;
+use super::regression::{Record, Regression, dot};
 
 /// y(t) = B(q)/F(q) u(t) + e(t): Steiglitz and McBride's iteration (ARX on signals filtered by the last 1/F), then Levenberg and Marquardt's on the simulation error.
 ///

@@ -16,7 +16,6 @@ mod polynomial;
 mod regression;
 pub mod structured;
 pub mod subspace;
-mod sums;
 mod triangle;
 
 pub use armax::{Armax, ArmaxFit, ArmaxScan};
@@ -27,9 +26,9 @@ pub use fir_regularised::{RegularisedFir, fit as fir_regularised};
 pub use iv::{IvFit, RefinedIv};
 pub use oe::{Initial, OeFit, OutputError};
 pub use polynomial::MAX_ORDER as MAX_OE_ORDER;
+pub(crate) use regression::dot;
 pub use regression::{Record, Regression};
 pub use subspace::{IDENTIFIERS, Identified, Identifier, Innovations, Subspace};
-pub(crate) use sums::{Term, blend, dot, products, total};
 
 pub(crate) use arx::beside;
 pub(crate) use fir::estimate as fir_or_rank;

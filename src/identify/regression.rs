@@ -301,6 +301,19 @@ impl Rows {
 
 /// Rows that one QR step takes in.
 const ROWS: usize = 256;
+/// Σ a·b in eight partial sums.
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 8];
+    let (left, right) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f64 = left.remainder().iter().zip(right.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in left.zip(right) {
+        for l in 0..8 {
+            sums[l] += x[l] * y[l];
+        }
+    }
+    sums.iter().sum::<f64>() + rest
+}
+
 /// The factor of a Gram matrix, or `None` where squaring the condition number costs too many digits.
 fn cholesky(gram: &DMatrix<f64>, rows: usize) -> Option<Triangle> {
     let n = gram.nrows();

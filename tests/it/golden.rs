@@ -1,6 +1,6 @@
 //! The crate against the golden files: numpy, scipy, python-control and Octave's control package (golden/SCHEMA.md).
 //!
-//! `cargo test --test it golden:: -- --nocapture` prints the worst disagreement of every field of every file.
+//! `cargo test --test golden -- --nocapture` prints the worst disagreement of every field of every file.
 
 use crate::support::compare::{
     Comparison, apart, cases, complex_list, count, golden, list, list_apart, matrix, number, points_apart, relative, responses_apart,

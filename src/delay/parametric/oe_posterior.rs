@@ -108,7 +108,7 @@ impl DelayEstimator for OePosterior {
         check(NAME, &orders, self.max_samples)?;
         one_pair(experiment, search, |records, max_delay, bias| {
             let Profile { posterior, note, .. } =
-                match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Average, (experiment, &search.stop))? {
+                match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Average, &search.stop)? {
                     Ok(profile) => profile,
                     Err(answer) => return Ok(answer),
                 };

@@ -85,7 +85,7 @@ impl DelayEstimator for Oestruc {
         check(NAME, &orders, self.max_samples)?;
         one_pair(experiment, search, |records, max_delay, bias| {
             let Profile { fits, posterior, note, .. } =
-                match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best, (experiment, &search.stop))? {
+                match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best, &search.stop)? {
                     Ok(profile) => profile,
                     Err(answer) if self.always_answers => return Ok(self.anyway(answer, orders, records, max_delay, bias, experiment)),
                     Err(answer) => return Ok(answer),

@@ -2,7 +2,7 @@
 
 use super::evidence::log_evidence;
 use crate::delay::posterior::{self, Posterior};
-use crate::delay::{DelayError, DelayEstimate, Experiment, Outcome};
+use crate::delay::{DelayError, DelayEstimate, Outcome};
 use crate::fit::Stopped;
 use crate::identify::{Initial, MAX_OE_ORDER, OeFit, OutputError, Record, largest_pole, power};
 use crate::stop::Stop;
@@ -68,7 +68,7 @@ pub(super) fn profile<'a>(
     records: &'a [Record<'_>],
     max_delay: usize,
     weighing: Weighing,
-    (experiment, stop): (&Experiment<'_>, &Stop),
+    stop: &Stop,
 ) -> Result<Result<Profile<'a>, DelayEstimate>, DelayError> {
     let parameters = orders.nb + orders.nf;
     let needed = max_delay + orders.nb + 3 * parameters;
@@ -77,7 +77,7 @@ pub(super) fn profile<'a>(
         return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter `max_delay`" });
     }
     let (records, note) = shortened(records, max_samples);
-    let fits = experiment.scans().output_error(orders, &records, max_delay, stop);
+    let fits = orders.scan_until(&records, max_delay, stop);
     let losses: Vec<f64> = fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.loss)).collect();
     let power = power(&records);
     let floor = posterior::ROUNDING * power;

@@ -86,7 +86,7 @@ impl DelayEstimator for SamplingZero {
         let orders = OutputError { nb: 2, nf: 1, initial: self.initial };
         check(NAME, &orders, self.max_samples)?;
         one_pair(experiment, search, |records, max_delay, bias| {
-            let profile = match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best, (experiment, &search.stop))? {
+            let profile = match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best, &search.stop)? {
                 Ok(profile) => profile,
                 Err(answer) => return Ok(answer),
             };

@@ -6,7 +6,6 @@
 //! After the fraction g of a hold the states are Φ(g)·x + Γ(g)·u: one filter pass serves every delay, whole or not.
 
 use nalgebra::DMatrix;
-use pulp::{Arch, Simd, WithSimd};
 
 use crate::model::c2d::{Hold, transition};
 
@@ -99,7 +98,7 @@ fn row(terms: &[(usize, f64)]) -> Row {
     row
 }
 
-pub(super) fn plus(terms: &[(f64, &Row)]) -> Row {
+fn plus(terms: &[(f64, &Row)]) -> Row {
     std::array::from_fn(|i| terms.iter().map(|(c, r)| c * r[i]).sum())
 }
 
@@ -156,85 +155,30 @@ impl Chain {
     /// The states at every sample, from `start`, one column each.
     pub(super) fn states(&self, u: &[f64], start: &[f64]) -> Vec<Vec<f64>> {
         match self.shape.poles {
-            1 => self.propagate::<2, 2>(u, start),
-            2 => self.propagate::<4, 4>(u, start),
-            _ => self.propagate::<6, 8>(u, start),
+            1 => self.propagate::<2>(u, start),
+            2 => self.propagate::<4>(u, start),
+            _ => self.propagate::<6>(u, start),
         }
     }
 
-    /// `N` states, in vectors of `M` numbers.
-    fn propagate<const N: usize, const M: usize>(&self, u: &[f64], start: &[f64]) -> Vec<Vec<f64>> {
-        let wide = |v: &DMatrix<f64>, j: usize| std::array::from_fn(|i| if i < N { v[(i, j)] } else { 0.0 });
-        let (mut power, mut input) = (self.phi.clone(), self.gamma.clone());
-        let mut ahead = Ahead { states: [[[0.0; M]; N]; AHEAD], input: [[0.0; M]; AHEAD] };
-        for k in 0..AHEAD {
-            ahead.states[k] = std::array::from_fn(|j| wide(&power, j));
-            ahead.input[k] = wide(&input, 0);
-            (power, input) = (&self.phi * power, &self.phi * input);
-        }
-        let first = std::array::from_fn(|i| if i < N { start.get(i).copied().unwrap_or(0.0) } else { 0.0 });
-        let mut columns = vec![vec![0.0; u.len()]; N];
-        Arch::new().dispatch(Propagate { ahead: &ahead, u, first, columns: &mut columns });
-        columns
-    }
-}
-
-/// Samples that are reached from one state at once: their states do not wait for each other.
-const AHEAD: usize = 4;
-
-/// Φ^(k+1), column by column, and Φ^k·Γ.
-struct Ahead<const N: usize, const M: usize> {
-    states: [[[f64; M]; N]; AHEAD],
-    input: [[f64; M]; AHEAD],
-}
-
-struct Propagate<'a, const N: usize, const M: usize> {
-    ahead: &'a Ahead<N, M>,
-    u: &'a [f64],
-    first: [f64; M],
-    columns: &'a mut [Vec<f64>],
-}
-
-impl<const N: usize, const M: usize> WithSimd for Propagate<'_, N, M> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        // Fused where the processor can, which it can wherever it has vectors of four.
-        let fused = |a: f64, b: f64, c: f64| if S::F64_LANES >= 4 { a.mul_add(b, c) } else { a * b + c };
-        let Self { ahead, u, first, columns } = self;
-        let mut x = first;
-        let mut columns = columns.iter_mut();
-        let mut columns: [&mut [f64]; N] = std::array::from_fn(|_| columns.next().map_or(&mut [][..], Vec::as_mut_slice));
-        let (chunks, rest) = u.as_chunks::<AHEAD>();
-        for (chunk, u) in chunks.iter().enumerate() {
-            let mut next = [[0.0; M]; AHEAD];
-            for (k, next) in next.iter_mut().enumerate() {
-                for (u, input) in u.iter().take(k + 1).zip(ahead.input[..=k].iter().rev()) {
-                    next.iter_mut().zip(input).for_each(|(next, c)| *next = fused(*c, *u, *next));
-                }
-                for (column, x) in ahead.states[k].iter().zip(x) {
-                    next.iter_mut().zip(column).for_each(|(next, c)| *next = fused(*c, x, *next));
-                }
-            }
-            let from = chunk * AHEAD;
-            for (i, column) in columns.iter_mut().enumerate() {
-                column[from..from + AHEAD].copy_from_slice(&[x[i], next[0][i], next[1][i], next[2][i]]);
-            }
-            x = next[AHEAD - 1];
-        }
-        for (t, u) in (u.len() - rest.len()..).zip(rest) {
-            let mut next: [f64; M] = ahead.input[0].map(|v| v * u);
-            for (column, x) in ahead.states[0].iter().zip(x) {
-                for i in 0..M {
-                    next[i] = fused(column[i], x, next[i]);
-                }
-            }
+    fn propagate<const M: usize>(&self, u: &[f64], start: &[f64]) -> Vec<Vec<f64>> {
+        let phi: [[f64; M]; M] = std::array::from_fn(|j| std::array::from_fn(|i| self.phi[(i, j)]));
+        let gamma: [f64; M] = std::array::from_fn(|i| self.gamma[(i, 0)]);
+        let mut x: [f64; M] = std::array::from_fn(|i| start.get(i).copied().unwrap_or(0.0));
+        let mut columns = vec![vec![0.0; u.len()]; M];
+        for (t, &u) in u.iter().enumerate() {
             for (column, x) in columns.iter_mut().zip(x) {
                 column[t] = x;
             }
+            let mut next: [f64; M] = std::array::from_fn(|i| gamma[i] * u);
+            for (column, x) in phi.iter().zip(x) {
+                for (n, p) in next.iter_mut().zip(column) {
+                    *n += p * x;
+                }
+            }
             x = next;
         }
+        columns
     }
 }
 
@@ -280,32 +224,4 @@ fn rows(shape: Shape, pair: Option<(f64, f64, f64)>, single: Option<f64>) -> (Ve
         of_derivative.push(plus(&[(-1.0, &derivative), (scale, &w), (-scale, &q)]));
     }
     if shape.zero { (vec![w, derivative], vec![of_w, of_derivative]) } else { (vec![w], vec![of_w]) }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn states_reached_several_at_once_are_those_of_one_step_after_the_other() {
-        let u: Vec<f64> = (0..203).map(|t| ((t * 7919) % 13) as f64 - 6.0).collect();
-        for (shape, theta) in [
-            (Shape { poles: 1, zero: false }, vec![3.0]),
-            (Shape { poles: 2, zero: true }, vec![4.0, 20.0]),
-            (Shape { poles: 3, zero: true }, vec![1.0, 0.2, 6.0]),
-        ] {
-            let chain = Chain::new(shape, &theta);
-            for samples in [0, 1, 3, 4, 203] {
-                let start: Vec<f64> = (0..shape.states()).map(|i| i as f64 - 1.0).collect();
-                let columns = chain.states(&u[..samples], &start);
-                let mut x = DMatrix::from_column_slice(start.len(), 1, &start);
-                for t in 0..samples {
-                    for (i, column) in columns.iter().enumerate() {
-                        assert!((column[t] - x[(i, 0)]).abs() < 1e-12 * (1.0 + x[(i, 0)].abs()), "{shape:?} {t} {i}");
-                    }
-                    x = &chain.phi * x + &chain.gamma * u[t];
-                }
-            }
-        }
-    }
 }

@@ -9,10 +9,10 @@ use nalgebra::{DMatrix, DVector};
 
 pub(super) use self::several::Own;
 use self::several::Part;
-use super::chain::{Chain, INPUT, LEAST_LAG, LEAST_RATIO, MOST_RATIO, REAL_RATIO, Row, Shape, plus};
+use super::chain::{Chain, INPUT, LEAST_LAG, LEAST_RATIO, MOST_RATIO, REAL_RATIO, Row, Shape};
 use crate::delay::{bound, posterior};
 use crate::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
-use crate::identify::{Initial, Record, Term, blend, dot, lag_vector, products, total};
+use crate::identify::{Initial, Record, dot, lag_vector};
 use crate::stop::Stop;
 
 /// A delay of `lag` − `g` samples, g between 0 and 1: the states of `lag` samples ago, `g` of a sample later.
@@ -60,7 +60,7 @@ struct Work<'a> {
 /// 1933, doi:10.2307/1907330). Means that were taken off input and output belong together only where both were measured throughout.
 fn centre(column: &mut [f64], mask: Option<&[f64]>) {
     let counted = mask.map_or(count(column.len()), |m| m.iter().sum());
-    let mean = total(column) / counted.max(1.0);
+    let mean = column.iter().sum::<f64>() / counted.max(1.0);
     match mask {
         None => column.iter_mut().for_each(|v| *v -= mean),
         Some(m) => column.iter_mut().zip(m).for_each(|(v, m)| *v -= m * mean),
@@ -85,19 +85,6 @@ pub(super) struct Problem<'a> {
     pub(super) without: f64,
     /// Once it is set nothing can be evaluated any more, so that every search ends.
     stop: Stop,
-}
-
-/// The states that a record's inputs drive, and those that each unit start leaves behind.
-struct Responses {
-    driven: Vec<Vec<Vec<f64>>>,
-    free: Vec<Vec<Vec<f64>>>,
-}
-
-/// Whose states a row reads.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Source {
-    Input(usize),
-    Start { record: usize, state: usize },
 }
 
 /// The signals of one evaluation, all records in a row.
@@ -220,77 +207,71 @@ impl<'a> Problem<'a> {
         rows.extend(chain.basis.iter().map(|r| chain.rate(r)));
         let places: Vec<Place> = std::iter::once(place).chain(delays.iter().map(|d| Place::of(*d))).collect();
         let rows: Vec<Vec<Row>> = places.iter().map(|p| chain.after(p.g, &rows)).collect();
-        let responses: Vec<Responses> = self.records.iter().map(|w| self.responses(&chain, w)).collect();
-        let read = |row: &dyn Fn(Source) -> Option<Row>| self.read(&responses, &places, row);
-        let numerators = (0..places.len() * k).map(|at| (Source::Input(at / k), rows[at / k][at % k]));
-        let starts = if self.initial == Initial::Estimated { poles * self.records.len() } else { 0 };
-        let starts = (0..starts).map(|at| (Source::Start { record: at / poles, state: at % poles }, chain.basis[0]));
-        let linear: Vec<Vec<f64>> = numerators.chain(starts).map(|(own, row)| read(&|source| (source == own).then_some(row))).collect();
+        let each = rows.first().map_or(0, Vec::len);
+        let total: usize = self.records.iter().map(|w| w.u.len()).sum();
+        let starts = if self.initial == Initial::Estimated { self.shape.poles * self.records.len() } else { 0 };
+        let numerators = k * places.len();
+        let mut linear = vec![vec![0.0; total]; numerators + starts];
+        let mut other = vec![vec![0.0; total]; (each - k) * places.len()];
+        let mut start_slopes = vec![Vec::new(); starts];
+        let mut from = 0;
+        for (number, work) in self.records.iter().enumerate() {
+            let n = work.u.len();
+            let inputs = std::iter::once(work.u).chain(work.others.iter().copied());
+            for (input, ((rows, place), u)) in rows.iter().zip(&places).zip(inputs).enumerate() {
+                let states = chain.states(u, &[]);
+                let to = linear[input * k..(input + 1) * k].iter_mut().chain(&mut other[input * (each - k)..(input + 1) * (each - k)]);
+                for (row, to) in rows.iter().zip(to) {
+                    combine(row, &states, u, place.lag, work.mask.as_deref(), &mut to[from..from + n]);
+                }
+            }
+            if starts > 0 {
+                let first = self.max_delay.min(n);
+                let still = vec![0.0; n - first];
+                for i in 0..self.shape.poles {
+                    let mut start = vec![0.0; self.shape.states()];
+                    start[i] = 1.0;
+                    let free = chain.states(&still, &start);
+                    let mask = work.mask.as_ref().map(|m| &m[first..]);
+                    let at = number * self.shape.poles + i;
+                    combine(&chain.basis[0], &free, &still, 0, mask, &mut linear[numerators + at][from + first..from + n]);
+                    for slope in &chain.slopes[0] {
+                        let mut column = vec![0.0; total];
+                        combine(slope, &free, &still, 0, mask, &mut column[from + first..from + n]);
+                        start_slopes[at].push(column);
+                    }
+                }
+            }
+            for column in linear.iter_mut().chain(&mut other).chain(start_slopes.iter_mut().flatten()) {
+                centre(&mut column[from..from + n], work.mask.as_deref());
+            }
+            from += n;
+        }
         let y: Vec<f64> = self.records.iter().flat_map(|w| w.y.iter().copied()).collect();
         let (inverse, coefficients) = project(&linear, &y)?;
-        let mut model = vec![0.0; y.len()];
-        let terms: Vec<Term> = coefficients.iter().copied().zip(linear.iter().map(Vec::as_slice)).collect();
-        blend(&mut model, &terms);
-        let residual: Vec<f64> = y.iter().zip(&model).map(|(y, m)| y - m).collect();
-        // The slopes of all that is linear, each by its weight.
-        let weighed = |input: usize, from: usize, step: usize| {
-            let terms = (0..k).map(|i| (coefficients[input * k + i], &rows[input][from + i * step]));
-            plus(&terms.collect::<Vec<_>>())
-        };
-        let by_pole = |j: usize| {
-            read(&|source| match source {
-                Source::Input(input) => Some(weighed(input, k + j, poles)),
-                Source::Start { record, state } => {
-                    let weight = coefficients[places.len() * k + record * poles + state];
-                    Some(plus(&[(weight, &chain.slopes[0][j])]))
-                }
-            })
-        };
-        // A longer delay is a smaller g; those of the others count as delays.
-        let by_delay = |input: usize| {
-            let row = weighed(input, k + k * poles, 1);
-            let row = if input == 0 { row } else { row.map(|v| -v) };
-            read(&|source| (source == Source::Input(input)).then_some(row))
-        };
-        let slopes = (0..poles).map(by_pole).chain((1..places.len()).chain([0]).map(by_delay)).collect();
-        Some(Signals { residual, model, linear, slopes, inverse, coefficients })
-    }
-
-    /// The states that drive a record's model.
-    fn responses(&self, chain: &Chain, work: &Work<'_>) -> Responses {
-        let driven = std::iter::once(work.u).chain(work.others.iter().copied()).map(|u| chain.states(u, &[])).collect();
-        let starts = if self.initial == Initial::Estimated { self.shape.poles } else { 0 };
-        let still = vec![0.0; work.u.len().saturating_sub(self.max_delay)];
-        let free = (0..starts).map(|state| {
-            let start: Vec<f64> = (0..self.shape.states()).map(|i| f64::from(u8::from(i == state))).collect();
-            chain.states(&still, &start)
-        });
-        Responses { driven, free: free.collect() }
-    }
-
-    /// The sum of rows over all that has one, all records in a row, where the output counts and less its mean there.
-    fn read(&self, responses: &[Responses], places: &[Place], row: &dyn Fn(Source) -> Option<Row>) -> Vec<f64> {
-        let mut column = vec![0.0; self.records.iter().map(|w| w.u.len()).sum()];
-        let mut rest = column.as_mut_slice();
-        for (record, (work, responses)) in self.records.iter().zip(responses).enumerate() {
-            let (to, after) = rest.split_at_mut(work.u.len());
-            rest = after;
-            let inputs = std::iter::once(work.u).chain(work.others.iter().copied());
-            for (input, ((states, place), u)) in responses.driven.iter().zip(places).zip(inputs).enumerate() {
-                if let Some(row) = row(Source::Input(input)) {
-                    gather(&row, states, u, place.lag, to);
-                }
-            }
-            let first = self.max_delay.min(to.len());
-            for (state, states) in responses.free.iter().enumerate() {
-                if let Some(row) = row(Source::Start { record, state }) {
-                    gather(&row, states, &[], 0, &mut to[first..]);
-                }
-            }
-            masked(to, work.mask.as_deref());
-            centre(to, work.mask.as_deref());
+        let mut model = vec![0.0; total];
+        for (c, column) in coefficients.iter().zip(&linear) {
+            add(&mut model, *c, column);
         }
-        column
+        let residual: Vec<f64> = y.iter().zip(&model).map(|(y, m)| y - m).collect();
+        // By the poles, by the delays of the others, by g.
+        let mut slopes = vec![vec![0.0; total]; poles + places.len()];
+        for (i, c) in coefficients.iter().enumerate().take(numerators) {
+            let (input, i) = (i / k, i % k);
+            let own = &other[input * (each - k)..(input + 1) * (each - k)];
+            for j in 0..poles {
+                add(&mut slopes[j], *c, &own[i * poles + j]);
+            }
+            // A longer delay is a smaller g.
+            let (at, sign) = if input == 0 { (poles + places.len() - 1, 1.0) } else { (poles + input - 1, -1.0) };
+            add(&mut slopes[at], sign * c, &own[k * poles + i]);
+        }
+        for (c, columns) in coefficients.iter().skip(numerators).zip(&start_slopes) {
+            for (slope, column) in slopes.iter_mut().zip(columns) {
+                add(slope, *c, column);
+            }
+        }
+        Some(Signals { residual, model, linear, slopes, inverse, coefficients })
     }
 
     /// The model's answer to a unit pulse of one sample.
@@ -618,7 +599,7 @@ const FIRST: usize = 6000;
 const VALLEYS: usize = 6;
 /// How often a descent goes back into the interval that it came from: a minimum at a whole sample is seen from both sides.
 const TURNS: usize = 4;
-/// Descents; starts at every half sample besides found nothing lower in 94 of 96 random plants (tests/it/process.rs).
+/// Descents; starts at every half sample besides found nothing lower in 94 of 96 random plants (tests/process.rs).
 const STARTS: usize = 12;
 /// Time constants of the table, samples: half a decade apart, as costs vary slowly with the logarithm.
 const LAGS: [f64; 8] = [0.1, 0.6, 2.0, 5.0, 12.0, 30.0, 100.0, 1000.0];
@@ -634,34 +615,33 @@ fn answer(shape: Shape, theta: &[f64], place: Place, coefficients: &[f64], u: &[
     let mut response = vec![0.0; u.len()];
     for (row, c) in chain.after(place.g, &chain.basis).iter().zip(coefficients) {
         let mut part = vec![0.0; u.len()];
-        combine(row, &states, u, place.lag, &mut part);
+        combine(row, &states, u, place.lag, None, &mut part);
         add(&mut response, *c, &part);
     }
     response
 }
 
-/// to(t) = Σ row·(states, u)(t − lag), zero before the record.
-pub(super) fn combine(row: &Row, states: &[Vec<f64>], u: &[f64], lag: usize, to: &mut [f64]) {
+/// to(t) = mask(t)·Σ row·(states, u)(t − lag), zero before the record.
+pub(super) fn combine(row: &Row, states: &[Vec<f64>], u: &[f64], lag: usize, mask: Option<&[f64]>, to: &mut [f64]) {
     to.fill(0.0);
-    gather(row, states, u, lag, to);
-}
-
-/// to(t) += Σ row·(states, u)(t − lag).
-fn gather(row: &Row, states: &[Vec<f64>], u: &[f64], lag: usize, to: &mut [f64]) {
-    let Some(rows) = to.len().checked_sub(lag) else { return };
-    let signals = row.iter().copied().zip(states.iter().map(Vec::as_slice)).chain([(row[INPUT], u)]);
-    let terms: Vec<Term> = signals.filter(|(c, x)| *c != 0.0 && x.len() >= rows).map(|(c, x)| (c, &x[..rows])).collect();
-    blend(&mut to[lag..], &terms);
-}
-
-fn masked(to: &mut [f64], mask: Option<&[f64]>) {
+    let n = to.len();
+    if lag >= n {
+        return;
+    }
+    for (c, signal) in row.iter().zip(states.iter().map(Vec::as_slice)).chain([(&row[INPUT], u)]) {
+        if *c != 0.0 {
+            add(&mut to[lag..], *c, &signal[..n - lag]);
+        }
+    }
     for (v, m) in to.iter_mut().zip(mask.unwrap_or_default()) {
         *v *= m;
     }
 }
 
 fn add(to: &mut [f64], c: f64, x: &[f64]) {
-    blend(to, &[(c, x)]);
+    for (to, x) in to.iter_mut().zip(x) {
+        *to += c * x;
+    }
 }
 
 /// A relative ridge of rounding size: columns may coincide, their sum is what matters.
@@ -675,39 +655,34 @@ fn ridged(mut gram: DMatrix<f64>) -> Option<nalgebra::Cholesky<f64, nalgebra::Dy
 /// Least squares on the columns.
 fn project(columns: &[Vec<f64>], y: &[f64]) -> Option<(DMatrix<f64>, DVector<f64>)> {
     let k = columns.len();
-    let with = columns.iter().map(Vec::as_slice).chain([y]);
-    let pairs: Vec<(&[f64], &[f64])> =
-        with.enumerate().flat_map(|(i, a)| columns.iter().take(i + 1).map(move |b| (a, b.as_slice()))).collect();
-    let sums = products(&pairs);
-    let (below, right) = sums.split_at(k * (k + 1) / 2);
-    let factor = ridged(symmetric(k, below))?;
-    let coefficients = factor.solve(&DVector::from_column_slice(right));
+    let mut gram = DMatrix::zeros(k, k);
+    for i in 0..k {
+        for j in 0..=i {
+            gram[(i, j)] = dot(&columns[i], &columns[j]);
+            gram[(j, i)] = gram[(i, j)];
+        }
+    }
+    let factor = ridged(gram)?;
+    let coefficients = factor.solve(&DVector::from_fn(k, |i, _| dot(&columns[i], y)));
     coefficients.iter().all(|c| c.is_finite()).then(|| (factor.inverse(), coefficients))
-}
-
-/// A symmetric matrix from its rows up to the diagonal.
-fn symmetric(k: usize, below: &[f64]) -> DMatrix<f64> {
-    let at = |i: usize, j: usize| i * (i + 1) / 2 + j;
-    DMatrix::from_fn(k, k, |i, j| below[at(i.max(j), i.min(j))])
 }
 
 impl Signals {
     /// Cost, gradient and information by the first `count` of the slopes, what is linear projected out.
     pub(super) fn normal(&self, count: usize) -> Normal {
         let slopes = &self.slopes[..count];
-        let residual = self.residual.as_slice();
-        // The rows below the diagonal, then each with the residual and with what is linear.
-        let squares = slopes.iter().enumerate().flat_map(|(i, a)| slopes[..=i].iter().map(move |b| (a.as_slice(), b.as_slice())));
-        let with = std::iter::once(residual).chain(self.linear.iter().map(Vec::as_slice));
-        let pairs = squares.chain(with.flat_map(|a| slopes.iter().map(move |b| (a, b.as_slice())))).chain([(residual, residual)]);
-        let sums = products(&pairs.collect::<Vec<_>>());
-        let (below, rest) = sums.split_at(count * (count + 1) / 2);
-        let (down, rest) = rest.split_at(count);
-        let cross = DMatrix::from_fn(self.linear.len(), count, |i, j| rest[i * count + j]);
-        let information = symmetric(count, below) - cross.transpose() * &self.inverse * &cross;
+        let cross = DMatrix::from_fn(self.linear.len(), count, |i, j| dot(&self.linear[i], &slopes[j]));
+        let mut information = DMatrix::zeros(count, count);
+        for i in 0..count {
+            for j in 0..=i {
+                information[(i, j)] = dot(&slopes[i], &slopes[j]);
+                information[(j, i)] = information[(i, j)];
+            }
+        }
+        information -= cross.transpose() * &self.inverse * &cross;
         // The residual falls as the model rises.
-        let gradient = -DVector::from_column_slice(down);
-        Normal { cost: sums.last().copied().unwrap_or(0.0), gradient, information }
+        let gradient = DVector::from_fn(count, |i, _| -dot(&slopes[i], &self.residual));
+        Normal { cost: dot(&self.residual, &self.residual), gradient, information }
     }
 
     /// ∂ŷ/∂g, all else known.

@@ -56,7 +56,7 @@ impl ProcessModel {
                 .iter()
                 .map(|row| {
                     let mut to = vec![0.0; u.len()];
-                    combine(row, &states, u, place.lag, &mut to);
+                    combine(row, &states, u, place.lag, None, &mut to);
                     to
                 })
                 .collect()

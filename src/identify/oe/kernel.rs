@@ -5,7 +5,7 @@ use pulp::{Simd, WithSimd};
 
 use super::problem::Work;
 use crate::fit::Normal;
-use crate::identify::sums::dot;
+use crate::identify::regression::dot;
 
 /// One evaluation of y = b/(1 + f₁q⁻¹ + f₂q⁻²) u(t − nk), in two passes over the records: cost, gradient, and the second derivatives themselves, not Gauss and
 /// Newton's approximation of them. At a wrong delay residuals are large, and with the approximation a search creeps.

@@ -8,8 +8,7 @@ use super::polynomial::{filter, is_stable, stabilised};
 use super::{Initial, OutputError};
 use crate::fit::Normal;
 use crate::identify::lag_products::lag_vector;
-use crate::identify::regression::Record;
-use crate::identify::sums::dot;
+use crate::identify::regression::{Record, dot};
 
 /// Σ a(t − i)·b(t − j) over a record, signals being zero before it.
 fn lagged(a: &[f64], b: &[f64], i: usize, j: usize) -> f64 {
