@@ -50,7 +50,7 @@ impl Blocks {
     }
 
     /// These blocks, in order.
-    #[cfg(any(test, feature = "parquet"))]
+    #[cfg(any(test, feature = "tables"))]
     pub(super) fn iter(&self, numbers: Range<usize>) -> impl Iterator<Item = Block> {
         (numbers.start..numbers.end.min(self.len())).filter_map(|number| self.get(number))
     }

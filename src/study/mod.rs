@@ -13,9 +13,9 @@ mod feedback;
 mod gate;
 mod logging;
 mod origin;
-#[cfg(feature = "parquet")]
+#[cfg(feature = "tables")]
 mod parquet;
-#[cfg(feature = "parquet")]
+#[cfg(feature = "tables")]
 mod parts;
 mod passages;
 mod plan;
@@ -23,7 +23,7 @@ mod plants;
 mod published;
 mod results;
 mod run;
-#[cfg(feature = "parquet")]
+#[cfg(feature = "tables")]
 mod seal;
 mod setting;
 mod tally;
@@ -37,9 +37,9 @@ pub use error::StudyError;
 pub use gate::{Finding, Gate, GateGroup, GateReport, Measured};
 pub use logging::Logging;
 pub use origin::Origin;
-#[cfg(feature = "parquet")]
+#[cfg(feature = "tables")]
 pub use parquet::{Values, columns};
-#[cfg(feature = "parquet")]
+#[cfg(feature = "tables")]
 pub use parts::Tasks;
 pub use plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Layout, Loop, PLANS, Place, Plan, Scoring, Shown, Signal, Truth};
 pub use plants::{PLANTS, Plant, PlantEntry};

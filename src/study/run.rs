@@ -438,7 +438,7 @@ fn blocks_in(parts: &Path) -> crate::Result<Vec<(usize, PathBuf)>> {
 fn sinks(folder: &Path) -> crate::Result<Vec<Box<dyn Sink>>> {
     Ok(vec![
         Box::new(CsvSink::new(folder.join("estimates.csv"))?),
-        #[cfg(feature = "parquet")]
+        #[cfg(feature = "tables")]
         Box::new(super::parquet::ParquetSink::new(folder.join("estimates.parquet"))),
     ])
 }

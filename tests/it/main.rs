@@ -110,6 +110,8 @@ mod simulator_program;
 mod structured;
 mod study;
 mod study_bjorklund;
+#[cfg(all(feature = "cli", feature = "tables"))]
+mod study_parquet;
 mod study_thesis;
 #[cfg(feature = "cli")]
 mod terminal;

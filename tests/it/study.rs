@@ -7,7 +7,7 @@ use std::time::Duration;
 use deadtime::stop::Stop;
 use deadtime::study::{Plan, Runner, Study};
 
-const SMALL: &str = r#"
+pub(crate) const SMALL: &str = r#"
 format = "deadtime/plan@1"
 name = "small"
 seed = 3
@@ -43,7 +43,7 @@ fn estimates(folder: &Path) -> Vec<Vec<String>> {
 }
 
 /// study.json without the run times.
-fn results(folder: &Path) -> Study {
+pub(crate) fn results(folder: &Path) -> Study {
     let mut study = Study::read(folder).unwrap();
     study.cells.iter_mut().for_each(|c| c.time_per_estimate_s = None);
     study

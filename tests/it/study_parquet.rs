@@ -1,30 +1,12 @@
-//! Studies as Parquet: the same as CSV, parts of many tasks that make one, parts that are damaged. A program of its own, so that all features are tested without building
-//! every other test with them.
-
-// Helpers of tests may stop the test; the lints' own exception covers test functions only.
-#![allow(clippy::unwrap_used, clippy::panic)]
+//! Studies as Parquet: the same as CSV, parts of many tasks that make one, parts that are damaged.
 
 use std::path::Path;
 use std::process::Command;
 
 use deadtime::stop::Stop;
-use deadtime::study::{Budget, Plan, Runner, Study, Tasks, columns};
+use deadtime::study::{Budget, Plan, Runner, Tasks, columns};
 
-const SMALL: &str = r#"
-format = "deadtime/plan@1"
-name = "small"
-seed = 3
-trials = 60
-samples = 200
-max_delay = 20
-plant = ["slow2", "fast1"]
-excitation = ["rbs"]
-snr = [100, 1]
-delay_s = [4, { uniform_s = [2, 9] }]
-method = ["arxstruc", "oestruc", "crosscorr"]
-[scoring]
-kept_percent = [100, 90]
-"#;
+use crate::study::{SMALL, results};
 
 /// One setting of a hundred records.
 const SHORT: &str = r#"
@@ -40,13 +22,6 @@ snr = [100]
 delay_s = [4]
 method = ["crosscorr", "cusum"]
 "#;
-
-/// Results without run times, which are no part of a result.
-fn results(folder: &Path) -> Study {
-    let mut study = Study::read(folder).unwrap();
-    study.cells.iter_mut().for_each(|c| c.time_per_estimate_s = None);
-    study
-}
 
 #[test]
 fn parquet_holds_what_the_csv_holds() {
