@@ -17,6 +17,7 @@ PROPORTIONAL = {  # outputs change nearly in proportion to the parameter: one si
 }
 FREQUENCY_SHAPES = (0.05, 0.25, 0.45, 0.65, 0.85)
 KEPT = 14  # rivals fitted in full
+KEPT_OF_MANY, TURNS_OF_MANY = 5, 6  # beside several others each fit takes long
 NEAR, NEAREST = 8.0, 2  # replacements that miss the limit by up to this factor, so many of each effect of a pair, are tried with the other replaced too
 
 
@@ -180,4 +181,19 @@ def alias_classes(short: Problem, full: Problem, scales: Scales, truth: list[dic
             if both:
                 classes[index].add(rival)
                 classes[1 - index] |= both
+    return [sorted(members) for members in classes]
+
+
+def alias_classes_of_many(short: Problem, full: Problem, scales: Scales, truth: list[dict], searched: list[bool]) -> list[list[str]]:
+    """The same of a mixture, for the effects that are searched; of the others, and of numbers of the model, only themselves. No two are replaced at once."""
+    names = [f"{t['effect']}:{t['channel']}" for t in truth]
+    classes = [{name} for name in names]
+    try:
+        full.linearise(truth)
+        limit = float(np.hypot(ALIKE, fit(full, truth, parameter_scales(scales, truth), turns=TURNS_OF_MANY)[1]))
+        for index in (i for i, wanted in enumerate(searched) if wanted):
+            others = [t for k, t in enumerate(truth) if k != index]
+            classes[index] |= explanations(short, full, scales, others, set(names), limit, kept=KEPT_OF_MANY).members
+    except (ArithmeticError, ValueError):
+        pass  # it runs away from where the fit goes: nothing is known to stand in
     return [sorted(members) for members in classes]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .aliases import EFFECTS, alias_classes, explanations, parameter_scales
+from .aliases import EFFECTS, alias_classes, alias_classes_of_many, explanations, parameter_scales
 from .catalogue import nominal_value, of_size, real_channels
 from .experiment import Experiment, Inadequate
 from .fit import Problem, Record, fit
@@ -29,6 +29,7 @@ SHORT = 700  # samples of the first log on which rivals are screened
 MIXED, MIXED_PARAMETERS = (6.0, 28.0), (8.0, 20.0)  # strengths of a mixture's parts, dB
 MIXED_OUTSIDE = ("hysteresis", "slosh", "gusts")
 ALONE = ("dropped_commands", "sensor_quantisation")  # what chance decides sample by sample is no part of a sum
+SEARCHED = 0.05  # of the gap: what takes less of a mixture is not worth a search for what could stand in for it
 HIDDEN_DB = 6.0  # wrong nominal parameters stay at least this far below the noise
 
 
@@ -374,8 +375,9 @@ class Case:
             self._needs_unknown()
             return []
         if self.wanted.group == "mixture":
-            # Rivals of each effect in its place are judged by the diagnosis' own classes: beside several others, a search for all of them takes minutes.
-            return [[] for _ in self.effects]
+            full, short = self.problem((0, 1), False), self.problem((0,), False, SHORT)
+            searched = [s >= SEARCHED and e["effect"] != "parameter_error" for e, s in zip(self.effects, self.shares)]
+            return alias_classes_of_many(short, full, self.experiment.scales, self.effects, searched)
         if self.wanted.group == "moving" and self.wanted.effect != "delay_drift":
             # What stands still does not do what a jump, a slower loop or chance does; a drift may be a clock's.
             return [f"{self.effects[0]['effect']}:{self.effects[0]['channel']}"]

@@ -205,7 +205,7 @@ fn moving(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Names
     j.moving_worse = diagnosis.shrink.before.zip(diagnosis.shrink.after).map(|(before, after)| after > before);
 }
 
-/// What contributes, beside what acts: each contribution stands for itself and for all that it could be exchanged with.
+/// What contributes, beside what acts: each contribution stands for itself and for all that it could be exchanged with, by the diagnosis' word or the label's.
 fn mixture(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Names, truth: &[String]) {
     let named: Vec<(Vec<String>, f64)> = (diagnosis.cause.contributions.iter())
         .map(|c| {
@@ -214,7 +214,9 @@ fn mixture(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Name
             (class, c.share.learnt.unwrap_or(0.0).max(0.0))
         })
         .collect();
-    j.strongest = Some(named.first().zip(truth.first()).is_some_and(|((class, _), strongest)| class.contains(strongest)));
+    let classes: Vec<Vec<String>> = truth.iter().enumerate().map(|(i, name)| names.class(name, label.alias_class.of(i))).collect();
+    let meets = |named: &[String], truth: &[String]| named.iter().any(|name| truth.contains(name));
+    j.strongest = Some(named.first().zip(classes.first()).is_some_and(|((class, _), strongest)| meets(class, strongest)));
     let part = |some: f64, all: f64| (all > 0.0).then(|| some / all);
     // The numbers of a recalibration are named, too, and share what the block takes.
     let block = diagnosis.cause.recalibration.iter().filter(|r| r.accepted);
@@ -223,14 +225,14 @@ fn mixture(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Name
         r.parameters.iter().map(move |p| (vec![names.name(NUMBER, &p.name)], each))
     });
     let named: Vec<(Vec<String>, f64)> = named.into_iter().chain(numbers).collect();
-    let found = |name: &String| named.iter().find(|(class, _)| class.contains(name));
-    let rows = || truth.iter().zip(&label.shares);
-    let recalled = rows().filter(|(name, _)| found(name).is_some()).map(|(_, share)| share).sum();
+    let found = |class: &[String]| named.iter().find(|(named, _)| meets(named, class));
+    let rows = || classes.iter().zip(&label.shares);
+    let recalled = rows().filter(|(class, _)| found(class).is_some()).map(|(_, share)| share).sum();
     j.recall = part(recalled, label.shares.iter().sum());
-    let is_true = |class: &[String]| class.iter().any(|c| truth.contains(c));
+    let is_true = |named: &[String]| classes.iter().any(|class| meets(named, class));
     let right = named.iter().filter(|(class, _)| is_true(class)).map(|(_, share)| share).sum();
     j.precision = part(right, named.iter().map(|(_, share)| share).sum());
-    j.share_errors = rows().filter_map(|(name, share)| Some((found(name)?.1 - share).abs())).collect();
+    j.share_errors = rows().filter_map(|(class, share)| Some((found(class)?.1 - share).abs())).collect();
     let complete = diagnosis.cause.explained == Some(Explained::All);
     j.false_cause = complete.then(|| named.iter().any(|(class, _)| !is_true(class)));
 }

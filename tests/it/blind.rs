@@ -130,6 +130,50 @@ fn answering_none_always_gets_its_poor_score() {
     assert_eq!(scores.get("parameter_error").unwrap(), &Score { name: "parameter_error", value: None, ci95: None, count: 0 });
 }
 
+/// A contribution with a share, and what could stand in its place.
+fn contribution(effect: &str, channel: &str, share: f64, class: &[&str]) -> Value {
+    json!({ "effect": effect, "channel": channel, "parameters": [], "strength": "clear", "share": { "learnt": share, "held_out": share },
+            "without_it": 0.3, "class": class, "surrogate": false })
+}
+
+#[test]
+fn what_contributes_is_judged_by_share_up_to_what_the_data_or_the_diagnosis_cannot_tell_apart() {
+    let truth = |alias_class: Value| {
+        let effect = |name: &str, channel: &str| json!({ "effect": name, "channel": channel, "parameters": {} });
+        let effects = json!([effect("input_gain", "u"), effect("deadband", "u"), effect("backlash", "u")]);
+        label(
+            "m1",
+            "mixture",
+            effects,
+            json!({ "shares": [0.6, 0.3, 0.1], "alias_class": alias_class, "before": 1.0, "oracle_after": 0.2 }),
+        )
+    };
+    let mut answer = serde_json::to_value(always_none()).unwrap();
+    answer["format"] = json!("deadtime/diagnosis@2");
+    answer["cause"]["contributions"] = json!([
+        contribution("sensor_gain", "*", 0.5, &[]),
+        contribution("stribeck_friction", "v", 0.25, &["deadband:u"]),
+        contribution("saturation", "u", 0.2, &[]),
+    ]);
+    let answer: Diagnosis = serde_json::from_value(answer).unwrap();
+    let judged = |alias_class: Value| {
+        let check = Check::new();
+        check.answer(perfect);
+        let truth = truth(alias_class);
+        check.add(&truth);
+        check.answer_one(&truth, &answer);
+        scores(&check).scores
+    };
+    // A gain at the sensor is a gain at the input, as the label says; friction may be a dead band, as the diagnosis says.
+    let expected = [("strongest", 1.0, 1), ("recall", 0.9, 1), ("precision", 0.75 / 0.95, 1), ("share_error", 0.075, 2)];
+    assert_scores(&judged(json!([["input_gain:u", "sensor_gain:y"], ["deadband:u"], ["backlash:u"]])), &expected);
+    // Where the label says that data tell them apart, or says nothing, the gain is missed and a false one is named.
+    let expected = [("strongest", 0.0, 1), ("recall", 0.3, 1), ("precision", 0.25 / 0.95, 1), ("share_error", 0.05, 1)];
+    for apart in [json!([["input_gain:u"], ["deadband:u"], ["backlash:u"]]), json!([])] {
+        assert_scores(&judged(apart), &expected);
+    }
+}
+
 #[test]
 fn unknown_is_a_false_alarm_on_none_and_needless_on_an_effect() {
     let check = Check::new();
