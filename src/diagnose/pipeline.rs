@@ -346,6 +346,7 @@ impl Answer<'_> {
         let system = &self.simulator.system;
         let mut caveats = log_caveats(system, &self.inputs.records);
         caveats.extend(self.inputs.probed.iter().flat_map(|p| p.caveats.clone()));
+        caveats.extend(judged.of_the_numbers.iter().map(|effect| Caveat::OfTheNumbers { effect: effect.clone() }));
         let named = judged.found.as_ref().is_some_and(|found| !found.effects.is_empty());
         if let Some((output, times)) = judged.left_over.filter(|_| named) {
             let times = format!("{times:.1}");

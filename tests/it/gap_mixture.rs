@@ -2,6 +2,10 @@
 
 use deadtime::diagnose::{Contribution, Diagnosis, Explained, Strength};
 use deadtime::model::ModelDocument;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::StandardNormal;
 
 use super::gap_hard::{diagnosed, document, log, servo};
 
@@ -126,4 +130,37 @@ D = [[0.0], [0.0]]
         assert!((lower..=upper).contains(&truth) || (value - came(&p.name)) * (truth - value) > 0.0, "{p:?} is not {truth}");
     }
     assert!(d.shrink.of_explainable.unwrap() > 0.97, "{:?}", d.shrink);
+}
+
+#[test]
+fn a_small_gap_of_numbers_that_are_all_a_little_off_is_no_effect() {
+    let text = r#"
+format = "deadtime/model@1"
+name = "two bodies"
+kind = "lti"
+inputs = [{ name = "u", unit = "V" }]
+outputs = [{ name = "angle", unit = "rad" }, { name = "rate", unit = "rad/s" }]
+states = [{ name = "a", unit = "K" }, { name = "b", unit = "K" }]
+initial = [0.0, 0.0]
+initial_std = [0.02, 0.02]
+A = [[-1.5, 0.7], [0.9, -2.0]]
+B = [[1.0], [0.4]]
+C = [[1.0, 0.0], [0.0, 1.0]]
+D = [[0.0], [0.0]]
+"#;
+    let machine = document(text);
+    // Numbers about half a per cent off, of a machine whose sensors have noise of one per cent: what is missing is as large as the noise, or a little larger.
+    let came = [("A[a,a]", -1.5), ("A[a,b]", 0.7), ("A[b,a]", 0.9), ("A[b,b]", -2.0), ("B[a,u]", 1.0), ("B[b,u]", 0.4)];
+    let verdict = |seed: u64| {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let values: Vec<[f64; 1]> = came.iter().map(|n| [n.1 * (1.0 + 0.0055 * rng.sample::<f64, _>(StandardNormal))]).collect();
+        let effects: Vec<(&str, &str, &[f64])> =
+            came.iter().zip(&values).map(|((name, _), value)| ("parameter_error", *name, value.as_slice())).collect();
+        let logged = |i: u64| log(&machine, &effects, 700, seed + i, &[0.0; 2]);
+        diagnosed(&machine, &[logged(0), logged(1)], &[logged(2)]).cause.verdict
+    };
+    let verdicts: Vec<String> = (0..8).map(|i| verdict(300 + 10 * i)).collect();
+    println!("{verdicts:?}");
+    assert!(verdicts.iter().filter(|v| *v == "none").count() >= 6, "{verdicts:?}");
+    assert!(verdicts.iter().all(|v| ["none", "unknown", "parameter_error"].contains(&v.as_str())), "{verdicts:?}");
 }

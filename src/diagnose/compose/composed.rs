@@ -9,6 +9,7 @@ use statrs::function::erf::erfc_inv;
 
 use super::composer::{Composer, Composition, to_be_fitted};
 use super::gate::Gate;
+use super::standing::Standing;
 use super::weak::weak;
 use crate::diagnose::baseline::noise::Noise;
 use crate::diagnose::format::progress::Stage;
@@ -113,7 +114,20 @@ impl Compose<'_, '_> {
                     Some(weak) => self.judged_weak(judged, weak),
                 };
             }
-            GapVerdict::Effects => judged.found.clone()?,
+            GapVerdict::Effects => {
+                let found = judged.found.clone()?;
+                if self.is_of_the_numbers(&found) {
+                    let of_the_numbers = Some(found.key());
+                    return Some(Composed::nothing(Judged {
+                        verdict: GapVerdict::None,
+                        found: None,
+                        best: None,
+                        of_the_numbers,
+                        ..judged
+                    }));
+                }
+                found
+            }
             GapVerdict::Unknown => of(Vec::new()),
         };
         let mut stand_ins: Vec<(String, Vec<Applied>)> = Vec::new();
@@ -168,6 +182,23 @@ impl Compose<'_, '_> {
             [nothing.train.nrmse(), nothing.train.relative(&judged.floor.floor)].map(|each| overall(&each).map(|e| e * e));
         let (before, floor, after) = (before?, floor?, self.error_of(hypothesis)?.powi(2));
         (before > floor).then(|| (before - after) / (before - floor))
+    }
+
+    /// A single effect that lowers a small gap, where the model's numbers, each a little off, do so as well: that is no effect.
+    fn is_of_the_numbers(&self, found: &Hypothesis) -> bool {
+        let small = || {
+            let before = overall(&Level::of(self.likelihood, None)?.train.nrmse())?;
+            Some(before < self.likelihood.criteria.clear * self.error_of(found)?)
+        };
+        let plain = found.effects.len() == 1 && found.lost.is_none() && found.effects.iter().all(|a| !a.effect.leaves_residual());
+        let explained = || {
+            let likelihood = self.likelihood.with_noise(noise_of(self.likelihood, None, self.smallest)?);
+            let composer = Composer { likelihood: &likelihood, ..self.composer(false, None) };
+            let steps = likelihood.budget.steps;
+            let single = Hypothesis::refit(&likelihood, found.clone(), self.scales, composer.cost(&likelihood), steps)?;
+            Some(composer.numbers_explain(&single, &Standing::of(&likelihood, of(Vec::new()), self.scales)?))
+        };
+        plain && small().unwrap_or(false) && explained().unwrap_or(false)
     }
 
     /// A small effect that is certain all the same.
@@ -302,7 +333,17 @@ impl Compose<'_, '_> {
             false => (verdict, unknown),
         };
         let found = (verdict == GapVerdict::Effects).then(|| hypothesis.clone());
-        let judged = Judged { verdict, found, best: Some(hypothesis.clone()), unknown, left_over, inexact: judged.inexact, floor, reached };
+        let judged = Judged {
+            verdict,
+            found,
+            best: Some(hypothesis.clone()),
+            unknown,
+            left_over,
+            inexact: judged.inexact,
+            floor,
+            reached,
+            of_the_numbers: None,
+        };
         Some(Composed {
             judged,
             hypothesis: Some(hypothesis),

@@ -9,11 +9,15 @@ use super::composer::{Composer, Composition, in_order, to_be_fitted};
 use super::gate::{Gate, Original};
 use super::standing::Standing;
 use crate::diagnose::hypothesis::effects::Hypothesis;
+use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::likelihood::gaussian::Likelihood;
+use crate::diagnose::search::catalogue::numbers;
 use crate::effect::Applied;
 
 /// Relative standard deviations that are tried.
 const SIZES: [f64; 6] = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5];
+/// Up to this size numbers are a little off, as those of every model are: no evidence is needed that they are. Chosen.
+const A_LITTLE: f64 = 0.05;
 /// So many numbers at most: each is a simulation for every step of the fit.
 const MOST: usize = 40;
 /// One number is an effect like any other.
@@ -28,7 +32,7 @@ impl Composer<'_, '_> {
             return None;
         }
         let (likelihood, before) = self.renewed(&composition.hypothesis)?;
-        let freed = self.freed(&likelihood, &before)?;
+        let freed = self.freed(&likelihood, &before, &self.candidates)?;
         let size = self.size(&likelihood, &freed)?;
         let shrunk = likelihood.with_shrinkage(size);
         let full = self.fitted(&shrunk, freed)?;
@@ -63,11 +67,31 @@ impl Composer<'_, '_> {
         (composition, present)
     }
 
-    /// The effects as they stand, and every other number of the model at its nominal value.
-    fn freed(&self, likelihood: &Likelihood<'_>, before: &Standing) -> Option<Hypothesis> {
+    /// The model's numbers being a little off, all together and nothing else, is as likely as a single effect: every model's are. Both gains stand under the
+    /// composer's likelihood. An effect pays Schwarz's price of each of its numbers, and for having been chosen among all candidates, each as likely as the other.
+    pub(super) fn numbers_explain(&self, single: &Hypothesis, nothing: &Standing) -> bool {
+        let chosen = 2.0 * (self.candidates.len().max(1) as f64).ln();
+        let evidence = single.gain - Penalties::of(self.likelihood).parameter * single.free.len() as f64 - chosen;
+        self.evidence_of_numbers(nothing).is_some_and(|numbers| numbers > evidence)
+    }
+
+    /// Twice the log of the evidence for the numbers being off against their being exact: what they gain under their prior, less what the data tell of each
+    /// beyond it (Laplace's approximation; MacKay 1992, doi:10.1162/neco.1992.4.3.415). `None` where the model has no numbers that could be freed, or they would
+    /// have to be more than a little off.
+    fn evidence_of_numbers(&self, nothing: &Standing) -> Option<f64> {
+        let likelihood = self.likelihood;
+        let freed = self.freed(likelihood, nothing, &numbers(likelihood.system))?;
+        let shrunk = likelihood.with_shrinkage(self.size(likelihood, &freed).filter(|size| *size <= A_LITTLE)?);
+        let block = self.fitted(&shrunk, freed)?;
+        let prior: f64 = block.hypothesis.prior(&shrunk).iter().filter(|p| p.0 > 0.0).map(|p| p.0.ln()).sum();
+        Some(block.hypothesis.gain - (block.log_information()? - prior))
+    }
+
+    /// The effects as they stand, and every other number among candidates at its nominal value.
+    fn freed(&self, likelihood: &Likelihood<'_>, before: &Standing, candidates: &[Applied]) -> Option<Hypothesis> {
         let present: Vec<String> = before.hypothesis.effects.iter().map(Applied::key).collect();
         let number = |a: &&Applied| a.effect.corrects_model() && a.parameters.iter().all(|p| p.nominal != 0.0 && p.nominal.is_finite());
-        let mut others: Vec<Applied> = self.candidates.iter().filter(number).filter(|a| !present.contains(&a.key())).cloned().collect();
+        let mut others: Vec<Applied> = candidates.iter().filter(number).filter(|a| !present.contains(&a.key())).cloned().collect();
         if others.is_empty() || others.len() > MOST {
             return None;
         }

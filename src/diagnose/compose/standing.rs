@@ -44,6 +44,11 @@ impl Standing {
         Some(covariance.diagonal().iter().map(|v| v.sqrt()).collect())
     }
 
+    /// The log of the determinant of the information matrix.
+    pub(super) fn log_information(&self) -> Option<f64> {
+        Some(2.0 * self.information.clone().cholesky()?.l().diagonal().iter().map(|d| d.ln()).sum::<f64>())
+    }
+
     /// By how much this is better than another, block by block: Student's t of the mean difference.
     pub(super) fn better_by_t(&self, than: &Self) -> f64 {
         t_of(&than.blocks.iter().zip(&self.blocks).map(|(theirs, own)| theirs - own).collect::<Vec<_>>())

@@ -44,6 +44,10 @@ pub(super) fn weak(likelihood: &Likelihood<'_>, found: &SearchResult, composer: 
     }
     let nothing = Hypothesis { effects: Vec::new(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
     let before = Standing::of(likelihood, nothing, &composer.scales)?;
+    // So are all of them together, as a gain of one part in a hundred is.
+    if composer.numbers_explain(&hypothesis, &before) {
+        return None;
+    }
     let after = Standing::of(likelihood, hypothesis.clone(), &composer.scales)?;
     if after.better_by_t(&before) < criteria.weak_t {
         return None;

@@ -76,6 +76,15 @@ pub enum Caveat {
         /// With what was found.
         left: String,
     },
+    /// A single effect lowers a small gap, and so do the model's numbers together.
+    #[error(
+        "`{effect}` would lower this small gap; the model's own numbers, each a little off, explain as much, so it is not named: \
+         `deadtime identify --structure MODEL.toml --free all` fits them"
+    )]
+    OfTheNumbers {
+        /// The effect, with its channel.
+        effect: String,
+    },
     /// A command that never changes in what is learnt from.
     #[error("`{input}` never changes in what is learnt from: nothing that acts on it can be seen; record a log in which it moves")]
     ConstantInput {

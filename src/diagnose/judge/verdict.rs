@@ -32,6 +32,8 @@ pub(in crate::diagnose) struct Judged {
     pub(in crate::diagnose) floor: Floor,
     /// Errors and residuals of the leading hypotheses, no effect first: no floor is above what any of them reaches.
     pub(in crate::diagnose) reached: Vec<(Errors, Vec<DMatrix<f64>>)>,
+    /// The effect that is not named, because the model's numbers, each a little off, explain as much.
+    pub(in crate::diagnose) of_the_numbers: Option<String>,
 }
 
 /// `after` lowers the whitened error by more than a factor, on data that it was not fitted to as well: what noise with a long memory hides from the rms.
@@ -96,6 +98,7 @@ pub(in crate::diagnose) fn judge(
         inexact,
         floor,
         reached,
+        of_the_numbers: None,
     })
 }
 

@@ -54,6 +54,18 @@ pub(in crate::diagnose) fn catalogue(system: &System, probed: Option<&Probed>) -
     Catalogue { candidates: all, left_out }
 }
 
+/// Every number of a model as it came, also where a law that acts in continuous time could not be tried; none of a simulator that can only be called.
+pub(in crate::diagnose) fn numbers(system: &System) -> Vec<Applied> {
+    let of = |effect: &'static dyn Effect| {
+        effect.channels(system).into_iter().filter_map(move |channel| {
+            let parameters = effect.parameters(system, &channel).ok()?;
+            let values = parameters.iter().map(|p| p.nominal).collect();
+            Some(Applied { effect, channel, parameters, values })
+        })
+    };
+    EFFECTS.into_iter().filter(|e| e.corrects_model() && !system.is_black_box()).flat_map(of).collect()
+}
+
 fn not_tried(effect: &dyn Effect, why: String) -> NotTried {
     NotTried { effect: effect.name().to_owned(), why }
 }
