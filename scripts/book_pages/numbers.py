@@ -22,6 +22,7 @@ def lines(root: Path) -> str:
     compared = sum(int(r["compared"]) for r in golden)
     with_rest = sum(r["agreement"].startswith("yes, with a rest") for r in machines)
     unknown = sum(r["agreement"] == "no: unknown" for r in machines)
+    partly = sum(r["agreement"].startswith("partly") for r in machines)
     return "\n".join(
         [
             f"- **{best['RMS error (samples)']} samples**: error of `oestruc` over {best['estimates']} records of the field's standard benchmark; the least that an unbiased method "
@@ -31,7 +32,7 @@ def lines(root: Path) -> str:
             f"- **{100 * float(score['false_alarm']['value']):.0f} %** of {score['false_alarm']['of']} simulators that lack nothing are accused of something "
             f"([table](docs/results/withheld.md)).",
             f"- **{named} of {len(machines)}** logs of real machines give the cause that physics names, {with_rest} of them beside a rest that stays `unknown`; "
-            f"{unknown} ends without any cause, {len(machines) - named - unknown} with another ([table](docs/results/machines.md)).",
+            f"{partly} has it among others, {unknown} without any cause, {len(machines) - named - unknown - partly} with another ([table](docs/results/machines.md)).",
             f"- **{compared}** comparisons with other programs, or with slow calculations that share no line with this one, agree within their tolerances "
             f"([table](docs/results/validation.md)).",
             "",

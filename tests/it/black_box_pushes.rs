@@ -72,7 +72,7 @@ fn friction_that_cannot_be_tried_is_unknown_or_what_is_named_instead_is_said_to_
     };
     let system = System::black_box(Arc::new(WithoutFriction), face).unwrap();
     let mut named = 0;
-    for seed in 0..16 {
+    for seed in 0..8 {
         let found = diagnose(&system, &[log(seed)], &[log(seed + 100)], &GapOptions::default(), &|_| ()).unwrap();
         let cause = &found.diagnosis.cause;
         println!("{seed}: {} at a floor of {:?}, {:?}", cause.verdict, found.diagnosis.gap.floor, found.caveats);
@@ -83,5 +83,5 @@ fn friction_that_cannot_be_tried_is_unknown_or_what_is_named_instead_is_said_to_
             assert!(found.caveats.iter().any(|c| matches!(c, Caveat::Incomplete { .. })), "{seed}: {:?}", found.caveats);
         }
     }
-    assert!(named <= 3, "a name for {named} of 16");
+    assert!(named <= 1, "a name for {named} of 8");
 }

@@ -131,8 +131,8 @@ fn two_effects_are_named_together_and_ordered_by_what_each_explains() {
     ];
     for (at, pair) in cases.iter().enumerate() {
         let seed = 300 + 10 * at as u64;
-        let logs = [log(&model, pair, 1500, seed, &[0.01, -0.01]), log(&model, pair, 1200, seed + 1, &[0.0, 0.02])];
-        let d = diagnosed(&model, &logs, &[log(&model, pair, 1200, seed + 2, &[0.0, 0.0])]);
+        let logs = [log(&model, pair, 900, seed, &[0.01, -0.01]), log(&model, pair, 700, seed + 1, &[0.0, 0.02])];
+        let d = diagnosed(&model, &logs, &[log(&model, pair, 700, seed + 2, &[0.0, 0.0])]);
         let mut truth: Vec<String> = pair.iter().map(|e| format!("{}:{}", e.0, e.1)).collect();
         truth.sort();
         // Each is named, or stands in the class of one that is.
@@ -162,8 +162,8 @@ fn lost_commands_are_found_one_by_one() {
     let model = document(&servo(", initial_std = 0.02", ""));
     for (probability, seed) in [(0.2, 400_u64), (0.5, 410)] {
         let effects: &[(&str, &str, &[f64])] = &[("dropped_commands", "u", &[probability])];
-        let logs = [log(&model, effects, 2000, seed, &[0.0, 0.0]), log(&model, effects, 2000, seed + 1, &[0.0, 0.0])];
-        let d = diagnosed(&model, &logs, &[log(&model, effects, 1500, seed + 2, &[0.0, 0.0])]);
+        let logs = [log(&model, effects, 1200, seed, &[0.0, 0.0]), log(&model, effects, 1200, seed + 1, &[0.0, 0.0])];
+        let d = diagnosed(&model, &logs, &[log(&model, effects, 900, seed + 2, &[0.0, 0.0])]);
         assert_eq!(keys(&d), ["dropped_commands:u"]);
         let p = &d.cause.effects[0].parameters[0];
         assert!((p.value.unwrap() - probability).abs() < 3.0 * p.std.unwrap(), "{p:?} is not {probability}");
@@ -308,7 +308,7 @@ fn an_unstable_plant_in_its_loop_is_judged_by_a_predictor() {
 fn feedback_of_the_same_sample_is_no_direct_path() {
     // u(k) holds −4 and −1.5 times the noise of y(k), so any rival with a path from u(k) to y(k) would gain.
     let model = pendulum();
-    for seed in 620..624 {
+    for seed in 620..623 {
         let d =
             diagnosed(&model, &[flown(1.0, false, 1500, seed), flown(1.0, false, 1500, seed + 20)], &[flown(1.0, false, 1200, seed + 50)]);
         assert_eq!((d.cause.verdict.as_str(), keys(&d)), ("none", Vec::new()), "seed {seed}");
@@ -345,8 +345,8 @@ fn intervals_hold_the_truth_where_nominal_parameters_are_a_little_off() {
         let values = [*value];
         let effects: &[(&str, &str, &[f64])] = &[(effect, channel, &values)];
         let seed = 800 + 10 * at as u64;
-        let logs = [log(&machine, effects, 1500, seed, &[0.0, 0.0]), log(&machine, effects, 1500, seed + 1, &[0.0, 0.0])];
-        let d = diagnosed(&model, &logs, &[log(&machine, effects, 1200, seed + 2, &[0.0, 0.0])]);
+        let logs = [log(&machine, effects, 900, seed, &[0.0, 0.0]), log(&machine, effects, 900, seed + 1, &[0.0, 0.0])];
+        let d = diagnosed(&model, &logs, &[log(&machine, effects, 700, seed + 2, &[0.0, 0.0])]);
         let found = d.cause.effects.iter().find(|e| e.effect == *effect);
         let Some(p) = found.map(|f| &f.parameters[0]) else { continue };
         let [lower, upper] = p.ci95.unwrap();
@@ -377,8 +377,8 @@ fn a_shaking_between_the_lines_of_a_coarse_spectrum_is_found() {
         let values = [frequency, 6.0, 0.7];
         let effects: &[(&str, &str, &[f64])] = &[("periodic_disturbance", "v", &values)];
         let seed = 950 + 10 * at as u64;
-        let logs = [log(&model, effects, 3500, seed, &[0.0, 0.0]), log(&model, effects, 3000, seed + 1, &[0.0, 0.0])];
-        let d = diagnosed(&model, &logs, &[log(&model, effects, 2000, seed + 2, &[0.0, 0.0])]);
+        let logs = [log(&model, effects, 2500, seed, &[0.0, 0.0]), log(&model, effects, 1500, seed + 1, &[0.0, 0.0])];
+        let d = diagnosed(&model, &logs, &[log(&model, effects, 1500, seed + 2, &[0.0, 0.0])]);
         assert_eq!(keys(&d), ["periodic_disturbance:v"], "{frequency} Hz");
         let found = d.cause.effects[0].parameters[0].value.unwrap();
         assert!((found / frequency - 1.0).abs() < 1e-3, "{found} instead of {frequency} Hz");
@@ -393,8 +393,8 @@ fn clocks_that_differ_by_per_cents_are_found() {
         let values = [ratio];
         let effects: &[(&str, &str, &[f64])] = &[("clock_skew", "*", &values)];
         let seed = 980 + 10 * at as u64;
-        let logs = [log(&model, effects, 1500, seed, &[0.0, 0.0]), log(&model, effects, 1200, seed + 1, &[0.0, 0.0])];
-        let d = diagnosed(&model, &logs, &[log(&model, effects, 1200, seed + 2, &[0.0, 0.0])]);
+        let logs = [log(&model, effects, 1000, seed, &[0.0, 0.0]), log(&model, effects, 800, seed + 1, &[0.0, 0.0])];
+        let d = diagnosed(&model, &logs, &[log(&model, effects, 800, seed + 2, &[0.0, 0.0])]);
         assert_eq!(keys(&d), ["clock_skew:*"], "{ratio}");
         let found = d.cause.effects[0].parameters[0].value.unwrap();
         assert!((found - ratio).abs() < 1e-3, "{found} instead of {ratio}");
@@ -412,8 +412,8 @@ fn a_simulator_that_is_a_little_off_gives_an_effect_no_companion() {
         let values = [*value];
         let effects: &[(&str, &str, &[f64])] = &[(effect, channel, &values)];
         let seed = 1100 + 10 * at as u64;
-        let logs = [log(&machine, effects, 1500, seed, &[0.0, 0.0]), log(&machine, effects, 1500, seed + 1, &[0.0, 0.0])];
-        let d = diagnosed(&model, &logs, &[log(&machine, effects, 1200, seed + 2, &[0.0, 0.0])]);
+        let logs = [log(&machine, effects, 900, seed, &[0.0, 0.0]), log(&machine, effects, 900, seed + 1, &[0.0, 0.0])];
+        let d = diagnosed(&model, &logs, &[log(&machine, effects, 700, seed + 2, &[0.0, 0.0])]);
         let named = d.cause.effects.len() == 1
             && (keys(&d).contains(&format!("{effect}:{channel}"))
                 || d.cause.indistinguishable.iter().any(|class| class.contains(&format!("{effect}:{channel}"))));
@@ -462,7 +462,7 @@ fn a_delay_beside_a_direct_path_is_not_known_better_than_uneven_samples_show_it(
     let model = document(ACCELEROMETER);
     let every_sample = |samples, rng: &mut ChaCha8Rng| (0..samples).map(|_| rng.random_range(-1.0..1.0)).collect();
     let mut inside = 0;
-    for seed in 1..=10 {
+    for seed in 1..=6 {
         let truth = 0.031 + 0.0027 * seed as f64;
         let late = |seed| uneven(&model, ("input_delay", "force", &[truth]), every_sample, 400, seed);
         let d = diagnosed(&model, &[late(seed)], &[late(seed + 100)]);
@@ -471,7 +471,7 @@ fn a_delay_beside_a_direct_path_is_not_known_better_than_uneven_samples_show_it(
         assert!(upper - lower < TS && upper - lower > 1e-3 * TS, "{lower} to {upper}");
         inside += usize::from((lower..=upper).contains(&truth));
     }
-    assert!(inside >= 8, "{inside} of 10 intervals hold the truth");
+    assert!(inside >= 5, "{inside} of 6 intervals hold the truth");
 }
 
 #[test]

@@ -48,8 +48,8 @@ fn diagnosed_from(seed: u64, sent: Sent, heard: Heard<'_>) -> (Diagnosed, [f64; 
 /// The same where the machine hears the held-out commands in another way.
 fn diagnosed_beside(seed: u64, sent: Sent, heard: Heard<'_>, held_out: Heard<'_>) -> (Diagnosed, [f64; 2]) {
     let nominal = model();
-    let logs = [logged(1500, seed, sent, heard), logged(1200, seed + 1, sent, heard)];
-    let held = logged(1200, seed + 2, sent, held_out);
+    let logs = [logged(1100, seed, sent, heard), logged(900, seed + 1, sent, heard)];
+    let held = logged(900, seed + 2, sent, held_out);
     let found = diagnose(&nominal, &logs, std::slice::from_ref(&held), &GapOptions::default(), &|_| ()).unwrap();
     let nrmse = |model: &ModelDocument| {
         let run = OnLog::new(model, &held).unwrap();
@@ -86,15 +86,15 @@ fn lost(found: &Diagnosed) -> f64 {
 
 #[test]
 fn a_delay_that_jumps_is_named_with_both_delays_and_its_time() {
-    // 0.1 s until 14 s, 0.3 s from then on; and one that ends.
+    // 0.1 s until 10 s, 0.3 s from then on; and one that ends.
     for (seed, before, behind) in [(700, 5, 15), (720, 8, 0)] {
-        let (found, [nominal, handed]) = diagnosed(seed, &late_by(|k| if k < 700 { before } else { behind }));
+        let (found, [nominal, handed]) = diagnosed(seed, &late_by(|k| if k < 500 { before } else { behind }));
         assert_eq!(keys(&found), ["delay_jump:u"]);
         for (name, truth) in [("delay", TS * before as f64), ("later", TS * behind as f64)] {
             assert!((value(&found, name) - truth).abs() < 0.1 * TS, "{name} {} is not {truth}", value(&found, name));
         }
         // A command that is held hides where in between the change was.
-        assert!((value(&found, "time") - 14.0).abs() < 0.6, "{}", value(&found, "time"));
+        assert!((value(&found, "time") - 10.0).abs() < 0.6, "{}", value(&found, "time"));
         assert!(handed < 0.1 * nominal && found.caveats.is_empty(), "{nominal} to {handed}: {:?}", found.caveats);
     }
 }
@@ -103,7 +103,7 @@ fn a_delay_that_jumps_is_named_with_both_delays_and_its_time() {
 #[test]
 fn a_jump_that_held_out_data_do_not_show_is_named_and_not_random_delays() {
     for (seed, sent) in [(840, steps as Sent), (850, sines as Sent)] {
-        let (found, _) = diagnosed_beside(seed, sent, &late_by(|k| if k < 700 { 5 } else { 9 }), &late_by(|_| 5));
+        let (found, _) = diagnosed_beside(seed, sent, &late_by(|k| if k < 500 { 5 } else { 9 }), &late_by(|_| 5));
         assert_eq!(keys(&found), ["delay_jump:u"], "{seed}");
         for (name, truth) in [("delay", 5.0), ("later", 9.0)] {
             assert!((value(&found, name) / TS - truth).abs() < 0.3, "{name} {} is not {truth}", value(&found, name) / TS);

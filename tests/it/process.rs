@@ -31,7 +31,7 @@ fn drawn(name: &str, seed: u64, samples: usize, noise: f64) -> (f64, Experiment<
 fn the_interval_holds_a_fractional_delay_as_often_as_it_says() {
     for noise in [0.001, 0.03, 0.3] {
         for name in NAMES {
-            let records = 100_u64;
+            let records = 40_u64;
             let clock = std::time::Instant::now();
             let results: Vec<Option<(f64, f64, bool)>> = (0..records)
                 .into_par_iter()
@@ -62,8 +62,8 @@ fn the_interval_holds_a_fractional_delay_as_often_as_it_says() {
                 z[z.len() * 95 / 100],
                 clock.elapsed().as_secs_f64() * 1e3 / records as f64
             );
-            // 95 % of 100 draws, less three standard deviations of that.
-            assert!(found.len() >= 95 && held as f64 >= 0.885 * found.len() as f64, "{name}, noise {noise}: {held} of {}", found.len());
+            // 95 % of 40 draws, less three standard deviations of that.
+            assert!(found.len() >= 38 && held as f64 >= 0.847 * found.len() as f64, "{name}, noise {noise}: {held} of {}", found.len());
         }
     }
 }
@@ -101,7 +101,7 @@ fn eight_seconds_are_found_from_every_start_between_0_and_20() {
 #[test]
 fn a_record_that_begins_in_motion_is_fitted_with_its_start() {
     for name in ["p1d", "p2d", "p3d", "p2dz"] {
-        let held = (0..60_u64).into_par_iter().filter(|&seed| {
+        let held = (0..30_u64).into_par_iter().filter(|&seed| {
             let (delay, experiment) = drawn(name, seed, 700, 0.02);
             let recording = &experiment.recordings()[0];
             // The first 200 samples are not seen.
@@ -111,9 +111,9 @@ fn a_record_that_begins_in_motion_is_fitted_with_its_start() {
             from - 1e-9 <= delay * TS && delay * TS <= to + 1e-9
         });
         let held = held.count();
-        println!("{name}: {held} of 60 intervals hold the truth");
-        // 95 % of 60, less three standard deviations.
-        assert!(held >= 52, "{name}: {held} of 60");
+        println!("{name}: {held} of 30 intervals hold the truth");
+        // 95 % of 30, less three standard deviations.
+        assert!(held >= 25, "{name}: {held} of 30");
     }
 }
 
@@ -137,21 +137,21 @@ fn several_records_say_more_than_one() {
 }
 
 #[test]
-fn the_search_finds_what_starts_at_every_half_sample_up_to_twenty_find() {
+fn the_search_finds_what_starts_at_every_sample_up_to_twenty_find() {
     for name in ["p1d", "p2d", "p3d", "p2dz"] {
-        let worse = (0..8_u64).into_par_iter().filter(|&seed| {
+        let worse = (0..6_u64).into_par_iter().filter(|&seed| {
             let (_, experiment) = drawn(name, 500 + seed, 300, [0.01, 0.3, 1.0][seed as usize % 3]);
             let plain = with(name, json!({}), &experiment, &Search::default());
             let Some(found) = plain.delay_s else { return false };
             // Another start may find a lower minimum only where the search has missed one.
-            (0..40).any(|i| {
-                let e = with(name, json!({ "initial_delay_s": f64::from(i) * 0.5 * TS }), &experiment, &Search::default());
+            (0..20).any(|i| {
+                let e = with(name, json!({ "initial_delay_s": f64::from(i) * TS }), &experiment, &Search::default());
                 e.delay_s.is_none_or(|d| (d - found).abs() > 1e-3 * TS)
             })
         });
         let worse = worse.count();
-        println!("{name}: {worse} of 8 answers change with the start");
-        assert!(worse <= 1, "{name}: {worse} of 8");
+        println!("{name}: {worse} of 6 answers change with the start");
+        assert!(worse <= 1, "{name}: {worse} of 6");
     }
 }
 

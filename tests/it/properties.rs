@@ -160,7 +160,7 @@ fn of_delays_that_fit_alike_the_gain_does_not_choose() {
 #[test]
 fn delaying_a_noisy_output_moves_nearly_every_answer_by_as_much() {
     // The methods that read a phase keep the law on 97 of 100, the others on nearly all.
-    let records = 150;
+    let records = 60;
     // Of the methods that are made for such records: random input on a plant with dynamics.
     for method in promising(Law::Shift).filter(|m| m.reference == ReferenceExperiment::Plant) {
         let moved = (0..records).into_par_iter().filter(|&seed| {
@@ -184,7 +184,8 @@ fn delaying_a_noisy_output_moves_nearly_every_answer_by_as_much() {
         let moved = moved.count();
         println!("{}: {moved} of {records} answers moved with the output", method.entry.name);
         // arxstruc weighs numerators by Schwarz's criterion, which keeps a coefficient of pure noise in about 1 record of 100.
-        assert!(100 * moved as u64 >= 95 * records, "{}: only {moved} of {records}", method.entry.name);
+        // 97 of 100, less three standard deviations of 60 records.
+        assert!(moved >= 54, "{}: only {moved} of {records}", method.entry.name);
     }
 }
 

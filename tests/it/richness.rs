@@ -49,10 +49,10 @@ fn case(seed: u64) -> Case {
 
 #[test]
 fn what_is_predicted_is_what_happens() {
-    let draws = 12_u64;
+    let draws = 8_u64;
     let bounds = [("oestruc", 2.0), ("p2d", 2.0), ("arxstruc", f64::INFINITY), ("threshold", f64::INFINITY)];
     for (name, most) in bounds {
-        let mut ratios: Vec<(f64, f64, u64)> = (0..60_u64)
+        let mut ratios: Vec<(f64, f64, u64)> = (0..36_u64)
             .into_par_iter()
             .filter_map(|seed| {
                 let case = case(seed);

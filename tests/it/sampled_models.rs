@@ -109,7 +109,7 @@ fn noisy(names: &[(&str, Value)], noise: f64, records: u64) -> Vec<(f64, f64)> {
 
 #[test]
 fn a_mean_over_the_delays_errs_less_than_the_best_of_them() {
-    let found = noisy(&[("oestruc", json!({})), ("oe_posterior", json!({})), ("oe_posterior", json!({ "center": "median" }))], 1.0, 300);
+    let found = noisy(&[("oestruc", json!({})), ("oe_posterior", json!({})), ("oe_posterior", json!({ "center": "median" }))], 1.0, 150);
     let [best, mean, median] = [found[0].0, found[1].0, found[2].0];
     // Over 3000 records 0.464, 0.424 and 0.474: of poles as close as these the prior thinks little, which costs the median 2 %; over 300 its ratio to the best strays by 4 %.
     assert!(mean <= best && median <= 1.15 * best, "{best} {mean} {median}");

@@ -1,10 +1,13 @@
 //! The likelihood that all rivals share: predictions, the initial state as a nuisance, whitened residuals.
 
+use std::sync::Arc;
+
 use nalgebra::{Const, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 use super::active_effects::{ActiveEffects, NO_EFFECT};
 use super::nuisances::{Common, Nuisances};
+use super::simulated::{Key, Simulated};
 use crate::diagnose::baseline::feedback;
 use crate::diagnose::baseline::noise::Noise;
 use crate::diagnose::baseline::predictor::Predictor;
@@ -58,6 +61,8 @@ pub(in crate::diagnose) struct Likelihood<'a> {
     /// The relative standard deviation of every number of the model about the value that came; `None`: numbers that are fitted are free.
     shrinkage: Option<f64>,
     stop: Stop,
+    /// What was simulated of late: neither noise nor priors change it.
+    simulated: Arc<Simulated>,
 }
 
 /// Far below the noise of any sensor; a rival on its way to infinity gives up early.
@@ -98,6 +103,7 @@ impl<'a> Likelihood<'a> {
             resolution,
             shrinkage: None,
             stop,
+            simulated: Arc::default(),
         };
         for (at, record) in records.iter().enumerate() {
             likelihood.stop.check()?;
@@ -220,10 +226,17 @@ impl<'a> Likelihood<'a> {
     }
 
     fn predict_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
-        let plan = self.plan_on(record, active, samples)?;
-        let commands = Commands { time_s: &self.records[record].time_s, inputs };
-        let run = self.system.simulate(&plan, commands, &self.records[record].start, self.correction(record)).ok()?;
-        Some(run.y)
+        let log = &self.records[record];
+        let simulate = || {
+            let plan = self.plan_on(record, active, samples)?;
+            let commands = Commands { time_s: &log.time_s, inputs };
+            Some(self.system.simulate(&plan, commands, &log.start, self.correction(record)).ok()?.y)
+        };
+        if active.lost.is_some() || !std::ptr::eq(inputs, log.inputs.as_slice()) {
+            return simulate();
+        }
+        // A run that a stop broke off says nothing.
+        self.simulated.of(Key::new(record, samples.min(log.time_s.len()), active.effects), simulate, || !self.stop.is_set())
     }
 
     /// measured − predicted, 0 where there is no measurement.

@@ -6,3 +6,4 @@ pub(in crate::diagnose) mod errors;
 pub(in crate::diagnose) mod gaussian;
 mod nuisances;
 pub(in crate::diagnose) mod residuals;
+mod simulated;
