@@ -39,7 +39,7 @@ fn adds_up(d: &Diagnosis) {
 fn three_causes_are_found_together_with_their_values() {
     let truth: [(&str, &str, &[f64]); 3] =
         [("input_gain", "u", &[1.35]), ("output_delay", "rate", &[0.08]), ("coulomb_friction", "v", &[0.6])];
-    let d = run(&truth, 1500, 40);
+    let d = run(&truth, 1000, 40);
     adds_up(&d);
     for (effect, channel, values) in truth {
         let name = format!("{effect}:{channel}");
@@ -60,7 +60,7 @@ fn a_small_certain_cause_is_named_as_weak_and_nothing_is_named_where_nothing_act
     assert!(["input_delay:u", "output_delay:*", "clock_offset:*"].contains(&key(only).as_str()), "{only:?}");
     assert_eq!(only.strength, Strength::Weak);
     assert!((only.parameters[0].value.unwrap() - 0.004).abs() < 0.002, "{only:?}");
-    for seed in [60, 70, 80] {
+    for seed in [60, 70] {
         let d = run(&[], 1500, seed);
         assert_eq!((d.cause.verdict.as_str(), d.cause.contributions.len()), ("none", 0), "{:?}", d.cause.contributions);
         assert_eq!(d.cause.explained, Some(Explained::Nothing));
@@ -113,7 +113,7 @@ D = [[0.0], [0.0]]
     let mut effects: Vec<(&str, &str, &[f64])> =
         numbers.iter().zip(&values).map(|((name, _), value)| ("parameter_error", *name, value.as_slice())).collect();
     effects.push(("input_delay", "u", &[0.1]));
-    let logged = |i: u64| log(&machine, &effects, 1500, 90 + i, &[0.0; 3]);
+    let logged = |i: u64| log(&machine, &effects, 1000, 90 + i, &[0.0; 3]);
     let d = diagnosed(&machine, &[logged(0), logged(1)], &[logged(2)]);
     adds_up(&d);
     let block = d.cause.recalibration.as_ref().unwrap();
@@ -132,9 +132,8 @@ D = [[0.0], [0.0]]
     assert!(d.shrink.of_explainable.unwrap() > 0.97, "{:?}", d.shrink);
 }
 
-#[test]
-fn a_small_gap_of_numbers_that_are_all_a_little_off_is_no_effect() {
-    let text = r#"
+/// Two bodies that exchange heat, and all the numbers of their model.
+const TWO_BODIES: &str = r#"
 format = "deadtime/model@1"
 name = "two bodies"
 kind = "lti"
@@ -148,19 +147,45 @@ B = [[1.0], [0.4]]
 C = [[1.0, 0.0], [0.0, 1.0]]
 D = [[0.0], [0.0]]
 "#;
-    let machine = document(text);
+const NUMBERS: [(&str, f64); 6] = [("A[a,a]", -1.5), ("A[a,b]", 0.7), ("A[b,a]", 0.9), ("A[b,b]", -2.0), ("B[a,u]", 1.0), ("B[b,u]", 0.4)];
+
+/// The model as it is, of a machine whose numbers are off by these parts.
+fn off_by(parts: &[f64], samples: usize, seed: u64) -> Diagnosis {
+    let machine = document(TWO_BODIES);
+    let values: Vec<[f64; 1]> = NUMBERS.iter().zip(parts).map(|(number, part)| [number.1 * (1.0 + part)]).collect();
+    let effects: Vec<(&str, &str, &[f64])> =
+        NUMBERS.iter().zip(&values).map(|((name, _), value)| ("parameter_error", *name, value.as_slice())).collect();
+    let logged = |i: u64| log(&machine, &effects, samples, seed + i, &[0.0; 2]);
+    diagnosed(&machine, &[logged(0), logged(1)], &[logged(2)])
+}
+
+#[test]
+fn a_small_gap_of_numbers_that_are_all_a_little_off_is_no_effect() {
     // Numbers about half a per cent off, of a machine whose sensors have noise of one per cent: what is missing is as large as the noise, or a little larger.
-    let came = [("A[a,a]", -1.5), ("A[a,b]", 0.7), ("A[b,a]", 0.9), ("A[b,b]", -2.0), ("B[a,u]", 1.0), ("B[b,u]", 0.4)];
     let verdict = |seed: u64| {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let values: Vec<[f64; 1]> = came.iter().map(|n| [n.1 * (1.0 + 0.0055 * rng.sample::<f64, _>(StandardNormal))]).collect();
-        let effects: Vec<(&str, &str, &[f64])> =
-            came.iter().zip(&values).map(|((name, _), value)| ("parameter_error", *name, value.as_slice())).collect();
-        let logged = |i: u64| log(&machine, &effects, 700, seed + i, &[0.0; 2]);
-        diagnosed(&machine, &[logged(0), logged(1)], &[logged(2)]).cause.verdict
+        let parts: Vec<f64> = NUMBERS.iter().map(|_| 0.0055 * rng.sample::<f64, _>(StandardNormal)).collect();
+        off_by(&parts, 700, seed).cause.verdict
     };
     let verdicts: Vec<String> = (0..8).map(|i| verdict(300 + 10 * i)).collect();
     println!("{verdicts:?}");
     assert!(verdicts.iter().filter(|v| *v == "none").count() >= 6, "{verdicts:?}");
     assert!(verdicts.iter().all(|v| ["none", "unknown", "parameter_error"].contains(&v.as_str())), "{verdicts:?}");
+}
+
+#[test]
+fn a_gap_of_numbers_that_are_all_off_is_told_as_their_set_and_no_effect_stands_in_for_them() {
+    for (seed, parts) in [(300, [0.02, -0.03, 0.03, -0.02, 0.02, -0.04]), (310, [0.06, 0.05, -0.08, 0.04, -0.07, 0.05])] {
+        let d = off_by(&parts, 1500, seed);
+        let block = d.cause.recalibration.as_ref().unwrap();
+        assert!(block.accepted && d.cause.contributions.is_empty(), "{:?} {block:?}", d.cause.contributions);
+        assert!(d.shrink.of_explainable.unwrap() > 0.9, "{:?}", d.shrink);
+        for p in &block.parameters {
+            let at = NUMBERS.iter().position(|n| n.0 == p.name).unwrap();
+            let (came, truth) = (NUMBERS[at].1, NUMBERS[at].1 * (1.0 + parts[at]));
+            let ([lower, upper], value) = (p.ci95.unwrap(), p.value.unwrap());
+            // The prior draws a number towards the value that came.
+            assert!((lower..=upper).contains(&truth) || (value - came) * (truth - value) > 0.0, "{p:?} is not {truth}");
+        }
+    }
 }
