@@ -24,7 +24,7 @@ pub(in crate::diagnose) fn found_effects(
                 input.and_then(|input| lost.std[input].get(i).copied())
             }
             (_, None) if applied.effect.leaves_residual() => Some(LATTICE * applied.values[i]),
-            _ => estimate.zip(place).and_then(|(estimate, at)| estimate.std[at]),
+            _ => estimate.zip(place).and_then(|(estimate, at)| estimate.std[at]).filter(|std| std.is_finite()),
         };
         let value = applied.values[i];
         FoundParameter {

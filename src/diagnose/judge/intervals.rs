@@ -24,7 +24,7 @@ const DOUBLINGS: usize = 20;
 
 /// Standard deviations of a hypothesis's free parameters.
 pub(in crate::diagnose) struct Estimate {
-    /// In the order of the hypothesis's `free`; `None` at a bound, or where the data hold no information.
+    /// In the order of the hypothesis's `free`; `None` at a bound, or where the data hold no information; infinite where the data allow any size.
     pub(in crate::diagnose) std: Vec<Option<f64>>,
 }
 
@@ -107,7 +107,7 @@ pub(in crate::diagnose) fn estimate(likelihood: &Likelihood<'_>, hypothesis: &Hy
 }
 
 /// No effect has an interval that holds the value at which it does nothing: as far as these data go, each is more than nominal parameters that are a little
-/// off. What has no such value (a limit) or no interval counts as it is.
+/// off, and each limit is reached. What has no interval counts as it is.
 pub(in crate::diagnose) fn established(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, scales: &Scales) -> bool {
     estimate(likelihood, hypothesis, scales).is_none_or(|estimate| estimate.apart(hypothesis, NORMAL_95))
 }
@@ -118,12 +118,12 @@ impl Estimate {
         (0..hypothesis.effects.len()).all(|e| self.one_apart(hypothesis, e, deviations))
     }
 
-    /// One effect is so far away. What has no such value (a limit) or no interval counts as it is.
+    /// One effect is so far away, a limit where its interval has an end. What has no interval counts as it is.
     pub(in crate::diagnose) fn one_apart(&self, hypothesis: &Hypothesis, e: usize, deviations: f64) -> bool {
         let applied = &hypothesis.effects[e];
         let own = hypothesis.free.iter().zip(&self.std).filter(|((of, _), _)| *of == e);
         let sizes = own.map(|((_, i), std)| (&applied.parameters[*i], applied.values[*i], std));
-        let sizes = sizes.filter(|(p, _, _)| p.nominal.is_finite() && !p.role.is_shape());
+        let sizes = sizes.filter(|(p, _, _)| !p.role.is_shape());
         let mut apart = sizes.map(|(p, value, std)| std.is_none_or(|s| (value - p.nominal).abs() > deviations * s));
         let first = apart.next();
         first.is_none_or(|first| first || apart.any(|a| a))
@@ -132,7 +132,7 @@ impl Estimate {
 
 /// The standard deviation, doubled for as long as the parameter alone can move to the end of its interval, on either side, and the likelihood hardly notices:
 /// a cost with jumps or kinks (a delay beside a direct path, where uneven samples pass edges of the commands one by one) has no slope that tells its width.
-/// A smooth cost rises by 3.84 or more at the end of a 95 % interval, and nothing changes.
+/// A smooth cost rises by 3.84 or more at the end of a 95 % interval, and nothing changes. Infinite where it is never noticed: a limit that nothing reaches.
 fn as_far_as_unnoticed(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, (e, i): (usize, usize), std: f64, cost: f64) -> f64 {
     let mut reach = std;
     if likelihood.calls(&hypothesis.effects[e]) {
@@ -146,11 +146,11 @@ fn as_far_as_unnoticed(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, (e,
     };
     for _ in 0..DOUBLINGS {
         if !unnoticed(NORMAL_95 * reach) && !unnoticed(-NORMAL_95 * reach) {
-            break;
+            return reach;
         }
         reach *= 2.0;
     }
-    reach
+    f64::INFINITY
 }
 
 /// The step lowers the cost in fact: where the likelihood bends too much for one step, it says nothing.
@@ -209,4 +209,36 @@ fn block_scores(
         }
     }
     sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effect::find;
+    use crate::model::ModelDocument;
+    use crate::simulate::System;
+
+    const MODEL: &str = r#"
+format = "deadtime/model@1"
+name = "lag"
+kind = "lti"
+inputs = [{ name = "u" }]
+states = [{ name = "x" }]
+outputs = [{ name = "y" }]
+A = [[-1.0]]
+B = [[1.0]]
+C = [[1.0]]
+D = [[0.0]]
+"#;
+
+    #[test]
+    fn a_limit_that_may_be_anywhere_is_not_established_and_one_that_is_reached_is() {
+        let document = ModelDocument::from_toml(MODEL, std::path::Path::new("lag.toml")).unwrap();
+        let system = System::new(&document, |_| Ok(0.0)).unwrap();
+        let mut stops = Applied::nominal(&system, find("saturation").unwrap(), "u").unwrap();
+        stops.values[1] = 0.7;
+        let hypothesis = Hypothesis { effects: vec![stops], free: vec![(0, 1)], gain: 0.0, fitted: true, lost: None };
+        let apart = |std: Option<f64>| Estimate { std: vec![std] }.one_apart(&hypothesis, 0, NORMAL_95);
+        assert!(apart(Some(0.1)) && apart(None) && !apart(Some(f64::INFINITY)));
+    }
 }
