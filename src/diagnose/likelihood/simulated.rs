@@ -4,7 +4,7 @@
 //! its clones (system, records, tolerance, the simulator's own effects), and values are compared bit by bit. Runs with known sequences are not kept.
 
 use std::collections::HashMap;
-use std::mem::{replace, size_of};
+use std::mem::{size_of, take};
 use std::sync::{Mutex, PoisonError};
 
 use nalgebra::DMatrix;
@@ -60,7 +60,7 @@ impl Simulated {
             generations.young.insert(key, outputs.clone());
             if generations.held > GENERATION {
                 generations.held = 0;
-                generations.old = replace(&mut generations.young, HashMap::new());
+                generations.old = take(&mut generations.young);
             }
         }
         outputs
