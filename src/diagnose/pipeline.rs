@@ -49,6 +49,7 @@ use crate::error::Result;
 use crate::log::Log;
 use crate::model::ModelDocument;
 use crate::progress::HowFar;
+use crate::simulate::Dynamics;
 
 /// A diagnosis, and the model with the effects that it found.
 #[derive(Debug, Clone)]
@@ -346,7 +347,15 @@ impl Answer<'_> {
         let system = &self.simulator.system;
         let mut caveats = log_caveats(system, &self.inputs.records);
         caveats.extend(self.inputs.probed.iter().flat_map(|p| p.caveats.clone()));
-        caveats.extend(judged.of_the_numbers.iter().map(|effect| Caveat::OfTheNumbers { effect: effect.clone() }));
+        let remedy = match system.dynamics {
+            Dynamics::Equations(..) => "`deadtime identify --structure MODEL.toml --free all` fits them",
+            Dynamics::Linear(_) | Dynamics::BlackBox(..) => {
+                "written as equations, the model's numbers are fitted by `deadtime identify --structure MODEL.toml --free all`"
+            }
+            Dynamics::Sampled(..) => "`deadtime identify` fits a sampled model to the logs",
+        };
+        let of_the_numbers = |effect: &String| Caveat::OfTheNumbers { effect: effect.clone(), remedy: remedy.to_owned() };
+        caveats.extend(judged.of_the_numbers.iter().map(of_the_numbers));
         let named = judged.found.as_ref().is_some_and(|found| !found.effects.is_empty());
         if let Some((output, times)) = judged.left_over.filter(|_| named) {
             let times = format!("{times:.1}");

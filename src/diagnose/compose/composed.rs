@@ -141,7 +141,7 @@ impl Compose<'_, '_> {
         let enough = judged.verdict == GapVerdict::Effects && alone;
         if !decoded && !enough {
             let composition = self.composition(&begin, &judged, progress)?;
-            let composition = self.or_numbers_alone(self.begun_elsewhere(composition, &judged, progress), &judged);
+            let composition = self.begun_elsewhere(composition, &judged, progress);
             // Where nothing changed, what was judged stays as it was fitted.
             if !composition.hypothesis.effects.is_empty() && composition.hypothesis.key() != begin.key() {
                 return self.judged(judged, &composition);
@@ -283,15 +283,6 @@ impl Compose<'_, '_> {
             best = self.without_some(best, judged, progress, |a| a.key() == doubted);
         }
         best
-    }
-
-    /// The same, or the model's numbers alone: several of them a little off are taken for as many effects, and effects leave what only all of them explain.
-    fn or_numbers_alone(&self, best: Composition, judged: &Judged) -> Composition {
-        if self.likelihood.system.is_black_box() {
-            return best;
-        }
-        let composer = self.composer(true, Some(judged));
-        composer.numbers_alone().filter(|numbers| composer.prefers(&best, numbers)).unwrap_or(best)
     }
 
     /// A composition, or a better one without some effects, that begins with the best that the search found without them.

@@ -1,7 +1,6 @@
 //! All numbers of the model at once, each a little off: one block whose size the data choose.
 //!
-//! How it can be wrong: tried first it eats the structure (a friction, a coupling, a lag), so it comes after effects were looked for; alone it is the answer only where
-//! it needs no large changes and predicts better than all the effects that were found. With as
+//! How it can be wrong: tried first it eats the structure (a friction, a coupling, a lag), so it comes after effects were looked for, and never alone. With as
 //! many numbers as a model has, a fit describes the training logs; so all have a normal prior about the value that came, of one relative size, and the
 //! size is that which predicts blocks of time left out best. Blocks beside those that were learnt from are still like them: what takes an effect's place must do so on
 //! held-out data, too. Numbers that the data do not see stay where they were and are taken out again.
@@ -19,8 +18,6 @@ use crate::effect::Applied;
 const SIZES: [f64; 6] = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5];
 /// Up to this size numbers are a little off, as those of every model are: no evidence is needed that they are. Chosen.
 const A_LITTLE: f64 = 0.05;
-/// Up to this size they may be all that is wrong: a friction or a coupling that is missing takes more of them. Chosen.
-const ALONE: f64 = 0.2;
 /// So many numbers at most: each is a simulation for every step of the fit.
 const MOST: usize = 40;
 /// One number is an effect like any other.
@@ -38,7 +35,9 @@ impl Composer<'_, '_> {
         let freed = self.freed(&likelihood, &before, &self.candidates)?;
         let size = self.size(&likelihood, &freed)?;
         let shrunk = likelihood.with_shrinkage(size);
-        let block = self.without_idle(&shrunk, self.fitted(&shrunk, freed)?)?;
+        let full = self.fitted(&shrunk, freed)?;
+        let block = self.fitted(&shrunk, moved(&full)?)?;
+        let block = if block.better_by_t(&full) >= -self.gate.criteria.dropped_t { block } else { full };
         let (released, after) = self.pruned(&shrunk, composition.without(&block.hypothesis), block);
         let numbers = |standing: &Standing| standing.hypothesis.effects.iter().filter(|a| a.effect.corrects_model()).count();
         let others = |standing: &Standing| standing.hypothesis.effects.len() - numbers(standing);
@@ -53,24 +52,6 @@ impl Composer<'_, '_> {
         let accepted =
             (takes_place && as_good) || (others(&after) < others(&before) && better) || self.gate.accepts(&before, &after, original);
         (numbers(&after) >= FEWEST && accepted).then_some((released, size))
-    }
-
-    /// The model's numbers as a block and nothing else, where they need not be far off.
-    pub(super) fn numbers_alone(&self) -> Option<Composition> {
-        let nothing = Hypothesis { effects: Vec::new(), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
-        let (likelihood, before) = self.renewed(&nothing)?;
-        let freed = self.freed(&likelihood, &before, &self.candidates)?;
-        let size = self.size(&likelihood, &freed).filter(|size| *size <= ALONE)?;
-        let shrunk = likelihood.with_shrinkage(size);
-        let hypothesis = self.without_idle(&shrunk, self.fitted(&shrunk, freed)?)?.hypothesis;
-        let numbers = hypothesis.effects.len();
-        (numbers >= FEWEST).then(|| Composition { hypothesis, stand_ins: vec![Vec::new(); numbers], recalibration: Some(size) })
-    }
-
-    /// Without the numbers that hardly moved, where that is no worse.
-    fn without_idle(&self, likelihood: &Likelihood<'_>, full: Standing) -> Option<Standing> {
-        let fewer = self.fitted(likelihood, moved(&full)?)?;
-        Some(if fewer.better_by_t(&full) >= -self.gate.criteria.dropped_t { fewer } else { full })
     }
 
     /// Without the effects that only stood in for the model's numbers.

@@ -79,11 +79,13 @@ pub enum Caveat {
     /// A single effect lowers a small gap, and so do the model's numbers together.
     #[error(
         "`{effect}` would lower this small gap; the model's own numbers, each a little off, explain as much, so it is not named: \
-         `deadtime identify --structure MODEL.toml --free all` fits them"
+         {remedy}"
     )]
     OfTheNumbers {
         /// The effect, with its channel.
         effect: String,
+        /// What fits the numbers.
+        remedy: String,
     },
     /// A command that never changes in what is learnt from.
     #[error("`{input}` never changes in what is learnt from: nothing that acts on it can be seen; record a log in which it moves")]
