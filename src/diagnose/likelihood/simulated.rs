@@ -1,4 +1,4 @@
-//! What was simulated already: a search, its refits and what judges them ask for the same effects at the same values again and again, a third of all runs.
+//! What was simulated already: a search, its refits and what judges them ask for the same effects at the same values again and again.
 //!
 //! How it can be wrong: a key that leaves out something that the run depends on. So all that a key leaves out is the same for every run of one likelihood and of
 //! its clones (system, records, tolerance, the simulator's own effects), and values are compared bit by bit. Runs with known sequences are not kept.
@@ -43,7 +43,7 @@ struct Generations {
     held: usize,
 }
 
-/// Bytes of a generation: two thousand runs of two outputs and 2000 samples.
+/// Bytes of a generation: two thousand runs of two outputs and 2000 samples. Chosen: more costs memory, less has runs made again.
 const GENERATION: usize = 64 << 20;
 
 impl Simulated {
@@ -56,7 +56,8 @@ impl Simulated {
         let outputs = make();
         if keep() {
             let mut generations = self.generations.lock().unwrap_or_else(PoisonError::into_inner);
-            generations.held += outputs.as_ref().map_or(0, |y| y.len() * size_of::<f64>());
+            // Failed runs hold a key, too.
+            generations.held += size_of::<(Key, Outputs)>() + outputs.as_ref().map_or(0, |y| y.len() * size_of::<f64>());
             generations.young.insert(key, outputs.clone());
             if generations.held > GENERATION {
                 generations.held = 0;
