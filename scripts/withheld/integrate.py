@@ -15,7 +15,7 @@ _DP = (
 )
 _TIMES = (1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
 _ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
-MOST_STEPS = 400  # of Dormand-Prince per interval, in fits a fifth; a response that needs more runs away or is too stiff
+MOST_STEPS = 400  # of Dormand-Prince per interval, in fits a fifth, and as many events; a response that needs more runs away, is too stiff or sticks and slips without end
 TOO_SHORT = 1e-13  # s: an interval this short is passed without a step
 
 
@@ -135,10 +135,13 @@ class Stepped:
         advance = self._solve_ivp if self.reference else self._dormand_prince
         if self.system.frictions:
             x = self._friction_modes(t, x, seg)
-        short = 0
+        short = events = 0
         while end - t > TOO_SHORT:
             new, x, event = advance(t, end, x, seg)
             if event is not None:
+                events += 1
+                if events > self.most_steps:
+                    raise ArithmeticError("friction sticks and slips without end")
                 short = short + 1 if new - t < 1e-11 else 0
                 x = self._after_event(event, new, x, seg, hold=short > 2)
             t = new

@@ -187,6 +187,16 @@ def loop_equals_replay():
         close(simulate(TWO, TIME, u, chosen, [0.1, 0.0], noise=noise), y, 1e-8, "replay")
 
 
+def endless_friction_is_refused():
+    """Friction that almost all vanishes within 1 nm/s: steps of the size of the motion overshoot and stick again without end. An error, not a simulation that never ends."""
+    vanishes = effect("stribeck_friction", "speed", level=342.0, extra=3667.0, velocity=1e-9)
+    force = np.where(TIME < 0.2, 9e4, np.where(TIME < 0.386, -9e4, 8038.0))[:, None]
+    try:
+        simulate(MASS, TIME, force, [vanishes])
+    except ArithmeticError as problem:
+        assert "without end" in str(problem), f"another reason: {problem}"
+
+
 def hysteresis_keeps_the_books():
     """On a way x that never turns the memory is tanh(x/d) at sharpness 2 and 1 - exp(-x/d) at sharpness 1: the work of both forces is the energy of the mass."""
     level, way = 0.8, 0.05
@@ -199,4 +209,4 @@ def hysteresis_keeps_the_books():
             close(0.5 * speed**2, 1.5 * position - level * work(position), 1e-6, f"work of a hysteresis of sharpness {sharpness}, {integrator}")
 
 
-LAWS = [nominal_is_identity, first_order_step_response, superposition, static_maps, friction_sticks, hysteresis_keeps_the_books, one_step_predictions, loop_equals_replay]
+LAWS = [nominal_is_identity, first_order_step_response, superposition, static_maps, friction_sticks, endless_friction_is_refused, hysteresis_keeps_the_books, one_step_predictions, loop_equals_replay]
