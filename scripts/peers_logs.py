@@ -173,3 +173,7 @@ def compare(
         print(
             f"| {reader} | {both(of(done, 'seconds'))} | {both(cpu)} | {size / 1e6 / cpu.min():.0f} | {ratio:.2f}× | {held / (8 * numbers):.1f}× | {more:.2f}× |"
         )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
