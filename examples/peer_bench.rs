@@ -112,12 +112,12 @@ fn task(request: &Request) -> Result<Box<dyn Fn() -> Answer>, Box<dyn Error>> {
             // The sum of every channel: all of it was read.
             Box::new(move || Ok(read(&path)?.channels().map(|c| c.samples().values.iter().sum()).collect()))
         }
-        "ulog" => {
+        "recording" => {
             let path = std::path::PathBuf::from(&request.u);
             // One sum per topic.
             Box::new(move || {
                 let recording = open(&path, &ReadOptions::default())?;
-                let sum = |topic: &Topic| topic.log.channels().map(|c| c.samples().values.iter().sum::<f64>()).sum();
+                let sum = |topic: &Topic| topic.log.channels().map(|c| c.iter().flatten().sum::<f64>()).sum();
                 Ok(recording.topics.iter().map(sum).collect())
             })
         }

@@ -1,4 +1,4 @@
-"""A log of CSV read by deadtime, pandas and polars, and one of ULog by deadtime and pyulog: time and peak memory, each run in a process of its own, in turns; prints Markdown tables.
+"""Logs read by deadtime and by each format's own Python reader: time and peak memory, each run in a process of its own, in turns; prints Markdown tables.
 
 Called by scripts/peers with the path of our timing program. Memory is the peak of the process less what it held before the file was read. The sums of all channels agree.
 """
@@ -17,34 +17,52 @@ from pathlib import Path
 import numpy as np
 
 CHANNELS = 6
-PEER = """
-import json, sys, time
-import {module} as reader
-def held(key):
-    with open("/proc/self/status") as status:
-        return next(int(line.split()[1]) for line in status if line.startswith(key)) * 1024
-open("/proc/self/clear_refs", "w").write("5")
-before, start, cpu = held("VmRSS"), time.perf_counter(), time.process_time()
-frame = reader.read_csv(sys.argv[1])
-seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
-print(json.dumps({{"seconds": seconds, "cpu": cpu, "bytes": held("VmHWM") - before, "sums": [float(frame[name].sum()) for name in frame.columns[1:]]}}))
-"""
-
-PYULOG = """
+#: One run of a reader.
+RUN = """
 import json, sys, time
 import numpy as np
-from pyulog import ULog
+{imports}
 def held(key):
     with open("/proc/self/status") as status:
         return next(int(line.split()[1]) for line in status if line.startswith(key)) * 1024
 open("/proc/self/clear_refs", "w").write("5")
 before, start, cpu = held("VmRSS"), time.perf_counter(), time.process_time()
-log = ULog(sys.argv[1])
+{read}
 seconds, cpu, peak = time.perf_counter() - start, time.process_time() - cpu, held("VmHWM") - before
-topics = sorted(log.data_list, key=lambda d: (d.name, d.multi_id))
-sums = [float(sum(np.sum(v, dtype=float) for k, v in d.data.items() if k != "timestamp")) for d in topics]
+{sums}
 print(json.dumps({{"seconds": seconds, "cpu": cpu, "bytes": peak, "sums": sums}}))
 """
+CSV = {"read": "frame = reader.read_csv(sys.argv[1])", "sums": "sums = [float(frame[name].sum()) for name in frame.columns[1:]]"}
+#: Of each reader: what is imported, the reading, and the sums of each channel or topic, which are not timed.
+READERS = {
+    "pandas": {"imports": "import pandas as reader", **CSV},
+    "polars": {"imports": "import polars as reader", **CSV},
+    "pyulog": {
+        "imports": "from pyulog import ULog",
+        "read": "log = ULog(sys.argv[1])",
+        "sums": """
+topics = sorted(log.data_list, key=lambda d: (d.name, d.multi_id))
+sums = [float(sum(np.sum(v, dtype=float) for k, v in d.data.items() if k != "timestamp")) for d in topics]""",
+    },
+    # As its pages show it; the numbers are kept as columns, as the other readers give them.
+    "mcap": {
+        "imports": "from mcap.reader import make_reader\nfrom mcap_ros2.decoder import DecoderFactory",
+        "read": """
+times, columns = [], [[] for _ in range(8)]
+with open(sys.argv[1], "rb") as file:
+    for _, _, message, decoded in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+        times.append(message.log_time)
+        for column, value in zip(columns, (*decoded.acceleration, *decoded.rate, decoded.temperature, decoded.count)):
+            column.append(value)
+columns = [np.array(column) for column in columns]""",
+        "sums": "sums = [float(sum(np.sum(column, dtype=float) for column in columns))]",
+    },
+    "scipy": {
+        "imports": "from scipy.io import loadmat",
+        "read": "log = loadmat(sys.argv[1])",
+        "sums": "sums = [float(sum(np.sum(v) for k, v in log.items() if k not in ('t', '__header__', '__version__', '__globals__')))]",
+    },
+}
 #: Topics as an autopilot logs them: name, numbers of four bytes beside the stamp, messages in each round.
 TOPICS = [("sensor_combined", 9, 4), ("vehicle_attitude", 8, 2), ("actuator_outputs", 17, 2), ("vehicle_local_position", 30, 1)]
 
@@ -89,6 +107,33 @@ def write_ulog(path: Path, megabytes: float) -> int:
     return rounds * sum((1 + fields) * often for _, fields, often in TOPICS)
 
 
+def write_mcap(path: Path, megabytes: float) -> int:
+    """A bag of one inertial sensor in chunks packed by zstd, by the format's own writer; how many numbers it holds, stamps among them."""
+    from mcap_ros2.writer import Writer
+
+    rng = np.random.default_rng(1)
+    rounds = round(megabytes * 1e6 / 88)
+    with path.open("wb") as file:
+        writer = Writer(file)
+        kind = writer.register_msgdef("lab_msgs/msg/Inertial", "float64[3] acceleration\nfloat64[3] rate\nfloat32 temperature\nuint32 count\n")
+        values = rng.normal(size=(rounds, 6)).tolist()
+        for k, row in enumerate(values):
+            message = {"acceleration": row[:3], "rate": row[3:], "temperature": 20.5, "count": k}
+            writer.write_message("/inertial", kind, message, log_time=1_000_000_000 + 4_000_000 * k, publish_time=1_000_000_000 + 4_000_000 * k)
+        writer.finish()
+    return 9 * rounds
+
+
+def write_mat(path: Path, megabytes: float) -> int:
+    """A MAT file of version 7, packed as MATLAB does: time and six channels; how many numbers it holds."""
+    from scipy.io import savemat
+
+    rows = round(megabytes * 1e6 / 8 / (CHANNELS + 1))
+    values = np.random.default_rng(1).normal(size=(rows, CHANNELS))
+    savemat(path, {"t": 0.001 * np.arange(rows), **{f"c{k}": values[:, k] for k in range(CHANNELS)}}, do_compression=True)
+    return rows * (CHANNELS + 1)
+
+
 def ours(program: str, path: Path, task: str = "csv") -> dict[str, object]:
     """One run of our timing program; its peak, all of it."""
     with tempfile.NamedTemporaryFile() as out:
@@ -109,7 +154,7 @@ def ours(program: str, path: Path, task: str = "csv") -> dict[str, object]:
 def peer(module: str, path: Path, threads: str | None) -> dict[str, object]:
     """One run of a peer."""
     environment = dict(os.environ) if threads is None else {**os.environ, "POLARS_MAX_THREADS": threads}
-    script = (PYULOG if module == "pyulog" else PEER).format(module=module)
+    script = RUN.format(**READERS[module])
     done = subprocess.run([sys.executable, "-c", script, str(path)], env=environment, capture_output=True, text=True, check=True)
     return json.loads(done.stdout)  # type: ignore[no-any-return]
 
@@ -118,20 +163,29 @@ def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("program")
     arguments.add_argument("--pairs", type=int, default=5)
-    arguments.add_argument("--only", choices=["csv", "ulog"], default="")
+    arguments.add_argument("--only", choices=["csv", "ulog", "mcap", "mat"], default="")
     arguments.add_argument("--megabytes", type=float, default=100.0)
     options = arguments.parse_args()
     frames = {"pandas `read_csv`": ("pandas", None), "polars `read_csv`, one thread": ("polars", "1"), "polars `read_csv`, all threads": ("polars", None)}
+    print("# Reading logs beside other tools\n")
+    print("`scripts/peers --logs` prints this page: files of one kind each, read whole by `deadtime` and by the reader that their users have in Python.")
+    print("The sums of what they read agree. Memory is the peak of the process less what it held before the file was read.")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log.csv"
         if options.only in ("", "csv"):
             numbers, sums = write(path, options.megabytes)
             compare("A log of CSV", "csv", "deadtime `log::read`", frames, (path, numbers, sums), options)
             path.unlink()
-        path = Path(folder) / "log.ulg"
-        if options.only in ("", "ulog"):
-            numbers = write_ulog(path, options.megabytes)
-            compare("A log of ULog", "ulog", "deadtime `log::open`", {"pyulog `ULog`": ("pyulog", None)}, (path, numbers, None), options)
+        for task, title, ending, writer, reader, module in (
+            ("ulog", "A log of ULog", "ulg", write_ulog, "pyulog `ULog`", "pyulog"),
+            ("mcap", "A bag of MCAP, ROS 2 messages", "mcap", write_mcap, "mcap `iter_decoded_messages`", "mcap"),
+            ("mat", "A MAT file of version 7", "mat", write_mat, "scipy `loadmat`", "scipy"),
+        ):
+            if options.only in ("", task):
+                path = Path(folder) / f"log.{ending}"
+                numbers = writer(path, options.megabytes)
+                compare(title, "recording", "deadtime `log::open`", {reader: (module, None)}, (path, numbers, None), options)
+                path.unlink()
     return 0
 
 

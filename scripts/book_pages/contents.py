@@ -73,6 +73,7 @@ AFTER = """
 - [Thresholds of a diagnosis](results/criteria.md)
 - [How far from the Cramér-Rao bound](results/bounds.md)
 - [Speed beside other tools](results/peers.md)
+- [Reading logs beside other tools](results/readers.md)
 """
 
 

@@ -134,7 +134,7 @@ impl Recording {
                 }
                 band_limited(topic.log.time_s(), channel.samples(), &time_s, step_s)
             };
-            channels.push(Channel { name: one.name.clone(), unit: channel.unit.clone(), values, present: Some(present) });
+            channels.push(Channel { name: one.name.clone(), unit: channel.unit.clone(), values: values.into(), present: Some(present) });
         }
         let onto = grid.map_or_else(|| format!("the stamps of {}", base.name), |step| format!("an even grid of {} s", step.seconds()));
         let mut note = format!("channels are put onto {onto}");

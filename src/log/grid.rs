@@ -94,7 +94,7 @@ impl Log {
         let channels = self.channels.iter().map(|channel| Channel {
             name: channel.name.clone(),
             unit: channel.unit.clone(),
-            values: channel.values.get(from..to).unwrap_or_default().to_vec(),
+            values: channel.values.numbers().part(from, to).into(),
             present: channel.present.as_ref().map(|present| present.get(from..to).unwrap_or_default().to_vec()),
         });
         let part = Self::assemble(self.source.clone(), time_s, channels.collect(), self.unusable.clone(), self.rows.cut(from, to))?;
@@ -171,7 +171,7 @@ impl Channel {
         Self {
             name: self.name.clone(),
             unit: self.unit.clone(),
-            values: picked().map(|value| value.unwrap_or(0.0)).collect(),
+            values: picked().map(|value| value.unwrap_or(0.0)).collect::<Vec<f64>>().into(),
             present: self.present.as_ref().map(|_| picked().map(|value| value.is_some()).collect()),
         }
     }

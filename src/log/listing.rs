@@ -123,28 +123,31 @@ fn topic_listing(topic: &Topic, ends: &HashMap<String, usize>) -> TopicListing {
 }
 
 fn channel_listing(topic: &Topic, channel: &Channel, ends: &HashMap<String, usize>) -> ChannelListing {
-    let samples = channel.samples();
-    let there = || (0..topic.log.len()).filter_map(|k| samples.get(k));
-    let count = samples.present_count();
+    let there = || channel.iter().flatten();
+    let (mut count, mut mean) = (0, 0.0);
+    for x in there() {
+        count += 1;
+        // A running mean cannot overflow.
+        mean += (x - mean) / count as f64;
+    }
     ChannelListing {
         name: channel.name().to_owned(),
         short: shortest_name(&topic.name, channel.name(), ends),
         unit: channel.unit().map(ToOwned::to_owned),
         min: there().reduce(f64::min),
         max: there().reduce(f64::max),
-        // A running mean cannot overflow.
-        mean: (count > 0).then(|| there().enumerate().fold(0.0, |mean, (k, x)| mean + (x - mean) / (k + 1) as f64)),
+        mean: (count > 0).then_some(mean),
         missing: topic.log.len() - count,
         course: course(&topic.log, channel),
     }
 }
 
 fn course(log: &Log, channel: &Channel) -> Vec<Option<f64>> {
-    let (start_s, duration_s, samples) = (log.start_s(), log.duration_s(), channel.samples());
+    let (start_s, duration_s) = (log.start_s(), log.duration_s());
     let mut parts = [(0.0_f64, 0_usize); POINTS];
-    for (k, t) in log.time_s().iter().enumerate() {
+    for (t, x) in log.time_s().iter().zip(channel.iter()) {
         let at = if duration_s > 0.0 { ((t - start_s) / duration_s * POINTS as f64) as usize } else { 0 };
-        if let (Some(part), Some(x)) = (parts.get_mut(at.min(POINTS - 1)), samples.get(k)) {
+        if let (Some(part), Some(x)) = (parts.get_mut(at.min(POINTS - 1)), x) {
             part.1 += 1;
             part.0 += (x - part.0) / part.1 as f64;
         }

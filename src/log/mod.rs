@@ -22,6 +22,7 @@ mod hdf5;
 mod listing;
 mod mat;
 mod mcap;
+mod numbers;
 #[cfg(feature = "tables")]
 mod parquet;
 mod protobuf;
@@ -52,6 +53,7 @@ pub use self::reader::{READERS, Reader, open, read, reader};
 pub use self::recording::{ReadOptions, Recording, Stamps, TimeUnit, Topic};
 pub use self::step::STEP;
 
+use self::numbers::{Numbers, Values};
 use std::collections::HashSet;
 
 /// Time stamps beyond this many seconds are refused: their differences would lose all meaning long before they overflow.
@@ -73,7 +75,7 @@ pub struct Log {
 pub struct Channel {
     name: String,
     unit: Option<String>,
-    values: Vec<f64>,
+    values: Values,
     present: Option<Vec<bool>>,
 }
 
@@ -193,19 +195,19 @@ impl<'a> Output<'a> {
 impl Channel {
     /// A channel without missing samples; `values` in `unit`, one per time stamp. [`Log::new`] checks it.
     pub fn new(name: impl Into<String>, unit: Option<&str>, values: Vec<f64>) -> Self {
-        Self { name: name.into(), unit: unit.map(Into::into), values, present: None }
+        Self { name: name.into(), unit: unit.map(Into::into), values: values.into(), present: None }
     }
 
     /// A channel with missing samples, `present` false for these; their values do not matter. [`Log::new`] checks it.
     pub fn partial(name: impl Into<String>, unit: Option<&str>, values: Vec<f64>, present: Vec<bool>) -> Self {
-        Self { name: name.into(), unit: unit.map(Into::into), values, present: Some(present) }
+        Self { name: name.into(), unit: unit.map(Into::into), values: values.into(), present: Some(present) }
     }
 
     /// A channel whose column is headed `name` or `name [unit]`. [`Log::new`] checks it.
     #[must_use]
     pub fn headed(header: &str, values: Vec<f64>, present: Option<Vec<bool>>) -> Self {
         let (name, unit) = name_and_unit(header);
-        Self { name: name.into(), unit: unit.map(Into::into), values, present }
+        Self { name: name.into(), unit: unit.map(Into::into), values: values.into(), present }
     }
 
     /// Its name.
@@ -223,7 +225,13 @@ impl Channel {
     /// Its samples, missing ones marked.
     #[must_use]
     pub fn samples(&self) -> Output<'_> {
-        Output { values: &self.values, present: self.present.as_deref() }
+        Output { values: self.values.wide(), present: self.present.as_deref() }
+    }
+
+    /// Its samples one after the other, `None` where one is missing. Unlike [`Channel::samples`] it makes no room for all of them in double precision.
+    pub fn iter(&self) -> impl Iterator<Item = Option<f64>> {
+        let there = |at: usize| self.present.as_ref().is_none_or(|present| present.get(at).copied().unwrap_or(false));
+        self.values.numbers().iter().enumerate().map(move |(at, value)| there(at).then_some(value))
     }
 
     /// Its header in a CSV file: `name` or `name [unit]`.
@@ -240,23 +248,23 @@ impl Channel {
             return Err(LogError::BadName { file: file.into(), channel: header });
         }
         let length = |found| LogError::Length { file: file.into(), channel: self.name.clone(), expected: samples, found };
-        if self.values.len() != samples {
-            return Err(length(self.values.len()));
+        if self.values.numbers().len() != samples {
+            return Err(length(self.values.numbers().len()));
         }
         if let Some(present) = &self.present {
             if present.len() != samples {
                 return Err(length(present.len()));
             }
-            for (value, _) in self.values.iter_mut().zip(present).filter(|(_, there)| !**there) {
-                *value = 0.0;
+            for (at, _) in present.iter().enumerate().filter(|(_, there)| !**there) {
+                self.values.clear(at);
             }
             if present.iter().all(|there| *there) {
                 self.present = None;
             }
         }
-        match self.values.iter().position(|value| !value.is_finite()) {
+        match self.values.numbers().not_finite(0) {
             Some(i) => {
-                let text = self.values.get(i).map_or_else(String::new, f64::to_string);
+                let text = self.values.numbers().get(i).map_or_else(String::new, |value| value.to_string());
                 Err(LogError::NotFinite { file: file.into(), place: rows.place(i), channel: self.name, text })
             }
             None => Ok(self),
@@ -424,7 +432,7 @@ impl Log {
         let channel = self.channel(name)?;
         let missing = channel.present.as_ref().and_then(|present| present.iter().position(|there| !there));
         match missing {
-            None => Ok(&channel.values),
+            None => Ok(channel.values.wide()),
             Some(i) => Err(LogError::MissingInput {
                 file: self.source.clone(),
                 place: self.rows.place(i),

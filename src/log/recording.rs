@@ -1,6 +1,6 @@
 //! What a file holds before anyone chooses channels: topics, each with stamps of its own.
 
-use super::{Channel, Log, LogError, Origin, Rows, neighbours};
+use super::{Channel, Log, LogError, Numbers, Origin, Rows, neighbours};
 use crate::progress::HowFar;
 
 /// The unit of time stamps in a file.
@@ -123,7 +123,7 @@ pub(super) struct Table {
 struct TableColumn {
     name: String,
     unit: Option<String>,
-    values: Vec<f64>,
+    values: Numbers,
     present: Option<Vec<bool>>,
 }
 
@@ -136,7 +136,7 @@ impl TableColumn {
         if self.values.len() < row || value.is_none() {
             self.present.get_or_insert_with(|| vec![true; self.values.len()]);
         }
-        self.values.resize(row, 0.0);
+        self.values.resize(row);
         self.values.push(value.unwrap_or(0.0));
         if let Some(present) = &mut self.present {
             present.resize(row, false);
@@ -165,7 +165,7 @@ impl Table {
         let row = self.time_s.len().checked_sub(1)?;
         let column = self.columns.get(column)?;
         let there = column.present.as_ref().is_none_or(|p| p.get(row).copied().unwrap_or(false));
-        if there { column.values.get(row).copied() } else { None }
+        if there { column.values.get(row) } else { None }
     }
 
     /// Gives the row that was begun last another time stamp.
@@ -180,7 +180,9 @@ impl Table {
         self.time_s.pop();
         let rows = self.time_s.len();
         for column in &mut self.columns {
-            column.values.truncate(rows);
+            if column.values.len() > rows {
+                column.values.resize(rows);
+            }
             if let Some(present) = &mut column.present {
                 present.truncate(rows);
             }
@@ -194,7 +196,12 @@ impl Table {
 
     /// Adds a column and gives its number.
     pub(super) fn column(&mut self, name: impl Into<String>, unit: Option<&str>) -> usize {
-        self.columns.push(TableColumn { name: name.into(), unit: unit.map(Into::into), values: Vec::new(), present: None });
+        self.column_of(name, unit, Numbers::F64(Vec::new()))
+    }
+
+    /// Adds a column whose numbers have the type of `empty` in the file, and gives its number.
+    pub(super) fn column_of(&mut self, name: impl Into<String>, unit: Option<&str>, empty: Numbers) -> usize {
+        self.columns.push(TableColumn { name: name.into(), unit: unit.map(Into::into), values: empty, present: None });
         self.columns.len() - 1
     }
 
@@ -209,7 +216,7 @@ impl Table {
     }
 
     /// Puts numbers into all rows that were begun and in which the column has none yet; what is not finite counts as missing.
-    pub(super) fn extend(&mut self, column: usize, numbers: impl FnOnce(&mut Vec<f64>)) {
+    pub(super) fn extend(&mut self, column: usize, numbers: impl FnOnce(&mut Numbers)) {
         let rows = self.time_s.len();
         let Some(column) = self.columns.get_mut(column) else { return };
         let before = column.values.len();
@@ -217,26 +224,22 @@ impl Table {
         let added = column.values.len() - before;
         if before + added < rows {
             // Rows before these have no number: the new ones belong to the last rows.
-            let new = column.values.split_off(before);
             column.present.get_or_insert_with(|| vec![true; before]).resize(rows - added, false);
-            column.values.resize(rows - added, 0.0);
-            column.values.extend(new);
+            column.values.move_to_end(before, rows);
         }
         let from = column.values.len() - added;
-        let Some(new) = column.values.get_mut(from..) else { return };
-        let finite = new.iter().all(|v| v.is_finite());
-        if finite {
-            if let Some(present) = &mut column.present {
-                present.resize(from + added, true);
-            }
-            return;
+        let bad = column.values.not_finite(from);
+        if bad.is_some() {
+            column.present.get_or_insert_with(|| vec![true; from]);
         }
-        let present = column.present.get_or_insert_with(|| vec![true; from]);
-        for value in new {
+        let Some(present) = &mut column.present else { return };
+        present.resize(from + added, true);
+        for at in bad.into_iter().flat_map(|first| first..from + added) {
+            let Some(value) = column.values.get(at).filter(|x| !x.is_finite()) else { continue };
             self.endless += usize::from(value.is_infinite());
-            present.push(value.is_finite());
-            if !value.is_finite() {
-                *value = 0.0;
+            column.values.clear(at);
+            if let Some(there) = present.get_mut(at) {
+                *there = false;
             }
         }
     }
@@ -264,7 +267,7 @@ impl Table {
         for column in &mut self.columns {
             if column.values.len() < rows {
                 column.present.get_or_insert_with(|| vec![true; column.values.len()]);
-                column.values.resize(rows, 0.0);
+                column.values.resize(rows);
                 if let Some(present) = &mut column.present {
                     present.resize(rows, false);
                 }
@@ -292,7 +295,7 @@ impl Table {
             }
             self.time_s = order.iter().map(|&i| at(i)).collect();
             for column in &mut self.columns {
-                column.values = order.iter().map(|&i| column.values.get(i).copied().unwrap_or(0.0)).collect();
+                column.values = column.values.picked(&order);
                 column.present = column.present.as_ref().map(|p| order.iter().map(|&i| p.get(i).copied().unwrap_or(false)).collect());
             }
         }
@@ -307,7 +310,7 @@ impl Table {
             let name: String = column.name.chars().filter(|c| !c.is_control()).collect();
             let name = if name.trim().is_empty() || name.trim() == "time" { format!("{}_", name.trim()) } else { name.trim().to_owned() };
             if there && seen.insert(name.clone()) {
-                channels.push(Channel { name, unit: column.unit, values: column.values, present: column.present });
+                channels.push(Channel { name, unit: column.unit, values: column.values.into(), present: column.present });
             }
         }
         if channels.is_empty() {

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use super::counted::Counted;
 use super::recording::{ReadOptions, Recording, Table};
-use super::{LogError, Topic};
+use super::{LogError, Numbers, Topic};
 use crate::error::Error;
 
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
@@ -230,23 +230,38 @@ impl Kind {
         }
     }
 
-    /// The number at `at` of each of the messages of one size, to the end of a list.
-    fn each(self, messages: &[u8], size: usize, at: usize, into: &mut Vec<f64>, map: impl Fn(f64) -> f64) {
-        fn all<const N: usize>(messages: &[u8], size: usize, at: usize, into: &mut Vec<f64>, number: impl Fn([u8; N]) -> f64) {
-            let one = |message: &[u8]| message.get(at..).and_then(|m| m.first_chunk()).map_or(f64::NAN, |bytes| number(*bytes));
-            into.extend(messages.chunks_exact(size.max(1)).map(one));
-        }
+    /// No numbers yet, of the type that holds these exactly.
+    fn none(self) -> Numbers {
         match self {
-            Self::I8 => all(messages, size, at, into, |b| map(f64::from(i8::from_le_bytes(b)))),
-            Self::U8 | Self::Char => all(messages, size, at, into, |b| map(f64::from(u8::from_le_bytes(b)))),
-            Self::I16 => all(messages, size, at, into, |b| map(f64::from(i16::from_le_bytes(b)))),
-            Self::U16 => all(messages, size, at, into, |b| map(f64::from(u16::from_le_bytes(b)))),
-            Self::I32 => all(messages, size, at, into, |b| map(f64::from(i32::from_le_bytes(b)))),
-            Self::U32 => all(messages, size, at, into, |b| map(f64::from(u32::from_le_bytes(b)))),
-            Self::I64 => all(messages, size, at, into, |b| map(i64::from_le_bytes(b) as f64)),
-            Self::U64 => all(messages, size, at, into, |b| map(u64::from_le_bytes(b) as f64)),
-            Self::F32 => all(messages, size, at, into, |b| map(f64::from(f32::from_le_bytes(b)))),
-            Self::F64 => all(messages, size, at, into, |b| map(f64::from_le_bytes(b))),
+            Self::I8 => Numbers::I8(Vec::new()),
+            Self::U8 | Self::Char => Numbers::U8(Vec::new()),
+            Self::I16 => Numbers::I16(Vec::new()),
+            Self::U16 => Numbers::U16(Vec::new()),
+            Self::I32 => Numbers::I32(Vec::new()),
+            Self::U32 => Numbers::U32(Vec::new()),
+            Self::F32 => Numbers::F32(Vec::new()),
+            Self::I64 | Self::U64 | Self::F64 => Numbers::F64(Vec::new()),
+        }
+    }
+
+    /// The number at `at` of each of the messages of one size, to the end of a list.
+    fn each(self, messages: &[u8], size: usize, at: usize, into: &mut Numbers) {
+        fn all<T, const N: usize>(messages: &[u8], size: usize, at: usize, into: &mut Vec<T>, number: impl Fn([u8; N]) -> T) {
+            let one = |message: &[u8]| message.get(at..).and_then(|m| m.first_chunk()).copied().unwrap_or([0; N]);
+            into.extend(messages.chunks_exact(size.max(1)).map(|message| number(one(message))));
+        }
+        match (self, into) {
+            (Self::I8, Numbers::I8(list)) => all(messages, size, at, list, i8::from_le_bytes),
+            (Self::U8 | Self::Char, Numbers::U8(list)) => all(messages, size, at, list, u8::from_le_bytes),
+            (Self::I16, Numbers::I16(list)) => all(messages, size, at, list, i16::from_le_bytes),
+            (Self::U16, Numbers::U16(list)) => all(messages, size, at, list, u16::from_le_bytes),
+            (Self::I32, Numbers::I32(list)) => all(messages, size, at, list, i32::from_le_bytes),
+            (Self::U32, Numbers::U32(list)) => all(messages, size, at, list, u32::from_le_bytes),
+            (Self::F32, Numbers::F32(list)) => all(messages, size, at, list, f32::from_le_bytes),
+            (Self::U64, Numbers::F64(list)) => all(messages, size, at, list, |b| u64::from_le_bytes(b) as f64),
+            (Self::F64, Numbers::F64(list)) => all(messages, size, at, list, f64::from_le_bytes),
+            // The column began with another type.
+            (kind, list) => messages.chunks_exact(size.max(1)).filter_map(|message| kind.value(message, at)).for_each(|x| list.push(x)),
         }
     }
 
@@ -362,8 +377,8 @@ impl Ulog {
         }
         let topic = *self.places.entry((name.clone(), *instance)).or_insert_with(|| {
             let mut table = Table::new(name);
-            for (path, ..) in numbers.iter().filter(|(path, ..)| path != "timestamp") {
-                table.column(path.clone(), None);
+            for (path, kind, _) in numbers.iter().filter(|(path, ..)| path != "timestamp") {
+                table.column_of(path.clone(), None, kind.none());
             }
             self.tables.push(table);
             self.blocks.push((0, Vec::new()));
@@ -430,9 +445,10 @@ impl Ulog {
         let (Some((id, block)), Some(table)) = (self.blocks.get_mut(topic), self.tables.get_mut(topic)) else { return };
         let subscription = self.subscriptions.get(usize::from(*id)).and_then(Option::as_ref).filter(|_| !block.is_empty());
         if let Some(Subscription { stamp: Some((kind, at)), fields, size, .. }) = subscription {
-            table.rows(|times| kind.each(block, *size, *at, times, |us| us / 1e6));
+            let stamps = block.chunks_exact((*size).max(1)).filter_map(|message| kind.value(message, *at));
+            table.rows(|times| times.extend(stamps.map(|us| us / 1e6)));
             for field in fields {
-                table.extend(field.column, |values| field.kind.each(block, *size, field.at, values, |value| value));
+                table.extend(field.column, |values| field.kind.each(block, *size, field.at, values));
             }
         }
         block.clear();

@@ -755,7 +755,7 @@ impl Part {
             let Column { mut values, mut present, .. } = column;
             values.shrink_to_fit();
             present.iter_mut().for_each(Vec::shrink_to_fit);
-            channels.push(Channel { name: name.clone(), unit: unit.clone(), values, present });
+            channels.push(Channel { name: name.clone(), unit: unit.clone(), values: values.into(), present });
         }
         Log::assemble(self.source, time_s, channels, unusable, self.rows)
     }
