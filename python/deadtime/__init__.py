@@ -27,7 +27,7 @@ from .diagnosis import Diagnosis, Inspection, Isolability, check, gap, isolabili
 from .errors import DeadtimeError
 from .exports import Export, export
 from .identification import Identified, identify
-from .logs import as_log, as_logs, read, read_records
+from .logs import as_log, as_logs, listing, read, read_records
 from .models import (
     as_model,
     as_system,
@@ -51,7 +51,7 @@ from .tracking import Alarm, Tracker, Tracking
 
 __all__ = ["DeadtimeError", "__version__", "blind", "bounds", "errors"]
 # Logs.
-__all__ += ["Log", "as_log", "as_logs", "read", "read_records"]
+__all__ += ["Log", "as_log", "as_logs", "listing", "read", "read_records"]
 # Signals.
 __all__ += ["Excitation", "add_noise", "excitations", "excite"]
 # Models.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime, timedelta
 from html import escape
 from numbers import Number
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +35,9 @@ def read(
     inputs: Iterable[str] | None = None,
     outputs: Iterable[str] | None = None,
     sample_time: float | None = None,
+    time: str | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "iso"] | None = None,
+    stamps: Literal["arrival", "header"] = "arrival",
 ) -> Log:
     """The log in the file at `path`: text with a header row, a column `time` in seconds and channels as `name` or `name [unit]`, or another format
     (docs/logs.md). What was guessed, such as the unit of time, is a warning.
@@ -52,6 +56,12 @@ def read(
         interpolated. All are put onto the stamps of the first input's topic.
     sample_time : float, optional
         Puts the channels of several topics onto an even grid instead, s between samples.
+    time : str, optional
+        The column of time, where it is not called `time` or like it.
+    time_unit : {"s", "ms", "us", "ns", "iso"}, optional
+        The unit of that column, where its name and the size of its numbers do not tell; `iso` are dates.
+    stamps : {"arrival", "header"}
+        The clock of a ROS bag: when the recorder got a message, or what its sender wrote into it.
 
     Raises
     ------
@@ -76,7 +86,8 @@ def read(
     'deg'
     """
     wanted = None if inputs is None and outputs is None else (_names("inputs", inputs), _names("outputs", outputs))
-    return _calculated(Log._read(path, None, wanted, None if sample_time is None else float(sample_time))[0], channels)
+    grid = None if sample_time is None else float(sample_time)
+    return _calculated(Log._read(path, (time, time_unit, stamps), None, wanted, grid)[0], channels)
 
 
 def _names(what: str, given: Iterable[str] | None) -> list[str]:
@@ -89,7 +100,14 @@ def _calculated(log: Log, channels: Mapping[str, str] | None) -> Log:
     return log if channels is None else log.with_channels(dict(channels))
 
 
-def read_records(path: str | os.PathLike[str], column: str, *, channels: Mapping[str, str] | None = None) -> list[Log]:
+def read_records(
+    path: str | os.PathLike[str],
+    column: str,
+    *,
+    channels: Mapping[str, str] | None = None,
+    time: str | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "iso"] | None = None,
+) -> list[Log]:
     """The records of the CSV file at `path`, a new one at each new value of `column`.
 
     Parameters
@@ -99,6 +117,8 @@ def read_records(path: str | os.PathLike[str], column: str, *, channels: Mapping
     column : str
         The column that tells records apart; time may start afresh in each.
     channels : dict of str to str, optional
+        As `read` takes them.
+    time, time_unit : str, optional
         As `read` takes them.
 
     Raises
@@ -115,7 +135,38 @@ def read_records(path: str | os.PathLike[str], column: str, *, channels: Mapping
     ...     [log["u"].tolist() for log in deadtime.read_records(path, "run")]
     [[1.0, 2.0], [3.0, 4.0]]
     """
-    return [_calculated(log, channels) for log in Log._read(path, column)]
+    return [_calculated(log, channels) for log in Log._read(path, (time, time_unit, "arrival"), column)]
+
+
+def listing(
+    path: str | os.PathLike[str],
+    *,
+    time: str | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "iso"] | None = None,
+    stamps: Literal["arrival", "header"] = "arrival",
+) -> dict[str, Any]:
+    """What the file at `path` holds: its topics with rates, gaps and channels, as `deadtime log FILE --json` prints it (docs/logs.md).
+
+    Parameters
+    ----------
+    path : path
+        The file, of any format that `read` takes.
+    time, time_unit, stamps : str, optional
+        As `read` takes them.
+
+    Raises
+    ------
+    LogError, FileError
+        As `read`.
+
+    Examples
+    --------
+    >>> import deadtime
+    >>> found = deadtime.listing("examples/uav_flight.csv")
+    >>> [channel["name"] for channel in found["topics"][0]["channels"]]
+    ['r', 'p', 'ay', 'v', 'phi']
+    """
+    return json.loads(Log._listing(path, (time, time_unit, stamps)))  # type: ignore[no-any-return]
 
 
 def as_log(data: LogLike, units: Mapping[str, str] | None = None) -> Log:

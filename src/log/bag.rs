@@ -23,6 +23,8 @@ pub(super) struct Schema<'a> {
 /// A bag while it is read.
 pub(super) struct Bag {
     stamps: Stamps,
+    /// Which file of several is read; numbers of channels are its own.
+    part: u64,
     origin_ns: Option<i128>,
     streams: BTreeMap<u64, Stream>,
     /// Channels that go into the stream of another one: of several senders of one topic.
@@ -56,11 +58,22 @@ enum How {
 
 impl Bag {
     pub(super) fn new(stamps: Stamps) -> Self {
-        Self { stamps, origin_ns: None, streams: BTreeMap::new(), same: HashMap::new(), notes: Vec::new() }
+        Self { stamps, part: 0, origin_ns: None, streams: BTreeMap::new(), same: HashMap::new(), notes: Vec::new() }
+    }
+
+    /// Begins another file of the same bag.
+    pub(super) fn next_part(&mut self) {
+        self.part += 1;
+    }
+
+    /// The number of a channel among those of all files.
+    fn key(&self, id: u64) -> u64 {
+        id ^ self.part.rotate_right(16)
     }
 
     /// Adds a topic, unless its number is known already.
     pub(super) fn topic(&mut self, id: u64, name: &str, message_encoding: &str, schema: Option<&Schema<'_>>) {
+        let id = self.key(id);
         if self.streams.contains_key(&id) || self.same.contains_key(&id) {
             return;
         }
@@ -70,7 +83,8 @@ impl Bag {
             let (first, note) =
                 (**first, format!("{name}: several channels of one definition are read as one topic, as from several senders"));
             self.same.insert(id, first);
-            if !self.notes.contains(&note) {
+            // In another file the topic only goes on.
+            if self.part == 0 && !self.notes.contains(&note) {
                 self.notes.push(note);
             }
             return;
@@ -111,6 +125,7 @@ impl Bag {
     /// Adds a message of a topic; `ns` is the recorder's stamp in nanoseconds.
     pub(super) fn message(&mut self, id: u64, ns: i128, data: &[u8]) {
         let origin = *self.origin_ns.get_or_insert(ns);
+        let id = self.key(id);
         let id = self.same.get(&id).copied().unwrap_or(id);
         let Some(stream) = self.streams.get_mut(&id) else { return };
         stream.messages += 1;

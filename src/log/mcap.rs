@@ -30,7 +30,14 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 }
 
 /// Reads any source of bytes.
-pub(super) fn read(source: &str, mut bytes: impl BufRead, options: &ReadOptions) -> Result<Recording, Error> {
+pub(super) fn read(source: &str, bytes: impl BufRead, options: &ReadOptions) -> Result<Recording, Error> {
+    let mut bag = Bag::new(options.stamps);
+    fill(source, bytes, &mut bag)?;
+    bag.finish(source, "mcap", NAME)
+}
+
+/// Reads a file, perhaps one of several, into a bag.
+pub(super) fn fill(source: &str, mut bytes: impl BufRead, bag: &mut Bag) -> Result<(), Error> {
     let io = |e| Error::io(Path::new(source), e);
     let mut head = Vec::new();
     bytes.by_ref().take(MAGIC.len() as u64).read_to_end(&mut head).map_err(io)?;
@@ -42,7 +49,7 @@ pub(super) fn read(source: &str, mut bytes: impl BufRead, options: &ReadOptions)
         }
         .into());
     }
-    let mut mcap = Mcap { bag: Bag::new(options.stamps), schemas: HashMap::new(), compressed: Vec::new(), strange: 0 };
+    let mut mcap = Mcap { bag, schemas: HashMap::new(), compressed: Vec::new(), strange: 0 };
     let (mut at, mut content) = (MAGIC.len() as u64, Vec::new());
     loop {
         let mut start = Vec::new();
@@ -80,17 +87,17 @@ pub(super) fn read(source: &str, mut bytes: impl BufRead, options: &ReadOptions)
     for compression in mcap.compressed {
         mcap.bag.notes.push(format!("chunks compressed by `{compression}` are not read"));
     }
-    mcap.bag.finish(source, "mcap", NAME)
+    Ok(())
 }
 
-struct Mcap {
-    bag: Bag,
+struct Mcap<'b> {
+    bag: &'b mut Bag,
     schemas: HashMap<u16, (String, String, Vec<u8>)>,
     compressed: Vec<String>,
     strange: usize,
 }
 
-impl Mcap {
+impl Mcap<'_> {
     fn take(&mut self, opcode: u8, content: &[u8], at: u64) {
         let mut fields = Fields(content);
         let understood = match opcode {

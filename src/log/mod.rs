@@ -15,6 +15,7 @@ mod columns;
 mod counted;
 pub mod csv;
 mod error;
+mod folder;
 mod frequency;
 mod grid;
 #[cfg(feature = "tables")]

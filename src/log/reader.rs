@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::LogError;
 use super::recording::{ReadOptions, Recording};
-use super::{Log, csv, mat, mcap, rosbag2, ulog};
+use super::{Log, csv, folder, mat, mcap, rosbag2, ulog};
 use crate::error::Error;
 
 /// As many bytes as any format is recognised by.
@@ -161,20 +161,14 @@ const FOREIGN: &[Foreign] = &[
     Foreign { name: "a ZIP archive", head: b"PK\x03\x04", extensions: &[], remedy: "unpack it, and give the log in it" },
 ];
 
-/// A folder, which may be a bag of ROS 2: the files in it that are read.
-fn folder(path: &Path) -> Option<Error> {
-    if !path.is_dir() {
-        return None;
-    }
-    let inside = std::fs::read_dir(path).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
-    let mut bags: Vec<String> =
-        inside.filter(|p| p.extension().is_some_and(|e| e == "mcap" || e == "db3")).map(|p| p.display().to_string()).collect();
-    bags.sort();
-    let first = bags.first()?;
-    let what =
-        format!("a folder; its parts are read one by one: give `{first}`{}", if bags.len() > 1 { ", or another of its files" } else { "" });
-    Some(LogError::Format { file: path.display().to_string(), format: "a bag of ROS 2", what }.into())
-}
+/// A bag of ROS 2 as a folder.
+const FOLDER: Reader = Reader {
+    name: "rosbag2",
+    summary: "folders of bags of ROS 2, of one or more files",
+    extensions: &[],
+    sniff: |_| false,
+    open: folder::open,
+};
 
 /// The format of a file: by its first bytes, then by its name; text where neither tells.
 ///
@@ -182,8 +176,8 @@ fn folder(path: &Path) -> Option<Error> {
 /// [`Error::Io`]; [`LogError::Format`] for a format that is known and not read.
 pub fn reader(path: &Path) -> Result<&'static Reader, Error> {
     let io = |e| Error::io(path, e);
-    if let Some(error) = folder(path) {
-        return Err(error);
+    if path.is_dir() {
+        return Ok(&FOLDER);
     }
     let mut head = Vec::with_capacity(HEAD);
     std::fs::File::open(path).map_err(io)?.take(HEAD as u64).read_to_end(&mut head).map_err(io)?;

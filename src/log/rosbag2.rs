@@ -17,17 +17,23 @@ const NAME: &str = "a ROS 2 bag in SQLite";
 /// Reads a `.db3` file.
 pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     let file = Counted::open(path, &options.far).map_err(|e| Error::io(path, e))?;
-    let mut notes = Vec::new();
-    let mut journal = path.as_os_str().to_owned();
-    journal.push("-wal");
-    if std::fs::metadata(&journal).is_ok_and(|m| m.len() > 0) {
-        notes.push("what stands in the file beside it that ends in -wal is not read; open and close the bag once with sqlite3".to_owned());
-    }
-    read(&path.display().to_string(), BufReader::new(file), options, notes)
+    let mut bag = Bag::new(options.stamps);
+    bag.notes.extend(journal(path));
+    let source = path.display().to_string();
+    fill(&source, BufReader::new(file), &mut bag)?;
+    bag.finish(&source, "rosbag2", NAME)
 }
 
-/// Reads any source of bytes.
-pub(super) fn read(source: &str, bytes: impl Read + Seek, options: &ReadOptions, notes: Vec<String>) -> Result<Recording, Error> {
+/// What has to be said where the database was not closed.
+pub(super) fn journal(path: &Path) -> Option<String> {
+    let mut journal = path.as_os_str().to_owned();
+    journal.push("-wal");
+    let there = std::fs::metadata(&journal).is_ok_and(|m| m.len() > 0);
+    there.then(|| "what stands in the file beside it that ends in -wal is not read; open and close the bag once with sqlite3".to_owned())
+}
+
+/// Reads a database, perhaps one of several, into a bag.
+pub(super) fn fill(source: &str, bytes: impl Read + Seek, bag: &mut Bag) -> Result<(), Error> {
     let refused = |what: &str| LogError::Format { file: source.into(), format: NAME, what: what.into() };
     let Some(mut base) = Database::open(bytes).map_err(|e| Error::io(Path::new(source), e))? else {
         return Err(refused("the file is cut off or damaged at its beginning; copy it again").into());
@@ -48,8 +54,6 @@ pub(super) fn read(source: &str, bytes: impl Read + Seek, options: &ReadOptions,
             }
         });
     }
-    let mut bag = Bag::new(options.stamps);
-    bag.notes = notes;
     let places = ["id", "name", "type", "serialization_format"].map(|name| topics.column(name));
     base.rows(topics, &mut |row| {
         let [id, name, kind, encoding] = places.map(|place| place.and_then(|p| row.get(p)));
@@ -75,5 +79,5 @@ pub(super) fn read(source: &str, bytes: impl Read + Seek, options: &ReadOptions,
     if base.lost > 0 {
         bag.notes.push(format!("{} pages or rows are cut off or damaged; the messages on them are left out", base.lost));
     }
-    bag.finish(source, "rosbag2", NAME)
+    Ok(())
 }

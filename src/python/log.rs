@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use numpy::PyArray1;
-use pyo3::exceptions::PyKeyError;
+use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::convert::{Numbers, array1, vector};
 use super::error::OrRaise;
-use crate::log::{Channel, Log as Inner, ReadOptions, Wanted, csv, name_and_unit, open};
+use crate::log::{Channel, Log as Inner, ReadOptions, Stamps, TimeUnit, Wanted, csv, name_and_unit, open};
 use crate::model::Derived;
 use crate::time::SampleTime;
 
@@ -17,6 +17,25 @@ use crate::time::SampleTime;
 pub(super) fn channels(inputs: Vec<String>, outputs: Vec<String>) -> Vec<Wanted> {
     let held = inputs.into_iter().map(|name| Wanted { name, held: true, required: false });
     held.chain(outputs.into_iter().map(|name| Wanted { name, held: false, required: false })).collect()
+}
+
+/// How time stamps are to be understood: the column of time, its unit, and the clock of bags.
+fn read_options((time, unit, stamps): (Option<String>, Option<String>, String)) -> PyResult<ReadOptions> {
+    let time_unit = match unit.as_deref() {
+        None => None,
+        Some("s") => Some(TimeUnit::S),
+        Some("ms") => Some(TimeUnit::Ms),
+        Some("us") => Some(TimeUnit::Us),
+        Some("ns") => Some(TimeUnit::Ns),
+        Some("iso") => Some(TimeUnit::Iso),
+        Some(other) => return Err(PyValueError::new_err(format!("time_unit is {other:?}; it is one of s, ms, us, ns, iso"))),
+    };
+    let stamps = match stamps.as_str() {
+        "arrival" => Stamps::Arrival,
+        "header" => Stamps::Header,
+        other => return Err(PyValueError::new_err(format!("stamps is {other:?}; it is one of arrival, header"))),
+    };
+    Ok(ReadOptions { time, time_unit, stamps, ..ReadOptions::default() })
 }
 
 /// A measured log: time stamps and named channels of as many samples.
@@ -71,18 +90,19 @@ impl Log {
     }
 
     /// The records of a CSV file (.csv or .csv.gz), one without `records`, else one per new value of that column. With the names of inputs and outputs the channels
-    /// of several topics are put together, on an even grid where `sample_time` is given.
+    /// of several topics are put together, on an even grid where `sample_time` is given. `clock` is the column of time, its unit and which stamps of bags.
     #[staticmethod]
-    #[pyo3(signature = (path, records = None, wanted = None, sample_time = None))]
+    #[pyo3(signature = (path, clock, records = None, wanted = None, sample_time = None))]
     fn _read(
         py: Python<'_>,
         path: PathBuf,
+        clock: (Option<String>, Option<String>, String),
         records: Option<String>,
         wanted: Option<(Vec<String>, Vec<String>)>,
         sample_time: Option<f64>,
     ) -> PyResult<Vec<Self>> {
         let grid = sample_time.map(SampleTime::new).transpose().or_raise(py)?;
-        let options = ReadOptions::default();
+        let options = read_options(clock)?;
         let read = || match records {
             Some(column) => csv::records(&path, &column, &options),
             None => {
@@ -102,6 +122,14 @@ impl Log {
             py.import("warnings")?.call_method1("warn", (format!("{}: {note}", path.display()),))?;
         }
         Ok(logs.into_iter().map(Self).collect())
+    }
+
+    /// What a file holds, `deadtime/log@1`, as JSON text.
+    #[staticmethod]
+    fn _listing(py: Python<'_>, path: PathBuf, clock: (Option<String>, Option<String>, String)) -> PyResult<String> {
+        let options = read_options(clock)?;
+        let listing = py.detach(|| open(&path, &options).map(|recording| recording.listing())).or_raise(py)?;
+        serde_json::to_string(&listing).map_err(|e| PyValueError::new_err(e.to_string()))
     }
 
     /// Writes the log to `path` as CSV (.csv, or .csv.gz), under a temporary name until it is whole.

@@ -315,8 +315,12 @@ fn topics_of_different_rates_are_put_together() {
     assert!(run.contains("csv, 1 channels") && run.contains("2 samples"), "{run}");
 }
 
-/// An MCAP file without chunks, of channels of one topic with messages in JSON: schema, definition and value of each.
 fn json_channels(channels: &[(u16, &str, f64)]) -> Vec<u8> {
+    json_channels_from(0, channels)
+}
+
+/// An MCAP file without chunks, of channels of one topic with messages in JSON: schema, definition and value of each.
+fn json_channels_from(from_ns: u64, channels: &[(u16, &str, f64)]) -> Vec<u8> {
     let text = |s: &[u8]| [&(s.len() as u32).to_le_bytes(), s].concat();
     let record = |kind: u8, content: Vec<u8>| [&[kind], (content.len() as u64).to_le_bytes().as_slice(), &content].concat();
     let mut bytes = b"\x89MCAP0\r\n".to_vec();
@@ -330,7 +334,7 @@ fn json_channels(channels: &[(u16, &str, f64)]) -> Vec<u8> {
     }
     for k in 0..6_u64 {
         for (at, (_, _, value)) in channels.iter().enumerate() {
-            let stamp = (k * 10_000_000 + at as u64 * 1_000_000).to_le_bytes();
+            let stamp = (from_ns + k * 10_000_000 + at as u64 * 1_000_000).to_le_bytes();
             let message = format!("{{\"v\": {value}}}");
             bytes.extend(record(5, [&(at as u16).to_le_bytes(), [0; 4].as_slice(), &stamp, &stamp, message.as_bytes()].concat()));
         }
@@ -368,8 +372,44 @@ fn formats_that_are_not_read_are_named_with_a_remedy() {
     ] {
         deadtime(&["log", text(&folder.write_bytes(name, head))]).refused(&[name, says]);
     }
+}
+
+/// Six messages a file, a file a second: the topics go on from one to the next, though their numbers change.
+#[test]
+fn the_files_of_a_bag_are_read_as_one() {
+    let folder = Folder::new();
     std::fs::create_dir(folder.path("bag")).unwrap();
-    let part = folder.write_bytes("bag/bag_0.mcap", &json_channels(&[(1, "A", 1.0)]));
-    deadtime(&["log", text(&folder.path("bag"))]).refused(&["a bag of ROS 2", "bag_0.mcap"]);
-    deadtime(&["log", text(&part)]).done();
+    for (name, from_ns, channels) in [
+        ("bag/bag_10.mcap", 2_000_000_000, [(2, "B", 3.0), (1, "A", 30.0)].as_slice()),
+        ("bag/bag_9.mcap", 1_000_000_000, [(1, "A", 2.0)].as_slice()),
+        ("bag/bag_8.mcap", 0, [(1, "A", 1.0)].as_slice()),
+    ] {
+        folder.write_bytes(name, &json_channels_from(from_ns, channels));
+    }
+    let by_name = read(&folder.path("bag"));
+    let (topic, channel) = by_name.channel("/x.v").unwrap();
+    assert_eq!(channel.samples().values, [[1.0; 6], [2.0; 6], [30.0; 6]].concat());
+    let meant: Vec<f64> = (0..18).map(|k| f64::from(k / 6) + 0.01 * f64::from(k % 6) + if k < 12 { 0.0 } else { 0.001 }).collect();
+    for (found, meant) in topic.log.time_s().iter().zip(&meant) {
+        assert!((found - meant).abs() < 1e-9, "{found} for {meant}");
+    }
+    assert_eq!(by_name.channel("/x[1].v").unwrap().1.samples().values, [3.0; 6]);
+    assert!(!by_name.notes.iter().any(|note| note.contains("runs back") || note.contains("several channels")), "{:?}", by_name.notes);
+    // As the recorder of ROS 2 writes it; only what it names is read.
+    let metadata = "rosbag2_bagfile_information:\n  version: 9\n  relative_file_paths:\n    - bag_8.mcap\n    - bag_9.mcap\n  duration:\n    nanoseconds: 5\n";
+    folder.write_bytes("bag/metadata.yaml", metadata.as_bytes());
+    assert_eq!(read(&folder.path("bag")).channel("/x.v").unwrap().0.log.len(), 12);
+    deadtime(&["log", text(&folder.path("bag"))]).done();
+    // What is cut off is said with the name of its file.
+    let whole = std::fs::read(folder.path("bag/bag_8.mcap")).unwrap();
+    folder.write_bytes("bag/bag_8.mcap", &whole[..whole.len() - 20]);
+    let cut = read(&folder.path("bag"));
+    assert!(cut.notes.iter().any(|note| note.starts_with("bag_8.mcap: cut off at byte")), "{:?}", cut.notes);
+    std::fs::remove_file(folder.path("bag/bag_9.mcap")).unwrap();
+    deadtime(&["log", text(&folder.path("bag"))]).refused(&["bag_9.mcap"]);
+    std::fs::create_dir(folder.path("none")).unwrap();
+    deadtime(&["log", text(&folder.path("none"))]).refused(&["none", "a folder without files that end in .mcap or .db3"]);
+    folder.write_bytes("none/metadata.yaml", b"  relative_file_paths:\n    - a.db3.zstd\n");
+    folder.write_bytes("none/a.db3.zstd", b"\x28\xb5\x2f\xfd");
+    deadtime(&["log", text(&folder.path("none"))]).refused(&["a.db3.zstd", "zstd -d"]);
 }

@@ -200,6 +200,31 @@ def test_channels_are_calculated_from_others(tmp_path: Path) -> None:
             deadtime.read(path, channels=channels)
 
 
+def test_the_clock_of_a_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "bench.csv"
+    path.write_text("u,stamp,run\n1,1000,a\n2,1040,a\n3,1080,b\n")
+    log = deadtime.read(path, time="stamp", time_unit="ms")
+    numpy.testing.assert_allclose(numpy.diff(log.time), 0.04, rtol=1e-12)
+    assert log.channels[0] == "u"
+    assert [len(run) for run in deadtime.read_records(path, "run", time="stamp", time_unit="us")] == [2, 1]
+    listed = deadtime.listing(path, time="stamp", time_unit="ms")
+    assert listed["format"] == "deadtime/log@1" and listed["topics"][0]["step_s"] == pytest.approx(0.04)
+    with pytest.raises(ValueError, match="one of s, ms, us, ns, iso"):
+        deadtime.read(path, time="stamp", time_unit="h")  # type: ignore[arg-type]
+    with pytest.raises(errors.LogError, match="stmp"):
+        deadtime.read(path, time="stmp")
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_bag_has_two_clocks(root: Path) -> None:
+    bag = root / "golden" / "log_files" / "ros2_zstd.mcap"
+    topics = [topic for topic in deadtime.listing(bag)["topics"] if any("position" in c["name"] for c in topic["channels"])]
+    name = next(c["short"] for c in topics[0]["channels"] if "position" in c["name"])
+    arrived, sent = (deadtime.read(bag, outputs=[name], stamps=stamps).time for stamps in ("arrival", "header"))
+    # scripts/log_files: states are sent 3 ms before the commands' stamps and recorded 1 ms behind them.
+    numpy.testing.assert_allclose((arrived - sent)[:5], 0.004, atol=1e-6)
+
+
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_file_of_several_topics_is_asked_for_channels(root: Path) -> None:
     flight = root / "golden" / "log_files" / "flight.ulg"
