@@ -28,6 +28,7 @@ mod pipeline;
 mod watch;
 
 pub use answer::experiment::proposed;
+pub use answer::force_profile::ForceProfile;
 pub use answer::isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size};
 pub use answer::traces::{CommandTrace, Trace};
 pub use checks::inspection::{ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect};

@@ -11,6 +11,7 @@ use nalgebra::DMatrix;
 
 use crate::diagnose::answer::cause::cause;
 use crate::diagnose::answer::contributions::{GapBudget, explained, share_classes};
+use crate::diagnose::answer::force_profile::ForceProfile;
 use crate::diagnose::answer::handed::in_a_form_that_helps;
 use crate::diagnose::answer::improvement::improvement;
 use crate::diagnose::answer::isolability::{self as isolability_of, Isolability, Names};
@@ -66,6 +67,8 @@ pub struct Diagnosed {
     pub traces: Vec<Trace>,
     /// What was commanded, by log and then by input.
     pub commands: Vec<CommandTrace>,
+    /// What stays, as a force over what it goes with; `None` where nothing is told.
+    pub missing_force: Option<ForceProfile>,
     /// What a reader has to know of the data.
     pub caveats: Vec<Caveat>,
     /// How often a simulator that can only be called was called; `None` for a model file.
@@ -301,8 +304,9 @@ impl Answer<'_> {
         let (mut contributions, recalibration, mut remainder) = budget.sections(composed.estimate.as_ref());
         let cause = self.cause(&judgement);
         share_classes(&mut contributions, &cause.indistinguishable);
+        let mut missing_force = None;
         if composed.judged.verdict != GapVerdict::Effects {
-            remainder.description = describe(likelihood, &handed.effects, &after, seed);
+            (remainder.description, missing_force) = describe(likelihood, &handed.effects, &after, seed).unzip();
         }
         let diagnosis = Diagnosis {
             format: DiagnosisFormat::V2,
@@ -329,7 +333,17 @@ impl Answer<'_> {
         caveats.extend(handed.caveat);
         let model = self.subject.with(handed.effects.iter().map(Applied::to_entry), logs);
         let commands = command_traces(likelihood);
-        Some(Diagnosed { diagnosis, model, effects, handed_over: handed.effects, traces, commands, caveats, calls: None })
+        Some(Diagnosed {
+            diagnosis,
+            model,
+            effects,
+            handed_over: handed.effects,
+            traces,
+            commands,
+            missing_force: missing_force.flatten(),
+            caveats,
+            calls: None,
+        })
     }
 
     fn cause(&self, judgement: &Judgement) -> Cause {

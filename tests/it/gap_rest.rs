@@ -21,16 +21,29 @@ fn described(d: &Diagnosis) -> Option<&Description> {
 
 #[test]
 fn a_force_of_no_catalogue_is_told_by_what_it_goes_with() {
-    for (at, (more, goes_with, sign)) in [(" + 4*x*u", "x*u", 1.0), (" - 0.6*v*v", "v^2", -1.0)].into_iter().enumerate() {
+    for (at, (more, goes_with, (over, truth))) in
+        [(" + 4*x*u", "x*u", ("x*u", (|a| 4.0 * a) as fn(f64) -> f64)), (" - 0.6*v*v", "v^2", ("v", |a| -0.6 * a * a))]
+            .into_iter()
+            .enumerate()
+    {
         let machine = document(&servo(", initial_std = 0.02", more));
         let logged = |i: u64| log(&machine, &[], 1300, 5100 + 10 * at as u64 + i, &[0.0, 0.0]);
-        let d = diagnosed(&plain(), &[logged(0), logged(1)], &[logged(2)]);
+        let full = diagnose(&plain(), &[logged(0), logged(1)], &[logged(2)], &GapOptions::default(), &|_| ()).unwrap();
+        let d = &full.diagnosis;
         assert!(d.cause.effects.is_empty(), "{more}: {:?}", d.cause.effects);
-        let told = described(&d).unwrap_or_else(|| panic!("{more}: {:?}", d.cause.remainder));
+        let told = described(d).unwrap_or_else(|| panic!("{more}: {:?}", d.cause.remainder));
         assert_eq!((told.state.as_str(), told.goes_with.as_str()), ("v", goes_with), "{told:?}");
         assert!(told.held_out_r2 > 0.5 && told.held_out_r2 <= 1.0, "{told:?}");
         let size: f64 = told.sentence.split_once(&format!("{goes_with}, ")).unwrap().1.split_once(" times").unwrap().0.parse().unwrap();
-        assert!(size * sign > 0.0, "{told:?}");
+        assert!(size * truth(1.0) > 0.0, "{told:?}");
+        let curve = full.missing_force.as_ref().unwrap();
+        assert_eq!((curve.state.as_str(), curve.over.as_str(), curve.told.as_str()), ("v", over, goes_with));
+        // Where most of the samples are: the curve has the true one's shape and size. A curve of 0 would miss by 1.
+        let inner = || curve.at.iter().zip(&curve.force).skip(10).take(61);
+        let square = |off: &dyn Fn((&f64, &f64)) -> f64| inner().map(|at| off(at).powi(2)).sum::<f64>();
+        let missed = (square(&|(x, f)| f - truth(*x)) / square(&|(x, _)| truth(*x))).sqrt();
+        assert!(missed < 0.3, "{more}: {missed}");
+        assert!(curve.ci95.iter().zip(&curve.force).all(|([low, high], f)| low < f && f < high), "{curve:?}");
     }
 }
 

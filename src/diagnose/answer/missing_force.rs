@@ -17,6 +17,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 
 use super::along_the_run::{Run, runs};
+use super::force_profile::{ForceProfile, profile};
 use crate::diagnose::format::contributions::Description;
 use crate::diagnose::input::record::Span;
 use crate::diagnose::likelihood::errors::Errors;
@@ -40,7 +41,7 @@ const INDEPENDENT: f64 = 1e-6;
 
 /// A function of one or two variables, by their places among states and then inputs; plainer ones first.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Form {
+pub(super) enum Form {
     Plain(usize),
     Sign(usize),
     Drag(usize),
@@ -59,8 +60,32 @@ impl Form {
         }
     }
 
+    /// What it is a function of: a variable, or a product of two.
+    pub(super) fn argument(self, value: impl Fn(usize) -> f64) -> f64 {
+        match self {
+            Self::Plain(v) | Self::Sign(v) | Self::Drag(v) | Self::Square(v) => value(v),
+            Self::Product(v, w) => value(v) * value(w),
+        }
+    }
+
+    /// Its value over the argument.
+    pub(super) fn law(self, argument: f64) -> f64 {
+        match self {
+            Self::Product(..) => argument,
+            of_one => of_one.of(|_| argument),
+        }
+    }
+
+    /// The argument as an expression of the model file.
+    pub(super) fn over(self, name: impl Fn(usize) -> String) -> String {
+        match self {
+            Self::Plain(v) | Self::Sign(v) | Self::Drag(v) | Self::Square(v) => name(v),
+            Self::Product(v, w) => format!("{}*{}", name(v), name(w)),
+        }
+    }
+
     /// As an expression of the model file.
-    fn text(self, name: impl Fn(usize) -> String) -> String {
+    pub(super) fn text(self, name: impl Fn(usize) -> String) -> String {
         match self {
             Self::Plain(v) => name(v),
             Self::Sign(v) => format!("sign({})", name(v)),
@@ -81,12 +106,12 @@ impl Form {
 }
 
 /// What is left in a span of a log, the responses to the span's start taken out; every output in units of its spread.
-struct Part {
-    record: usize,
+pub(super) struct Part {
+    pub(super) record: usize,
     held: bool,
     /// Kept sample and output.
     rows: Vec<(usize, usize)>,
-    left: DVector<f64>,
+    pub(super) left: DVector<f64>,
     /// Orthonormal responses to the start.
     starts: Vec<DVector<f64>>,
 }
@@ -96,6 +121,19 @@ impl Part {
     fn product(&self, response: &DMatrix<f64>, weights: &[f64], turn: usize) -> f64 {
         let n = response.nrows();
         self.rows.iter().zip(self.left.iter()).map(|(&(k, o), left)| response[((k + turn) % n, o)] * weights[o] * left).sum()
+    }
+
+    /// Responses beside the starts, one column each.
+    pub(super) fn beside_starts(&self, responses: &[DMatrix<f64>], weights: &[f64]) -> DMatrix<f64> {
+        let mut all = DMatrix::from_fn(self.rows.len(), responses.len(), |r, c| {
+            let (k, o) = self.rows[r];
+            responses[c][(k, o)] * weights[o]
+        });
+        for start in &self.starts {
+            let along = all.tr_mul(start);
+            all.ger(-1.0, start, &along, 1.0);
+        }
+        all
     }
 
     /// The square of a response beside the starts.
@@ -118,13 +156,13 @@ fn predicted(trained: Sums, held: Sums, left: f64) -> (f64, f64) {
     (gain, (2.0 * gain * held.product - gain * gain * held.square) / left)
 }
 
-/// What is left, told as a missing force; `None` where chance does as much, and for a simulator without differential equations at hand.
+/// What is left, told as a missing force, and its curve where that can be had; `None` where chance does as much, and for a simulator without differential equations at hand.
 pub(in crate::diagnose) fn describe(
     likelihood: &Likelihood<'_>,
     effects: &[Applied],
     left: &[DMatrix<f64>],
     seed: u64,
-) -> Option<Description> {
+) -> Option<(Description, Option<ForceProfile>)> {
     let (system, records) = (likelihood.system, likelihood.records);
     let states = system.states.len();
     if states == 0 || states > STATES {
@@ -185,7 +223,9 @@ pub(in crate::diagnose) fn describe(
     }
     let rank = |t: &Tried| forms.iter().position(|f| *f == t.form);
     let told = found.iter().filter(|t| t.r2 > best - AS_GOOD).min_by(|a, b| rank(a).cmp(&rank(b)).then(b.r2.total_cmp(&a.r2)))?;
-    Some(told.described(system, chance))
+    let name = |v: usize| system.states.iter().chain(&system.inputs).nth(v).map(|p| p.name.clone()).unwrap_or_default();
+    let curve = profile((told.state, told.form, told.gain), (&runs, &parts), &weights, every, name);
+    Some((told.described(system, chance), curve))
 }
 
 /// A function on a state's derivative.

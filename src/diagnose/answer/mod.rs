@@ -5,6 +5,7 @@ pub(in crate::diagnose) mod alternatives;
 pub(in crate::diagnose) mod cause;
 pub(in crate::diagnose) mod contributions;
 pub(in crate::diagnose) mod experiment;
+pub(in crate::diagnose) mod force_profile;
 pub(in crate::diagnose) mod found_effects;
 pub(in crate::diagnose) mod handed;
 pub(in crate::diagnose) mod improvement;

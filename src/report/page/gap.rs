@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
 use super::series::{Thinning, base64};
-use super::{Cell, figure, laws, made_by, number, page, percent, plots, quoted, residual, table};
+use super::{Cell, figure, force, laws, made_by, number, page, percent, plots, quoted, residual, table};
 use crate::diagnose::{CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, Mode, RankingRow, Strength, Trace, proposed};
 use crate::report::diagnosis::{recalibrated, summary};
 
@@ -25,7 +25,8 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
         found => found.iter().map(|e| format!("{} on {}", e.effect, e.channel)).collect::<Vec<_>>().join(" and "),
     };
     let (mut figures, laws, next) = (residual::figures(diagnosed), laws::figure(diagnosed), experiment(diagnosed));
-    figures.extend(laws.iter().cloned());
+    let missing = force::figure(diagnosed.missing_force.as_ref());
+    figures.extend(laws.iter().chain(&missing).cloned());
     figures.extend(next.iter().map(|(figure, _)| figure.clone()));
     let body = html! {
         h1 { "Sim-to-real gap of " (d.model) }
@@ -41,6 +42,11 @@ pub fn gap(diagnosed: &Diagnosed) -> String {
         @if laws.is_some() {
             h3 { "Each effect as itself" }
             (figure("laws", "The effect"))
+        }
+        @if missing.is_some() {
+            h3 { "What stays, as a missing force" }
+            p { "Fitted to what is left, with the 95 % interval of the noise in it, and the plain law that comes near it. It describes, and is no cause." }
+            (figure("missing", "The force"))
         }
         (candidates(d))
         @if let Some(next_text) = &d.cause.next_experiment {

@@ -46,7 +46,7 @@ fn brief(value: f64) -> Option<f64> {
     format!("{value:.5e}").parse().ok().filter(|v: &f64| v.is_finite())
 }
 
-fn briefly(values: impl IntoIterator<Item = f64>) -> Vec<Option<f64>> {
+pub(super) fn briefly(values: impl IntoIterator<Item = f64>) -> Vec<Option<f64>> {
     values.into_iter().map(brief).collect()
 }
 

@@ -6,6 +6,7 @@ mod check;
 mod compare;
 mod curves;
 mod estimate;
+mod force;
 mod gap;
 mod identify;
 mod laws;
