@@ -22,6 +22,7 @@ mod hdf5;
 mod listing;
 mod mat;
 mod mcap;
+mod mcos;
 #[cfg(feature = "tables")]
 mod parquet;
 mod protobuf;
