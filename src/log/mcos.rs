@@ -222,7 +222,10 @@ impl<'a> Objects<'a, '_> {
             self.notes.push(format!("{path}: an object of MATLAB, but what it holds is not in the file, or is damaged; left out"));
             return Array::Other;
         };
-        let ids = ids(reference).unwrap_or_default();
+        let Some(ids) = ids(reference) else {
+            self.notes.push(format!("{path}: an object of another language (Java, COM); left out"));
+            return Array::Other;
+        };
         let mut found = Vec::new();
         for (k, id) in ids.iter().enumerate() {
             if depth > DEEPEST || self.spend(1).is_none() {
@@ -255,6 +258,8 @@ impl<'a> Objects<'a, '_> {
             "timetable" => self.timetable(path, properties, depth),
             "table" => Some(Array::Struct(self.columns(path, properties.get("varnames")?, properties.get("data")?, depth)?)),
             "Simulink.SimulationData.Dataset" => self.dataset(path, properties, depth),
+            // What a function refers to; texts.
+            "function_handle_workspace" | "string" => Some(Array::Other),
             _ => match properties.get("Values") {
                 Some(values) if class.starts_with("Simulink.SimulationData.") => self.taken(path, values, depth),
                 _ => {
