@@ -15,6 +15,8 @@ from matio.utils.matclass import MatlabOpaque
 from scipy.io import loadmat, savemat
 
 N = 25
+DATASET = "Simulink.SimulationData.Dataset"
+RAM = "Simulink.SimulationData.Storage.RamDatasetStorage"
 
 
 def signals() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -55,7 +57,7 @@ def write(folder: Path) -> None:
     structs = matlab_structs()
     stamps = {"time": STAMPS_US, "u": u.reshape(-1, 1), "y": y}
     for version, end in [("v7", ""), ("v7.3", "_v73")]:
-        save_to_mat(folder / f"objects{end}.mat", objects, version=version)
+        save_to_mat(folder / f"objects{end}.mat", objects, version=version, saveobj_classes=[DATASET, RAM])
         save_to_mat(folder / f"structs{end}.mat", structs, version=version)
         save_to_mat(folder / f"stamps_us{end}.mat", stamps, version=version)
 
@@ -64,18 +66,23 @@ def write(folder: Path) -> None:
 STAMPS_US = (1_700_000_000_123_457 + 10_000 * np.arange(N, dtype=np.int64)).reshape(-1, 1)
 
 
-def series(data: np.ndarray, time: np.ndarray | None = None, even: tuple[float, float] | None = None, name: str = "unnamed", units: str = "seconds") -> MatlabOpaque:
-    """A timeseries; its time is empty where start and step tell it."""
+EMPTY = np.empty((0, 0))
+
+
+def series(data: np.ndarray, time: np.ndarray | None = None, even: tuple[float, float] | None = None, name: str = "unnamed", units: str = "seconds", streamed: bool = False) -> MatlabOpaque:
+    """A timeseries as R2019a writes it; start and step tell an even time. Simulink keeps what it wrote while it ran in a storage of its own, time in the last dimension."""
     rows = len(time) if time is not None else data.shape[0]
-    start, step = even or (float(time[0]), float("nan"))
-    info = {"Units": units, "Start_": start, "Increment_": step, "Length": float(rows), "Format": "", "StartDate": ""}
+    start, step = even or (EMPTY, EMPTY)
+    info = {"Units": units, "Format": "", "StartDate": "", "Length": 0.0 if streamed else float(rows), "Time_": EMPTY if time is None else time.reshape(-1, 1), "Increment_": step, "Start_": start}
+    storage = {"IsTimeStorageFirst": np.bool_(False), "Data": data.T, "SampleDimensions": float(data.shape[1])}
     properties = {
         "Name": name,
-        "Data_": data,
-        "Time_": np.empty((0, 0)) if time is None else time.reshape(-1, 1),
+        "Data_": EMPTY if streamed else data,
+        "Time_": EMPTY,
         "TimeInfo": MatlabOpaque(properties=info, classname="tsdata.timemetadata"),
         "DataInfo": MatlabOpaque(properties={"Units": "V"}, classname="tsdata.datametadata"),
         "IsTimeFirst_": np.bool_(data.ndim < 3),
+        "Storage_": MatlabOpaque(properties=storage, classname="tsdata.StreamingStorage") if streamed else EMPTY,
     }
     return MatlabOpaque(properties=properties, classname="timeseries")
 
@@ -87,17 +94,27 @@ def cells(*elements: object) -> np.ndarray:
     return found
 
 
+def saved(classname: str, **fields: object) -> MatlabOpaque:
+    """An object that saves a struct instead of its properties."""
+    struct = np.empty((1, 1), dtype=[(name, object) for name in fields])
+    struct[0, 0] = tuple(fields.values())
+    return MatlabOpaque(properties={"any": struct}, classname=classname)
+
+
 def matlab_objects() -> dict[str, object]:
     t, u, y = signals()
     speed = series(u.reshape(-1, 1), time=t + 0.001 * np.sin(t))
     even = series(y.astype(np.float32), even=(0.5, 0.01), name="Attitude")
     last = series(np.stack([y, 2 * y, 3 * y], axis=0).transpose(2, 0, 1), time=np.arange(N) * 20.0, units="milliseconds")
+    streamed = series(y, time=t**2, streamed=True)
+    one = np.empty((1, 1), dtype=[("y", object), ("tout", object)])
+    one[0, 0] = (series(u.reshape(-1, 1), time=t), t.reshape(-1, 1))
     signal = lambda name, values: MatlabOpaque(properties={"Name": name, "Values": values, "PortType": "outport"}, classname="Simulink.SimulationData.Signal")
     # mat-io finds objects within objects in arrays of structs, not in dictionaries.
     bus = np.empty((1, 1), dtype=[("roll", object), ("pitch", object)])
     bus[0, 0] = tuple(series(sign * u.reshape(-1, 1), even=(0.0, 0.02), name=name) for sign, name in [(1, "roll"), (-1, "pitch")])
     elements = cells(signal("rudder", series(u.reshape(-1, 1), time=t)), signal("", series(y, even=(0.0, 0.05))), signal("bus", bus))
-    storage = MatlabOpaque(properties={"Elements": elements, "Version": 2.0}, classname="Simulink.SimulationData.Storage.RamDatasetStorage")
+    storage = saved(RAM, Version=2.0, Elements=elements)
     frame = pd.DataFrame({"force": u, "angle": y[:, 0], "word": ["a"] * N})
     timed = frame[["force", "angle"]].set_index(pd.to_timedelta(np.arange(N) * 8, unit="ms"))
     dated = frame[["force", "angle"]].set_index(pd.DatetimeIndex(np.datetime64("2024-03-01T12:30:00.250") + np.arange(N) * np.timedelta64(40, "ms")))
@@ -108,7 +125,9 @@ def matlab_objects() -> dict[str, object]:
         "last": last,
         "run": {"gain": 2.0, "u": series(u.reshape(-1, 1), time=t), "inner": {"y": series(y, time=t + 0.5)}},
         "runs": cells(series(u.reshape(-1, 1), time=t), {"time": t.reshape(-1, 1), "v": y[:, :1]}, "a word"),
-        "logsout": MatlabOpaque(properties={"Name": "logsout", "Storage_": storage}, classname="Simulink.SimulationData.Dataset"),
+        "logsout": saved(DATASET, Name="logsout", Version=3.0, Storage=storage),
+        "out": MatlabOpaque(properties={"Data": one, "Metadata": MatlabOpaque(properties={"UserString": ""}, classname="Simulink.SimulationMetadata")}, classname="Simulink.SimulationOutput"),
+        "streamed": streamed,
         "timed": timed,
         "dated": dated,
         "plain": frame.assign(time=t),
@@ -145,11 +164,12 @@ def topic(time: np.ndarray, **channels: np.ndarray) -> dict[str, object]:
 def of_series(ts: MatlabOpaque, name: str) -> dict[str, object]:
     """What a timeseries holds, by its properties as mat-io reads them."""
     p, info = ts.properties, ts.properties["TimeInfo"].properties
-    rows = int(info["Length"].item())
-    time = p["Time_"].ravel() if p["Time_"].size else info["Start_"].item() + info["Increment_"].item() * np.arange(rows)
+    time = info["Time_"].ravel() if info["Time_"].size else info["Start_"].item() + info["Increment_"].item() * np.arange(int(info["Length"].item()))
     if info["Units"].item() == "milliseconds":
         time = time / 1000
-    data = p["Data_"] if p["IsTimeFirst_"].item() else p["Data_"].reshape((-1, rows), order="F").T
+    data = p["Data_"] if p["Data_"].size else p["Storage_"].properties["Data"].T
+    if not p["IsTimeFirst_"].item():
+        data = data.reshape((-1, len(time)), order="F").T
     return topic(time, **{name if p["Name"].item() == "unnamed" else p["Name"].item(): data})
 
 
@@ -161,7 +181,7 @@ def of_frame(frame: pd.DataFrame) -> dict[str, object]:
 def read_objects(path: Path) -> dict[str, object]:
     m = load_from_mat(path)
     run, runs = m["run"][0, 0], m["runs"]
-    elements = m["logsout"].properties["Storage_"].properties["Elements"]
+    elements = m["logsout"].properties["any"][0, 0]["Storage"].properties["any"][0, 0]["Elements"]
     rudder, nameless, bus = (e.properties["Values"] for e in elements.ravel())
     plain = m["plain"]
     return {
@@ -174,6 +194,8 @@ def read_objects(path: Path) -> dict[str, object]:
         "logsout.element[2]": of_series(nameless, "element[2]"),
         "logsout.bus.roll": of_series(bus[0, 0]["roll"], "roll"),
         "logsout.bus.pitch": of_series(bus[0, 0]["pitch"], "pitch"),
+        "out.y": of_series(m["out"].properties["Data"][0, 0]["y"], "y"),
+        "streamed": of_series(m["streamed"], "streamed"),
         "timed": of_frame(m["timed"]),
         "dated": of_frame(m["dated"]),
         "plain": topic(plain["time"].to_numpy(), force=plain["force"].to_numpy(), angle=plain["angle"].to_numpy()),

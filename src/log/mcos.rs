@@ -1,7 +1,7 @@
 //! MATLAB's objects: MAT files of version 5 to 7.3 keep their properties apart, in the cells of a `FileWrapper__`, and refer to them by numbers.
 //!
 //! Source: "Subsystem Data Format" of the project matio (foreverallama/matio), which found out what MathWorks does not document. The objects that hold signals are read:
-//! `timeseries`, `timetable`, `table`, `Simulink.SimulationData.Dataset`; of others the properties, as a struct.
+//! `timeseries`, `timetable`, `table`, `Simulink.SimulationOutput`, `Simulink.SimulationData.Dataset`; of others the properties, as a struct.
 
 use std::borrow::Cow;
 
@@ -118,6 +118,10 @@ impl Wrapper {
             };
             found.push((name(*property)?, array));
         }
+        // What a class's `saveobj` gave is one struct instead of properties.
+        if let [("any", Cow::Borrowed(Array::Struct(fields)))] = found.as_slice() {
+            found = fields.iter().map(|(name, array)| (name.as_str(), Cow::Borrowed(array))).collect();
+        }
         if let Some(Array::Struct(fields)) = self.defaults.get(class) {
             let default = |(field, array): &'_ (String, Array)| !found.iter().any(|(name, _)| name == field) && !matches!(array, Array::Other);
             let more: Vec<_> = fields.iter().filter(|f| default(f)).map(|(name, array)| (name.as_str(), Cow::Borrowed(array))).collect();
@@ -163,7 +167,11 @@ struct Properties<'a>(Vec<(&'a str, Cow<'a, Array>)>);
 impl Properties<'_> {
     /// A property that is not empty; inner ones are called the same with `_` behind.
     fn get(&self, name: &str) -> Option<&Array> {
-        let empty = |array: &Array| matches!(array, Array::Numbers { values, .. } if values.is_empty()) || matches!(array, Array::Other);
+        let empty = |array: &Array| match array {
+            Array::Numbers { values, .. } => values.is_empty(),
+            Array::List(elements) => elements.is_empty(),
+            other => matches!(other, Array::Other),
+        };
         self.0.iter().find(|(own, array)| own.strip_suffix('_').unwrap_or(own) == name && !empty(array)).map(|(_, array)| array.as_ref())
     }
 
@@ -257,6 +265,7 @@ impl<'a> Objects<'a, '_> {
             }
             "timetable" => self.timetable(path, properties, depth),
             "table" => Some(Array::Struct(self.columns(path, properties.get("varnames")?, properties.get("data")?, depth)?)),
+            "Simulink.SimulationOutput" => self.taken(path, properties.get("Data")?, depth),
             "Simulink.SimulationData.Dataset" => self.dataset(path, properties, depth),
             // What a function refers to; texts.
             "function_handle_workspace" | "string" => Some(Array::Other),
@@ -275,10 +284,14 @@ impl<'a> Objects<'a, '_> {
 
     /// `timeseries`: its data beside its time, which is told by start and step where it is even.
     fn series(&mut self, path: &str, properties: &Properties<'a>) -> Option<Array> {
-        let Array::Numbers { shape, values } = properties.get("Data")? else { return None };
-        let (_, info) = properties.get("TimeInfo").and_then(|info| self.wrapper?.only(info)).unwrap_or(("", Properties(Vec::new())));
+        let own = |name: &str| properties.get(name).and_then(|part| self.wrapper?.only(part)).map(|(_, properties)| properties);
+        // What Simulink wrote while it ran stands in a storage of its own.
+        let storage = own("Storage");
+        let info = own("TimeInfo").unwrap_or(Properties(Vec::new()));
+        let data = properties.get("Data").or_else(|| storage.as_ref()?.get("Data"));
+        let Some(Array::Numbers { shape, values }) = data else { return None };
         self.spend(2 * values.len())?;
-        let mut times = match properties.get("Time") {
+        let mut times = match properties.get("Time").or_else(|| info.get("Time")) {
             Some(Array::Numbers { values, .. }) => {
                 self.spend(values.len())?;
                 values.clone()
@@ -320,10 +333,8 @@ impl<'a> Objects<'a, '_> {
 
     /// Columns beside the stamps of their rows, which may be told by start and step.
     fn timetable(&mut self, path: &str, properties: &Properties<'a>, depth: usize) -> Option<Array> {
-        let Array::Struct(fields) = properties.get("any")? else { return None };
-        let field = |name: &str| fields.iter().find(|(own, _)| own == name).map(|(_, array)| array);
-        let mut columns = self.columns(path, field("varNames")?, field("data")?, depth)?;
-        let times = match field("rowTimes")? {
+        let mut columns = self.columns(path, properties.get("varNames")?, properties.get("data")?, depth)?;
+        let times = match properties.get("rowTimes")? {
             Array::Struct(rule) => {
                 let part = |name: &str| rule.iter().find(|(own, _)| own == name).map(|(_, array)| array);
                 let millis = |name: &str| {
@@ -335,7 +346,7 @@ impl<'a> Objects<'a, '_> {
                     _ => millis("stepSize")?,
                 };
                 let longest = columns.iter().map(|(_, column)| size(column)).max().unwrap_or(0);
-                let rows = (field("numRows").and_then(first_number)? as usize).min(longest);
+                let rows = (properties.number("numRows")? as usize).min(longest);
                 let start = millis("origin").unwrap_or(0.0);
                 Array::Times { values: (0..rows).map(|k| start + step * k as f64).collect(), unit: TimeUnit::Ms }
             }
