@@ -60,6 +60,8 @@ def write(folder: Path) -> None:
         save_to_mat(folder / f"objects{end}.mat", objects, version=version, saveobj_classes=[DATASET, RAM])
         save_to_mat(folder / f"structs{end}.mat", structs, version=version)
         save_to_mat(folder / f"stamps_us{end}.mat", stamps, version=version)
+    # Version 6 is 7 without compression.
+    save_to_mat(folder / "objects_v6.mat", objects, version="v7", saveobj_classes=[DATASET, RAM], do_compression=False)
 
 
 # Microseconds since 1970, as autopilots and computers log them.
@@ -244,6 +246,7 @@ def read(folder: Path) -> dict[str, object]:
         },
         "v73.mat": v73,
         "objects.mat": read_objects(folder / "objects.mat"),
+        "objects_v6.mat": read_objects(folder / "objects_v6.mat"),
         "objects_v73.mat": read_objects(folder / "objects_v73.mat"),
         "structs.mat": read_structs(folder / "structs.mat"),
         "structs_v73.mat": read_structs(folder / "structs_v73.mat"),

@@ -8,13 +8,19 @@ use crate::error::Error;
 /// What a variable holds; arrays run column by column.
 #[derive(Debug, Clone)]
 pub(super) enum Array {
-    Numbers { shape: Vec<usize>, values: Vec<f64> },
+    Numbers {
+        shape: Vec<usize>,
+        values: Vec<f64>,
+    },
     Text(String),
     Struct(Vec<(String, Array)>),
     /// Cells, or structs of the same fields.
     List(Vec<Array>),
     /// Stamps whose unit is known.
-    Times { values: Vec<f64>, unit: TimeUnit },
+    Times {
+        values: Vec<f64>,
+        unit: TimeUnit,
+    },
     /// What refers to an object of MATLAB.
     Object(Vec<f64>),
     Other,

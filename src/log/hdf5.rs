@@ -128,7 +128,11 @@ impl Parts {
 
     /// An array; what it is not is said.
     fn array(&mut self, array: &Dataset, path: &str, depth: usize) -> Option<Array> {
-        let read = if is_reference(array) { self.cells(array, path, depth).map(|cells| Some(Array::List(cells))) } else { numbers(array) };
+        let matlab = !(self.referred.is_empty() && self.read.is_empty());
+        let read = match is_reference(array) && matlab {
+            true => self.cells(array, path, depth).map(|cells| Some(Array::List(cells))),
+            false => numbers(array),
+        };
         match read {
             Ok(Some(read)) => return Some(read),
             Ok(None) => self.notes.push(format!("{path}: no numbers; left out")),

@@ -60,7 +60,9 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
         };
         let packed = if kind == COMPRESSED { unpacked(data, &mut notes, at) } else { Vec::new() };
         let content = match kind {
-            COMPRESSED => Elements { bytes: &packed, big }.next().filter(|(kind, _, whole)| *kind == MATRIX && *whole).map(|(_, content, _)| content),
+            COMPRESSED => {
+                Elements { bytes: &packed, big }.next().filter(|(kind, _, whole)| *kind == MATRIX && *whole).map(|(_, content, _)| content)
+            }
             MATRIX => Some(data),
             _ => None,
         };

@@ -123,7 +123,8 @@ impl Wrapper {
             found = fields.iter().map(|(name, array)| (name.as_str(), Cow::Borrowed(array))).collect();
         }
         if let Some(Array::Struct(fields)) = self.defaults.get(class) {
-            let default = |(field, array): &'_ (String, Array)| !found.iter().any(|(name, _)| name == field) && !matches!(array, Array::Other);
+            let default =
+                |(field, array): &'_ (String, Array)| !found.iter().any(|(name, _)| name == field) && !matches!(array, Array::Other);
             let more: Vec<_> = fields.iter().filter(|f| default(f)).map(|(name, array)| (name.as_str(), Cow::Borrowed(array))).collect();
             found.extend(more);
         }
@@ -231,7 +232,7 @@ impl<'a> Objects<'a, '_> {
             return Array::Other;
         };
         let Some(ids) = ids(reference) else {
-            self.notes.push(format!("{path}: an object of another language (Java, COM); left out"));
+            self.notes.push(format!("{path}: no object of MATLAB's own (Java, COM), or damaged; left out"));
             return Array::Other;
         };
         let mut found = Vec::new();
@@ -247,9 +248,10 @@ impl<'a> Objects<'a, '_> {
             };
             match self.object(&path, class, &properties, depth) {
                 Some(array) => found.push(array),
-                None => {
-                    self.notes.push(format!("{path}: nothing can be read of this `{class}`; save it as a struct: s.time = …; s.{} = …", last(&path)))
-                }
+                None => self.notes.push(format!(
+                    "{path}: this `{class}` is empty, or holds no plain numbers; save it as a struct: s.time = …; s.{} = …",
+                    last(&path)
+                )),
             }
         }
         if found.len() == 1 { found.pop().unwrap_or(Array::Other) } else { Array::List(found) }
@@ -302,6 +304,9 @@ impl<'a> Objects<'a, '_> {
                 (0..rows.min(values.len())).map(|k| start + step * k as f64).collect()
             }
         };
+        if times.len() < 2 {
+            return None;
+        }
         let (unit, scale) = match info.text("Units").unwrap_or("seconds") {
             "nanoseconds" => (TimeUnit::Ns, 1.0),
             "microseconds" => (TimeUnit::Us, 1.0),
@@ -319,12 +324,13 @@ impl<'a> Objects<'a, '_> {
         times.iter_mut().for_each(|time| *time *= scale);
         // What has more than two dimensions has time in the last one, unless it says otherwise.
         let rows = times.len();
-        let first = shape.first() == Some(&rows) && (shape.len() < 3 || shape.last() != Some(&rows) || properties.number("IsTimeFirst") == Some(1.0));
-        let data = if first || values.len() == rows || shape.last() != Some(&rows) || rows == 0 {
+        let first = shape.first() == Some(&rows)
+            && (shape.len() < 3 || shape.last() != Some(&rows) || properties.number("IsTimeFirst") == Some(1.0));
+        let data = if first || values.len() == rows || shape.last() != Some(&rows) {
             Array::Numbers { shape: shape.clone(), values: values.clone() }
         } else {
             let each = values.len() / rows;
-            let turned = (0..each).flat_map(|j| values.iter().skip(j).step_by(each).copied()).collect();
+            let turned = (0..each).flat_map(|j| values.iter().skip(j).step_by(each.max(1)).copied()).collect();
             Array::Numbers { shape: vec![rows, each], values: turned }
         };
         let name = properties.text("Name").filter(|name| *name != "unnamed").unwrap_or_else(|| last(path));
