@@ -19,7 +19,7 @@ from pathlib import Path
 from . import bags, matlab, tables, ulog
 
 FOLDER = Path(__file__).resolve().parents[2] / "golden" / "log_files"
-TOOLS = ["numpy", "pyulog", "mcap", "mcap-ros2-support", "mcap-protobuf-support", "protobuf", "rosbags", "scipy", "h5py", "pyarrow"]
+TOOLS = ["numpy", "pyulog", "mcap", "mcap-ros2-support", "mcap-protobuf-support", "protobuf", "rosbags", "scipy", "h5py", "mat-io", "pyarrow"]
 
 
 def clean(value: object) -> object:

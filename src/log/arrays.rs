@@ -1,17 +1,28 @@
 //! Topics out of named arrays and structs, as MATLAB and Simulink save them.
 
-use super::LogError;
 use super::csv::{Times, named_time, seconds};
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
+use super::{LogError, Numbers};
 use crate::error::Error;
 
 /// What a variable holds; arrays run column by column.
 #[derive(Debug, Clone)]
 pub(super) enum Array {
-    Numbers { shape: Vec<usize>, values: Vec<f64> },
+    Numbers {
+        shape: Vec<usize>,
+        values: Vec<f64>,
+    },
     Text(String),
     Struct(Vec<(String, Array)>),
+    /// Cells, or structs of the same fields.
     List(Vec<Array>),
+    /// Stamps whose unit is known.
+    Times {
+        values: Vec<f64>,
+        unit: TimeUnit,
+    },
+    /// What refers to an object of MATLAB.
+    Object(Vec<f64>),
     Other,
 }
 
@@ -43,7 +54,7 @@ pub(super) fn assemble(
         topics.extend(found.table(origin_ns).finish(source, &mut notes)?);
     }
     if topics.is_empty() {
-        if variables.iter().any(|(_, array)| matches!(array, Array::Numbers { .. } | Array::Struct(_))) {
+        if variables.iter().any(|(_, array)| matches!(array, Array::Numbers { .. } | Array::Struct(_) | Array::List(_))) {
             notes.push("no vector of time was found: call one `time` or `t`, or name it with --time".into());
         }
         return Err(LogError::NoTopics { file: source.into(), format: title, notes }.into());
@@ -61,28 +72,29 @@ impl Found<'_> {
         if (self.times.time_s.first().copied().unwrap_or(0.0) + later_s).abs() > ANOTHER_CLOCK_S {
             later_s = 0.0;
         }
-        for (row, stamp) in self.times.time_s.iter().enumerate() {
-            table.row(stamp + later_s);
-            for (place, (_, values)) in places.iter().zip(&self.columns) {
-                if let Some(value) = values.get(row) {
-                    table.set(*place, *value);
-                }
-            }
+        table.rows(|times| times.extend(self.times.time_s.iter().map(|stamp| stamp + later_s)));
+        let rows = table.len();
+        for (place, (_, values)) in places.iter().zip(&self.columns) {
+            // What has no number is missing.
+            let values = values.iter().copied().chain(std::iter::repeat(f64::NAN)).take(rows);
+            table.extend(*place, |column| *column = Numbers::F64(values.collect()));
         }
         table
     }
 }
 
 fn collect<'a>(name: &str, fields: &'a [(String, Array)], found: &mut Vec<Found<'a>>, notes: &mut Vec<String>, options: &ReadOptions) {
-    let vectors = || fields.iter().filter_map(|(field, array)| vector(array).map(|values| (field.as_str(), values)));
+    let vectors = || fields.iter().filter_map(|(field, array)| vector(array).map(|(values, unit)| (field.as_str(), values, unit)));
+    let stamps = || vectors().find(|(_, _, unit)| unit.is_some());
     let time = match &options.time {
-        Some(wanted) => vectors().find(|(field, _)| field == wanted),
+        Some(wanted) => vectors().find(|(field, ..)| field == wanted).or_else(stamps),
         None => vectors()
-            .find(|(field, _)| *field == "time")
-            .or_else(|| vectors().find(|(field, _)| named_time(field).is_some() || matches!(field.to_lowercase().as_str(), "t" | "tout"))),
+            .find(|(field, ..)| *field == "time")
+            .or_else(|| vectors().find(|(field, ..)| named_time(field).is_some() || matches!(field.to_lowercase().as_str(), "t" | "tout")))
+            .or_else(stamps),
     };
-    if let Some((clock, stamps)) = time {
-        let known = options.time_unit.or_else(|| named_time(clock).flatten());
+    if let Some((clock, stamps, unit)) = time {
+        let known = options.time_unit.or(unit).or_else(|| named_time(clock).flatten());
         let plain = matches!(clock, "time" | "t" | "tout");
         let times = seconds(stamps.iter().map(f64::to_string), known, plain);
         if !plain || times.unit != TimeUnit::S || !times.told.is_empty() {
@@ -96,9 +108,20 @@ fn collect<'a>(name: &str, fields: &'a [(String, Array)], found: &mut Vec<Found<
     }
     for (field, array) in fields {
         let path = if name.is_empty() { field.clone() } else { format!("{name}.{field}") };
-        if let Array::Struct(inner) = array {
-            collect(&path, inner, found, notes, options);
+        nested(&path, array, found, notes, options);
+    }
+}
+
+/// Structs within structs, and in cells by their number.
+fn nested<'a>(path: &str, array: &'a Array, found: &mut Vec<Found<'a>>, notes: &mut Vec<String>, options: &ReadOptions) {
+    match array {
+        Array::Struct(inner) => collect(path, inner, found, notes, options),
+        Array::List(elements) => {
+            for (k, element) in elements.iter().enumerate() {
+                nested(&format!("{path}[{}]", k + 1), element, found, notes, options);
+            }
         }
+        _ => {}
     }
 }
 
@@ -106,10 +129,11 @@ fn prefix(name: &str) -> String {
     if name.is_empty() { String::new() } else { format!("{name}: ") }
 }
 
-/// A row or column of at least two numbers.
-fn vector(array: &Array) -> Option<&[f64]> {
+/// A row or column of at least two numbers, and their unit where they are stamps.
+fn vector(array: &Array) -> Option<(&[f64], Option<TimeUnit>)> {
     match array {
-        Array::Numbers { shape, values } if values.len() > 1 && shape.iter().filter(|n| **n > 1).count() == 1 => Some(values),
+        Array::Numbers { shape, values } if values.len() > 1 && shape.iter().filter(|n| **n > 1).count() == 1 => Some((values, None)),
+        Array::Times { values, unit } if values.len() > 1 => Some((values, Some(*unit))),
         _ => None,
     }
 }

@@ -1,18 +1,21 @@
 //! HDF5 files, and MAT 7.3, which is HDF5: vectors and matrices beside a vector of time, groups (structs) as topics.
 //!
 //! Source: the HDF5 format, by the crate `hdf5-reader`. MATLAB writes its arrays column by column, so that the dimensions stand the other way round; other programs do not.
-//! MATLAB's objects and cells refer to arrays elsewhere in the file: they are named and left out.
+//! MATLAB's cells, arrays of structs and objects refer to arrays in the group `#refs#`.
 
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use hdf5_reader::error::Error as Damage;
 use hdf5_reader::group::Group;
+use hdf5_reader::reference::read_object_references;
 use hdf5_reader::{Dataset, Datatype, Hdf5File};
 
 use super::LogError;
 use super::arrays::{Array, assemble};
 use super::columns::guarded;
 use super::counted::{READING, whole};
+use super::mcos;
 use super::recording::{ReadOptions, Recording};
 use crate::error::Error;
 
@@ -21,6 +24,10 @@ const NAME: &str = "HDF5";
 const DEEPEST: usize = 16;
 /// MATLAB's word for what an array was.
 const CLASS: &str = "MATLAB_class";
+/// Of an array that has no elements, and holds its dimensions instead.
+const EMPTY: &str = "MATLAB_empty";
+/// Of numbers that refer to an object: 3.
+const DECODE: &str = "MATLAB_object_decode";
 
 pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     let source = path.display().to_string();
@@ -30,59 +37,169 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Recording, Error> {
     let bytes = whole(path, &options.far).map_err(|e| Error::io(path, e))?;
     options.far.at(READING, &"unpacking");
-    let mut notes = Vec::new();
+    let mut parts = Parts::default();
     let root = || Hdf5File::from_vec(bytes)?.root_group();
-    let variables = root().map(|group| variables(&group, "", 0, &mut notes)).map_err(|e| LogError::Format {
+    let (mut variables, objects) = root().map(|group| parts.file(&group)).map_err(|e| LogError::Format {
         file: source.to_owned(),
         format: NAME,
         what: e.to_string(),
     })?;
-    assemble(source, "hdf5", NAME, variables, notes, options)
+    mcos::resolve(&mut variables, objects, &mut parts.notes);
+    assemble(source, "hdf5", NAME, variables, parts.notes, options)
 }
 
-/// The arrays and groups of a group.
-fn variables(group: &Group, path: &str, depth: usize, notes: &mut Vec<String>) -> Vec<(String, Array)> {
-    let (groups, arrays) = match group.members() {
-        Ok(members) => members,
-        Err(error) => {
-            notes.push(format!("{}: damaged ({error}); left out", if path.is_empty() { "the root" } else { path }));
-            return Vec::new();
+/// What cells refer to.
+enum Referred {
+    Group(Group),
+    Array(Dataset),
+}
+
+/// The parts of a file while it is read.
+#[derive(Default)]
+struct Parts {
+    /// What was not read yet of what cells refer to, by its place: each is read once, so that no file holds itself.
+    referred: HashMap<u64, Referred>,
+    read: HashSet<u64>,
+    notes: Vec<String>,
+}
+
+impl Parts {
+    /// The variables, and what MATLAB's objects refer to.
+    fn file(&mut self, root: &Group) -> (Vec<(String, Array)>, Option<Vec<Array>>) {
+        if let Ok(group) = root.group("#refs#") {
+            match group.members() {
+                Ok((groups, arrays)) => {
+                    self.referred.extend(groups.into_iter().map(|group| (group.address(), Referred::Group(group))));
+                    self.referred.extend(arrays.into_iter().map(|array| (array.address(), Referred::Array(array))));
+                }
+                Err(error) => self.notes.push(format!("cells, arrays of structs and objects: damaged ({error}); left out")),
+            }
         }
-    };
-    let mut found = Vec::new();
-    for array in arrays {
-        let (name, full) = (array.name().to_owned(), join(path, array.name()));
-        match numbers(&array) {
-            Ok(Some(numbers)) => found.push((name, numbers)),
-            Ok(None) => notes.push(format!("{full}: no numbers; left out")),
-            Err(error) => notes.push(format!("{full}: damaged ({error}); left out")),
-        }
+        let variables = self.group(root, "", 0);
+        let wrapper = root.group("#subsystem#").and_then(|group| group.dataset("MCOS"));
+        let cells = wrapper.ok().and_then(|wrapper| self.cells(&wrapper, "#subsystem#", 0).ok());
+        (variables, cells)
     }
-    for inner in groups {
-        // MATLAB keeps there what cells and objects refer to.
-        if inner.name().starts_with('#') {
-            notes.push(format!("{}: cells and objects; left out", join(path, inner.name())));
-        } else if depth < DEEPEST {
-            let fields = variables(&inner, &join(path, inner.name()), depth + 1, notes);
-            found.push((inner.name().to_owned(), Array::Struct(fields)));
+
+    /// The arrays and groups of a group.
+    fn group(&mut self, group: &Group, path: &str, depth: usize) -> Vec<(String, Array)> {
+        let (groups, arrays) = match group.members() {
+            Ok(members) => members,
+            Err(error) => {
+                self.notes.push(format!("{}: damaged ({error}); left out", if path.is_empty() { "the root" } else { path }));
+                return Vec::new();
+            }
+        };
+        let mut found = Vec::new();
+        for array in arrays {
+            let (name, full) = (array.name().to_owned(), join(path, array.name()));
+            found.extend(self.array(&array, &full, depth).map(|array| (name, array)));
         }
+        for inner in groups {
+            // MATLAB keeps there what cells and objects refer to.
+            if depth < DEEPEST && !inner.name().starts_with('#') {
+                let fields = self.structure(&inner, &join(path, inner.name()), depth + 1);
+                found.push((inner.name().to_owned(), fields));
+            }
+        }
+        found
     }
-    found
+
+    /// A struct, or several of the same fields, which are cells then.
+    fn structure(&mut self, group: &Group, path: &str, depth: usize) -> Array {
+        let several = group.attribute(CLASS).is_ok()
+            && group.members().is_ok_and(|(groups, arrays)| {
+                groups.is_empty() && !arrays.is_empty() && arrays.iter().all(|array| is_reference(array) && array.attribute(CLASS).is_err())
+            });
+        let fields = self.group(group, path, depth);
+        if !several {
+            return Array::Struct(fields);
+        }
+        let mut elements: Vec<Vec<(String, Array)>> = Vec::new();
+        for (name, field) in fields {
+            let Array::List(values) = field else { continue };
+            elements.resize_with(elements.len().max(values.len()), Vec::new);
+            for (element, value) in elements.iter_mut().zip(values) {
+                element.push((name.clone(), value));
+            }
+        }
+        Array::List(elements.into_iter().map(Array::Struct).collect())
+    }
+
+    /// An array; what it is not is said.
+    fn array(&mut self, array: &Dataset, path: &str, depth: usize) -> Option<Array> {
+        let matlab = !(self.referred.is_empty() && self.read.is_empty());
+        let read = match is_reference(array) && matlab {
+            true => self.cells(array, path, depth).map(|cells| Some(Array::List(cells))),
+            false => numbers(array),
+        };
+        match read {
+            Ok(Some(read)) => return Some(read),
+            Ok(None) => self.notes.push(format!("{path}: no numbers; left out")),
+            Err(error) => self.notes.push(format!("{path}: damaged ({error}); left out")),
+        }
+        None
+    }
+
+    /// What an array of references refers to.
+    fn cells(&mut self, array: &Dataset, path: &str, depth: usize) -> Result<Vec<Array>, Damage> {
+        if depth >= DEEPEST {
+            return Ok(Vec::new());
+        }
+        let bytes = array.read_raw_bytes()?;
+        let places = read_object_references(&bytes, 8)?;
+        let mut found = Vec::with_capacity(places.len());
+        for (k, place) in places.into_iter().enumerate() {
+            let path = format!("{path}[{}]", k + 1);
+            found.push(match self.referred.remove(&place) {
+                Some(Referred::Group(group)) => self.structure(&group, &path, depth + 1),
+                Some(Referred::Array(array)) => {
+                    // Empty cells share one array.
+                    if array.attribute(EMPTY).is_err() {
+                        self.read.insert(place);
+                    }
+                    self.array(&array, &path, depth + 1).unwrap_or(Array::Other)
+                }
+                None => {
+                    if self.read.contains(&place) {
+                        self.notes.push(format!("{path}: refers to what another cell holds; left out"));
+                    }
+                    Array::Other
+                }
+            });
+        }
+        Ok(found)
+    }
+}
+
+/// Whether an array has places in the file as its elements.
+fn is_reference(array: &Dataset) -> bool {
+    matches!(array.dtype(), Datatype::Reference { size: 8, .. }) && array.attribute(EMPTY).is_err()
 }
 
 fn join(path: &str, name: &str) -> String {
     if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") }
 }
 
-/// An array of numbers column by column; `None` of anything else.
+/// An array of numbers column by column, letters, or what refers to an object; `None` of anything else.
 fn numbers(array: &Dataset) -> Result<Option<Array>, Damage> {
     let class = array.attribute(CLASS).and_then(|a| a.read_string()).ok();
-    if class.as_deref().is_some_and(|c| matches!(c.trim_end_matches('\0'), "char" | "cell" | "struct" | "function_handle")) {
+    let class = class.as_deref().map(|c| c.trim_end_matches('\0'));
+    if array.attribute(EMPTY).is_ok() {
+        return Ok(Some(Array::Other));
+    }
+    if matches!(class, Some("cell" | "struct" | "function_handle")) {
         return Ok(None);
     }
-    let Some((kind, size)) = scalar(array.dtype()) else { return Ok(None) };
+    let Some((kind, size, stride)) = scalar(array.dtype()) else { return Ok(None) };
     let bytes = array.read_native_bytes()?;
-    let values: Vec<f64> = bytes.chunks_exact(size).map(|b| kind.value(b)).collect();
+    let values: Vec<f64> = bytes.chunks_exact(stride).filter_map(|b| b.get(..size)).map(|b| kind.value(b)).collect();
+    if class == Some("char") {
+        return Ok(Some(Array::Text(String::from_utf16_lossy(&values.iter().map(|x| *x as u16).collect::<Vec<_>>()))));
+    }
+    if array.attribute(DECODE).is_ok() && mcos::refers(&values) {
+        return Ok(Some(Array::Object(values)));
+    }
     let mut shape = Vec::with_capacity(array.ndim());
     for length in array.shape() {
         shape.push(usize::try_from(*length).unwrap_or(usize::MAX));
@@ -126,14 +243,22 @@ impl Kind {
     }
 }
 
-/// What one number is, and its bytes.
-fn scalar(kind: &Datatype) -> Option<(Kind, usize)> {
+/// What one number is, its bytes, and from how many on the next one stands: of complex numbers the real part is read.
+fn scalar(kind: &Datatype) -> Option<(Kind, usize, usize)> {
+    let plain = |kind: Kind, size: u8| Some((kind, usize::from(size), usize::from(size)));
     match kind {
-        Datatype::FixedPoint { size: size @ (1 | 2 | 4 | 8), signed: true, .. } => Some((Kind::Signed, usize::from(*size))),
-        Datatype::FixedPoint { size: size @ (1 | 2 | 4 | 8), signed: false, .. } => Some((Kind::Unsigned, usize::from(*size))),
-        Datatype::FloatingPoint { size: size @ (4 | 8), .. } => Some((Kind::Float, usize::from(*size))),
+        Datatype::FixedPoint { size: size @ (1 | 2 | 4 | 8), signed: true, .. } => plain(Kind::Signed, *size),
+        Datatype::FixedPoint { size: size @ (1 | 2 | 4 | 8), signed: false, .. } => plain(Kind::Unsigned, *size),
+        Datatype::FloatingPoint { size: size @ (4 | 8), .. } => plain(Kind::Float, *size),
         // Truth values of h5py.
         Datatype::Enum { base, .. } => scalar(base),
+        Datatype::Compound { size, fields } => match fields.as_slice() {
+            [real, imaginary] if real.name == "real" && real.byte_offset == 0 && imaginary.name == "imag" => {
+                let (kind, bytes, _) = scalar(&real.datatype)?;
+                Some((kind, bytes, (*size as usize).max(bytes)))
+            }
+            _ => None,
+        },
         _ => None,
     }
 }

@@ -1,6 +1,6 @@
 //! MAT files of version 5 (and 6, 7): arrays, structs of arrays, Simulink's "structure with time".
 //!
-//! Source: MathWorks, "MAT-File Format", level 5. Objects (timeseries, tables, `Simulink.SimulationData.Dataset`) stand in an undocumented part of the file: they are named.
+//! Source: MathWorks, "MAT-File Format", level 5. What objects (timeseries, tables) hold stands in a part of the file that its header points to: see [`mcos`].
 
 use std::io::Read;
 use std::path::Path;
@@ -10,6 +10,7 @@ use flate2::read::ZlibDecoder;
 use super::LogError;
 use super::arrays::{Array, assemble};
 use super::counted::{READING, whole};
+use super::mcos;
 use super::recording::{ReadOptions, Recording};
 use crate::error::Error;
 
@@ -24,6 +25,8 @@ const INT8: u32 = 1;
 const UTF8: u32 = 16;
 const MATRIX: u32 = 14;
 const COMPRESSED: u32 = 15;
+/// The class of objects.
+const OPAQUE: u32 = 17;
 
 /// Whether a file begins like one of version 5; version 7.3 has the same text and another version number.
 pub(super) fn is_mat5(head: &[u8]) -> bool {
@@ -45,7 +48,8 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
         _ => return Err(refused("the header is not one of version 5 to 7.3 (version 4, say); save it with `save -v7` or `-v7.3`, in Python with scipy.io.savemat(FILE, data)").into()),
     };
     let mut file = Elements { bytes: bytes.get(HEADER..).unwrap_or_default(), big };
-    let (mut variables, mut notes) = (Vec::new(), Vec::new());
+    let (mut variables, mut notes, mut objects) = (Vec::new(), Vec::new(), None);
+    let subsystem = subsystem_at(bytes, big);
     let unpacking = options.far.part(READING, 1.0);
     while !file.bytes.is_empty() {
         let at = bytes.len() - file.bytes.len();
@@ -54,37 +58,58 @@ pub(super) fn read(source: &str, bytes: &[u8], options: &ReadOptions) -> Result<
             notes.push(format!("cut off at byte {at}: the last variable is not whole"));
             break;
         };
-        let found = match kind {
-            COMPRESSED => unpacked(data, big, &mut notes, at),
-            MATRIX => matrix(data, big, 0, &mut notes),
+        let packed = if kind == COMPRESSED { unpacked(data, &mut notes, at) } else { Vec::new() };
+        let content = match kind {
+            COMPRESSED => {
+                Elements { bytes: &packed, big }.next().filter(|(kind, _, whole)| *kind == MATRIX && *whole).map(|(_, content, _)| content)
+            }
+            MATRIX => Some(data),
             _ => None,
         };
-        match found {
-            Some((name, array)) => variables.push((name, array)),
-            None if matches!(kind, COMPRESSED | MATRIX) && whole => {
-                notes.push(format!("the variable at byte {at} cannot be read; left out"))
-            }
-            None => {}
+        if Some(at as u64) == subsystem {
+            objects = content.and_then(|content| wrapper(content, big));
+        } else if let Some(variable) = content.and_then(|content| matrix(content, big, 0)) {
+            variables.push(variable);
+        } else if matches!(kind, COMPRESSED | MATRIX) && whole {
+            notes.push(format!("the variable at byte {at} cannot be read; left out"));
         }
         if !whole {
             notes.push(format!("cut off at byte {}: the variable that begins at byte {at} is not whole", bytes.len()));
             break;
         }
     }
+    mcos::resolve(&mut variables, objects, &mut notes);
     assemble(source, "mat", NAME, variables, notes, options)
 }
 
-/// A variable out of a compressed element, as far as it unpacks.
-fn unpacked(data: &[u8], big: bool, notes: &mut Vec<String>, at: usize) -> Option<(String, Array)> {
+/// Where the element stands that holds what objects refer to.
+fn subsystem_at(bytes: &[u8], big: bool) -> Option<u64> {
+    let at = bytes.get(116..124)?.try_into().ok()?;
+    Some(if big { u64::from_be_bytes(at) } else { u64::from_le_bytes(at) })
+}
+
+/// The cells of the `FileWrapper__`: they stand in a file within an array of bytes, in the field `MCOS` of a struct.
+fn wrapper(content: &[u8], big: bool) -> Option<Vec<Array>> {
+    let mut parts = Elements { bytes: content, big };
+    // Flags, dimensions, name.
+    parts.next().and(parts.next()).and(parts.next())?;
+    let (_, inner, _) = parts.next()?;
+    let big = inner.get(2..4)? == b"MI";
+    let (_, content, _) = Elements { bytes: inner.get(8..)?, big }.next()?;
+    let Array::Struct(fields) = matrix(content, big, 0)?.1 else { return None };
+    match fields.into_iter().find(|(field, _)| field == "MCOS")?.1 {
+        Array::List(cells) => Some(cells),
+        _ => None,
+    }
+}
+
+/// A compressed element, as far as it unpacks.
+fn unpacked(data: &[u8], notes: &mut Vec<String>, at: usize) -> Vec<u8> {
     let mut plain = Vec::new();
     if let Err(error) = ZlibDecoder::new(data).take(LARGEST).read_to_end(&mut plain) {
         notes.push(format!("the variable at byte {at} does not unpack ({error})"));
     }
-    let (kind, content, whole) = Elements { bytes: &plain, big }.next()?;
-    if kind != MATRIX || !whole {
-        return None;
-    }
-    matrix(content, big, 0, notes)
+    plain
 }
 
 /// The elements of a part of a file.
@@ -156,7 +181,7 @@ fn numbers(kind: u32, content: &[u8], big: bool) -> Option<Vec<f64>> {
 }
 
 /// So many structs of the same fields.
-fn structs(parts: &mut Elements<'_>, count: usize, depth: usize, notes: &mut Vec<String>) -> Option<Array> {
+fn structs(parts: &mut Elements<'_>, count: usize, depth: usize) -> Option<Array> {
     let length = parts.numbers()?.first().copied()? as usize;
     let (_, names, _) = parts.next()?;
     if length == 0 {
@@ -169,7 +194,7 @@ fn structs(parts: &mut Elements<'_>, count: usize, depth: usize, notes: &mut Vec
         let mut element = Vec::with_capacity(fields.len());
         for field in &fields {
             let (_, value, _) = parts.next()?;
-            element.push((field.clone(), matrix(value, parts.big, depth + 1, notes)?.1));
+            element.push((field.clone(), matrix(value, parts.big, depth + 1)?.1));
         }
         elements.push(Array::Struct(element));
     }
@@ -180,22 +205,23 @@ fn structs(parts: &mut Elements<'_>, count: usize, depth: usize, notes: &mut Vec
 }
 
 /// A variable: its name and what it holds.
-fn matrix(content: &[u8], big: bool, depth: usize, notes: &mut Vec<String>) -> Option<(String, Array)> {
+fn matrix(content: &[u8], big: bool, depth: usize) -> Option<(String, Array)> {
     let mut parts = Elements { bytes: content, big };
     if content.is_empty() || depth > DEEPEST {
         return Some((String::new(), Array::Other));
     }
     let (_, flags, _) = parts.next()?;
     let class = Elements { bytes: flags, big }.u32(0)? & 0xff;
-    if class == 17 {
+    if class == OPAQUE {
         let (_, name, _) = parts.next()?;
-        let name = String::from_utf8_lossy(name).into_owned();
-        if !name.is_empty() {
-            notes.push(format!(
-                "{name}: an object (timeseries, table, Dataset), which only MATLAB understands; save it as a struct: s.time = ts.Time; s.{name} = ts.Data"
-            ));
-        }
-        return Some((name, Array::Other));
+        // The system of types, the class, and what refers to the object's properties; the wrapper's class has the properties themselves.
+        parts.next().and(parts.next())?;
+        let (_, content, _) = parts.next()?;
+        let array = match matrix(content, big, depth + 1)?.1 {
+            Array::Numbers { values, .. } => Array::Object(values),
+            cells => cells,
+        };
+        return Some((String::from_utf8_lossy(name).into_owned(), array));
     }
     let shape: Vec<usize> = parts.numbers()?.into_iter().map(|n| n.max(0.0) as usize).collect();
     let (_, name, _) = parts.next()?;
@@ -207,11 +233,11 @@ fn matrix(content: &[u8], big: bool, depth: usize, notes: &mut Vec<String>) -> O
             let mut cells = Vec::new();
             while cells.len() < count && !parts.bytes.is_empty() {
                 let (_, cell, _) = parts.next()?;
-                cells.push(matrix(cell, big, depth + 1, notes)?.1);
+                cells.push(matrix(cell, big, depth + 1)?.1);
             }
             Array::List(cells)
         }
-        2 => structs(&mut parts, count, depth, notes)?,
+        2 => structs(&mut parts, count, depth)?,
         4 => {
             let (kind, letters, _) = parts.next()?;
             let text = match kind {

@@ -23,6 +23,7 @@ mod hdf5;
 mod listing;
 mod mat;
 mod mcap;
+mod mcos;
 mod numbers;
 #[cfg(feature = "tables")]
 mod parquet;

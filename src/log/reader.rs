@@ -59,14 +59,14 @@ pub const READERS: &[Reader] = &[
     },
     Reader {
         name: "mat",
-        summary: "MAT 5 to 7 of MATLAB and Simulink: vectors beside a vector of time, structs of arrays, structures with time",
+        summary: "MAT 5 to 7 of MATLAB and Simulink: vectors beside a vector of time, structs of arrays, structures with time, timeseries, Datasets",
         extensions: &["mat"],
         sniff: mat::is_mat5,
         open: mat::open,
     },
     Reader {
         name: "hdf5",
-        summary: "HDF5 and MAT 7.3: vectors and matrices beside a vector of time, groups and structs of them",
+        summary: "HDF5 and MAT 7.3: vectors and matrices beside a vector of time, groups and structs of them, MATLAB's objects",
         extensions: &["h5", "hdf5"],
         sniff: |head| [0, 512].iter().any(|at| head.get(*at..).is_some_and(|rest| rest.starts_with(b"\x89HDF\r\n\x1a\n"))),
         #[cfg(feature = "tables")]

@@ -1,0 +1,393 @@
+//! MATLAB's objects: MAT files of version 5 to 7.3 keep their properties apart, in the cells of a `FileWrapper__`, and refer to them by numbers.
+//!
+//! Source: "Subsystem Data Format" of the project matio (foreverallama/matio), which found out what MathWorks does not document. The objects that hold signals are read:
+//! `timeseries`, `timetable`, `table`, `Simulink.SimulationOutput`, `Simulink.SimulationData.Dataset`; of others the properties, as a struct.
+
+use std::borrow::Cow;
+
+use super::arrays::Array;
+use super::recording::TimeUnit;
+
+/// What numbers begin with that refer to an object.
+const MARK: f64 = 3_707_764_736.0;
+/// Objects within objects deeper than this are left out: an object may hold itself.
+const DEEPEST: usize = 16;
+/// Several objects may share what the wrapper holds: at most this many times as much is taken out of it.
+const SHARED: usize = 4;
+
+/// Whether numbers refer to an object.
+pub(super) fn refers(values: &[f64]) -> bool {
+    values.len() > 4 && values.first() == Some(&MARK)
+}
+
+/// Puts objects in the place of what refers to them.
+pub(super) fn resolve(variables: &mut [(String, Array)], cells: Option<Vec<Array>>, notes: &mut Vec<String>) {
+    let wrapper = cells.and_then(Wrapper::new);
+    let left = wrapper.as_ref().map_or(0, |w| SHARED * w.values.iter().map(size).sum::<usize>() + 10_000);
+    let mut objects = Objects { wrapper: wrapper.as_ref(), left, notes };
+    for (name, array) in variables {
+        objects.fill(name, array, false, 0);
+    }
+}
+
+/// The last part of a path: a name without what it stands in.
+fn last(path: &str) -> &str {
+    path.rsplit('.').next().unwrap_or(path)
+}
+
+fn join(path: &str, name: &str) -> String {
+    if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") }
+}
+
+/// Numbers, letters and parts of an array.
+fn size(array: &Array) -> usize {
+    1 + match array {
+        Array::Numbers { values, .. } | Array::Times { values, .. } | Array::Object(values) => values.len(),
+        Array::Text(text) => text.len(),
+        Array::Struct(fields) => fields.iter().map(|(name, field)| name.len() + size(field)).sum(),
+        Array::List(elements) => elements.iter().map(size).sum(),
+        Array::Other => 0,
+    }
+}
+
+fn texts(array: &Array) -> Vec<&str> {
+    match array {
+        Array::Text(text) => vec![text],
+        Array::List(elements) => elements.iter().map(|e| if let Array::Text(text) = e { text.as_str() } else { "" }).collect(),
+        _ => Vec::new(),
+    }
+}
+
+fn first_number(array: &Array) -> Option<f64> {
+    if let Array::Numbers { values, .. } = array { values.first().copied() } else { None }
+}
+
+/// The cells of a `FileWrapper__`.
+struct Wrapper {
+    names: Vec<String>,
+    classes: Vec<String>,
+    /// Class, the record of what its `saveobj` gave, and the record of its properties.
+    objects: Vec<[usize; 3]>,
+    saved: Vec<Vec<[usize; 3]>>,
+    plain: Vec<Vec<[usize; 3]>>,
+    values: Vec<Array>,
+    defaults: Vec<Array>,
+}
+
+impl Wrapper {
+    fn new(mut cells: Vec<Array>) -> Option<Self> {
+        let Array::Numbers { values, .. } = cells.first()? else { return None };
+        let bytes: Vec<u8> = values.iter().map(|x| *x as u8).collect();
+        let (words, _) = bytes.as_chunks::<4>();
+        let read = |swap: bool| -> Vec<usize> {
+            words.iter().map(|word| if swap { u32::from_be_bytes(*word) } else { u32::from_le_bytes(*word) } as usize).collect()
+        };
+        let known = |words: &Vec<usize>| words.first().is_some_and(|version| (2..=4).contains(version));
+        let words = Some(read(false)).filter(known).or_else(|| Some(read(true)).filter(known))?;
+        let (version, count) = (*words.first()?, *words.get(1)?);
+        // Where regions begin, in bytes: classes, what `saveobj` gave, objects, properties; and where these end.
+        let begins = |region: usize| words.get(2 + region).copied();
+        let region = |region: usize| words.get(begins(region)? / 4..begins(region + 1)? / 4);
+        let letters = bytes.get(40..begins(0)?)?.split(|b| *b == 0).filter(|name| !name.is_empty());
+        let names: Vec<String> = letters.take(count).map(|name| String::from_utf8_lossy(name).into_owned()).collect();
+        let class = |[space, name, ..]: &[usize; 4]| {
+            let name_of = |number: usize| names.get(number.checked_sub(1)?).map(String::as_str);
+            join(name_of(*space).unwrap_or_default(), name_of(*name).unwrap_or_default())
+        };
+        let classes = region(0)?.as_chunks::<4>().0.iter().map(class).collect();
+        let objects = region(2)?.as_chunks::<6>().0.iter().map(|[class, _, _, saved, plain, _]| [*class, *saved, *plain]).collect();
+        let (saved, plain) = (records(region(1)?), records(region(3)?));
+        let defaults = if let Some(Array::List(defaults)) = cells.pop() { defaults } else { Vec::new() };
+        // Behind the values stand aliases of classes, and something unknown.
+        cells.truncate(cells.len().saturating_sub(version - 2));
+        let values = cells.into_iter().skip(2).collect();
+        Some(Self { names, classes, objects, saved, plain, values, defaults })
+    }
+
+    /// The class of an object and its properties.
+    fn object(&self, id: usize) -> Option<(&str, Properties<'_>)> {
+        let [class, saved, plain] = *self.objects.get(id)?;
+        let record = if saved > 0 { self.saved.get(saved) } else { self.plain.get(plain) }?;
+        let name = |number: usize| self.names.get(number.checked_sub(1)?).map(String::as_str);
+        let mut found = Vec::with_capacity(record.len());
+        for [property, kind, value] in record {
+            let array = match kind {
+                0 => Cow::Owned(Array::Text(name(*value)?.to_owned())),
+                1 => Cow::Borrowed(self.values.get(*value)?),
+                _ => Cow::Owned(Array::Numbers { shape: vec![1, 1], values: vec![*value as f64] }),
+            };
+            found.push((name(*property)?, array));
+        }
+        // What a class's `saveobj` gave is one struct instead of properties.
+        if let [("any", Cow::Borrowed(Array::Struct(fields)))] = found.as_slice() {
+            found = fields.iter().map(|(name, array)| (name.as_str(), Cow::Borrowed(array))).collect();
+        }
+        if let Some(Array::Struct(fields)) = self.defaults.get(class) {
+            let default =
+                |(field, array): &'_ (String, Array)| !found.iter().any(|(name, _)| name == field) && !matches!(array, Array::Other);
+            let more: Vec<_> = fields.iter().filter(|f| default(f)).map(|(name, array)| (name.as_str(), Cow::Borrowed(array))).collect();
+            found.extend(more);
+        }
+        Some((self.classes.get(class)?, Properties(found)))
+    }
+
+    /// The properties of the object that numbers refer to, where it is one.
+    fn only(&self, array: &Array) -> Option<(&str, Properties<'_>)> {
+        match ids(array)? {
+            [id] => self.object(*id as usize),
+            _ => None,
+        }
+    }
+}
+
+/// Records of three words each, behind their count, each record at an even place.
+fn records(words: &[usize]) -> Vec<Vec<[usize; 3]>> {
+    let (mut found, mut at) = (Vec::new(), 0);
+    while let Some(count) = words.get(at) {
+        let end = count.saturating_mul(3).saturating_add(at + 1);
+        let Some(record) = words.get(at + 1..end) else { break };
+        found.push(record.as_chunks::<3>().0.to_vec());
+        at = end + end % 2;
+    }
+    found
+}
+
+/// The numbers of objects that an array refers to: they stand behind its dimensions, and before the number of its class.
+fn ids(array: &Array) -> Option<&[f64]> {
+    let (Array::Numbers { values, .. } | Array::Object(values)) = array else { return None };
+    if !refers(values) {
+        return None;
+    }
+    let dimensions = *values.get(1)? as usize;
+    values.get(dimensions.checked_add(2)?..values.len() - 1)
+}
+
+/// What an object has.
+struct Properties<'a>(Vec<(&'a str, Cow<'a, Array>)>);
+
+impl Properties<'_> {
+    /// A property that is not empty; inner ones are called the same with `_` behind.
+    fn get(&self, name: &str) -> Option<&Array> {
+        let empty = |array: &Array| match array {
+            Array::Numbers { values, .. } => values.is_empty(),
+            Array::List(elements) => elements.is_empty(),
+            other => matches!(other, Array::Other),
+        };
+        self.0.iter().find(|(own, array)| own.strip_suffix('_').unwrap_or(own) == name && !empty(array)).map(|(_, array)| array.as_ref())
+    }
+
+    fn number(&self, name: &str) -> Option<f64> {
+        first_number(self.get(name)?)
+    }
+
+    fn text(&self, name: &str) -> Option<&str> {
+        if let Array::Text(text) = self.get(name)? { Some(text.trim()).filter(|t| !t.is_empty()) } else { None }
+    }
+}
+
+/// Objects while they are put into their places.
+struct Objects<'a, 'n> {
+    wrapper: Option<&'a Wrapper>,
+    /// How much may still be taken out of the wrapper.
+    left: usize,
+    notes: &'n mut Vec<String>,
+}
+
+impl<'a> Objects<'a, '_> {
+    /// Puts objects into an array; within the wrapper plain numbers refer to them as well.
+    fn fill(&mut self, path: &str, array: &mut Array, within: bool, depth: usize) {
+        match array {
+            Array::Object(_) => *array = self.objects(path, array, depth),
+            Array::Numbers { values, .. } if within && refers(values) => *array = self.objects(path, array, depth),
+            Array::Struct(fields) => {
+                for (name, field) in fields {
+                    self.fill(&join(path, name), field, within, depth);
+                }
+            }
+            Array::List(elements) => {
+                for (k, element) in elements.iter_mut().enumerate() {
+                    self.fill(&format!("{path}[{}]", k + 1), element, within, depth);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// A value of the wrapper with its objects.
+    fn taken(&mut self, path: &str, value: &Array, depth: usize) -> Option<Array> {
+        self.spend(size(value))?;
+        let mut value = value.clone();
+        self.fill(path, &mut value, true, depth + 1);
+        Some(value)
+    }
+
+    fn spend(&mut self, cost: usize) -> Option<()> {
+        self.left = self.left.checked_sub(cost)?;
+        Some(())
+    }
+
+    fn objects(&mut self, path: &str, reference: &Array, depth: usize) -> Array {
+        let Some(wrapper) = self.wrapper else {
+            self.notes.push(format!("{path}: an object of MATLAB, but what it holds is not in the file, or is damaged; left out"));
+            return Array::Other;
+        };
+        let Some(ids) = ids(reference) else {
+            self.notes.push(format!("{path}: no object of MATLAB's own (Java, COM), or damaged; left out"));
+            return Array::Other;
+        };
+        let mut found = Vec::new();
+        for (k, id) in ids.iter().enumerate() {
+            if depth > DEEPEST || self.spend(1).is_none() {
+                self.notes.push(format!("{path}: objects within objects without end; left out"));
+                break;
+            }
+            let path = if ids.len() > 1 { format!("{path}[{}]", k + 1) } else { path.to_owned() };
+            let Some((class, properties)) = wrapper.object(*id as usize) else {
+                self.notes.push(format!("{path}: a damaged object of MATLAB; left out"));
+                continue;
+            };
+            match self.object(&path, class, &properties, depth) {
+                Some(array) => found.push(array),
+                None => self.notes.push(format!(
+                    "{path}: this `{class}` is empty, or holds no plain numbers; save it as a struct: s.time = …; s.{} = …",
+                    last(&path)
+                )),
+            }
+        }
+        if found.len() == 1 { found.pop().unwrap_or(Array::Other) } else { Array::List(found) }
+    }
+
+    fn object(&mut self, path: &str, class: &str, properties: &Properties<'a>, depth: usize) -> Option<Array> {
+        match class {
+            "timeseries" | "Simulink.Timeseries" => self.series(path, properties),
+            "datetime" | "duration" => {
+                let Array::Numbers { values, .. } = properties.get("data").or_else(|| properties.get("millis"))? else { return None };
+                self.spend(values.len())?;
+                Some(Array::Times { values: values.clone(), unit: TimeUnit::Ms })
+            }
+            "timetable" => self.timetable(path, properties, depth),
+            "table" => Some(Array::Struct(self.columns(path, properties.get("varnames")?, properties.get("data")?, depth)?)),
+            "Simulink.SimulationOutput" => self.taken(path, properties.get("Data")?, depth),
+            "Simulink.SimulationData.Dataset" => self.dataset(path, properties, depth),
+            // What a function refers to; texts.
+            "function_handle_workspace" | "string" => Some(Array::Other),
+            _ => match properties.get("Values") {
+                Some(values) if class.starts_with("Simulink.SimulationData.") => self.taken(path, values, depth),
+                _ => {
+                    let mut fields = Vec::with_capacity(properties.0.len());
+                    for (name, value) in &properties.0 {
+                        fields.push(((*name).to_owned(), self.taken(&join(path, name), value, depth)?));
+                    }
+                    Some(Array::Struct(fields))
+                }
+            },
+        }
+    }
+
+    /// `timeseries`: its data beside its time, which is told by start and step where it is even.
+    fn series(&mut self, path: &str, properties: &Properties<'a>) -> Option<Array> {
+        let own = |name: &str| properties.get(name).and_then(|part| self.wrapper?.only(part)).map(|(_, properties)| properties);
+        // What Simulink wrote while it ran stands in a storage of its own.
+        let storage = own("Storage");
+        let info = own("TimeInfo").unwrap_or(Properties(Vec::new()));
+        let data = properties.get("Data").or_else(|| storage.as_ref()?.get("Data"));
+        let Some(Array::Numbers { shape, values }) = data else { return None };
+        self.spend(2 * values.len())?;
+        let mut times = match properties.get("Time").or_else(|| info.get("Time")) {
+            Some(Array::Numbers { values, .. }) => {
+                self.spend(values.len())?;
+                values.clone()
+            }
+            _ => {
+                let (start, step) = (info.number("Start").unwrap_or(0.0), info.number("Increment")?);
+                let rows = info.number("Length").map_or_else(|| shape.first().copied().unwrap_or(0), |length| length as usize);
+                (0..rows.min(values.len())).map(|k| start + step * k as f64).collect()
+            }
+        };
+        if times.len() < 2 {
+            return None;
+        }
+        let (unit, scale) = match info.text("Units").unwrap_or("seconds") {
+            "nanoseconds" => (TimeUnit::Ns, 1.0),
+            "microseconds" => (TimeUnit::Us, 1.0),
+            "milliseconds" => (TimeUnit::Ms, 1.0),
+            "seconds" => (TimeUnit::S, 1.0),
+            "minutes" => (TimeUnit::S, 60.0),
+            "hours" => (TimeUnit::S, 3600.0),
+            "days" => (TimeUnit::S, 86_400.0),
+            "weeks" => (TimeUnit::S, 604_800.0),
+            other => {
+                self.notes.push(format!("{path}: its time is in {other}, which is taken for seconds"));
+                (TimeUnit::S, 1.0)
+            }
+        };
+        times.iter_mut().for_each(|time| *time *= scale);
+        // What has more than two dimensions has time in the last one, unless it says otherwise.
+        let rows = times.len();
+        let first = shape.first() == Some(&rows)
+            && (shape.len() < 3 || shape.last() != Some(&rows) || properties.number("IsTimeFirst") == Some(1.0));
+        let data = if first || values.len() == rows || shape.last() != Some(&rows) {
+            Array::Numbers { shape: shape.clone(), values: values.clone() }
+        } else {
+            let each = values.len() / rows;
+            let turned = (0..each).flat_map(|j| values.iter().skip(j).step_by(each.max(1)).copied()).collect();
+            Array::Numbers { shape: vec![rows, each], values: turned }
+        };
+        let name = properties.text("Name").filter(|name| *name != "unnamed").unwrap_or_else(|| last(path));
+        Some(Array::Struct(vec![("time".to_owned(), Array::Times { values: times, unit }), (name.to_owned(), data)]))
+    }
+
+    /// Columns beside the stamps of their rows, which may be told by start and step.
+    fn timetable(&mut self, path: &str, properties: &Properties<'a>, depth: usize) -> Option<Array> {
+        let mut columns = self.columns(path, properties.get("varNames")?, properties.get("data")?, depth)?;
+        let times = match properties.get("rowTimes")? {
+            Array::Struct(rule) => {
+                let part = |name: &str| rule.iter().find(|(own, _)| own == name).map(|(_, array)| array);
+                let millis = |name: &str| {
+                    let (_, properties) = self.wrapper?.only(part(name)?)?;
+                    properties.number("millis").or_else(|| properties.number("data"))
+                };
+                let step = match part("specifiedAsRate").and_then(first_number) {
+                    Some(1.0) => 1e3 / first_number(part("sampleRate")?)?,
+                    _ => millis("stepSize")?,
+                };
+                let longest = columns.iter().map(|(_, column)| size(column)).max().unwrap_or(0);
+                let rows = (properties.number("numRows")? as usize).min(longest);
+                let start = millis("origin").unwrap_or(0.0);
+                Array::Times { values: (0..rows).map(|k| start + step * k as f64).collect(), unit: TimeUnit::Ms }
+            }
+            stamps => self.taken(path, stamps, depth)?,
+        };
+        columns.insert(0, ("time".to_owned(), times));
+        Some(Array::Struct(columns))
+    }
+
+    fn columns(&mut self, path: &str, names: &Array, data: &Array, depth: usize) -> Option<Vec<(String, Array)>> {
+        let Array::List(data) = data else { return None };
+        let mut columns = Vec::with_capacity(data.len());
+        for (name, column) in texts(names).into_iter().zip(data) {
+            columns.push((name.to_owned(), self.taken(&join(path, name), column, depth)?));
+        }
+        Some(columns)
+    }
+
+    /// The elements of a Dataset by their names; signals have what they recorded in `Values`.
+    fn dataset(&mut self, path: &str, properties: &Properties<'a>, depth: usize) -> Option<Array> {
+        let wrapper = self.wrapper?;
+        let storage = properties.get("Storage").and_then(|storage| wrapper.only(storage)).map(|(_, properties)| properties);
+        let elements = storage.as_ref().unwrap_or(properties).get("Elements")?;
+        let elements = if let Array::List(elements) = elements { elements.as_slice() } else { std::slice::from_ref(elements) };
+        let mut found: Vec<(String, Array)> = Vec::with_capacity(elements.len());
+        for (k, element) in elements.iter().enumerate() {
+            let own = match element {
+                Array::Struct(fields) => Properties(fields.iter().map(|(name, array)| (name.as_str(), Cow::Borrowed(array))).collect()),
+                reference => wrapper.only(reference).map_or(Properties(Vec::new()), |(_, properties)| properties),
+            };
+            let name = own.text("Name").map_or_else(|| format!("element[{}]", k + 1), ToOwned::to_owned);
+            let name = if found.iter().any(|(other, _)| *other == name) { format!("{name}[{}]", k + 1) } else { name };
+            let value = self.taken(&join(path, &name), own.get("Values").unwrap_or(element), depth)?;
+            found.push((name, value));
+        }
+        Some(Array::Struct(found))
+    }
+}
