@@ -374,7 +374,12 @@ impl<'a> Objects<'a, '_> {
     /// The elements of a Dataset by their names; signals have what they recorded in `Values`.
     fn dataset(&mut self, path: &str, properties: &Properties<'a>, depth: usize) -> Option<Array> {
         let wrapper = self.wrapper?;
-        let storage = properties.get("Storage").and_then(|storage| wrapper.only(storage)).map(|(_, properties)| properties);
+        let storage = properties.get("Storage").and_then(|storage| wrapper.only(storage));
+        // What Simulink streamed into the file stands in no arrays.
+        if storage.as_ref().is_some_and(|(class, _)| class.ends_with("MatFileDatasetStorage")) {
+            return None;
+        }
+        let storage = storage.map(|(_, properties)| properties);
         let elements = storage.as_ref().unwrap_or(properties).get("Elements")?;
         let elements = if let Array::List(elements) = elements { elements.as_slice() } else { std::slice::from_ref(elements) };
         let mut found: Vec<(String, Array)> = Vec::with_capacity(elements.len());
