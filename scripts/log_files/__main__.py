@@ -55,7 +55,8 @@ def main() -> None:
     (FOLDER / "SOURCE.md").write_text(
         "# Log files of other programs\n\n"
         "Made by `python -m log_files` in scripts/ (with the python of `scripts/venv logs`): each file by its format's own writer, `expected.json` by its format's own Python reader.\n"
-        "The ULog file is put together by the specification (there is no writer in Python); pyulog is the witness.\n\n"
+        "The ULog file is put together by the specification (there is no writer in Python); pyulog is the witness.\n"
+        "mat-io has no timeseries, outputs and Datasets of Simulink of its own: their properties are called as in MATLAB's files.\n\n"
         f"Tools:\n{tools}\n\nTolerance: none, the values must be equal to the bit; time stamps to 1e-9 s (nanoseconds as f64 seconds).\n"
     )
 

@@ -111,7 +111,10 @@ def matlab_objects() -> dict[str, object]:
     streamed = series(y, time=t**2, streamed=True)
     one = np.empty((1, 1), dtype=[("y", object), ("tout", object)])
     one[0, 0] = (series(u.reshape(-1, 1), time=t), t.reshape(-1, 1))
-    signal = lambda name, values: MatlabOpaque(properties={"Name": name, "Values": values, "PortType": "outport"}, classname="Simulink.SimulationData.Signal")
+
+    def signal(name: str, values: object) -> MatlabOpaque:
+        return MatlabOpaque(properties={"Name": name, "Values": values, "PortType": "outport"}, classname="Simulink.SimulationData.Signal")
+
     # mat-io finds objects within objects in arrays of structs, not in dictionaries.
     bus = np.empty((1, 1), dtype=[("roll", object), ("pitch", object)])
     bus[0, 0] = tuple(series(sign * u.reshape(-1, 1), even=(0.0, 0.02), name=name) for sign, name in [(1, "roll"), (-1, "pitch")])

@@ -9,7 +9,7 @@ use std::path::Path;
 use hdf5_reader::error::Error as Damage;
 use hdf5_reader::group::Group;
 use hdf5_reader::reference::read_object_references;
-use hdf5_reader::{Dataset, Datatype, Hdf5File};
+use hdf5_reader::{Dataset, Datatype, Hdf5File, OpenOptions};
 
 use super::LogError;
 use super::arrays::{Array, assemble};
@@ -22,6 +22,8 @@ use crate::error::Error;
 const NAME: &str = "HDF5";
 /// Groups within groups deeper than this are left out: a file may hold itself.
 const DEEPEST: usize = 16;
+/// No array holds more bytes than this many times the file's: deflate packs no better.
+const MOST_PACKED: usize = 1032;
 /// MATLAB's word for what an array was.
 const CLASS: &str = "MATLAB_class";
 /// Of an array that has no elements, and holds its dimensions instead.
@@ -37,8 +39,9 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
 fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Recording, Error> {
     let bytes = whole(path, &options.far).map_err(|e| Error::io(path, e))?;
     options.far.at(READING, &"unpacking");
-    let mut parts = Parts::default();
-    let root = || Hdf5File::from_vec(bytes)?.root_group();
+    let mut parts = Parts { length: bytes.len(), ..Parts::default() };
+    let limits = OpenOptions::default().with_max_read_bytes(bytes.len().saturating_mul(MOST_PACKED));
+    let root = || Hdf5File::from_vec_with_options(bytes, limits)?.root_group();
     let (mut variables, objects) = root().map(|group| parts.file(&group)).map_err(|e| LogError::Format {
         file: source.to_owned(),
         format: NAME,
@@ -51,12 +54,14 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
 /// What cells refer to.
 enum Referred {
     Group(Group),
-    Array(Dataset),
+    Array(Box<Dataset>),
 }
 
 /// The parts of a file while it is read.
 #[derive(Default)]
 struct Parts {
+    /// The file's bytes.
+    length: usize,
     /// What was not read yet of what cells refer to, by its place: each is read once, so that no file holds itself.
     referred: HashMap<u64, Referred>,
     read: HashSet<u64>,
@@ -70,7 +75,7 @@ impl Parts {
             match group.members() {
                 Ok((groups, arrays)) => {
                     self.referred.extend(groups.into_iter().map(|group| (group.address(), Referred::Group(group))));
-                    self.referred.extend(arrays.into_iter().map(|array| (array.address(), Referred::Array(array))));
+                    self.referred.extend(arrays.into_iter().map(|array| (array.address(), Referred::Array(Box::new(array)))));
                 }
                 Err(error) => self.notes.push(format!("cells, arrays of structs and objects: damaged ({error}); left out")),
             }
@@ -131,7 +136,7 @@ impl Parts {
         let matlab = !(self.referred.is_empty() && self.read.is_empty());
         let read = match is_reference(array) && matlab {
             true => self.cells(array, path, depth).map(|cells| Some(Array::List(cells))),
-            false => numbers(array),
+            false => self.fits(array).and_then(|()| numbers(array)),
         };
         match read {
             Ok(Some(read)) => return Some(read),
@@ -141,11 +146,20 @@ impl Parts {
         None
     }
 
+    /// What is not packed is in the file.
+    fn fits(&self, array: &Dataset) -> Result<(), Damage> {
+        if array.chunks().is_none() && array.raw_byte_len()? > self.length {
+            return Err(Damage::Other("it is larger than the file".into()));
+        }
+        Ok(())
+    }
+
     /// What an array of references refers to.
     fn cells(&mut self, array: &Dataset, path: &str, depth: usize) -> Result<Vec<Array>, Damage> {
         if depth >= DEEPEST {
             return Ok(Vec::new());
         }
+        self.fits(array)?;
         let bytes = array.read_raw_bytes()?;
         let places = read_object_references(&bytes, 8)?;
         let mut found = Vec::with_capacity(places.len());

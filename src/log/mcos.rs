@@ -374,7 +374,12 @@ impl<'a> Objects<'a, '_> {
     /// The elements of a Dataset by their names; signals have what they recorded in `Values`.
     fn dataset(&mut self, path: &str, properties: &Properties<'a>, depth: usize) -> Option<Array> {
         let wrapper = self.wrapper?;
-        let storage = properties.get("Storage").and_then(|storage| wrapper.only(storage)).map(|(_, properties)| properties);
+        let storage = properties.get("Storage").and_then(|storage| wrapper.only(storage));
+        // What Simulink streamed into the file stands in no arrays.
+        if storage.as_ref().is_some_and(|(class, _)| class.ends_with("MatFileDatasetStorage")) {
+            return None;
+        }
+        let storage = storage.map(|(_, properties)| properties);
         let elements = storage.as_ref().unwrap_or(properties).get("Elements")?;
         let elements = if let Array::List(elements) = elements { elements.as_slice() } else { std::slice::from_ref(elements) };
         let mut found: Vec<(String, Array)> = Vec::with_capacity(elements.len());
@@ -389,5 +394,79 @@ impl<'a> Objects<'a, '_> {
             found.push((name, value));
         }
         Some(Array::Struct(found))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn numbers(values: &[f64]) -> Array {
+        Array::Numbers { shape: vec![values.len(), 1], values: values.to_vec() }
+    }
+
+    fn reference(id: f64) -> Array {
+        numbers(&[MARK, 2.0, 1.0, 1.0, id, 1.0])
+    }
+
+    /// A wrapper of one object of a class, with one property.
+    fn cells(class: &str, property: &str, value: Array) -> Vec<Array> {
+        let mut names = format!("{class}\0{property}\0").into_bytes();
+        names.resize(names.len().next_multiple_of(4), 0);
+        let classes = [0, 0, 0, 0, 0, 1, 0, 0_u32];
+        let objects = [0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 1_u32];
+        let plain = [0, 0, 1, 2, 1, 0_u32];
+        let mut begins = vec![40 + names.len()];
+        for words in [classes.len(), 0, objects.len(), plain.len(), 0, 0, 0] {
+            begins.push(begins.last().unwrap() + 4 * words);
+        }
+        let head = [4_u32, 2].into_iter().chain(begins.into_iter().map(|at| u32::try_from(at).unwrap()));
+        let mut bytes: Vec<u8> = head.flat_map(u32::to_le_bytes).collect();
+        bytes.extend(names);
+        bytes.extend(classes.iter().chain(&objects).chain(&plain).copied().flat_map(u32::to_le_bytes));
+        let metadata: Vec<f64> = bytes.into_iter().map(f64::from).collect();
+        vec![numbers(&metadata), Array::Other, value, Array::Other, numbers(&[0.0]), Array::List(Vec::new())]
+    }
+
+    fn resolved(cells: Option<Vec<Array>>) -> (Array, Vec<String>) {
+        let Array::Numbers { values, .. } = reference(1.0) else { unreachable!() };
+        let (mut variables, mut notes) = (vec![("x".to_owned(), Array::Object(values))], Vec::new());
+        resolve(&mut variables, cells, &mut notes);
+        (variables.pop().unwrap().1, notes)
+    }
+
+    #[test]
+    fn properties_of_an_object_are_the_fields_of_a_struct() {
+        let (found, notes) = resolved(Some(cells("Thing", "time", numbers(&[0.0, 1.0]))));
+        let Array::Struct(fields) = found else { panic!("{found:?}") };
+        assert!(matches!(fields.as_slice(), [(name, Array::Numbers { .. })] if name == "time") && notes.is_empty(), "{fields:?} {notes:?}");
+    }
+
+    #[test]
+    fn objects_that_hold_themselves_come_to_an_end_and_are_said() {
+        let many = Array::List(vec![reference(1.0); 40]);
+        for (class, property) in
+            [("Thing", "inner"), ("Simulink.SimulationData.Dataset", "Elements"), ("Simulink.SimulationData.Signal", "Values")]
+        {
+            for value in [reference(1.0), many.clone()] {
+                let (found, notes) = resolved(Some(cells(class, property, value)));
+                assert!(size(&found) < 50_000 && !notes.is_empty() && notes.len() < 5_000, "{class}: {} {}", size(&found), notes.len());
+            }
+        }
+    }
+
+    #[test]
+    fn objects_without_what_they_hold_are_named() {
+        let damaged = |at: usize, value: f64| {
+            let mut cells = cells("Thing", "time", numbers(&[0.0, 1.0]));
+            if let Some(Array::Numbers { values, .. }) = cells.first_mut() {
+                values[at] = value;
+            }
+            Some(cells)
+        };
+        for cells in [None, Some(Vec::new()), damaged(0, 9.0), damaged(8, 255.0), damaged(20, 255.0)] {
+            let (_, notes) = resolved(cells);
+            assert!(notes.len() == 1 && notes[0].starts_with("x: "), "{notes:?}");
+        }
     }
 }
