@@ -1,6 +1,6 @@
 //! The missing force as a curve over the variable that it goes with, whatever its shape.
 //!
-//! The force is straight between knots, which stand at quantiles of the variable; its values there are fitted to what is left, all at once, the start of every span
+//! The force is straight between knots, which stand halfway between quantiles of the variable and an even grid; its values there are fitted to what is left, all at once, the start of every span
 //! being free. Both kinds of spans take part: it is a picture, and the judgement beside it has used its own. Standard errors sum over blocks of time (Liang and
 //! Zeger 1986, doi:10.1093/biomet/73.1.13), as what is left has a memory.
 //!
@@ -51,12 +51,18 @@ impl Knots {
         values.sort_by(f64::total_cmp);
         let (first, last) = (*values.first()?, *values.last()?);
         let at = |q: f64| values[(q * (values.len() - 1) as f64).round() as usize];
+        let share = |k: usize| k as f64 / (KNOTS - 1) as f64;
         let mut knots: Vec<f64> = Vec::new();
         for k in 0..KNOTS {
-            let knot = at(ENDS[0] + (ENDS[1] - ENDS[0]) * k as f64 / (KNOTS - 1) as f64);
+            let knot = at(ENDS[0] + (ENDS[1] - ENDS[0]) * share(k));
             if knots.last().is_none_or(|before| knot - before > APART * (last - first)) {
                 knots.push(knot);
             }
+        }
+        // Halfway to an even grid, so that a bend where samples are few has knots, too; what has levels keeps them.
+        if knots.len() == KNOTS {
+            let [from, to] = [knots[0], knots[KNOTS - 1]];
+            knots.iter_mut().enumerate().for_each(|(k, knot)| *knot = 0.5 * (*knot + from + (to - from) * share(k)));
         }
         (knots.len() > 1).then_some(Self(knots))
     }
