@@ -55,11 +55,13 @@ impl Numbers {
         of_each!(self, list => list.len())
     }
 
+    #[expect(clippy::useless_conversion, reason = "of each type: that of f64 is none")]
     pub(super) fn get(&self, at: usize) -> Option<f64> {
         of_each!(self, list => list.get(at).copied().map(f64::from))
     }
 
     /// One after the other, few at a time made wide.
+    #[expect(clippy::useless_conversion, reason = "of each type: that of f64 is none")]
     pub(super) fn iter(&self) -> impl Iterator<Item = f64> {
         let wide = |from: usize| -> Vec<f64> {
             let to = self.len().min(from + FEW);
