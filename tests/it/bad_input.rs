@@ -61,7 +61,7 @@ fn a_missing_file_is_named() {
 fn a_folder_instead_of_a_file_is_named() {
     let folder = Folder::new();
     std::fs::create_dir(folder.path("logs.csv")).unwrap();
-    estimate(&folder.path("logs.csv"), &[]).refused(&["logs.csv", "directory"]);
+    estimate(&folder.path("logs.csv"), &[]).refused(&["logs.csv", "a folder without files that end in .mcap or .db3"]);
 }
 
 #[test]
