@@ -9,7 +9,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::along_the_run::Run;
-use super::missing_force::{Form, Part};
+use super::forms::{Form, Part};
 use crate::signal::stats::NORMAL_95;
 
 /// Knots at most, from this part of the samples to that.

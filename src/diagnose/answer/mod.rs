@@ -6,6 +6,7 @@ pub(in crate::diagnose) mod cause;
 pub(in crate::diagnose) mod contributions;
 pub(in crate::diagnose) mod experiment;
 pub(in crate::diagnose) mod force_profile;
+mod forms;
 pub(in crate::diagnose) mod found_effects;
 pub(in crate::diagnose) mod handed;
 pub(in crate::diagnose) mod improvement;

@@ -1,0 +1,110 @@
+//! What a missing force is made of: simple functions of states and commands, and what is left of a span beside the responses to its start.
+
+use nalgebra::{DMatrix, DVector};
+
+/// With more variables than this, products of two are left out.
+const VARIABLES: usize = 8;
+
+/// A function of one or two variables, by their places among states and then inputs; plainer ones first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Form {
+    Plain(usize),
+    Sign(usize),
+    Drag(usize),
+    Square(usize),
+    Product(usize, usize),
+}
+
+impl Form {
+    pub(super) fn of(self, value: impl Fn(usize) -> f64) -> f64 {
+        match self {
+            Self::Plain(v) => value(v),
+            Self::Sign(v) => f64::from(i8::from(value(v) > 0.0) - i8::from(value(v) < 0.0)),
+            Self::Drag(v) => value(v) * value(v).abs(),
+            Self::Square(v) => value(v).powi(2),
+            Self::Product(v, w) => value(v) * value(w),
+        }
+    }
+
+    /// What it is a function of: a variable, or a product of two.
+    pub(super) fn argument(self, value: impl Fn(usize) -> f64) -> f64 {
+        match self {
+            Self::Plain(v) | Self::Sign(v) | Self::Drag(v) | Self::Square(v) => value(v),
+            Self::Product(v, w) => value(v) * value(w),
+        }
+    }
+
+    /// Its value over the argument.
+    pub(super) fn law(self, argument: f64) -> f64 {
+        match self {
+            Self::Product(..) => argument,
+            of_one => of_one.of(|_| argument),
+        }
+    }
+
+    /// The argument as an expression of the model file.
+    pub(super) fn over(self, name: impl Fn(usize) -> String) -> String {
+        match self {
+            Self::Plain(v) | Self::Sign(v) | Self::Drag(v) | Self::Square(v) => name(v),
+            Self::Product(v, w) => format!("{}*{}", name(v), name(w)),
+        }
+    }
+
+    /// As an expression of the model file.
+    pub(super) fn text(self, name: impl Fn(usize) -> String) -> String {
+        match self {
+            Self::Plain(v) => name(v),
+            Self::Sign(v) => format!("sign({})", name(v)),
+            Self::Drag(v) => format!("{0}*abs({0})", name(v)),
+            Self::Square(v) => format!("{}^2", name(v)),
+            Self::Product(v, w) => format!("{}*{}", name(v), name(w)),
+        }
+    }
+
+    pub(super) fn all(variables: usize) -> Vec<Self> {
+        let of_one = [Self::Plain as fn(usize) -> Self, Self::Sign, Self::Drag, Self::Square];
+        let mut all: Vec<Self> = of_one.iter().flat_map(|form| (0..variables).map(form)).collect();
+        if variables <= VARIABLES {
+            all.extend((0..variables).flat_map(|v| (0..v).map(move |w| Self::Product(w, v))));
+        }
+        all
+    }
+}
+
+/// What is left in a span of a log, the responses to the span's start taken out; every output in units of its spread.
+pub(super) struct Part {
+    pub(super) record: usize,
+    pub(super) held: bool,
+    /// Kept sample and output.
+    pub(super) rows: Vec<(usize, usize)>,
+    pub(super) left: DVector<f64>,
+    /// Orthonormal responses to the start.
+    pub(super) starts: Vec<DVector<f64>>,
+}
+
+impl Part {
+    /// A response at these rows, turned round by so many kept samples.
+    pub(super) fn product(&self, response: &DMatrix<f64>, weights: &[f64], turn: usize) -> f64 {
+        let n = response.nrows();
+        self.rows.iter().zip(self.left.iter()).map(|(&(k, o), left)| response[((k + turn) % n, o)] * weights[o] * left).sum()
+    }
+
+    /// Responses beside the starts, one column each.
+    pub(super) fn beside_starts(&self, responses: &[DMatrix<f64>], weights: &[f64]) -> DMatrix<f64> {
+        let mut all = DMatrix::from_fn(self.rows.len(), responses.len(), |r, c| {
+            let (k, o) = self.rows[r];
+            responses[c][(k, o)] * weights[o]
+        });
+        for start in &self.starts {
+            let along = all.tr_mul(start);
+            all.ger(-1.0, start, &along, 1.0);
+        }
+        all
+    }
+
+    /// The square of a response beside the starts.
+    pub(super) fn square(&self, response: &DMatrix<f64>, weights: &[f64]) -> f64 {
+        let values = DVector::from_iterator(self.rows.len(), self.rows.iter().map(|&(k, o)| response[(k, o)] * weights[o]));
+        values.norm_squared() - self.starts.iter().map(|q| q.dot(&values).powi(2)).sum::<f64>()
+    }
+}
