@@ -75,16 +75,19 @@ impl Composer<'_, '_> {
         self.evidence_of_numbers(nothing).is_some_and(|numbers| numbers > evidence)
     }
 
-    /// Twice the log of the evidence for the numbers being off against their being exact: what they gain under their prior, less what the data tell of each
-    /// beyond it (Laplace's approximation; MacKay 1992, doi:10.1162/neco.1992.4.3.415). `None` where the model has no numbers that could be freed, or they would
-    /// have to be more than a little off.
+    /// Twice the log of the evidence for the numbers being a little off against their being exact, under the size that gives the most: what they gain under
+    /// their prior, less what the data tell of each beyond it (Laplace's approximation; MacKay 1992, doi:10.1162/neco.1992.4.3.415). The size under which blocks
+    /// left out are predicted best says nothing here: two numbers that only their product tells apart from none may be off by any amount. `None` where the model
+    /// has no numbers that could be freed.
     fn evidence_of_numbers(&self, nothing: &Standing) -> Option<f64> {
-        let likelihood = self.likelihood;
-        let freed = self.freed(likelihood, nothing, &numbers(likelihood.system))?;
-        let shrunk = likelihood.with_shrinkage(self.size(likelihood, &freed).filter(|size| *size <= A_LITTLE)?);
-        let block = self.fitted(&shrunk, freed)?;
-        let prior: f64 = block.hypothesis.prior(&shrunk).iter().filter(|p| p.0 > 0.0).map(|p| p.0.ln()).sum();
-        Some(block.hypothesis.gain - (block.log_information()? - prior))
+        let freed = self.freed(self.likelihood, nothing, &numbers(self.likelihood.system))?;
+        let of_size = |size: f64| {
+            let shrunk = self.likelihood.with_shrinkage(size);
+            let block = self.fitted(&shrunk, freed.clone())?;
+            let prior: f64 = block.hypothesis.prior(&shrunk).iter().filter(|p| p.0 > 0.0).map(|p| p.0.ln()).sum();
+            Some(block.hypothesis.gain - (block.log_information()? - prior))
+        };
+        SIZES.into_iter().filter(|size| *size <= A_LITTLE).filter_map(of_size).max_by(f64::total_cmp)
     }
 
     /// The effects as they stand, and every other number among candidates at its nominal value.
