@@ -140,7 +140,7 @@ pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &
         let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
         let mut scales = baseline.motion.scales(&simulator.system, &inputs.records, &before, inputs.longest_delay_s);
         scales.moves = typical(simulator.system.inputs.len(), &scales);
-        let candidates = catalogue(&simulator.system, inputs.probed.as_ref()).candidates;
+        let candidates = catalogue(&simulator.system, inputs.probed.as_ref(), &scales).candidates;
         let names = Names { model: subject.name(), logs: logs.iter().map(|l| l.source().to_owned()).collect() };
         isolability_of::isolability(&likelihood, candidates, &scales, &baseline.noise_std, names, far)
             .ok_or_else(|| not_finite(&inputs.records))
@@ -233,7 +233,7 @@ fn in_stages(
 
     let chosen = Predictor::of(system, &inputs.records, &inputs.poles, inputs.probed.as_ref(), None, &options.criteria);
     let checked = checks(system, &inputs.model_effects, &inputs.records, chosen, &HowFar::default());
-    let Catalogue { candidates, left_out } = catalogue(system, inputs.probed.as_ref());
+    let Catalogue { candidates, left_out } = catalogue(system, inputs.probed.as_ref(), &scales);
     scales.moves = moves(&likelihood, &candidates, &scales);
     let Searched { likelihood, found } =
         search(likelihood, candidates.clone(), &checked.remedies, &scales, &baseline.motion.smallest, progress)

@@ -1,6 +1,6 @@
 //! An effect on a channel with values for its parameters, and a list of them as a plan.
 
-use super::{EFFECTS, Effect, EffectError, Parameter, Scales, find};
+use super::{EFFECTS, Effect, EffectError, Parameter, Role, Scales, find};
 use crate::model::EffectEntry;
 use crate::simulate::{Delays, Drops, Plan, System};
 
@@ -63,11 +63,26 @@ impl Applied {
         Ok(Self { effect, channel: channel.to_owned(), parameters, values })
     }
 
+    /// The same, searched no further down than these logs can show.
+    #[must_use]
+    pub fn shown_by(mut self, system: &System, scales: &Scales) -> Self {
+        let least = self.effect.least(system, &self.channel, scales);
+        for (parameter, least) in self.parameters.iter_mut().zip(least) {
+            parameter.lower = parameter.lower.max(least).min(parameter.upper);
+        }
+        self
+    }
+
     /// First guesses of the parameters from sizes of the data; those that come of a division by a motion that is none are left out.
     #[must_use]
     pub fn starts(&self, system: &System, scales: &Scales) -> Vec<Vec<f64>> {
         let mut starts = self.effect.starts(system, &self.channel, scales);
         starts.retain(|s| s.iter().all(|v| v.is_infinite() || v.abs() < BOUNDLESS));
+        for (value, parameter) in starts.iter_mut().flat_map(|start| start.iter_mut().zip(&self.parameters)) {
+            if parameter.role == Role::Shape {
+                *value = value.max(parameter.lower);
+            }
+        }
         starts
     }
 

@@ -184,6 +184,12 @@ pub trait Effect: Sync {
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError>;
     /// First guesses of the parameters, from sizes of the data; each is a full set.
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>>;
+    /// The smallest values that a search may take, one per parameter; empty: those of the parameters. Below what samples show an elaborate law is its plain form
+    /// to any log, and ever slower to simulate.
+    fn least(&self, system: &System, channel: &str, scales: &Scales) -> Vec<f64> {
+        let _ = (system, channel, scales);
+        Vec::new()
+    }
     /// Further first guesses for a cost with many minima: looked at where a candidate stands alone, not beside another.
     fn scan(&self, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = scales;

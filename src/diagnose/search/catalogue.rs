@@ -2,7 +2,7 @@
 
 use crate::diagnose::format::diagnosis::NotTried;
 use crate::diagnose::input::black_box::Probed;
-use crate::effect::{Applied, EFFECTS, Effect, Site};
+use crate::effect::{Applied, EFFECTS, Effect, Scales, Site};
 use crate::simulate::System;
 
 /// What is tried, in the order of the effects' table, and what cannot act.
@@ -12,7 +12,7 @@ pub(in crate::diagnose) struct Catalogue {
 }
 
 /// All candidates of a system, with the reasons for those that cannot act.
-pub(in crate::diagnose) fn catalogue(system: &System, probed: Option<&Probed>) -> Catalogue {
+pub(in crate::diagnose) fn catalogue(system: &System, probed: Option<&Probed>, scales: &Scales) -> Catalogue {
     let (mut all, mut left_out) = (Vec::new(), Vec::new());
     for effect in EFFECTS {
         if effect.is_declared() && effect.channels(system).is_empty() {
@@ -49,7 +49,8 @@ pub(in crate::diagnose) fn catalogue(system: &System, probed: Option<&Probed>) -
             let what = if effect.site() == Site::Input { "input" } else { "parameter" };
             left_out.push(not_tried(effect, format!("no output of the simulator depends on the {what} `{channel}`")));
         }
-        all.extend(channels.iter().filter_map(|channel| Applied::nominal(system, effect, channel).ok()));
+        let on = |channel: &String| Some(Applied::nominal(system, effect, channel).ok()?.shown_by(system, scales));
+        all.extend(channels.iter().filter_map(on));
     }
     Catalogue { candidates: all, left_out }
 }
