@@ -78,9 +78,8 @@ fn a_fit_of_scipy_to_the_responses_of_python_control_is_found_without_being_told
         let (delay, std) = (number(case, "delay_s"), number(case, "std_s"));
         let got = (answer.delay_s.unwrap(), answer.std_s.unwrap());
         c.check("delay (standard deviations)", text(case, "id"), (got.0 - delay).abs() / std, 0.02);
-        // That of the interval over all orders: no smaller, but for a little, and of the same order of magnitude.
-        assert!(got.1 / std > 0.9, "{}: {got:?} {std}: {:?}", case["id"], answer.note);
-        c.check("standard deviation over all orders", text(case, "id"), (got.1 / std - 1.0).abs(), 1.0);
+        // That of the interval over all orders: other orders may add a little.
+        c.check("standard deviation over all orders", text(case, "id"), (got.1 / std - 1.0).abs(), 0.1);
     }
     c.finish();
 }
