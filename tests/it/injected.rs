@@ -205,7 +205,8 @@ fn what_is_drawn_has_everything_that_a_plant_an_input_and_a_delay_can_be() {
         Kind::Converted { poles, .. } | Kind::Direct { poles, .. } => poles.clone(),
         Kind::Copy | Kind::Lags { .. } => Vec::new(),
     };
-    let classes: [(&str, fn(&Drawn, &[Root]) -> bool); 10] = [
+    type Holds = fn(&Drawn, &[Root]) -> bool;
+    let classes: [(&str, Holds); 10] = [
         ("real poles", |_, poles| poles.iter().any(|p| matches!(p, Root::Real(_)))),
         ("complex poles", |_, poles| poles.iter().any(|p| matches!(p, Root::Pair(..)))),
         ("zeros outside the unit circle", |d, _| d.outside),
