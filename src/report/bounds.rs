@@ -17,6 +17,8 @@ const BETWEEN: f64 = 60.0;
 const ABOVE: f64 = 34.0;
 const BELOW: f64 = 44.0;
 const LEGEND: f64 = 190.0;
+/// The most that a character of a label takes, room beside it included.
+const CHARACTER: f64 = 8.0;
 /// Colours that are told apart with most kinds of colour blindness (Okabe and Ito 2008), and three more in dashes.
 const COLOURS: [&str; 7] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5c00"];
 const STYLE: &str = "text{font:13px sans-serif;fill:#222}.frame{fill:none;stroke:#999}.grid{stroke:#e4e4e4}.line{fill:none;stroke-width:2}\
@@ -122,10 +124,16 @@ fn panel(svg: &mut String, column: &Column<'_>, names: &[String], (left, top): (
     let [across, up] = column.span;
     let share = |[low, high]: [f64; 2], value: f64| ((value.log10() - low) / (high - low)).clamp(0.0, 1.0);
     let (x, y) = (|v: f64| left + share(across, v) * WIDE, |v: f64| top + HIGH - share(up, v) * HIGH);
+    let mut taken = f64::NEG_INFINITY;
     for value in column.values() {
-        let (at, bottom) = (x(value), top + HIGH);
+        let (at, label) = (x(value), value.to_string());
         let _ = writeln!(svg, "<path class=\"grid\" d=\"M{at:.1} {top}v{HIGH}\"/>");
-        let _ = writeln!(svg, "<text x=\"{at:.1}\" y=\"{}\" text-anchor=\"middle\">{value}</text>", bottom + 16.0);
+        // Labels that would run into the one before are left out.
+        let half = 0.5 * CHARACTER * label.len() as f64;
+        if at - half >= taken {
+            let _ = writeln!(svg, "<text x=\"{at:.1}\" y=\"{}\" text-anchor=\"middle\">{label}</text>", top + HIGH + 16.0);
+            taken = at + half;
+        }
     }
     for decade in up[0].ceil() as i32..=up[1].floor() as i32 {
         let value = 10_f64.powi(decade);
@@ -194,11 +202,11 @@ mod tests {
                 "trials": 10, "rms_samples": rms, "rms_ci95_samples": null, "bias_samples": 0.0, "flagged": flagged, "unflagged_wrong": 0, "coverage95": null,
                 "bound_rms_samples": 0.1, "time_per_estimate_s": null })
         };
-        let cells = [cell(1.0, 10.0, 6), cell(10.0, 1.0, 5), cell(100.0, 0.1, 0)];
-        let study: Study = serde_json::from_value(
-            json!({ "format": "deadtime/study@1", "plan": "p", "seed": 1, "program": "", "cells": cells, "scores": [] }),
-        )
-        .unwrap();
+        let of = |cells: [serde_json::Value; 3]| -> Study {
+            let study = json!({ "format": "deadtime/study@1", "plan": "p", "seed": 1, "program": "", "cells": cells, "scores": [] });
+            serde_json::from_value(study).unwrap()
+        };
+        let study = of([cell(1.0, 10.0, 6), cell(10.0, 1.0, 5), cell(100.0, 0.1, 0)]);
         let drawn = svg(&study, &plan).unwrap();
         // Two of three answer often enough; the last lies on the bound.
         assert_eq!(drawn.matches("<circle").count(), 2);
@@ -212,5 +220,10 @@ mod tests {
         let table = crate::report::study::by(&study, "p", &plan.grids[0].by[0]).markdown();
         assert!(table.contains("10.0") && table.contains("1.00"), "{table}");
         assert!(svg(&study, &Plan::open("ci").unwrap()).is_none());
+        // Every value has its label, but one that would run into its neighbour.
+        let labelled = |drawn: &str, value: &str| drawn.contains(&format!("text-anchor=\"middle\">{value}</text>"));
+        assert!(["1", "10", "100"].iter().all(|v| labelled(&drawn, v)));
+        let close = svg(&of([cell(10.0, 1.0, 0), cell(10.5, 1.0, 0), cell(100.0, 0.1, 0)]), &plan).unwrap();
+        assert!(labelled(&close, "10") && !labelled(&close, "10.5") && labelled(&close, "100"));
     }
 }

@@ -507,4 +507,68 @@ mod program {
         assert_eq!(deadtime(at, &["gate", "nowhere", "--baseline", "kept"]).status.code(), Some(2));
         assert_eq!(deadtime(at, &["gate", "now", "--baseline", "kept", "--alpha", "2"]).status.code(), Some(2));
     }
+
+    /// So many pairs of a bench, the new program so many times as slow as the old one.
+    fn pairs(bench: &str, count: usize, times: f64) -> String {
+        (0..count).map(|k| format!("{bench},{k},{},{}\n", 1e-6 * (1.0 + 0.01 * k as f64), times * 1e-6 * (1.0 + 0.01 * k as f64))).collect()
+    }
+
+    #[test]
+    fn timings_are_judged_with_exit_codes_and_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        let write = |name: &str, text: String| std::fs::write(at.join(name), text).unwrap();
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        const HEAD: &str = "bench,round,before_s,after_s\n";
+        let judged = |more: &[&str]| {
+            let mut arguments = vec!["gate", "--timings", "t.csv", "--junit", "j.xml", "--markdown", "m.md", "--json", "g.json"];
+            arguments.extend(more);
+            let out = deadtime(at, &arguments);
+            (out.status.code(), text(&out.stdout), text(&out.stderr))
+        };
+        let files = || ["j.xml", "m.md", "g.json"].map(|name| std::fs::read_to_string(at.join(name)).unwrap());
+        let failures = |xml: &str| super::elements(xml).iter().filter(|(name, _)| name == "failure").count();
+
+        // Nothing is slower: another 5 % is within the margin. Two benches at 1 % need 8 pairs: 2⁻⁸ < 0.01/2 < 2⁻⁷.
+        write("t.csv", HEAD.to_owned() + &pairs("scan/fast", 8, 1.0) + &pairs("scan/slow", 8, 1.05));
+        let (code, said, _) = judged(&[]);
+        assert!(code == Some(0) && said.contains("nothing is slower"), "{said}");
+        let [xml, page, json] = files();
+        assert_eq!((failures(&xml), xml.matches("<testcase").count()), (0, 2), "{xml}");
+        assert!(page.contains("nothing is slower") && page.contains("| scan/slow |"), "{page}");
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!((&json["format"], &json["benches"][1]["speed"]), (&"deadtime/timings@1".into(), &"same".into()));
+
+        // Without a margin the same pairs are slower, and so is what takes half as long again.
+        assert_eq!(judged(&["--margin", "0"]).0, Some(1));
+        write("t.csv", HEAD.to_owned() + &pairs("scan/fast", 8, 1.0) + &pairs("scan/slow", 8, 1.5));
+        let (code, said, told) = judged(&[]);
+        assert_eq!(code, Some(1), "{said}{told}");
+        assert!(said.contains("slower: scan/slow: ") && said.contains("1.50 times") && !said.contains("slower: scan/fast"), "{said}");
+        assert!(told.contains("1 of 2 benches are slower"), "{told}");
+        let [xml, page, json] = files();
+        assert_eq!(failures(&xml), 1, "{xml}");
+        assert!(page.lines().any(|line| line.contains("| scan/slow |") && line.contains("slower")), "{page}");
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!((&json["benches"][0]["speed"], &json["benches"][1]["speed"]), (&"same".into(), &"slower".into()));
+
+        // What cannot be judged is no pass: a bench that one program lacks, too few pairs, no timings at all.
+        let cut = pairs("scan/fast", 8, 1.0);
+        for (content, words) in [
+            (HEAD.to_owned() + &cut + "scan/gone,0,1e-6,\n", ["t.csv", "line: 10"]),
+            (HEAD.to_owned() + &cut + &pairs("scan/new", 3, 1.0), ["scan/new", "fewer than 8"]),
+            (HEAD.to_owned() + "scan/fast,0,0,1e-6\n", ["line 2", "before_s is 0"]),
+            (HEAD.to_owned() + "scan/fast,0,soon,1e-6\n", ["t.csv", "before_s and after_s"]),
+            ("name,old,new\na,1,2\n".to_owned(), ["t.csv", "columns bench"]),
+            (String::new(), ["t.csv", "no pairs"]),
+        ] {
+            write("t.csv", content.clone());
+            let (code, said, told) = judged(&[]);
+            assert_eq!(code, Some(2), "{content}: {said}{told}");
+            assert!(words.iter().all(|word| told.contains(word)), "{content}: {told}");
+        }
+        for wrong in [vec!["gate", "--timings", "nowhere.csv"], vec!["gate", "now", "--timings", "t.csv"], vec!["gate"]] {
+            assert_eq!(deadtime(at, &wrong).status.code(), Some(2), "{wrong:?}");
+        }
+    }
 }

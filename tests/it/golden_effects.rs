@@ -1,7 +1,6 @@
 //! Every effect, alone and combined, on linear, nonlinear and sampled models against a simulator that shares nothing with the crate.
 
-use std::path::Path;
-
+use crate::support::compare::{Comparison, cases, golden, list, text};
 use deadtime::effect::{Applied, Chance, EFFECTS};
 use deadtime::model::{EffectEntry, ModelDocument};
 use deadtime::simulate::{Commands, Drops, System};
@@ -12,12 +11,8 @@ const LINEAR: f64 = 1e-8;
 /// The same for a case that is integrated: the integrator's tolerance is 1e-8 per step.
 const INTEGRATED: f64 = 1e-6;
 
-fn numbers(value: &Value) -> Vec<f64> {
-    value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
-}
-
 fn columns(rows: &Value) -> Vec<Vec<f64>> {
-    let rows: Vec<Vec<f64>> = rows.as_array().unwrap().iter().map(numbers).collect();
+    let rows: Vec<Vec<f64>> = rows.as_array().unwrap().iter().map(list).collect();
     (0..rows[0].len()).map(|j| rows.iter().map(|r| r[j]).collect()).collect()
 }
 
@@ -32,13 +27,12 @@ fn entry(value: &Value) -> EffectEntry {
 
 #[test]
 fn every_effect_agrees_with_an_independent_simulation() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/effects/reference.json");
-    let file: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+    let file = golden("effects", "reference.json");
     let folder = tempfile::tempdir().unwrap();
     let model = folder.path().join("model.json");
-    let (mut seen, mut wrong, mut worst) = (std::collections::BTreeSet::new(), Vec::new(), [0.0_f64; 2]);
-    for case in file["cases"].as_array().unwrap() {
-        let id = case["id"].as_str().unwrap();
+    let (mut seen, mut c) = (std::collections::BTreeSet::new(), Comparison::new("effects/reference.json"));
+    for case in cases(&file) {
+        let id = text(case, "id");
         std::fs::write(&model, case["model"].to_string()).unwrap();
         let system = System::new(&ModelDocument::read(&model).unwrap_or_else(|e| panic!("{id}: {e}")), |_| Ok(0.0)).unwrap();
         let effects: Vec<Applied> = case["effects"]
@@ -48,18 +42,18 @@ fn every_effect_agrees_with_an_independent_simulation() {
             .map(|e| Applied::from_entry(&system, &entry(e)).unwrap_or_else(|e| panic!("{id}: {e}")))
             .collect();
         let mut plan = Applied::plan(&system, &effects, Chance::Mean).unwrap();
-        let (time_s, inputs) = (numbers(&case["time"]), columns(&case["u"]));
+        let (time_s, inputs) = (list(&case["time"]), columns(&case["u"]));
         if let Some(drops) = case["drops"].as_array() {
             for (j, path) in plan.inputs.iter_mut().enumerate().filter(|(_, p)| p.drops.is_some()) {
                 path.drops = Some(Drops::Sequence(drops.iter().map(|row| row[j].as_bool().unwrap()).collect()));
             }
         }
-        let x0 = if case["x0"].is_null() { system.initial.clone() } else { numbers(&case["x0"]) };
+        let x0 = if case["x0"].is_null() { system.initial.clone() } else { list(&case["x0"]) };
         let expected = columns(&case["y"]);
         let run = match system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &x0, None) {
             Ok(run) => run,
             Err(e) => {
-                wrong.push(format!("{id}: {e}"));
+                c.fail(format!("{id}: {e}"));
                 continue;
             }
         };
@@ -71,14 +65,15 @@ fn every_effect_agrees_with_an_independent_simulation() {
         let off = expected.iter().enumerate().flat_map(|(i, c)| {
             c.iter().zip(run.y.column(i).iter().copied().collect::<Vec<_>>()).map(|(a, b)| (a - b).abs()).collect::<Vec<_>>()
         });
-        let off = off.fold(0.0, f64::max) / size;
-        worst[usize::from(integrated)] = worst[usize::from(integrated)].max(off);
-        if off.is_nan() || off > if integrated { INTEGRATED } else { LINEAR } {
-            wrong.push(format!("{id}: {off:.2e} of the largest output, effects {effects:?}"));
-        }
+        let off = off.fold(0.0, |m: f64, v| if v.is_nan() { v } else { m.max(v) }) / size;
+        let alone = match &effects[..] {
+            [one] => one.effect.name(),
+            _ => "several at once",
+        };
+        let (how, within) = if integrated { ("integrated", INTEGRATED) } else { ("linear or sampled", LINEAR) };
+        c.check(&format!("{alone}, {how} (of the largest output)"), id, off, within);
         seen.extend(effects.iter().map(|e| e.effect.name()));
     }
-    println!("effects: largest difference {:.1e} linear and sampled, {:.1e} integrated", worst[0], worst[1]);
-    assert!(wrong.is_empty(), "{} cases differ:\n{}", wrong.len(), wrong.join("\n"));
+    c.finish();
     assert!(EFFECTS.iter().all(|e| seen.contains(e.name())), "no case for some effect: {seen:?}");
 }

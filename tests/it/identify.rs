@@ -1,5 +1,6 @@
 //! State-space models from records: against numpy, against the truth, and what is said where no model can be had.
 
+use crate::support::compare::{Comparison, apart, golden, list, matrix, text};
 use approx::assert_abs_diff_eq;
 use deadtime::identify::IdentifyError;
 use deadtime::identify::subspace::{Direct, Identified, Identifier, Moesp, N4sid, Named, Pbsidopt, Recordings, Settings, Stretch, Sure};
@@ -11,7 +12,6 @@ use nalgebra::{Complex, DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
-use serde_json::Value;
 
 fn named(names: &[&str]) -> Vec<Named> {
     names.iter().map(|n| Named { name: (*n).to_owned(), unit: None }).collect()
@@ -22,12 +22,6 @@ fn recordings(u: DMatrix<f64>, y: DMatrix<f64>) -> Recordings {
     Recordings { sample_time: SampleTime::new(0.02).unwrap(), inputs, outputs, stretches: vec![Stretch { u, y }] }
 }
 
-/// Rows of a JSON matrix.
-fn rows(value: &Value) -> DMatrix<f64> {
-    let rows: Vec<Vec<f64>> = serde_json::from_value(value.clone()).unwrap();
-    DMatrix::from_fn(rows.len(), rows[0].len(), |i, j| rows[i][j])
-}
-
 fn poles(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
     let mut poles: Vec<_> = a.complex_eigenvalues().iter().copied().collect();
     poles.sort_by(|a, b| a.re.total_cmp(&b.re).then(a.im.total_cmp(&b.im)));
@@ -36,9 +30,9 @@ fn poles(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
 
 #[test]
 fn the_methods_agree_with_explicit_matrices_in_numpy() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/golden/subspace/reference.json");
-    let file: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
-    let data = recordings(rows(&file["u"]).transpose(), rows(&file["y"]).transpose());
+    let file = golden("subspace", "reference.json");
+    let mut c = Comparison::new("subspace/reference.json");
+    let data = recordings(matrix(&file["u"]).transpose(), matrix(&file["y"]).transpose());
     let number = |key: &str| usize::try_from(file[key].as_u64().unwrap()).unwrap();
     let settings = Settings { order: Some(number("order")), past: Some(number("past")), draws: 0, ..Settings::default() };
     for case in file["cases"].as_array().unwrap() {
@@ -49,16 +43,12 @@ fn the_methods_agree_with_explicit_matrices_in_numpy() {
         };
         let found = found.unwrap();
         let model = &found.model;
-        let close = |what: &str, got: &DMatrix<f64>, wanted: &DMatrix<f64>| {
-            let apart = (got - wanted).amax() / wanted.amax();
-            println!("{} {what}: {apart:.1e}", case["id"]);
-            assert!(apart < 1e-8, "{} {what}: {apart:e}\n{got}{wanted}", case["id"]);
-        };
-        let singular: Vec<f64> = serde_json::from_value(case["singular"].clone()).unwrap();
+        let mut close = |what: &str, got: &DMatrix<f64>, wanted: &DMatrix<f64>| c.check(what, text(case, "id"), apart(got, wanted), 1e-8);
+        let singular = list(&case["singular"]);
         let ours: Vec<f64> = found.order.candidates.iter().take(singular.len()).map(|c| c.singular_value).collect();
         close("singular values", &DMatrix::from_vec(1, ours.len(), ours), &DMatrix::from_vec(1, singular.len(), singular));
         let ours: Vec<f64> = poles(&model.a).iter().flat_map(|p| [p.re, p.im]).collect();
-        close("poles", &DMatrix::from_row_slice(3, 2, &ours), &rows(&case["poles"]));
+        close("poles", &DMatrix::from_row_slice(3, 2, &ours), &matrix(&case["poles"]));
         let markov = |b: &DMatrix<f64>| {
             let mut all = DMatrix::zeros(2, 12);
             let mut moved = b.clone();
@@ -68,9 +58,10 @@ fn the_methods_agree_with_explicit_matrices_in_numpy() {
             }
             all
         };
-        close("markov parameters", &markov(&model.b), &rows(&case["markov"]));
-        close("of the noise", &markov(&model.k), &rows(&case["noise_markov"]));
+        close("markov parameters", &markov(&model.b), &matrix(&case["markov"]));
+        close("markov parameters of the noise", &markov(&model.k), &matrix(&case["noise_markov"]));
     }
+    c.finish();
 }
 
 /// The thesis' lateral dynamics, unstable, held by u = r − K x; noise on states and outputs; `delay` samples of dead time at the input.

@@ -3,9 +3,7 @@
 //!
 //! The draws are the same at every run; `DEADTIME_SEED` and `DEADTIME_CASES` (records for each method) ask for others and more.
 
-use std::collections::BTreeSet;
-
-use crate::support::drawn::{CONVERSIONS, Drawn, Input, Kind, Recipe, Root, recipe, with_states};
+use crate::support::drawn::{CONVERSIONS, Drawn, Input, Kind, LONGEST, Recipe, Root, recipe, with_states};
 use crate::support::plants::{samples, ts, white};
 use deadtime::delay::{DelayEstimate, Events, Experiment, METHODS, Method, Outcome, PlantModel, Recording, Scope, Search};
 use proptest::prelude::*;
@@ -19,6 +17,8 @@ const WINDOW: usize = 45;
 const DRAWS: usize = 1200;
 /// Records outside a method's exemptions on which it is tried.
 const CASES: usize = 12;
+/// The same of each relative degree.
+const EACH: usize = 3;
 
 /// What a method's answer is held to.
 #[derive(Clone, Copy, PartialEq)]
@@ -199,6 +199,36 @@ fn pairs() -> impl Iterator<Item = &'static Method> {
 }
 
 #[test]
+fn what_is_drawn_has_everything_that_a_plant_an_input_and_a_delay_can_be() {
+    let all = draws(DRAWS);
+    let roots = |d: &Drawn| match &d.recipe.kind {
+        Kind::Converted { poles, .. } | Kind::Direct { poles, .. } => poles.clone(),
+        Kind::Copy | Kind::Lags { .. } => Vec::new(),
+    };
+    type Holds = fn(&Drawn, &[Root]) -> bool;
+    let classes: [(&str, Holds); 10] = [
+        ("real poles", |_, poles| poles.iter().any(|p| matches!(p, Root::Real(_)))),
+        ("complex poles", |_, poles| poles.iter().any(|p| matches!(p, Root::Pair(..)))),
+        ("zeros outside the unit circle", |d, _| d.outside),
+        ("zeros inside it alone", |d, _| !d.outside && d.coefficients > 1),
+        ("whole delays", |d, _| d.recipe.is_whole()),
+        ("fractions", |d, _| !d.recipe.is_whole()),
+        ("no delay", |d, _| d.recipe.delay < 1.0),
+        ("the longest delays", |d, _| d.recipe.delay > LONGEST - 1.0),
+        ("negative gains", |d, _| d.recipe.gain < 0.0),
+        ("a band", |d, _| d.recipe.input == Input::Slow),
+    ];
+    for (name, holds) in classes {
+        let count = all.iter().filter(|d| holds(d, &roots(d))).count();
+        assert!(count >= 10, "{name}: {count} of {} records", all.len());
+    }
+    let of = |by: &str| all.iter().filter(|d| matches!(d.recipe.kind, Kind::Converted { by: own, .. } if own == by)).count();
+    assert!(CONVERSIONS.iter().all(|by| of(by) >= 10), "{:?}", CONVERSIONS.map(of));
+    let degrees = [0, 1, 2, 3, 4].map(|degree| all.iter().filter(|d| d.degree == degree).count());
+    assert!(degrees.iter().all(|count| *count >= 10), "{degrees:?}");
+}
+
+#[test]
 fn every_method_finds_injected_dead_times_but_on_the_classes_it_is_exempt_from() {
     let cases = from_environment("DEADTIME_CASES", CASES);
     let all = draws(DRAWS * cases.div_ceil(CASES));
@@ -220,6 +250,18 @@ fn every_method_finds_injected_dead_times_but_on_the_classes_it_is_exempt_from()
         wrong.extend(missed);
     }
     assert!(wrong.is_empty(), "{} answers off:\n{}", wrong.len(), wrong.join("\n"));
+}
+
+#[test]
+fn no_method_is_left_out() {
+    for method in METHODS {
+        match method.scope {
+            // Panics without a contract.
+            Scope::Pair => assert!(contract(method.entry.name).1.iter().all(|e| !e.class.is_empty())),
+            // Each has a law below that tries all of its scope: no plant and input is excused there.
+            Scope::States | Scope::Events => {}
+        }
+    }
 }
 
 #[test]
@@ -245,40 +287,44 @@ fn every_exemption_is_needed() {
     assert!(idle.is_empty(), "exemptions that no record asks for:\n{}", idle.join("\n"));
 }
 
-/// The methods that count samples: what they see first, less the dead time, is the relative degree of the sampled plant.
-fn counting() -> impl Iterator<Item = &'static Method> {
-    pairs().filter(|m| contract(m.entry.name).0 == Reads::First(1e-6))
+/// The methods that count samples, and to how many: what they see first, less the dead time, is the relative degree of the sampled plant. Beyond half a sample no
+/// degree could be read off.
+fn counting() -> impl Iterator<Item = (&'static Method, f64)> {
+    pairs().filter_map(|m| match contract(m.entry.name).0 {
+        Reads::First(within) => Some((m, within.min(0.5))),
+        Reads::Time(_) => None,
+    })
 }
 
 /// What a counting method sees first, samples, when no bias is taken off.
-fn raw(method: &Method, d: &Drawn) -> Option<i64> {
+fn raw(method: &Method, d: &Drawn) -> Option<f64> {
     let experiment = Experiment::siso(ts(1.0), &d.u[..], &d.y[..]).ok()?;
     let search = Search { max_delay: WINDOW, default_bias: 0, ..Search::default() };
     let found = method.entry.with(serde_json::json!({})).unwrap().estimate(&experiment, &search).ok()?;
-    found.delay_s.filter(|_| found.outcome == Outcome::Found).map(|s| samples(s, 1.0).round() as i64)
+    found.delay_s.filter(|_| found.outcome == Outcome::Found).map(|s| samples(s, 1.0))
+}
+
+/// The answer of a counting method is late by the relative degree, to its resolution.
+fn is_late_by_its_degree(method: &Method, within: f64, d: &Drawn) -> bool {
+    raw(method, d).is_some_and(|seen| (seen - d.recipe.delay - d.degree as f64).abs() <= within)
 }
 
 #[test]
 fn what_is_seen_first_is_dead_time_and_relative_degree() {
     let all: Vec<Drawn> = draws(DRAWS).into_iter().filter(|d| d.recipe.is_whole()).collect();
-    let (mut conversions, mut degrees) = (BTreeSet::new(), BTreeSet::new());
     for d in &all {
         assert_eq!(d.first as i64 - d.recipe.delay as i64, d.degree as i64, "{:?}", d.recipe);
-        degrees.insert(d.degree);
-        if let Kind::Converted { by, .. } = d.recipe.kind {
-            conversions.insert(by);
-        }
     }
-    assert_eq!((conversions.len(), degrees.into_iter().collect::<Vec<_>>()), (CONVERSIONS.len(), vec![0, 1, 2, 3, 4]));
-    for method in counting() {
+    for (method, within) in counting() {
         let (_, exemptions) = contract(method.entry.name);
         // Each relative degree a few times.
-        let within = |d: &&Drawn| exemptions.iter().all(|e| !(e.holds)(d));
+        let may = |d: &&Drawn| exemptions.iter().all(|e| !(e.holds)(d));
         let chosen: Vec<&Drawn> =
-            (0..=4).flat_map(|degree| all.iter().filter(within).filter(move |d| d.degree == degree).take(3)).collect();
+            (0..=4).flat_map(|degree| all.iter().filter(may).filter(move |d| d.degree == degree).take(EACH)).collect();
+        assert_eq!(chosen.len(), 5 * EACH, "{}: a relative degree has too few records", method.entry.name);
         let off: Vec<String> = chosen
             .par_iter()
-            .filter(|d| raw(method, d) != Some((d.recipe.delay as usize + d.degree) as i64))
+            .filter(|d| !is_late_by_its_degree(method, within, d))
             .map(|d| format!("{}, degree {}: {:?} instead: {:?}", method.entry.name, d.degree, raw(method, d), d.recipe))
             .collect();
         println!(
@@ -305,13 +351,13 @@ fn the_thesis_plants_of_degree_one_two_and_three_are_late_by_their_degree() {
     for (name, kind, degree) in plants {
         let d = Recipe { kind, gain: 0.7, input: Input::Binary, delay: 3.0, seed: 5 }.record().unwrap();
         assert_eq!((d.degree, d.first), (degree, 3 + degree), "{name}");
-        for method in counting().filter(|m| contract(m.entry.name).1.iter().all(|e| !(e.holds)(&d))) {
-            assert_eq!(raw(method, &d), Some(3 + degree as i64), "{}, {name}", method.entry.name);
+        for (method, within) in counting().filter(|(m, _)| contract(m.entry.name).1.iter().all(|e| !(e.holds)(&d))) {
+            assert!(is_late_by_its_degree(method, within, &d), "{}, {name}: {:?}", method.entry.name, raw(method, &d));
         }
         // The three of the thesis are among them, but for the model of two poles on the third and second plant.
         let thesis = ["threshold", "arxstruc"];
         assert!(
-            thesis.iter().all(|name| counting().any(|m| m.entry.name == *name && contract(name).1.iter().all(|e| !(e.holds)(&d)))),
+            thesis.iter().all(|name| counting().any(|(m, _)| m.entry.name == *name && contract(name).1.iter().all(|e| !(e.holds)(&d)))),
             "{name}"
         );
     }
@@ -324,7 +370,7 @@ fn a_copy_moved_by_steps_has_an_answer() {
         let d = Recipe { kind: Kind::Copy, gain, input: Input::Steps, delay, seed: 1 }.record().unwrap();
         for name in ["oestruc", "oe_posterior"] {
             let method = deadtime::delay::method(name).unwrap();
-            assert_eq!(raw(method, &d), Some(delay as i64), "{name}");
+            assert!(is_late_by_its_degree(method, 1e-6, &d), "{name}: {:?}", raw(method, &d));
         }
     }
 }

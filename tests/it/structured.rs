@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::support::compare::{Comparison, golden, list};
 use deadtime::identify::structured::{Standing, Structured, StructuredFit, score};
 use deadtime::log::{Channel, Log};
 use deadtime::model::{EquationsFile, ModelDocument};
@@ -209,10 +210,9 @@ fn bad_options_and_logs_are_refused_with_the_remedy() {
 fn the_shipped_quadrotor_agrees_with_scipy_over_ten_seconds() {
     use deadtime::effect::OnLog;
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let golden: serde_json::Value =
-        serde_json::from_str(&std::fs::read_to_string(root.join("golden/quadrotor/reference.json")).unwrap()).unwrap();
-    let list = |v: &serde_json::Value| -> Vec<f64> { v.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect() };
-    let rows = |v: &serde_json::Value| -> Vec<Vec<f64>> { v.as_array().unwrap().iter().map(&list).collect() };
+    let golden = golden("quadrotor", "reference.json");
+    let mut c = Comparison::new("quadrotor/reference.json");
+    let rows = |v: &serde_json::Value| -> Vec<Vec<f64>> { v.as_array().unwrap().iter().map(list).collect() };
     let (u, step, every) = (rows(&golden["u"]), golden["step_s"].as_f64().unwrap(), golden["every"].as_u64().unwrap() as usize);
     for case in golden["cases"].as_array().unwrap() {
         let mut file = EquationsFile::read(&root.join("examples/quadrotor.toml")).unwrap();
@@ -234,9 +234,15 @@ fn the_shipped_quadrotor_agrees_with_scipy_over_ten_seconds() {
             let apart = (0..3).map(|i| (got(i) - p[k][i]).abs().max((got(3 + i) - v[k][i]).abs()) / size).fold(0.0, f64::max);
             let turned = (0..4).map(|i| got(6 + i) * q[k][i]).sum::<f64>().abs();
             let rates = (0..3).map(|i| (got(10 + i) - w[k][i]).abs()).fold(0.0, f64::max);
-            assert!(apart < 1e-6 && rates < 1e-6 && (1.0 - turned).abs() < 1e-6, "{} at {k}: {apart:e} {rates:e} {turned}", case["id"]);
+            let id = format!("{} at {k}", case["id"]);
+            for (what, apart) in
+                [("position and velocity", apart), ("rates (rad/s)", rates), ("cosine of half the turn between", 1.0 - turned)]
+            {
+                c.check(what, &id, apart.abs(), 1e-6);
+            }
         }
     }
+    c.finish();
 }
 
 /// A model's errors on logs it made itself are nothing, and those of still states are the states' own moves.

@@ -176,6 +176,25 @@ impl Recipe {
         Some(Self { kind, ..self.clone() })
     }
 
+    /// The response of the continuous plant and its dead time at these frequencies, rad a sample; `None` where there is no such plant.
+    pub(crate) fn frequency_response(&self, omega: &[f64]) -> Option<Vec<Complex<f64>>> {
+        let Kind::Converted { poles, zeros, .. } = &self.kind else { return None };
+        let (poles, zeros) = (Root::all(poles), Root::all(zeros));
+        let at = |w: f64| {
+            let s = Complex::new(0.0, w);
+            // Unit gain at frequency 0, as above.
+            let up: Complex<f64> = zeros.iter().map(|z| 1.0 - s / z).product();
+            let down: Complex<f64> = poles.iter().map(|p| 1.0 - s / p).product();
+            up / down * self.gain * Complex::cis(-w * self.delay)
+        };
+        Some(omega.iter().map(|w| at(*w)).collect())
+    }
+
+    /// A zero of the continuous plant in the right half-plane.
+    pub(crate) fn goes_backwards(&self) -> bool {
+        matches!(&self.kind, Kind::Converted { zeros, .. } if Root::all(zeros).iter().any(|z| z.re > 0.0))
+    }
+
     /// The record, or `None` where the conversion refuses the plant.
     pub(crate) fn record(&self) -> Option<Drawn> {
         let u = self.input.generate(self.seed);
