@@ -67,6 +67,7 @@ AFTER = """
 - [Withheld effects](results/withheld.md)
 - [Several causes at once](results/mixtures.md)
 - [Delays that move](results/moving.md)
+- [Weak effects](results/weak.md)
 - [Real machines](results/machines.md)
 - [Real logs](results/real-logs.md)
 - [All methods compared](results/methods.md)

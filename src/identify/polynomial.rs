@@ -55,27 +55,37 @@ pub(crate) fn filtered(x: &[f64], f: &[f64]) -> Vec<f64> {
 }
 
 /// Two signals divided by F from rest, in one pass: each recursion waits for its own last value, so that two take no longer than one.
-pub(super) fn filter_both(x: [&[f64]; 2], f: &[f64], [first, second]: [&mut [f64]; 2]) {
-    let &[f1, f2] = f else {
-        filter(x[0], f, first);
-        filter(x[1], f, second);
-        return;
-    };
+pub(super) fn filter_both(x: [&[f64]; 2], f: &[f64], out: [&mut [f64]; 2]) {
+    match *f {
+        [f1] => together([f1], x, out),
+        [f1, f2] => together([f1, f2], x, out),
+        [f1, f2, f3] => together([f1, f2, f3], x, out),
+        [f1, f2, f3, f4] => together([f1, f2, f3, f4], x, out),
+        _ => out.into_iter().zip(x).for_each(|(out, x)| filter(x, f, out)),
+    }
+}
+
+fn together<const N: usize>(f: [f64; N], x: [&[f64]; 2], [first, second]: [&mut [f64]; 2]) {
     let common = x[0].len().min(x[1].len());
-    let (mut p, mut q) = ([0.0; 2], [0.0; 2]);
+    let (mut p, mut q) = ([0.0; N], [0.0; N]);
     let both = first.iter_mut().zip(x[0]).zip(second.iter_mut().zip(x[1])).take(common);
     for ((a, &v), (b, &w)) in both {
-        let next = [(v - f2 * p[1]) - f1 * p[0], (w - f2 * q[1]) - f1 * q[0]];
-        (p, q) = ([next[0], p[0]], [next[1], q[0]]);
-        (*a, *b) = (next[0], next[1]);
+        (*a, *b) = (next(&f, &mut p, v), next(&f, &mut q, w));
     }
-    for (out, x, mut state) in [(first, x[0], p), (second, x[1], q)] {
+    for (out, x, mut past) in [(first, x[0], p), (second, x[1], q)] {
         for (o, &v) in out.iter_mut().zip(x).skip(common) {
-            let next = (v - f2 * state[1]) - f1 * state[0];
-            state = [next, state[0]];
-            *o = next;
+            *o = next(&f, &mut past, v);
         }
     }
+}
+
+/// The next value of x/F. The newest of the past comes last: the others need not wait for it.
+#[inline]
+fn next<const N: usize>(f: &[f64; N], past: &mut [f64; N], x: f64) -> f64 {
+    let y = (0..N).rev().fold(x, |y, i| y - f[i] * past[i]);
+    past.copy_within(..N - 1, 1);
+    past[0] = y;
+    y
 }
 
 /// The impulse response of 1/F up to where all that follows of it is below `least`; `rows` values at most.
@@ -92,18 +102,26 @@ pub(super) fn impulse_response(f: &[f64], rows: usize, least: f64, h: &mut Vec<f
 
 /// out = x/F with zero initial state.
 pub(super) fn filter(x: &[f64], f: &[f64], out: &mut [f64]) {
-    if let &[f1, f2] = f {
-        let (mut y1, mut y2) = (0.0, 0.0);
-        for (o, &v) in out.iter_mut().zip(x) {
-            let y = (v - f2 * y2) - f1 * y1;
-            (y2, y1) = (y1, y);
-            *o = y;
+    match *f {
+        [f1] => alone([f1], x, out),
+        [f1, f2] => alone([f1, f2], x, out),
+        [f1, f2, f3] => alone([f1, f2, f3], x, out),
+        [f1, f2, f3, f4] => alone([f1, f2, f3, f4], x, out),
+        _ => {
+            for t in 0..x.len() {
+                let (past, rest) = out.split_at_mut(t);
+                let count = f.len().min(t);
+                let past = f[..count].iter().rev().zip(&past[t - count..]);
+                rest[0] = past.fold(x[t], |y, (c, v)| y - c * v);
+            }
         }
-        return;
     }
-    for t in 0..x.len() {
-        let past: f64 = f.iter().enumerate().filter(|(i, _)| *i < t).map(|(i, c)| c * out[t - 1 - i]).sum();
-        out[t] = x[t] - past;
+}
+
+fn alone<const N: usize>(f: [f64; N], x: &[f64], out: &mut [f64]) {
+    let mut past = [0.0; N];
+    for (o, &v) in out.iter_mut().zip(x) {
+        *o = next(&f, &mut past, v);
     }
 }
 
@@ -188,5 +206,22 @@ mod tests {
         let cubic = |p: f64| vec![0.5 - p, 0.8 - 0.5 * p, -0.8 * p];
         assert!(is_stable(&cubic(0.9)));
         assert!(!is_stable(&cubic(1.1)));
+    }
+
+    /// x[t] = Σ fᵢ·y[t − i] with f₀ = 1, for every order that has a loop of its own and some that have none; of two signals, also of unequal lengths.
+    #[test]
+    fn what_was_filtered_gives_back_the_signal() {
+        let x: Vec<f64> = (0..50).map(|t| (0.7 * f64::from(t)).sin() + f64::from(t % 3)).collect();
+        for order in 0..=6 {
+            let f: Vec<f64> = (0..order).map(|i| 0.4_f64.powi(i + 1) * if i % 2 == 0 { -1.0 } else { 1.0 }).collect();
+            let y = filtered(&x, &f);
+            for t in 0..x.len() {
+                let past: f64 = f.iter().enumerate().filter(|(i, _)| *i < t).map(|(i, c)| c * y[t - 1 - i]).sum();
+                assert!((y[t] + past - x[t]).abs() < 1e-12, "order {order}, sample {t}");
+            }
+            let (mut first, mut second) = (vec![0.0; 50], vec![0.0; 30]);
+            filter_both([&x, &x[20..]], &f, [&mut first, &mut second]);
+            assert_eq!((first, second), (y, filtered(&x[20..], &f)));
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use deadtime::effect::{Applied, Chance, EFFECTS, Site, find};
+use deadtime::effect::{Applied, Chance, EFFECTS, Scales, Site, Spread, find};
 use deadtime::model::ModelDocument;
 use deadtime::simulate::{Commands, Correction, Dynamics, Measured, Run, System};
 use nalgebra::DMatrix;
@@ -307,6 +307,37 @@ fn friction_that_falls_with_speed_breaks_loose_late_and_slides_on_its_level() {
     let coulomb = |level: f64| run(&system, &flight, &[with(&system, "coulomb_friction", "rate", &[level])]);
     assert_eq!(stribeck(&[2.0, 0.0, 1.0]).y, coulomb(2.0).y);
     assert!(distance(&stribeck(&[2.0, 0.5, 1e6]).y, &coulomb(2.5).y) < 1e-9);
+}
+
+/// What the search's lower bounds rest on: from there to nothing an elaborate friction changes a twentieth of what it does at most.
+#[test]
+fn elaborate_frictions_below_the_least_that_samples_show_hardly_change() {
+    let system = system(EQUATIONS);
+    let flight = Flight::for_system(&system);
+    let nominal = run(&system, &flight, &[]).y;
+    let rms = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
+    let rates: Vec<f64> = nominal.column(1).iter().copied().collect();
+    let accelerations: Vec<f64> = rates.windows(2).map(|w| (w[1] - w[0]) / 0.05).collect();
+    let moves = |rms: f64| Spread { rms, std: rms, ..Spread::default() };
+    let scales = Scales {
+        sample_time_s: 0.05,
+        states: vec![moves(1.0), moves(rms(&rates))],
+        derivatives: vec![rms(&rates), rms(&accelerations)],
+        ..Scales::default()
+    };
+    let level = 0.3 * scales.derivatives[1];
+    for (name, values, at) in [("hysteresis", [level, 0.0, 2.0], 1), ("stribeck_friction", [level, level, 0.0], 2)] {
+        let least = Applied::nominal(&system, find(name).unwrap(), "rate").unwrap().shown_by(&system, &scales).parameters[at].lower;
+        let of = |times: f64| {
+            let mut values = values;
+            values[at] = times * least;
+            run(&system, &flight, &[with(&system, name, "rate", &values)]).y
+        };
+        let limit = of(1.0 / 256.0);
+        let off = |times: f64| distance(&of(times), &limit) / distance(&limit, &nominal);
+        println!("{name}: least {least}, off by {} and {}", off(1.0), off(100.0));
+        assert!(off(1.0) < 0.05 && off(100.0) > 0.05, "{name}: {} {}", off(1.0), off(100.0));
+    }
 }
 
 #[test]

@@ -59,10 +59,10 @@ impl Effect for Hysteresis {
         [0.1, 0.4].into_iter().flat_map(guesses).collect()
     }
 
-    /// A way within which the force has turned round in one sample, to e⁻⁴ = 2 %, is none to a log: four displacements at the usual speed.
+    /// A hundredth of the usual way within a sample: less changes a twentieth of what dry friction does, and takes ever more steps.
     fn least(&self, system: &System, channel: &str, scales: &Scales) -> Vec<f64> {
         let speed = channel::state(self, system, channel).ok().and_then(|i| scales.states.get(i)).map_or(0.0, |speed| speed.rms);
-        vec![0.0, 0.25 * speed * scales.sample_time_s, 1.0]
+        vec![0.0, 0.01 * speed * scales.sample_time_s, 1.0]
     }
 
     fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {

@@ -56,10 +56,10 @@ impl Effect for StribeckFriction {
         [0.1, 0.4].into_iter().flat_map(guesses).collect()
     }
 
-    /// A speed that the usual acceleration passes within a quarter of a sample is none to a log: what is left is the force to break away.
+    /// A fiftieth of the usual change within a sample: less changes a twentieth of what the friction does; what is left is the force to break away.
     fn least(&self, system: &System, channel: &str, scales: &Scales) -> Vec<f64> {
         let pull = channel::state(self, system, channel).ok().and_then(|i| scales.derivatives.get(i)).copied().unwrap_or(0.0);
-        vec![0.0, 0.0, 0.25 * pull * scales.sample_time_s]
+        vec![0.0, 0.0, 0.02 * pull * scales.sample_time_s]
     }
 
     fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
