@@ -97,8 +97,8 @@ fn transposed(sys: &Matrices) -> Matrices {
 
 /// [N; M] with P = N M⁻¹ and N*N + M*M = I: the loop of the regulator that weighs outputs and inputs alike.
 ///
-/// Source: Meyer and Franklin (1987), "A connection between normalized coprime factorizations and linear quadratic regulator theory",
-/// doi:10.1109/TAC.1987.1104569.
+/// Source: Meyer and Franklin (1987), "A connection between normalized coprime factorizations and linear quadratic regulator theory", IEEE Trans. Automatic
+/// Control 32(3), 227-228.
 fn right_factor(sys: &Matrices) -> Result<Matrices, ModelError> {
     let m = sys.b.ncols();
     let weight = DMatrix::identity(m, m) + sys.d.transpose() * &sys.d;
