@@ -17,15 +17,15 @@ pub(super) struct Matched {
     /// The identified model: what `deadtime identify` wrote, its --json (which has the uncertainty) or the model file; in place of logs
     #[arg(long = "match", value_name = "IDENTIFIED", requires = "structure", conflicts_with_all = ["logs", "per_record"])]
     pub(super) matched: Option<PathBuf>,
-    /// By what responses are compared: wls, h2, hinf or nu-gap
-    #[arg(long, value_name = "NORM", default_value = "wls", requires = "matched")]
-    norm: String,
+    /// By what responses are compared: wls (the default), h2, hinf or nu-gap
+    #[arg(long, value_name = "NORM", requires = "matched")]
+    norm: Option<String>,
     /// The frequencies that count, rad/s; default: those that the data show
     #[arg(long, value_name = "LOW:HIGH", requires = "matched")]
     band: Option<String>,
-    /// Starts of the search, the file's values first
-    #[arg(long, value_name = "N", default_value_t = 8, requires = "matched")]
-    starts: usize,
+    /// Starts of the search, the file's values first; default: 8
+    #[arg(long, value_name = "N", requires = "matched")]
+    starts: Option<usize>,
     /// What counts as one of a channel in gains (h2, hinf, nu-gap): CHANNEL=SIZE; may be repeated
     #[arg(long = "unit", value_name = "CHANNEL=SIZE", requires = "matched")]
     units: Vec<String>,
@@ -35,6 +35,23 @@ pub(super) struct Matched {
 }
 
 impl Matched {
+    /// Without --match none of its options may stand: the parser lets them pass beside logs, which --match excludes.
+    pub(super) fn must_be_absent(&self) -> anyhow::Result<()> {
+        let given = [
+            ("--norm", self.norm.is_some()),
+            ("--band", self.band.is_some()),
+            ("--starts", self.starts.is_some()),
+            ("--unit", !self.units.is_empty()),
+            ("--at", !self.at.is_empty()),
+        ];
+        match given.iter().find(|(_, there)| *there) {
+            Some((option, _)) => {
+                bail!("{option} is an option of a match by frequency: name the identified model (--match IDENTIFIED) in place of logs")
+            }
+            None => Ok(()),
+        }
+    }
+
     pub(super) fn run(
         &self,
         (common, free): (&Common, &[String]),
@@ -53,11 +70,12 @@ impl Matched {
             // Every entry of A and B that is not 0 becomes a parameter.
             ModelDocument::Lti(file) => file.to_equations(&[]).with_context(|| structure.display().to_string())?,
         };
+        let Matching { norm, starts, .. } = Matching::default();
         let options = Matching {
             free: free.to_vec(),
-            norm: self.norm.clone(),
+            norm: self.norm.clone().unwrap_or(norm),
             band: self.band.as_deref().map(band).transpose()?,
-            starts: self.starts,
+            starts: self.starts.unwrap_or(starts),
             units: pairs("--unit", &self.units)?,
             at: pairs("--at", &self.at)?,
         };

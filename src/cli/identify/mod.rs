@@ -47,6 +47,9 @@ struct Common {
 
 impl Identify {
     pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
+        if self.matched.matched.is_none() {
+            self.matched.must_be_absent()?;
+        }
         match (&self.structured.structure, &self.matched.matched) {
             (Some(structure), Some(identified)) => self.matched.run((&self.common, &self.structured.free), structure, identified, to),
             (Some(structure), None) => self.structured.run(&self.common, structure, to),

@@ -45,6 +45,8 @@ use system::{Response, System};
 const FLOOR: f64 = 1e-3;
 /// Drawn models behind the standard deviations of a norm that is no sum of squares.
 const DRAWS: u64 = 64;
+/// Drawn models are near: the last powers of the search suffice for them.
+const AGAIN: usize = 3;
 /// Frequencies between those of the grid at which the difference turned out larger are added to it, so often.
 const ADDED: usize = 4;
 /// Beyond so many standard deviations at one frequency and pair the structure does not follow what was identified.
@@ -188,7 +190,7 @@ impl Matching {
                 problem.omegas.push(peak.omega_rad_s);
                 problem.omegas.sort_by(f64::total_cmp);
                 problem.at = points(&structure, &problem.omegas).ok_or_else(no_response)?;
-                found = problem.descend(norm, &found.z).ok_or_else(no_response)?;
+                found = problem.descend(norm, norm.powers, &found.z).ok_or_else(no_response)?;
                 alike = alike.max(1);
             }
         }
@@ -399,7 +401,7 @@ fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: &mut Matche
             for (k, at) in drawn.at.iter_mut().enumerate() {
                 deviations.iter().zip(&sizes).for_each(|(d, size)| at.target += &d[k] * Complex::new(*size, 0.0));
             }
-            drawn.descend(norm, &found.z).map(|d| d.z)
+            drawn.descend(norm, &norm.powers[norm.powers.len().saturating_sub(AGAIN)..], &found.z).map(|d| d.z)
         };
         let ends: Vec<Vec<f64>> = (0..DRAWS).into_par_iter().map(again).collect::<Vec<_>>().into_iter().flatten().collect();
         for end in &ends {

@@ -63,8 +63,8 @@ impl Problem<'_> {
         self.at.iter().map(|at| (norm.difference)(at, &(&at.target * Complex::new(0.0, 0.0))).norm_squared()).sum()
     }
 
-    /// One search after another, of each power from where the one before ended.
-    pub(super) fn descend(&self, norm: &Norm, start: &[f64]) -> Option<Descent> {
+    /// One search after another, of each of the norm's powers (or the last of them) from where the one before ended.
+    pub(super) fn descend(&self, norm: &Norm, powers: &[f64], start: &[f64]) -> Option<Descent> {
         let delays = self.structure.free.iter().zip(&self.structure.nominal).zip(&self.sizes);
         let lower = delays.map(|((free, nominal), size)| match free {
             Free::Delay(_) => -nominal / size,
@@ -72,7 +72,7 @@ impl Problem<'_> {
         });
         let (lower, floor) = (lower.collect::<Vec<f64>>(), FLOOR * self.whole(norm));
         let mut found: Option<Descent> = None;
-        for &power in norm.powers {
+        for &power in powers {
             let exact = if power == 2.0 { 1e-10 } else { 1e-7 };
             let search = LevenbergMarquardt {
                 max_iterations: 100,
@@ -100,8 +100,8 @@ impl Problem<'_> {
         let from = |k: usize| {
             let start = self.start(k);
             let first = &NORMS[0];
-            let warm = if norm.name == first.name { None } else { self.descend(first, &start).map(|d| d.z) };
-            self.descend(norm, &warm.unwrap_or(start))
+            let warm = if norm.name == first.name { None } else { self.descend(first, first.powers, &start).map(|d| d.z) };
+            self.descend(norm, norm.powers, &warm.unwrap_or(start))
         };
         let ends: Vec<Descent> = (0..starts.max(1)).into_par_iter().map(from).collect::<Vec<_>>().into_iter().flatten().collect();
         let best = ends.iter().min_by(|a, b| a.value.total_cmp(&b.value))?.clone();
