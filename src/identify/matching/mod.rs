@@ -409,6 +409,11 @@ fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: &mut Matche
             covariance += &step * step.transpose() / ends.len() as f64;
         }
     }
+    for at in 0..count {
+        // The identified model's dead times are whole samples, and its covariance takes them for exact: half a sample either way is as good.
+        let late = structure.identified_delay_s(at).filter(|(delay_s, _)| *delay_s > 0.0).map_or(0.0, |(_, step_s)| step_s);
+        covariance[(at, at)] += (late * late / 12.0) / (problem.sizes[at] * problem.sizes[at]);
+    }
     let values = problem.values(&found.z);
     let names: Vec<String> = (0..count).map(|at| structure.name(at)).collect();
     // Without uncertainty all that is told is what nothing can resolve: the rest is taken to be known.
@@ -419,12 +424,17 @@ fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: &mut Matche
         let direction = eigen.eigenvectors.column(k);
         covariance += direction * direction.transpose();
     }
+    // A delay that was found is its own size; for the search it was what the highest frequency sees.
+    let sizes: Vec<f64> = (0..count)
+        .map(|at| if matches!(structure.free[at], Free::Delay(_)) { problem.sizes[at].max(values[at]) } else { problem.sizes[at] })
+        .collect();
+    let ratio = |at: usize| problem.sizes[at] / sizes[at];
     let known = Known {
         names: names.iter().map(String::as_str).collect(),
-        sizes: problem.sizes.clone(),
         values: values.clone(),
-        information: scaled,
-        covariance: covariance.clone(),
+        information: DMatrix::from_fn(count, count, |i, j| scaled[(i, j)] / (ratio(i) * ratio(j))),
+        covariance: DMatrix::from_fn(count, count, |i, j| covariance[(i, j)] * ratio(i) * ratio(j)),
+        sizes,
         source: "the responses do",
     };
     answer.unseen = known.unseen();
@@ -452,15 +462,15 @@ fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: &mut Matche
     Some(())
 }
 
-/// The inverse of a covariance; directions that the information does not resolve have none.
+/// The inverse of a covariance; directions that the information does not resolve have none, and what is known exactly is known so far that all else stays resolved.
 fn inverse(covariance: &DMatrix<f64>, information: &SymmetricEigen<f64, nalgebra::Dyn>, most: f64) -> DMatrix<f64> {
     let count = covariance.nrows();
     let mut whole = covariance.clone();
+    let least = (10.0 * RESOLVED * SymmetricEigen::new(whole.clone()).eigenvalues.max()).max(f64::MIN_POSITIVE);
     for k in (0..count).filter(|k| information.eigenvalues[*k] <= RESOLVED * most) {
         let direction = information.eigenvectors.column(k);
         whole += direction * direction.transpose() / RESOLVED;
     }
     let eigen = SymmetricEigen::new(whole);
-    let least = eigen.eigenvalues.max().max(f64::MIN_POSITIVE) * 1e-30;
     &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(|v| 1.0 / v.max(least))) * eigen.eigenvectors.transpose()
 }

@@ -21,6 +21,9 @@ const NOTHING: f64 = 1e-16;
 /// A cost below this share of the identified model's own size, squared, is rounding.
 const FLOOR: f64 = 1e-26;
 
+/// A difference below this share of the identified model's own size is none, whatever the search says of its minimum: at whole samples of delay a response bends.
+const NONE: f64 = 1e-7;
+
 /// Everything about a match that no parameter changes.
 pub(super) struct Problem<'a> {
     pub(super) structure: &'a Structure<'a>,
@@ -70,7 +73,7 @@ impl Problem<'_> {
             Free::Delay(_) => -nominal / size,
             Free::Parameter(_) => f64::NEG_INFINITY,
         });
-        let (lower, floor) = (lower.collect::<Vec<f64>>(), FLOOR * self.whole(norm));
+        let (lower, whole) = (lower.collect::<Vec<f64>>(), self.whole(norm));
         let mut found: Option<Descent> = None;
         for &power in powers {
             let exact = if power == 2.0 { 1e-10 } else { 1e-7 };
@@ -78,7 +81,7 @@ impl Problem<'_> {
                 max_iterations: 100,
                 gradient_tolerance: exact,
                 step_tolerance: exact,
-                cost_floor: floor,
+                cost_floor: FLOOR * whole,
                 lower: lower.clone(),
                 ..LevenbergMarquardt::default()
             };
@@ -88,7 +91,8 @@ impl Problem<'_> {
                 return None;
             }
             let still = fit.normal.slope(&vec![true; z.len()]) < 1e-4;
-            let converged = fit.stopped.converged() || fit.stopped == crate::fit::Stopped::Stalled && still;
+            let none = fit.normal.cost <= NONE * NONE * whole;
+            let converged = none || fit.stopped.converged() || fit.stopped == crate::fit::Stopped::Stalled && still;
             found = Some(Descent { z: fit.parameters, value: fit.normal.cost.sqrt(), converged });
         }
         found
@@ -105,7 +109,7 @@ impl Problem<'_> {
         };
         let ends: Vec<Descent> = (0..starts.max(1)).into_par_iter().map(from).collect::<Vec<_>>().into_iter().flatten().collect();
         let best = ends.iter().min_by(|a, b| a.value.total_cmp(&b.value))?.clone();
-        let floor = 1e-9 * self.whole(norm).sqrt();
+        let floor = NONE * self.whole(norm).sqrt();
         let alike = ends.iter().filter(|e| e.value <= best.value * 1.001 + floor).count();
         Some((best, alike))
     }
@@ -121,8 +125,15 @@ impl Problem<'_> {
             if *nominal == 0.0 { drawn } else { nominal * (FACTOR.powf(drawn) - 1.0) / size }
         };
         let start: Vec<f64> = self.structure.nominal.iter().zip(&self.sizes).map(off).collect();
-        // A delay is not negative.
-        start.iter().zip(&self.structure.free).map(|(z, f)| if matches!(f, Free::Delay(_)) { z.abs() } else { *z }).collect()
+        // A delay starts about the identified model's: from a sample or two away the search ends at another one. It is not negative.
+        let delay = |(at, z): (usize, &f64)| match self.structure.identified_delay_s(at) {
+            Some((delay_s, step_s)) => {
+                let drawn: f64 = random.sample(StandardNormal);
+                ((delay_s + drawn * step_s.max(self.sizes[at])).abs() - self.structure.nominal[at]) / self.sizes[at]
+            }
+            None => *z,
+        };
+        start.iter().enumerate().map(delay).collect()
     }
 }
 

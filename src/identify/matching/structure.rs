@@ -95,6 +95,16 @@ impl<'a> Structure<'a> {
         }
     }
 
+    /// The identified model's delay of the input whose delay this is, s, and the sample time that it is a multiple of (0 in continuous time).
+    pub(super) fn identified_delay_s(&self, at: usize) -> Option<(f64, f64)> {
+        let Free::Delay(j) = self.free[at] else { return None };
+        let shared = self.inputs.iter().position(|(own, _)| *own == j)?;
+        Some(match &self.target {
+            System::Continuous(sys) => (sys.input_delay()[shared], 0.0),
+            System::Sampled(sys) => (sys.sample_time().to_seconds(sys.input_delay()[shared] as f64), sys.sample_time().seconds()),
+        })
+    }
+
     /// The outputs of the match, by name.
     pub(super) fn output_names(&self, target: &Target) -> Vec<String> {
         let own = |name: &String| self.file.outputs.iter().any(|c| c.name == *name);
