@@ -39,6 +39,9 @@ pub enum Error {
     /// A model file's parameters that cannot be fitted.
     #[error(transparent)]
     Structured(#[from] crate::identify::structured::StructuredError),
+    /// Two models that cannot be matched.
+    #[error(transparent)]
+    Matching(#[from] crate::identify::matching::MatchingError),
     /// A diagnosis that cannot be read or written.
     #[error(transparent)]
     Diagnosis(#[from] crate::diagnose::DiagnosisError),

@@ -12,6 +12,7 @@ from . import subspace_cases
 from . import correlation_cases
 from . import event_cases
 from . import frf_cases
+from . import norm_cases
 from . import signal_cases
 from . import ode_cases
 from . import parametric_cases
@@ -42,5 +43,6 @@ CASES = {
     "effects": {"reference.json": effect_cases.effects},
     "regression": {"reference.json": regression.regression},
     "subspace": {"reference.json": subspace_cases.subspace},
+    "norms": {"reference.json": norm_cases.norms},
     "zeros": {"reference.json": zeros.zeros},
 }

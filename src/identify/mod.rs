@@ -1,5 +1,5 @@
 //! Models from data: finite impulse responses, ARX, ARMAX and output-error models; state-space models by subspace methods; many parameters of a model file at
-//! once.
+//! once, by time (`structured`) and by frequency (`matching`).
 
 mod armax;
 mod arx;
@@ -11,6 +11,7 @@ mod lag_products;
 mod laguerre;
 mod least_squares;
 mod many_zeros;
+pub mod matching;
 mod oe;
 mod polynomial;
 mod regression;

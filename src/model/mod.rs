@@ -8,6 +8,7 @@ mod equations;
 mod file;
 mod hinf;
 mod matrix;
+mod nu_gap;
 mod riccati;
 mod state_space;
 mod transfer_function;
@@ -25,6 +26,7 @@ pub use file::{
     ModelFile, Operating, ParameterEntry, State, StateEntry,
 };
 pub use hinf::Peak;
+pub use nu_gap::{NuGap, nu_gap};
 pub use riccati::{Lqr, dare, dlqr};
 pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 pub use transfer_function::TransferFunction;
@@ -313,6 +315,18 @@ pub enum ModelError {
     Effects {
         /// The model's name.
         name: String,
+    },
+    /// Two models that cannot be compared.
+    #[error(
+        "the two models have different {what}: {first} and {second}; compare models of the same channels, in the same time and behind the same delays"
+    )]
+    Unlike {
+        /// What differs.
+        what: &'static str,
+        /// That of the first.
+        first: f64,
+        /// That of the second.
+        second: f64,
     },
     /// A sample time or delay that cannot be.
     #[error(transparent)]

@@ -347,6 +347,16 @@ impl<T: TimeDomain> StateSpace<T> {
         super::hinf::peak(self)
     }
 
+    /// The largest gain over a band from `band[0]` to `band[1]` rad/s (0 and infinity: everywhere), whatever the poles: the L-infinity norm, which of a stable
+    /// model is the H-infinity norm. Infinite with a pole on the imaginary axis (the unit circle) within the band, hidden ones too, or at z = −1. `None` where
+    /// the band holds no frequency. Delays change no gain.
+    ///
+    /// Source: Bruinsma and Steinbuch (1990), doi:10.1016/0167-6911(90)90049-Z, with the band's ends among the crossings.
+    #[must_use]
+    pub fn norm_linf(&self, band: [f64; 2]) -> Option<super::Peak> {
+        super::hinf::peak_within(self, band)
+    }
+
     /// The response to a constant, p×m: infinite where the pair integrates it.
     #[must_use]
     pub fn dc_gain(&self) -> DMatrix<f64> {

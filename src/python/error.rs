@@ -31,7 +31,7 @@ fn class(error: &Error) -> Option<&'static str> {
         | Error::Model(crate::model::ModelError::Time(_))
         | Error::Simulate(crate::simulate::SimulateError::DelayTime(_)) => "TimeError",
         Error::Log(_) | Error::Derived(_) => "LogError",
-        Error::Model(_) | Error::Structured(_) | Error::Identify(_) => "ModelError",
+        Error::Model(_) | Error::Structured(_) | Error::Matching(_) | Error::Identify(_) => "ModelError",
         Error::Signal(_) => "SignalError",
         Error::Simulate(_) => "SimulateError",
         Error::Gap(_) => "GapError",

@@ -41,7 +41,8 @@ impl Report<'_> {
             "input_delay_s": self.delays.iter().map(|d| m.sample_time.to_seconds(*d as f64)).collect::<Vec<_>>(), "delay_notes": self.delay_notes,
             "model": { "A": rows(&m.model.a), "B": rows(&m.model.b), "C": rows(&m.model.c), "D": rows(&m.model.d), "K": rows(&m.model.k),
                        "innovations_covariance": rows(&m.innovations),
-                       "operating": { "inputs": m.scales.inputs.iter().map(|s| s.0).collect::<Vec<_>>(), "outputs": m.scales.outputs.iter().map(|s| s.0).collect::<Vec<_>>() } },
+                       "operating": { "inputs": m.scales.inputs.iter().map(|s| s.0).collect::<Vec<_>>(), "outputs": m.scales.outputs.iter().map(|s| s.0).collect::<Vec<_>>() },
+                       "deviations": m.deviations() },
             "poles": m.poles(), "zeros": m.zeros(), "frequency_responses": responses,
             "held_out": { "data": self.held_out, "samples": self.held_out_samples, "outputs": self.checks }, "notes": m.notes,
         }))

@@ -15,6 +15,7 @@ pub mod identify;
 pub mod isolability;
 pub mod junit;
 pub mod log;
+pub mod matching;
 pub mod methods;
 pub mod page;
 pub mod picture;

@@ -1,7 +1,7 @@
 //! A structured fit as text.
 
 use super::text::Table;
-use crate::identify::structured::{GroupScore, Standing, StructuredFit};
+use crate::identify::structured::{GroupScore, Standing, StructuredFit, Unseen};
 use crate::signal::stats::NORMAL_95;
 
 /// Horizons that a table shows.
@@ -105,15 +105,7 @@ pub fn text(found: &StructuredFit) -> String {
     for said in [Standing::Surrogate, Standing::Open, Standing::Unchecked].into_iter().filter_map(|s| meaning(found, s)) {
         text += &format!("\n{said}\n");
     }
-    for unseen in &found.unseen {
-        text += &format!("\nCannot be had: {} (standard deviation {}).", unseen.words, how_unseen(unseen.std));
-    }
-    for trade in &found.trades {
-        text += &format!("\n{trade}.");
-    }
-    if !found.unseen.is_empty() || !found.trades.is_empty() {
-        text += "\n";
-    }
+    text += &not_had(&found.unseen, &found.trades);
     for (name, record, value) in &found.per_record {
         text += &format!("\n{name} stands off by {} in {record}", digits(*value));
     }
@@ -129,6 +121,21 @@ pub fn text(found: &StructuredFit) -> String {
     }
     text
 }
+/// What cannot be had and what trades, a line each.
+pub(super) fn not_had(unseen: &[Unseen], trades: &[String]) -> String {
+    let mut text = String::new();
+    for unseen in unseen {
+        text += &format!("\nCannot be had: {} (standard deviation {}).", unseen.words, how_unseen(unseen.std));
+    }
+    for trade in trades {
+        text += &format!("\n{trade}.");
+    }
+    if !text.is_empty() {
+        text += "\n";
+    }
+    text
+}
+
 /// A standard deviation in sizes of what is not seen: beyond a thousand its digits are rounding.
 pub(super) fn how_unseen(std: f64) -> String {
     if std < 1e3 { format!("{std:.1} of its size") } else { "over 1000 times its size".to_owned() }

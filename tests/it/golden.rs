@@ -11,7 +11,7 @@ use deadtime::identify::{self, Initial, OutputError, Record};
 use deadtime::model::c2d::{
     Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, LeastSquares, Tustin, ZeroOrderHold, ZeroPoleMatching,
 };
-use deadtime::model::{Continuous, ModelError, Sampled, StateSpace, d2c, dlqr};
+use deadtime::model::{Continuous, ModelError, Sampled, StateSpace, TimeDomain, d2c, dlqr, nu_gap};
 use deadtime::simulate::{Hold, Options, Prehistory, lsim};
 use deadtime::time::SampleTime;
 use nalgebra::{Complex, DMatrix};
@@ -514,4 +514,42 @@ fn poles_zeros_transfer_functions_and_relative_degrees_agree_with_exact_arithmet
         }
     }
     c.finish();
+}
+
+#[test]
+fn largest_gains_and_nu_gaps_agree_with_slycot_and_with_dense_grids() {
+    let file = golden("norms", "reference.json");
+    let mut c = Comparison::new("norms/reference.json");
+    let (mut apart_by_turns, mut unstable) = (0, 0);
+    for case in cases(&file) {
+        let [a, b, cm, d] = ["A", "B", "C", "D"].map(|m| [&case[m], &case["other"][m]].map(matrix));
+        let pair = |k: usize| (a[k].clone(), b[k].clone(), cm[k].clone(), d[k].clone());
+        let ts = number(case, "sample_time_s");
+        if ts > 0.0 {
+            let model = |(a, b, c, d)| StateSpace::sampled(a, b, c, d, SampleTime::new(ts).unwrap()).unwrap();
+            unstable += norms(&file, &mut c, case, [model(pair(0)), model(pair(1))]);
+        } else {
+            let model = |(a, b, c, d)| StateSpace::continuous(a, b, c, d).unwrap();
+            unstable += norms(&file, &mut c, case, [model(pair(0)), model(pair(1))]);
+        }
+        apart_by_turns += usize::from(case["winds_alike"] == false && number(case, "pointwise") < 0.99);
+    }
+    assert!(apart_by_turns > 2 && unstable > 10, "{apart_by_turns} {unstable}");
+    c.finish();
+}
+
+/// Whether the model is unstable, as a number.
+fn norms<T: TimeDomain>(file: &Value, c: &mut Comparison, case: &Value, [sys, other]: [StateSpace<T>; 2]) -> usize {
+    let id = text(case, "id");
+    let band = list(&case["band_rad_s"]);
+    let gain = |band: [f64; 2]| sys.norm_linf(band).unwrap().gain;
+    let against = |value: f64, key: &str| relative((value - number(case, key)).abs(), number(case, key));
+    c.check("gain", id, against(gain([0.0, f64::INFINITY]), "gain"), allowed(file, "gain", 1e-9));
+    c.check("gain_in_band", id, against(gain([band[0], band[1]]), "gain_in_band"), allowed(file, "gain_in_band", 1e-8));
+    for (one, two) in [(&sys, &other), (&other, &sys)] {
+        c.check("nu_gap", id, against(nu_gap(one, two).unwrap().value, "nu_gap"), allowed(file, "nu_gap", 1e-8));
+    }
+    let whole = if sys.is_stable() { number(case, "gain") } else { f64::INFINITY };
+    assert!((sys.norm_hinf().gain / whole - 1.0).abs() < 1e-9 || sys.norm_hinf().gain == whole, "{id}");
+    usize::from(!sys.is_stable())
 }

@@ -83,6 +83,9 @@ mod isolability;
 mod log_files;
 #[cfg(feature = "cli")]
 mod machines;
+mod matching;
+#[cfg(feature = "cli")]
+mod matching_program;
 mod model_laws;
 mod moving;
 mod options;

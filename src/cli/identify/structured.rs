@@ -21,9 +21,9 @@ pub(super) struct Structured {
     /// The model whose parameters are fitted, deadtime/model@1 of kind "equations"
     #[arg(long, value_name = "MODEL")]
     pub(super) structure: Option<PathBuf>,
-    /// Parameters to fit, NAME,… or `all`; without any, only the model's errors are told
+    /// Parameters to fit, NAME,… or `all`; with --match also delay:INPUT; without any, only the model's errors are told
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-    free: Vec<String>,
+    pub(super) free: Vec<String>,
     /// Parameters that may stand off by record, NAME,…; a prediction of another log does not use that
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     per_record: Vec<String>,

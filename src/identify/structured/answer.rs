@@ -4,37 +4,12 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::Serialize;
 
 use super::Fitted;
+use super::known::{Known, RESOLVED, Standing, Unseen, standing};
 use super::problem::Problem;
 use super::score::GroupScore;
 use crate::fit::{Normal, Stopped};
 use crate::model::EquationsFile;
 use crate::signal::stats::NORMAL_95;
-
-/// One step and many steps ahead differ when their ratio is above this, or a nominal value moved by more than [`MOVED`].
-const APART: f64 = 2.0;
-/// A nominal value that moved by this factor is no longer that quantity.
-const MOVED: f64 = 10.0;
-/// A correlation above this is called a trade.
-const TRADE: f64 = 0.95;
-/// A direction of which the information is below this share of the best seen one moves predictions a millionth as much: no log resolves that. Without noise every
-/// multiple of a vanishing residual would call it certain.
-const RESOLVED: f64 = 1e-12;
-/// Parts of a direction below this share of its largest are left out of its words.
-const PART: f64 = 0.25;
-
-/// Whether a value can be taken for the quantity that it is named after.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Standing {
-    /// One step and many steps ahead agree within a factor of two, and the nominal value has not moved tenfold.
-    Physical,
-    /// It predicts well but is not the physics: the two differ, or the nominal value moved tenfold.
-    Surrogate,
-    /// Nothing was found against it, but nothing was asked either: windows of one step were not fitted, or what they say is too vague to agree or to contradict.
-    Unchecked,
-    /// Another parameter can trade with it, or its interval holds anything from nothing to twice its value.
-    Open,
-}
 
 /// A fitted parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -55,17 +30,6 @@ pub struct FreeParameter {
     pub one_step: Option<[f64; 2]>,
     /// Whether it can be taken for the quantity.
     pub standing: Standing,
-}
-
-/// A combination of parameters that the data do not show, or hardly.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Unseen {
-    /// The parameters and their parts in it, in shares of each one's size.
-    pub parts: Vec<(String, f64)>,
-    /// Standard deviation along it: 1 is the parameters' whole size.
-    pub std: f64,
-    /// In words.
-    pub words: String,
 }
 
 /// What was found.
@@ -157,8 +121,17 @@ pub(super) fn values(problem: &Problem<'_>, fitted: &Fitted) -> Vec<[f64; 2]> {
 
 pub(super) fn answer(problem: &Problem<'_>, fitted: &Fitted, one_step: Option<&[[f64; 2]]>) -> StructuredFit {
     let symbols = problem.simulator.equations.parameters();
-    let unseen = unseen(problem, fitted);
-    let (trades, traded) = trades(problem, fitted);
+    let shared = problem.free.len();
+    let known = Known {
+        names: problem.free.iter().map(|&(i, _)| symbols[i].name.as_str()).collect(),
+        sizes: problem.free.iter().map(|&(_, size)| size).collect(),
+        values: problem.free.iter().zip(&fitted.z).map(|(&(i, size), z)| problem.nominal[i] + size * z).collect(),
+        information: fitted.information.view((0, 0), (shared, shared)).into_owned(),
+        covariance: fitted.covariance.view((0, 0), (shared, shared)).into_owned(),
+        source: "the logs do",
+    };
+    let unseen = known.unseen();
+    let (trades, traded) = known.trades();
     let parameters = values(problem, fitted)
         .into_iter()
         .enumerate()
@@ -205,116 +178,5 @@ pub(super) fn answer(problem: &Problem<'_>, fitted: &Fitted, one_step: Option<&[
         training: [Vec::new(), Vec::new()],
         held_out: None,
         model: None,
-    }
-}
-
-fn standing(nominal: f64, [value, std]: [f64; 2], one_step: Option<[f64; 2]>, lost: bool) -> Standing {
-    // An interval that holds 0 and twice the value says nothing about the quantity.
-    if lost || NORMAL_95 * std >= value.abs() {
-        return Standing::Open;
-    }
-    let moved = nominal != 0.0 && {
-        let ratio = value / nominal;
-        !(1.0 / MOVED..=MOVED).contains(&ratio)
-    };
-    let Some([once, spread]) = one_step else { return if moved { Standing::Surrogate } else { Standing::Unchecked } };
-    let unlike = !(1.0 / APART..=APART).contains(&(once / value));
-    if moved || unlike && (once - value).abs() > NORMAL_95 * std.hypot(spread) {
-        return Standing::Surrogate;
-    }
-    // A one-step interval as wide as the value itself would hold nothing and twice the value too: that is no agreement.
-    if unlike || NORMAL_95 * spread >= value.abs() { Standing::Unchecked } else { Standing::Physical }
-}
-
-/// Directions whose standard deviation is the parameters' own size or more: the null space of the information, as far as the data are concerned.
-fn unseen(problem: &Problem<'_>, fitted: &Fitted) -> Vec<Unseen> {
-    let symbols = problem.simulator.equations.parameters();
-    let shared = problem.free.len();
-    let information = fitted.information.view((0, 0), (shared, shared)).into_owned();
-    let eigen = SymmetricEigen::new(information);
-    let mut found: Vec<Unseen> = Vec::new();
-    let mut order: Vec<usize> = (0..shared).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
-    for k in order {
-        let resolved = eigen.eigenvalues[k] > RESOLVED * eigen.eigenvalues.max();
-        let std = 1.0 / eigen.eigenvalues[k].max(f64::MIN_POSITIVE).sqrt();
-        let std = if resolved { std } else { std.max(1.0) };
-        if std < 1.0 {
-            break;
-        }
-        let direction = eigen.eigenvectors.column(k);
-        let largest = direction.iter().map(|v| v.abs()).fold(0.0, f64::max);
-        let parts: Vec<(usize, f64)> = (0..shared).map(|j| (j, direction[j] / largest)).filter(|(_, v)| v.abs() >= PART).collect();
-        let words = words(problem, fitted, &parts);
-        found.push(Unseen { parts: parts.iter().map(|&(j, v)| (symbols[problem.free[j].0].name.clone(), v)).collect(), std, words });
-    }
-    found
-}
-
-fn words(problem: &Problem<'_>, fitted: &Fitted, parts: &[(usize, f64)]) -> String {
-    let name = |j: usize| problem.simulator.equations.parameters()[problem.free[j].0].name.as_str();
-    // A ratio or a product stays where changes relative to the values found are alike.
-    let relative = |&(j, v): &(usize, f64)| {
-        let (i, size) = problem.free[j];
-        v * size / (problem.nominal[i] + size * fitted.z[j])
-    };
-    match parts {
-        [(j, _)] => format!("{} cannot be had: the logs do not show it", name(*j)),
-        [a, b] if (relative(a).abs() - relative(b).abs()).abs() < 0.1 * relative(a).abs().max(relative(b).abs()) => {
-            let what = if relative(a) * relative(b) > 0.0 { "ratio" } else { "product" };
-            format!("{} and {} only as their {what}", name(a.0), name(b.0))
-        }
-        _ => {
-            let part = |&(j, v): &(usize, f64)| format!("{v:+.2} {}", name(j));
-            let list: Vec<String> = parts.iter().map(part).collect();
-            format!("this combination cannot be had (in shares of each one's size): {}", list.join(", "))
-        }
-    }
-}
-
-/// Pairs whose estimates are correlated above [`TRADE`], in words, and which parameters are in one with a wide interval.
-fn trades(problem: &Problem<'_>, fitted: &Fitted) -> (Vec<String>, Vec<bool>) {
-    let symbols = problem.simulator.equations.parameters();
-    let (shared, v) = (problem.free.len(), &fitted.covariance);
-    let (mut said, mut traded) = (Vec::new(), vec![false; shared]);
-    let share = |j: usize| {
-        let (i, size) = problem.free[j];
-        let value = problem.nominal[i] + size * fitted.z[j];
-        size * v[(j, j)].max(0.0).sqrt() / value.abs().max(f64::MIN_POSITIVE)
-    };
-    for a in 0..shared {
-        for b in a + 1..shared {
-            let correlation = v[(a, b)] / (v[(a, a)] * v[(b, b)]).max(f64::MIN_POSITIVE).sqrt();
-            if correlation.abs() > TRADE && share(a).max(share(b)) > 0.1 {
-                let [na, nb] = [a, b].map(|j| &symbols[problem.free[j].0].name);
-                said.push(format!(
-                    "{na} and {nb} trade (correlation {correlation:.3}): known to {:.0} % and {:.0} % of their values",
-                    100.0 * share(a),
-                    100.0 * share(b)
-                ));
-                [a, b].into_iter().filter(|&j| share(j) > 0.5).for_each(|j| traded[j] = true);
-            }
-        }
-    }
-    (said, traded)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{Standing, standing};
-
-    #[test]
-    fn a_vague_value_from_single_steps_is_no_witness() {
-        let of = |once: f64, spread: f64| standing(0.0, [0.79, 0.13], Some([once, spread]), false);
-        // An offset of the shipped quadrotor, from fits of real flights: 11 from single steps, known to 14, is no agreement with 0.79.
-        assert_eq!(of(11.2, 7.0), Standing::Unchecked);
-        assert_eq!(of(-25.6, 26.5), Standing::Unchecked);
-        // Near, but it would have been so for any value up to twice this one.
-        assert_eq!(of(0.8, 0.6), Standing::Unchecked);
-        assert_eq!(of(0.8, 0.2), Standing::Physical);
-        assert_eq!(of(11.2, 0.5), Standing::Surrogate);
-        assert_eq!(standing(0.0, [0.79, 0.5], Some([0.8, 0.2]), false), Standing::Open);
-        assert_eq!(standing(0.01, [0.79, 0.13], Some([11.2, 7.0]), false), Standing::Surrogate);
-        assert_eq!(standing(0.0, [0.79, 0.13], None, false), Standing::Unchecked);
     }
 }

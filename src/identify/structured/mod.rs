@@ -12,6 +12,7 @@
 mod answer;
 mod error;
 mod group;
+mod known;
 mod problem;
 mod record;
 mod score;
@@ -20,9 +21,12 @@ mod window;
 
 use nalgebra::DMatrix;
 
-pub use answer::{FreeParameter, Standing, StructuredFit, Unseen};
+pub use answer::{FreeParameter, StructuredFit};
 pub use error::StructuredError;
+pub use known::{Standing, Unseen};
 pub use score::GroupScore;
+
+pub(super) use known::{Known, RESOLVED, standing};
 
 use crate::error::Result;
 use crate::fit::{Fit, LevenbergMarquardt, Normal};

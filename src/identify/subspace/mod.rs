@@ -341,6 +341,12 @@ impl Identified {
         uncertainty::system(&self.model, self.sample_time, delays)
     }
 
+    /// Independent deviations of A, B, C and D of one standard deviation each, row by row, A first; empty where the method gives no uncertainty.
+    #[must_use]
+    pub fn deviations(&self) -> Vec<Vec<f64>> {
+        uncertainty::deviations(&self.model, &self.draws)
+    }
+
     /// The poles, with standard deviations from the draws.
     #[must_use]
     pub fn poles(&self) -> Vec<Root> {

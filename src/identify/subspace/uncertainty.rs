@@ -87,6 +87,21 @@ pub struct Response {
     pub bands: Vec<Band>,
 }
 
+/// The covariance of A, B, C and D as independent deviations of one standard deviation each, flattened row by row, A first: Σ dᵀd over them is the covariance, in
+/// the states of the nominal model. Empty without draws.
+pub(super) fn deviations(nominal: &InnovationsModel, draws: &Draws) -> Vec<Vec<f64>> {
+    let flat = |m: &InnovationsModel| [&m.a, &m.b, &m.c, &m.d].map(|m| m.transpose().iter().copied().collect::<Vec<f64>>()).concat();
+    let (own, count) = (flat(nominal), draws.small.len());
+    let drawn: Vec<Vec<f64>> = draws.small.iter().map(flat).filter(|d| d.len() == own.len()).collect();
+    if drawn.len() <= 10 {
+        return Vec::new();
+    }
+    let size = draws.step * (count as f64).sqrt();
+    let all = DMatrix::from_fn(drawn.len(), own.len(), |i, j| (drawn[i][j] - own[j]) / size);
+    // The triangular factor has the same sum of products in the fewest rows.
+    all.qr().r().row_iter().map(|row| row.iter().copied().collect()).collect()
+}
+
 /// The model without its predictor.
 ///
 /// # Errors
