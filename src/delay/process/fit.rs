@@ -60,7 +60,7 @@ struct Work<'a> {
 /// 1933, doi:10.2307/1907330). Means that were taken off input and output belong together only where both were measured throughout.
 fn centre(column: &mut [f64], mask: Option<&[f64]>) {
     let counted = mask.map_or(count(column.len()), |m| m.iter().sum());
-    let mean = column.iter().sum::<f64>() / counted.max(1.0);
+    let mean = total(column) / counted.max(1.0);
     match mask {
         None => column.iter_mut().for_each(|v| *v -= mean),
         Some(m) => column.iter_mut().zip(m).for_each(|(v, m)| *v -= m * mean),
@@ -623,19 +623,33 @@ fn answer(shape: Shape, theta: &[f64], place: Place, coefficients: &[f64], u: &[
 
 /// to(t) = mask(t)·Σ row·(states, u)(t − lag), zero before the record.
 pub(super) fn combine(row: &Row, states: &[Vec<f64>], u: &[f64], lag: usize, mask: Option<&[f64]>, to: &mut [f64]) {
-    to.fill(0.0);
     let n = to.len();
-    if lag >= n {
-        return;
+    let (before, after) = to.split_at_mut(lag.min(n));
+    let length = after.len();
+    before.fill(0.0);
+    let signals = row.iter().zip(states.iter().map(Vec::as_slice)).chain([(&row[INPUT], u)]);
+    let mut terms = signals.filter(|(c, _)| **c != 0.0).map(|(c, signal)| (*c, &signal[..length]));
+    match terms.next() {
+        Some((c, first)) => after.iter_mut().zip(first).for_each(|(to, x)| *to = c * x),
+        None => after.fill(0.0),
     }
-    for (c, signal) in row.iter().zip(states.iter().map(Vec::as_slice)).chain([(&row[INPUT], u)]) {
-        if *c != 0.0 {
-            add(&mut to[lag..], *c, &signal[..n - lag]);
+    while let Some((c, x)) = terms.next() {
+        match terms.next() {
+            // Two at a time: half of the ways to memory and back.
+            Some((d, y)) => after.iter_mut().zip(x).zip(y).for_each(|((to, x), y)| *to = (*to + c * x) + d * y),
+            None => add(after, c, x),
         }
     }
     for (v, m) in to.iter_mut().zip(mask.unwrap_or_default()) {
         *v *= m;
     }
+}
+
+/// The sum; eight partial ones need not wait for each other.
+fn total(values: &[f64]) -> f64 {
+    let (eights, rest) = values.as_chunks::<8>();
+    let partial = eights.iter().fold([0.0; 8], |sums: [f64; 8], v| std::array::from_fn(|i| sums[i] + v[i]));
+    partial.iter().sum::<f64>() + rest.iter().sum::<f64>()
 }
 
 fn add(to: &mut [f64], c: f64, x: &[f64]) {
