@@ -60,7 +60,7 @@ struct Work<'a> {
 /// 1933, doi:10.2307/1907330). Means that were taken off input and output belong together only where both were measured throughout.
 fn centre(column: &mut [f64], mask: Option<&[f64]>) {
     let counted = mask.map_or(count(column.len()), |m| m.iter().sum());
-    let mean = total(column) / counted.max(1.0);
+    let mean = column.iter().sum::<f64>() / counted.max(1.0);
     match mask {
         None => column.iter_mut().for_each(|v| *v -= mean),
         Some(m) => column.iter_mut().zip(m).for_each(|(v, m)| *v -= m * mean),
@@ -643,13 +643,6 @@ pub(super) fn combine(row: &Row, states: &[Vec<f64>], u: &[f64], lag: usize, mas
     for (v, m) in to.iter_mut().zip(mask.unwrap_or_default()) {
         *v *= m;
     }
-}
-
-/// The sum; eight partial ones need not wait for each other.
-fn total(values: &[f64]) -> f64 {
-    let (eights, rest) = values.as_chunks::<8>();
-    let partial = eights.iter().fold([0.0; 8], |sums: [f64; 8], v| std::array::from_fn(|i| sums[i] + v[i]));
-    partial.iter().sum::<f64>() + rest.iter().sum::<f64>()
 }
 
 fn add(to: &mut [f64], c: f64, x: &[f64]) {
