@@ -5,7 +5,7 @@
 //! G1 = [N1; M1] and G2 are normalised right coprime factors, P = N M⁻¹, and the supremum is the H-infinity norm of [−M̃2 Ñ2] G1.
 //! How it can be wrong: a winding number counted on a grid (here it is a number of eigenvalues), a mode that only the realisation has and no regulator can move
 //! (such modes are taken off first), models in units that make all gains large or small (then all pairs are far apart, or near: scale the channels).
-//! Source: Vinnicombe (1993), "Frequency domain uncertainty and the graph topology", IEEE Trans. Automatic Control 38(9), 1371-1383, doi:10.1109/9.250527.
+//! Source: Vinnicombe (1993), "Frequency domain uncertainty and the graph topology", IEEE Trans. Automatic Control 38(9), 1371-1383.
 
 use nalgebra::{DMatrix, SVD, SymmetricEigen};
 use serde::Serialize;

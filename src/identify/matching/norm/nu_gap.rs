@@ -2,7 +2,7 @@
 //!
 //! Equation:  min_θ max_ω σmax((I + G G*)^(−1/2) (G − Ĝ) (I + Ĝ* Ĝ)^(−1/2))
 //! Fails when: both gains are large (or small) everywhere: then all pairs are far apart (or near), and the channels want other units.
-//! Source: Vinnicombe (1993), doi:10.1109/9.250527.
+//! Source: Vinnicombe (1993), IEEE Trans. Automat. Contr. 38(9), 1371-1383.
 
 use nalgebra::{Complex, DMatrix, SymmetricEigen};
 
