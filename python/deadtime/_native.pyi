@@ -497,6 +497,7 @@ def _gap(
     logs: Sequence[Log],
     holdout: Sequence[Log],
     prediction: str | None,
+    horizon: int | None,
     max_delay: float | None,
     rows: int,
     seed: int,
@@ -521,5 +522,10 @@ def _check(
     wanted: tuple[Sequence[str], Sequence[str]],
 ) -> tuple[str, str]: ...
 def _isolability(
-    subject: Model | _Simulator, logs: Sequence[Log], prediction: str | None, max_delay: float | None, threads: int | None
+    subject: Model | _Simulator,
+    logs: Sequence[Log],
+    prediction: str | None,
+    horizon: int | None,
+    max_delay: float | None,
+    threads: int | None,
 ) -> tuple[str, str]: ...

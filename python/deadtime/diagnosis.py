@@ -178,9 +178,9 @@ class Diagnosis(Result):
         return advice
 
     @property
-    def prediction(self) -> dict[str, str]:
-        """`mode` and `why`."""
-        prediction: dict[str, str] = self._data["prediction"]
+    def prediction(self) -> dict[str, Any]:
+        """`mode` and `why`, and over how many samples where there is a `horizon`."""
+        prediction: dict[str, Any] = self._data["prediction"]
         return prediction
 
     @property
@@ -426,6 +426,7 @@ def gap(
     states: States | None = None,
     parameters: Parameters | None = None,
     prediction: Prediction | None = None,
+    horizon: int | None = None,
     max_delay: float | None = None,
     rows: int = 100_000,
     seed: int = 1,
@@ -458,6 +459,9 @@ def gap(
         Parameters that may be wrong, with their nominal values.
     prediction : "simulation" or "predictor", optional
         What predicted means; without it chosen from the model's poles. A function can only be simulated freely.
+    horizon : int, optional
+        Predict over so many samples at a time, each time from the state that an observer has estimated from the log; in place of `prediction`. The shrink then
+        holds the error by horizon, `shrink["horizons"]`.
     max_delay : float, optional
         The longest delay and lag that are looked for, s; without it 35 samples, at most a tenth of the shortest log.
     rows : int
@@ -504,6 +508,7 @@ def gap(
         _logs("gap", log, wanted),
         [] if holdout is None else _logs("gap", holdout, wanted),
         prediction,
+        perhaps("horizon", horizon, 1),
         None if max_delay is None else float(max_delay),
         whole("rows", rows, 1),
         whole("seed", seed, 0),
@@ -565,6 +570,7 @@ def isolability(
     states: States | None = None,
     parameters: Parameters | None = None,
     prediction: Prediction | None = None,
+    horizon: int | None = None,
     max_delay: float | None = None,
     threads: int | None = None,
     name: str | None = None,
@@ -578,7 +584,7 @@ def isolability(
         The simulator, as `gap` takes it.
     log : Log, path, frame, or several of them
         The logs.
-    prediction, max_delay, threads
+    prediction, horizon, max_delay, threads
         As in `gap`.
 
     Raises
@@ -600,6 +606,7 @@ def isolability(
         subject,
         _logs("isolability", log, _wanted(subject, inputs, outputs, states)),
         prediction,
+        perhaps("horizon", horizon, 1),
         None if max_delay is None else float(max_delay),
         perhaps("threads", threads, 1),
     )

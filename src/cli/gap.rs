@@ -20,6 +20,7 @@ use crate::report::{save, terminal};
   deadtime gap --model model.toml --log flight.csv --out gap
   deadtime gap --model model.toml --log a.csv --log b.csv --holdout c.csv --out gap --full
   deadtime gap --model tanks.toml --log run.csv --candidate 'level2 += k*(level1 - level2); k in 0 to 1' --out gap
+  deadtime gap --model model.toml --log flight.csv --horizon 50 --out gap
   deadtime gap --model model.toml --log flight.csv --isolability
   deadtime gap --simulator ./servo_model --input u --output angle --parameter damping=0.06 --log run.csv --out gap")]
 pub(super) struct Gap {
@@ -43,6 +44,10 @@ pub(super) struct Gap {
     /// What "predicted" means; default: simulation, or the predictor where the model has poles that do not decay within a log
     #[arg(long, value_enum)]
     prediction: Option<ModeName>,
+    /// Predict over so many samples at a time, each time from the state that an observer has estimated from the log: what a planner or a policy feels. The
+    /// answer then has the error by horizon
+    #[arg(long, value_name = "SAMPLES", conflicts_with_all = ["prediction", "simulator"])]
+    horizon: Option<usize>,
     /// Longest delay and lag to look for, seconds; default: 35 samples, at most a tenth of the shortest log
     #[arg(long, value_name = "S")]
     max_delay: Option<f64>,
@@ -98,6 +103,7 @@ impl Gap {
                 ModeName::Simulation => Mode::Simulation,
                 ModeName::Predictor => Mode::Predictor,
             }),
+            horizon: self.horizon,
             longest_delay_s: self.max_delay,
             rows: self.look_at,
             seed: self.seed,

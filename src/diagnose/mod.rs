@@ -35,7 +35,7 @@ pub use checks::inspection::{ChannelReport, Inspection, InspectionFormat, LogRep
 pub use checks::topics::{ClockOffset, LogClocks, TopicClock, clocks};
 pub use format::caveat::Caveat;
 pub use format::contributions::{Contribution, Description, Explained, Recalibration, Remainder, Share, Strength};
-pub use format::diagnosis::{
+pub use format::diagnosis::{HorizonError, 
     Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, Gap, GapOutput, Holdout, Metric, Mode, NotTried, Prediction,
     RankedPair, RankedSingle, RankingRow, Shrink, ShrinkOutput,
 };

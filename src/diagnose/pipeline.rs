@@ -26,7 +26,7 @@ use crate::diagnose::baseline::runaway::must_not_explode;
 use crate::diagnose::checks::every::checks;
 use crate::diagnose::compose::composed::{Compose, Composed};
 use crate::diagnose::format::caveat::Caveat;
-use crate::diagnose::format::diagnosis::{Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried, Prediction};
+use crate::diagnose::format::diagnosis::{Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried};
 use crate::diagnose::format::error::GapError;
 use crate::diagnose::format::progress::Stage;
 use crate::diagnose::input::first_part::Parts;
@@ -161,7 +161,12 @@ struct Baseline {
 impl Baseline {
     fn of(simulator: &Simulator, inputs: &Inputs, options: &GapOptions) -> Result<Self> {
         let (system, probed) = (&simulator.system, inputs.probed.as_ref());
-        let predictor = Predictor::of(system, &inputs.records, &inputs.poles, probed, options.prediction, &options.criteria);
+        let predictor = match inputs.horizon {
+            Some(horizon) => {
+                Predictor::over(horizon, system, &inputs.model_effects, &inputs.records, &inputs.poles, &options.criteria)?
+            }
+            None => Predictor::of(system, &inputs.records, &inputs.poles, probed, options.prediction, &options.criteria),
+        };
         let motion = Motion::of(system, &inputs.model_effects, &inputs.records, &predictor, probed)?;
         let noise_std = motion.innovations(&inputs.records, &options.criteria);
         Ok(Self { predictor, motion, noise_std })
@@ -313,7 +318,7 @@ impl Answer<'_> {
             model: self.subject.name().to_owned(),
             logs: logs.iter().map(|l| l.source().to_owned()).collect(),
             holdout: self.inputs.holdouts.clone(),
-            prediction: Prediction { mode: predictor.mode, why: predictor.why.clone() },
+            prediction: predictor.told(),
             gap,
             place: locate(system, records, &before, floor, &shares, &likelihood.memory()),
             checks: self.checks.clone(),

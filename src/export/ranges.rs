@@ -156,7 +156,7 @@ fn range(lines: &[Line], (effect, channel): (&str, &str), found: &FoundParameter
 }
 
 fn noise(source: &Source<'_>) -> Vec<Noise> {
-    if source.diagnosis.prediction.mode == Mode::Predictor {
+    if source.diagnosis.prediction.mode != Mode::Simulation {
         return Vec::new();
     }
     let outputs = source.diagnosis.gap.outputs.iter();

@@ -335,9 +335,9 @@ fn copies(logs: &[PyRef<'_, Log>]) -> Vec<InnerLog> {
     logs.iter().map(|log| log.0.clone()).collect()
 }
 
-fn options(prediction: Option<&str>, max_delay: Option<f64>, seed: u64, stop: &Stop) -> GapOptions {
+fn options(prediction: Option<&str>, horizon: Option<usize>, max_delay: Option<f64>, seed: u64, stop: &Stop) -> GapOptions {
     let prediction = prediction.map(|p| if p == "predictor" { Mode::Predictor } else { Mode::Simulation });
-    GapOptions { prediction, longest_delay_s: max_delay, seed, stop: stop.clone(), ..GapOptions::default() }
+    GapOptions { prediction, horizon, longest_delay_s: max_delay, seed, stop: stop.clone(), ..GapOptions::default() }
 }
 
 fn mode(prediction: Option<&Bound<'_, PyString>>) -> PyResult<Option<String>> {
@@ -358,6 +358,7 @@ fn _gap(
     logs: Vec<PyRef<'_, Log>>,
     holdout: Vec<PyRef<'_, Log>>,
     prediction: Option<&Bound<'_, PyString>>,
+    horizon: Option<usize>,
     max_delay: Option<f64>,
     rows: usize,
     seed: u64,
@@ -378,7 +379,7 @@ fn _gap(
                 stop.set();
             }
         };
-        let options = GapOptions { rows, ..options(prediction.as_deref(), max_delay, seed, stop) };
+        let options = GapOptions { rows, ..options(prediction.as_deref(), horizon, max_delay, seed, stop) };
         diagnose(what.subject(), &logs, &holdout, &options, &tell)
     };
     let found = raised.over(py, long(py, threads, work))?;
@@ -421,6 +422,7 @@ fn _isolability(
     subject: &Bound<'_, PyAny>,
     logs: Vec<PyRef<'_, Log>>,
     prediction: Option<&Bound<'_, PyString>>,
+    horizon: Option<usize>,
     max_delay: Option<f64>,
     threads: Option<usize>,
 ) -> PyResult<(String, String)> {
@@ -428,7 +430,7 @@ fn _isolability(
     let (what, prediction, logs) = (What::new(subject, &raised)?, mode(prediction)?, copies(&logs));
     let threads = what.threads(threads);
     let work =
-        move |stop: &Stop| isolability(what.subject(), &logs, &options(prediction.as_deref(), max_delay, 1, stop), &HowFar::default());
+        move |stop: &Stop| isolability(what.subject(), &logs, &options(prediction.as_deref(), horizon, max_delay, 1, stop), &HowFar::default());
     let found = raised.over(py, long(py, threads, work))?;
     Ok((json(&found)?, report::isolability::text(&found)))
 }

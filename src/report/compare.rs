@@ -97,7 +97,11 @@ pub fn diagnoses(found: &Diagnoses) -> String {
 pub fn standings(found: &Diagnoses) -> Option<Table> {
     let mut table = Table::new(&["diagnosis", "verdict", "before", "after", "noise", "shrink", "95 %"], &[0, 1]);
     for (name, d) in found.names.iter().zip(&found.diagnoses) {
-        let mode = if d.mode == Mode::Predictor { " (one step)" } else { "" };
+        let mode = match d.mode {
+            Mode::Simulation => "",
+            Mode::Predictor => " (one step)",
+            Mode::Horizon => " (horizon)",
+        };
         let part = |v: Option<f64>| v.map_or_else(|| "–".to_owned(), percent);
         let ends = d.ci95.map_or_else(|| "–".to_owned(), |[low, high]| format!("{} to {}", percent(low), percent(high)));
         table.row(vec![name.clone(), format!("{}{mode}", d.verdict), part(d.before), part(d.after), part(d.floor), part(d.fraction), ends]);

@@ -1,7 +1,7 @@
 //! The diagnosis in plain sentences.
 
 use crate::diagnose::{
-    CheckKind, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, Mode, RankedPair, RankingRow, Recalibration, Share,
+    CheckKind, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, HorizonError, Mode, RankedPair, RankingRow, Recalibration, Share,
     Strength,
 };
 use crate::report::text::{Table, estimate};
@@ -33,7 +33,7 @@ pub(super) fn first(found: &Diagnosed) -> Option<String> {
 
 fn size(d: &Diagnosis) -> String {
     let mode = match d.prediction.mode {
-        Mode::Simulation => d.prediction.words(),
+        Mode::Simulation | Mode::Horizon => d.prediction.words(),
         Mode::Predictor => "predicted one step ahead by a fixed observer",
     };
     match (d.gap.before, d.gap.floor) {
@@ -194,12 +194,13 @@ fn shrink(d: &Diagnosis) -> String {
             let decoded = s.decoded.map(|known| format!("; once it is known which commands were lost or late, to {}", percent(known)));
             let interval = s.ci95.map(|[l, u]| format!(" (95 %: {} to {})", percent(l), percent(u))).unwrap_or_default();
             format!(
-                "Shrink: on held-out data the error falls from {} to {} of the spread, by {}{interval}{}; the floor there is {}.",
+                "Shrink: on held-out data the error falls from {} to {} of the spread, by {}{interval}{}; the floor there is {}.{}",
                 percent(before),
                 percent(after),
                 percent(fraction),
                 decoded.unwrap_or_default(),
-                percent(floor)
+                percent(floor),
+                by_horizon(d).map(|text| format!(" By horizon: {text}")).unwrap_or_default()
             )
         }
         (Some(before), ..) => {
@@ -207,6 +208,18 @@ fn shrink(d: &Diagnosis) -> String {
         }
         _ => "Shrink: no held-out output moves, so nothing can be said.".to_owned(),
     }
+}
+
+/// How the error grows ahead, before and after; `None` where predictions have no horizon.
+pub(super) fn by_horizon(d: &Diagnosis) -> Option<String> {
+    let one = |h: &HorizonError| Some(format!("{} sample{} ahead from {} to {}", h.samples, if h.samples == 1 { "" } else { "s" }, part(h.before?), part(h.after?)));
+    let all: Vec<String> = d.shrink.horizons.iter().filter_map(one).collect();
+    (!all.is_empty()).then(|| format!("{}.", all.join(", ")))
+}
+
+/// A share of a few percent needs a digit more.
+fn part(share: f64) -> String {
+    if share < 0.1 { format!("{:.1} %", 100.0 * share) } else { percent(share) }
 }
 
 /// The leading rows of the ranking.

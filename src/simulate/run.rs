@@ -15,7 +15,7 @@ use super::piecewise::Piecewise;
 use super::plan::{Delays, Drops, InputPath, Late, Plan, Term};
 use super::sampled;
 use super::system::{Dynamics, System};
-use super::walk::{Correction, Run, walk};
+use super::walk::{Correction, Guide, Run, walk};
 use super::{Hold, SimulateError};
 
 /// The commands of a log.
@@ -28,7 +28,8 @@ pub struct Commands<'a> {
 }
 
 impl System {
-    /// Simulates the system under a plan, from the state `x0` at the log's first sample: free, or corrected by measured outputs at every sample.
+    /// Simulates the system under a plan, from the state `x0` at the log's first sample: free, or corrected by measured outputs at every sample, or free over
+    /// a horizon from where these corrections lead.
     ///
     /// A simulator that is only called gets what arrives at it on average over each sample, at the log's stamps; its states stay unknown. Else it is
     /// exact for linear systems (held and straight inputs, delays of any size); nonlinear ones are integrated from edge to edge of the inputs, to the plan's
@@ -44,6 +45,14 @@ impl System {
         x0: &[f64],
         correction: Option<Correction<'_>>,
     ) -> Result<Run, SimulateError> {
+        let Some(correction) = correction else { return self.guided(plan, commands, x0, Guide::Free) };
+        let corrected = self.guided(plan, commands, x0, Guide::Corrected(correction))?;
+        let Some(every) = correction.horizon else { return Ok(corrected) };
+        let run = self.guided(plan, commands, x0, Guide::Restarted { every, states: &corrected.x })?;
+        Ok(Run { steps: run.steps + corrected.steps, ..run })
+    }
+
+    fn guided(&self, plan: &Plan, commands: Commands<'_>, x0: &[f64], guide: Guide<'_>) -> Result<Run, SimulateError> {
         check(self, commands, x0)?;
         let joined = plan.hold == Hold::Linear && !matches!(plan.dynamics, Dynamics::Sampled(..) | Dynamics::BlackBox(..));
         let signals = (plan.inputs.iter().zip(commands.inputs).enumerate())
@@ -57,10 +66,10 @@ impl System {
         let time_s = commands.time_s;
         let dynamics = &plan.dynamics;
         if let Dynamics::Sampled(matrices, ts) = dynamics {
-            return sampled::run(self, plan, (matrices, *ts), &signals, time_s, x0, correction);
+            return sampled::run(self, plan, (matrices, *ts), &signals, time_s, x0, guide);
         }
         if let Dynamics::BlackBox(simulator, parameters) = dynamics {
-            if correction.is_some() {
+            if !guide.is_free() {
                 return Err(SimulateError::Uncorrected);
             }
             return sampled::called(self, plan, (simulator.as_ref(), parameters), &signals, time_s, x0);
@@ -79,14 +88,14 @@ impl System {
         let smooth = !plan.terms.iter().any(|t| matches!(t, Term::Function { .. } | Term::Friction { .. } | Term::Hysteresis { .. }));
         if equations.is_none() && smooth {
             let ramps = !signals.iter().all(Piecewise::is_held);
-            return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, correction);
+            return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, guide);
         }
         let mut integrator = Integrator::with_tolerance(assembly.states, plan.tolerance.relative, plan.tolerance.absolute);
         let operations = equations.map_or(0, |(e, _)| e.operations().0);
         (integrator.max_steps, integrator.budget) =
             (plan.tolerance.steps, plan.tolerance.budget.min(affordable(operations, assembly.states, time_s.len())));
         let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, integrator);
-        walk(&mut stepper, &signals, plan, time_s, correction).map_err(|e| stepper.blame(e, &self.states))
+        walk(&mut stepper, &signals, plan, time_s, guide).map_err(|e| stepper.blame(e, &self.states))
     }
 }
 

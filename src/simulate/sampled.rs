@@ -12,7 +12,7 @@ use super::linear::Linear;
 use super::piecewise::{Piece, Piecewise};
 use super::plan::{InputPath, OutputPath, Plan, SensorClock};
 use super::system::{Dynamics, Matrices, Port, System};
-use super::walk::{Correction, Drive, Run, Stepper, walk};
+use super::walk::{Drive, Guide, Run, Stepper, walk};
 use crate::time::SampleTime;
 
 /// A plant of gains and integrators, to carry signals through their paths.
@@ -64,7 +64,7 @@ fn lagged(path: &InputPath, signal: &Piecewise, edges_s: &[f64]) -> Result<(Vec<
     plan.inputs[0].lags_s.clone_from(&path.lags_s);
     plan.wanted.states = false;
     let signals = std::slice::from_ref(signal);
-    let run = walk(&mut Linear::new(&first_values(&system, &plan, signals), true), signals, &plan, edges_s, None)?;
+    let run = walk(&mut Linear::new(&first_values(&system, &plan, signals), true), signals, &plan, edges_s, Guide::Free)?;
     let mean = (1..edges_s.len()).map(|k| (run.y[(k, 0)] - run.y[(k - 1, 0)]) / (edges_s[k] - edges_s[k - 1])).collect();
     Ok((mean, (1..edges_s.len()).map(|k| run.y[(k - 1, 1)]).collect()))
 }
@@ -185,13 +185,13 @@ pub(super) fn run(
     signals: &[Piecewise],
     time_s: &[f64],
     x0: &[f64],
-    correction: Option<Correction<'_>>,
+    guide: Guide<'_>,
 ) -> Result<Run, SimulateError> {
     let samples = time_s.len();
     // A clock that runs ahead reads outputs after the log's last sample: the model goes on with the last command.
     let last = time_s.last().copied().unwrap_or(0.0);
     let ahead = plan.outputs.iter().map(|path| taken(plan.clock, path, last) - last).fold(0.0, f64::max) / ts.seconds();
-    let beyond = if correction.is_none() { (ahead.ceil() as usize).min(samples) } else { 0 };
+    let beyond = if guide.is_free() { (ahead.ceil() as usize).min(samples) } else { 0 };
     let grid: Vec<f64> = time_s.iter().copied().chain((1..=beyond).map(|k| last + ts.to_seconds(k as f64))).collect();
     let [mean, instant] = arriving(&plan.inputs, signals, &grid, ts.seconds())?;
     let about = |u: &DMatrix<f64>, k: usize| DVector::from_fn(u.ncols(), |i, _| u[(k, i)] - system.input_operating[i]);
@@ -199,16 +199,14 @@ pub(super) fn run(
     let mut run = Run { y: DMatrix::zeros(samples, plan.outputs.len()), x: DMatrix::zeros(samples, x0.len()), steps: 0 };
     let mut x = DVector::from_column_slice(x0);
     for (k, &at_s) in grid.iter().enumerate() {
-        if k < samples {
-            run.x.row_mut(k).tr_copy_from(&x);
-        }
         let own = &matrices.c * &x + &matrices.d * about(&instant, k);
         let own: Vec<f64> = own.iter().zip(&system.output_operating).map(|(y, operating)| y + operating).collect();
         sensors.push(&own)?;
-        if let Some(correction) = correction {
+        if !guide.is_free() {
             for j in 0..plan.outputs.len() {
                 let value = sensors.reading(j, time_s[k])?;
                 run.y[(k, j)] = value;
+                let Guide::Corrected(correction) = guide else { continue };
                 let innovation = correction
                     .measured
                     .get(j)
@@ -217,12 +215,18 @@ pub(super) fn run(
                 x += correction.gain.column(j) * innovation;
             }
         }
+        if let Some(state) = guide.restart(k) {
+            x.copy_from_slice(&state);
+        }
+        if k < samples {
+            run.x.row_mut(k).tr_copy_from(&x);
+        }
         x = &matrices.a * x + &matrices.b * about(&mean, k);
         if x.iter().any(|v| !v.is_finite()) {
             return Err(SimulateError::Explodes { time_s: at_s });
         }
     }
-    if correction.is_none() {
+    if guide.is_free() {
         sensors.readings(time_s, &mut run.y)?;
     }
     Ok(run)

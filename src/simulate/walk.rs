@@ -1,5 +1,7 @@
 //! The walk through time: from edge to edge of the signals and from sample to sample of the sensors.
 
+use std::num::NonZeroUsize;
+
 use nalgebra::DMatrix;
 
 use super::SimulateError;
@@ -34,6 +36,43 @@ pub struct Correction<'a> {
     pub gain: &'a DMatrix<f64>,
     /// One per output: value and whether it is there.
     pub measured: &'a [Measured],
+    /// Predictions of one step (`None`), or of 1 to so many steps: from every sample whose number is a multiple of it the system runs freely, from the state
+    /// that the corrections at all samples up to it make.
+    pub horizon: Option<NonZeroUsize>,
+}
+
+/// What moves the plant's state besides its dynamics.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Guide<'a> {
+    /// Nothing.
+    Free,
+    /// Corrections at every sample.
+    Corrected(Correction<'a>),
+    /// The states (samples × states) that it is set to at every so manieth sample but the first.
+    Restarted { every: NonZeroUsize, states: &'a DMatrix<f64> },
+}
+
+impl<'a> Guide<'a> {
+    pub(super) fn is_free(&self) -> bool {
+        matches!(self, Self::Free)
+    }
+
+    /// The state from which a prediction begins at sample k.
+    pub(super) fn restart(&self, k: usize) -> Option<Vec<f64>> {
+        match self {
+            Self::Restarted { every, states } if k > 0 && k.is_multiple_of(every.get()) => Some(states.row(k).iter().copied().collect()),
+            _ => None,
+        }
+    }
+
+    /// States at the samples are asked for, or set.
+    fn sees_states(&self) -> bool {
+        match self {
+            Self::Free => false,
+            Self::Corrected(correction) => correction.horizon.is_some(),
+            Self::Restarted { .. } => true,
+        }
+    }
 }
 
 /// Samples of one output.
@@ -59,7 +98,7 @@ impl Measured {
 pub struct Run {
     /// Outputs as the log would show them, samples × outputs.
     pub y: DMatrix<f64>,
-    /// The plant's states at the log's time stamps, samples × states; empty unless asked for.
+    /// The plant's states at the log's time stamps, samples × states, corrected by what was measured there; empty unless asked for.
     pub x: DMatrix<f64>,
     /// Steps of the integration, those made again shorter included; 0 where none was needed.
     pub steps: usize,
@@ -90,17 +129,20 @@ impl Group {
         }
     }
 
-    /// Reads sample `k`, and corrects the plant's state by what was measured.
+    /// Reads sample `k`, and moves the plant's state as its guide says.
     fn sample(
         &self,
         k: usize,
         system: &mut impl Stepper,
         (now, drive): (f64, &Drive),
         (plan, time_s): (&Plan, &[f64]),
-        correction: Option<Correction<'_>>,
+        guide: Guide<'_>,
         (run, y): (&mut Run, &mut [f64]),
     ) -> Result<(), SimulateError> {
         if self.outputs.is_empty() {
+            if let Some(state) = guide.restart(k) {
+                system.plant_state().copy_from_slice(&state);
+            }
             for (i, value) in system.plant_state().iter().enumerate() {
                 run.x[(k, i)] = *value;
             }
@@ -110,7 +152,7 @@ impl Group {
         for &i in &self.outputs {
             run.y[(k, i)] = plan.outputs[i].maps.iter().fold(y[i], |value, map| map(time_s[k], value));
         }
-        let Some(correction) = correction else { return Ok(()) };
+        let Guide::Corrected(correction) = guide else { return Ok(()) };
         for &j in &self.outputs {
             let Some(measured) = correction.measured.get(j).and_then(|m| m.get(k)) else { continue };
             let innovation = (measured - run.y[(k, j)]) * plan.outputs[j].correction();
@@ -144,11 +186,11 @@ pub(super) fn walk(
     signals: &[Piecewise],
     plan: &Plan,
     time_s: &[f64],
-    correction: Option<Correction<'_>>,
+    guide: Guide<'_>,
 ) -> Result<Run, SimulateError> {
     let samples = time_s.len();
     let outputs = plan.outputs.len();
-    let states = plan.wanted.states;
+    let states = plan.wanted.states || guide.sees_states();
     let rows = if states { samples } else { 0 };
     let stamps = &time_s[..samples.min(plan.wanted.samples)];
     let mut run = Run { y: DMatrix::zeros(samples, outputs), x: DMatrix::zeros(rows, system.plant_state().len()), steps: 0 };
@@ -158,7 +200,7 @@ pub(super) fn walk(
     let together = TOGETHER * if samples > 1 { end / (samples - 1) as f64 } else { 1.0 };
     let mut drive = Drive { pieces: signals.iter().map(|s| s.pieces().first().copied().unwrap_or(LEVEL)).collect(), alone_until_s: None };
     let mut edges = vec![1_usize; signals.len()];
-    let past_samples = plan.tolerance.past_samples && correction.is_none();
+    let past_samples = plan.tolerance.past_samples && guide.is_free();
     let last_s = groups.iter().map(|group| group.due_at(stamps.len().saturating_sub(1), plan, stamps)).fold(0.0, f64::max);
     let mut now = 0.0;
     let mut y = vec![0.0; outputs];
@@ -197,8 +239,8 @@ pub(super) fn walk(
                 group.next += 1;
                 group.look_ahead(plan, stamps);
                 // A sample from before the start tells nothing of the state now.
-                let correction = correction.filter(|_| !before_start);
-                group.sample(k, system, (now, &drive), (plan, time_s), correction, (&mut run, &mut y))?;
+                let guide = if before_start { Guide::Free } else { guide };
+                group.sample(k, system, (now, &drive), (plan, time_s), guide, (&mut run, &mut y))?;
             }
         }
     }

@@ -7,6 +7,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
+use super::horizons::horizon_errors;
 use crate::diagnose::format::diagnosis::{Shrink, ShrinkOutput};
 use crate::diagnose::likelihood::errors::{Errors, explained, overall};
 use crate::diagnose::likelihood::gaussian::Likelihood;
@@ -83,5 +84,6 @@ pub(in crate::diagnose) fn improvement(
     let blocks = held_out_blocks(likelihood, &[before, after], floor_std);
     let ci95 = fraction.and_then(|_| bootstrap(&blocks, seed, |sum| 1.0 - (sum[1] / sum[0]).sqrt()));
     let decoded = decoded.and_then(|d| overall(&held(d).nrmse()));
-    Shrink { before: all_before, after: all_after, decoded, floor: all_floor, fraction, of_explainable, ci95, outputs }
+    let horizons = horizon_errors(likelihood, [before, after]);
+    Shrink { before: all_before, after: all_after, decoded, floor: all_floor, fraction, of_explainable, ci95, outputs, horizons }
 }

@@ -157,7 +157,7 @@ pub(in crate::diagnose) fn isolability(
         format: IsolabilityFormat::V1,
         model: names.model.to_owned(),
         logs: names.logs,
-        prediction: Prediction { mode: likelihood.predictor.mode, why: likelihood.predictor.why.clone() },
+        prediction: likelihood.predictor.told(),
         alike_from: ALIKE,
         visible_from,
         effects: effects.collect(),

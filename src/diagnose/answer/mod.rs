@@ -9,6 +9,7 @@ pub(in crate::diagnose) mod force_profile;
 mod forms;
 pub(in crate::diagnose) mod found_effects;
 pub(in crate::diagnose) mod handed;
+mod horizons;
 pub(in crate::diagnose) mod improvement;
 pub(in crate::diagnose) mod isolability;
 pub(in crate::diagnose) mod later_rows;

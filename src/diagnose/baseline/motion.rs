@@ -12,7 +12,7 @@ use crate::diagnose::input::record::LogRecord;
 use crate::effect::{Applied, Chance, Scales, Spread};
 use crate::error::Result;
 use crate::signal::stats;
-use crate::simulate::{Correction, System};
+use crate::simulate::System;
 
 /// The nominal motion.
 pub(in crate::diagnose) struct Motion {
@@ -37,7 +37,7 @@ impl Motion {
         let plan = Applied::plan(system, own, Chance::Mean)?;
         let (mut predicted, mut states) = (Vec::new(), Vec::new());
         for (at, record) in records.iter().enumerate() {
-            let correction = predictor.gains.get(at).map(|gain| Correction { gain, measured: &record.measured });
+            let correction = predictor.correction(at, &record.measured);
             let run = system
                 .simulate(&plan, record.commands(), &record.start, correction)
                 .map_err(|e| GapError::Nominal { log: record.name.clone(), why: e.to_string() })?;

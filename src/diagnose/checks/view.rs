@@ -117,7 +117,7 @@ impl<'a> View<'a> {
     fn is_linear_enough(&self, model_effects: &[Applied]) -> bool {
         let Some(record) = self.records.first() else { return false };
         let Ok(plan) = Applied::plan(self.system, model_effects, Chance::Mean) else { return false };
-        let correction = self.gains.first().map(|gain| Correction { gain, measured: &record.measured });
+        let correction = self.gains.first().map(|gain| Correction { gain, measured: &record.measured, horizon: None });
         let run = self.system.simulate(&plan, record.commands(), &self.system.initial, correction);
         let linear = self.measured(0, &record.measured).zip(self.modelled(0, &record.inputs));
         let (Ok(run), Some((measured, modelled))) = (run, linear) else { return false };
@@ -140,7 +140,7 @@ impl<'a> View<'a> {
     }
 
     fn run(&self, at: usize, inputs: &[Vec<f64>], measured: &[Measured]) -> Option<Columns> {
-        let correction = self.gains.get(at).map(|gain| Correction { gain, measured });
+        let correction = self.gains.get(at).map(|gain| Correction { gain, measured, horizon: None });
         let commands = Commands { time_s: &self.records[at].time_s, inputs };
         let start = if self.simulator.restart.is_some() { &self.records[at].start } else { &self.simulator.initial };
         let run = self.simulator.simulate(self.plan.as_ref()?, commands, start, correction).ok()?;

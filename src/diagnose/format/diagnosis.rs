@@ -90,10 +90,13 @@ pub struct Holdout {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Prediction {
-    /// Free run or one-step predictions.
+    /// Free run, one-step predictions or predictions over a horizon.
     pub mode: Mode,
     /// The reason, as a phrase.
     pub why: String,
+    /// Samples that are predicted from one state; missing where the mode has no horizon.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub horizon: Option<usize>,
 }
 
 /// How the reason begins where a simulator is started again on the way.
@@ -107,6 +110,7 @@ impl Prediction {
             Mode::Simulation if self.why.starts_with(STARTED_AGAIN) => "simulated from window to window",
             Mode::Simulation => "simulated freely",
             Mode::Predictor => "predicted one step ahead",
+            Mode::Horizon => "predicted over a horizon",
         }
     }
 }
@@ -119,6 +123,8 @@ pub enum Mode {
     Simulation,
     /// One-step predictions of a fixed-gain observer.
     Predictor,
+    /// Free runs over a horizon of samples, each from the state that a fixed-gain observer has estimated there.
+    Horizon,
 }
 
 /// How a gap is measured.
@@ -295,6 +301,21 @@ pub struct Shrink {
     pub ci95: Option<[f64; 2]>,
     /// All outputs of the model, in its order.
     pub outputs: Vec<ShrinkOutput>,
+    /// The error by the steps since a prediction began; empty where the mode has no horizon.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub horizons: Vec<HorizonError>,
+}
+
+/// The held-out error so many steps after a prediction began.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HorizonError {
+    /// Steps, samples of the log.
+    pub samples: usize,
+    /// nrmse of the model as it came; missing where nothing was measured there.
+    pub before: Option<f64>,
+    /// nrmse of the model as it is handed over.
+    pub after: Option<f64>,
 }
 
 /// How far the gap of one output shrinks.

@@ -43,6 +43,16 @@ pub enum GapError {
     /// No log to learn from.
     #[error("a diagnosis needs at least one log")]
     NoLogs,
+    /// A horizon that is none, or that leaves nothing to begin from; or one where the mode needs none, or none where it needs one.
+    #[error(
+        "a horizon of {given} samples: predictions over a horizon take 1 to {most} samples, a quarter of the shortest log, and go with no other prediction mode"
+    )]
+    Horizon {
+        /// What was given, samples.
+        given: usize,
+        /// The most, samples.
+        most: usize,
+    },
     /// A predictor of what nobody can reach into.
     #[error(
         "a simulator that is only called can only be simulated freely: a predictor corrects a state, and none is at hand; leave the prediction mode to the program"

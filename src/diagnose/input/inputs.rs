@@ -1,5 +1,6 @@
 //! What every diagnosis begins with: the simulator, its logs with what is learnt from and what is held back.
 
+use std::num::NonZeroUsize;
 use std::sync::Arc;
 
 use super::black_box::{Probed, probe, remembering};
@@ -47,6 +48,8 @@ pub(in crate::diagnose) struct Inputs {
     pub(in crate::diagnose) longest_delay_s: f64,
     /// No delay as long as this can be looked for.
     pub(in crate::diagnose) limit_s: f64,
+    /// Samples that are predicted from one state, where predictions have a horizon.
+    pub(in crate::diagnose) horizon: Option<NonZeroUsize>,
 }
 
 impl Inputs {
@@ -65,11 +68,12 @@ impl Inputs {
         if logs.is_empty() {
             return Err(GapError::NoLogs.into());
         }
-        if system.is_black_box() && options.prediction == Some(Mode::Predictor) {
+        if system.is_black_box() && (options.horizon.is_some() || options.prediction.is_some_and(|mode| mode != Mode::Simulation)) {
             return Err(GapError::NoPredictor.into());
         }
         let model_effects = model_effects(subject, system)?;
         let mut records = logs.iter().chain(holdout).map(|log| LogRecord::new(log, system)).collect::<Result<Vec<_>>>()?;
+        let horizon = horizon(options, &records)?;
         let restarted = restart(system, &mut records)?;
         let probed = probe(system, simulator.memory.as_ref(), &records, restarted)?;
         let poles = probed.as_ref().map_or_else(|| Poles::of(system, &records), Poles::probed);
@@ -79,13 +83,30 @@ impl Inputs {
             return Err(GapError::LongestDelay { given_s: longest_delay_s, limit_s }.into());
         }
         let holdouts = set_spans(&mut records, logs.len(), !holdout.is_empty(), longest_delay_s, poles.settling_s, system.is_black_box());
-        Ok(Self { model_effects, records, probed, poles, holdouts, longest_delay_s, limit_s })
+        Ok(Self { model_effects, records, probed, poles, holdouts, longest_delay_s, limit_s, horizon })
     }
 
     /// All logs are learnt from, and nothing is held back.
     pub(in crate::diagnose) fn learn_from_all(&mut self, system: &System) {
         let logs = self.records.len();
         set_spans(&mut self.records, logs, true, self.longest_delay_s, self.poles.settling_s, system.is_black_box());
+    }
+}
+
+/// A shortest log has so many horizons at least: below, the first, which begins with the model's own start, is much of it.
+const HORIZONS: usize = 4;
+
+/// The horizon that was asked for.
+///
+/// # Errors
+/// [`GapError::Horizon`].
+fn horizon(options: &GapOptions, records: &[LogRecord]) -> Result<Option<NonZeroUsize>> {
+    let most = records.iter().map(|r| r.time_s.len() / HORIZONS).min().unwrap_or(0);
+    let asked = options.prediction == Some(Mode::Horizon);
+    let Some(given) = options.horizon.or(asked.then_some(0)) else { return Ok(None) };
+    match NonZeroUsize::new(given).filter(|_| given <= most && (asked || options.prediction.is_none())) {
+        Some(horizon) => Ok(Some(horizon)),
+        None => Err(GapError::Horizon { given, most }.into()),
     }
 }
 

@@ -9,6 +9,8 @@ use crate::stop::Stop;
 pub struct GapOptions {
     /// The prediction mode; `None`: chosen from the model's poles.
     pub prediction: Option<Mode>,
+    /// Samples over which [`Mode::Horizon`] predicts; `None`: predictions are of another mode. With it `prediction` is left open, or is that mode.
+    pub horizon: Option<usize>,
     /// The longest delay and lag that are looked for, seconds; `None`: 35 samples or half the time in which the model settles, at most a tenth of the
     /// shortest log. So much of every log's start carries no weight.
     pub longest_delay_s: Option<f64>,
@@ -24,6 +26,14 @@ pub struct GapOptions {
 
 impl Default for GapOptions {
     fn default() -> Self {
-        Self { prediction: None, longest_delay_s: None, rows: 100_000, seed: 1, criteria: Criteria::default(), stop: Stop::default() }
+        Self {
+            prediction: None,
+            horizon: None,
+            longest_delay_s: None,
+            rows: 100_000,
+            seed: 1,
+            criteria: Criteria::default(),
+            stop: Stop::default(),
+        }
     }
 }

@@ -189,7 +189,7 @@ impl<'a> Likelihood<'a> {
     }
 
     pub(in crate::diagnose) fn correction(&self, record: usize) -> Option<Correction<'_>> {
-        self.predictor.gains.get(record).map(|gain| Correction { gain, measured: &self.records[record].measured })
+        self.predictor.correction(record, &self.records[record].measured)
     }
 
     /// The plan of the simulator with its own and these effects.

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::bars::{bar, dot, stretch};
 use super::series::{Thinning, base64};
 use super::{Cell, figure, force, laws, made_by, number, page, percent, plots, quoted, residual, table};
-use crate::diagnose::{CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, Mode, RankingRow, Strength, Trace, proposed};
+use crate::diagnose::{CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, HorizonError, Mode, RankingRow, Strength, Trace, proposed};
 use crate::report::diagnosis::{recalibrated, summary};
 
 /// Logs that the page holds.
@@ -406,7 +406,24 @@ fn size(d: &Diagnosis) -> Markup {
                 "."
             }
         }
+        @if !s.horizons.is_empty() {
+            (table(
+                "Held-out error by the samples since a prediction began, in parts of the spread",
+                &["samples ahead", "before", "after", ""],
+                &s.horizons.iter().map(horizon).collect::<Vec<_>>(),
+            ))
+        }
     }
+}
+
+/// The errors so many samples ahead.
+fn horizon(error: &HorizonError) -> Vec<Cell> {
+    let drawn = bar(
+        &format!("{} and {}", percent(error.before), percent(error.after)),
+        &html! { (stretch(0.0, error.before.unwrap_or(0.0).min(1.0), "before")) (stretch(0.0, error.after.unwrap_or(0.0).min(1.0), "after")) },
+    );
+    let [before, after] = [error.before, error.after].map(|v| Cell::Number(number(v)));
+    vec![Cell::Number(error.samples.to_string()), before, after, Cell::Drawn(drawn)]
 }
 
 fn place(d: &Diagnosis) -> Markup {
@@ -441,6 +458,7 @@ fn origin(d: &Diagnosis) -> Markup {
     let mode = match d.prediction.mode {
         Mode::Simulation => "a free run of the model from the most likely start of each log",
         Mode::Predictor => "one-step predictions of a fixed observer",
+        Mode::Horizon => "free runs of the model over a horizon, each from the state that a fixed observer has estimated there",
     };
     let held = |h: &crate::diagnose::Holdout| {
         vec![Cell::Words(h.log.clone()), Cell::Number(number(Some(h.from_s))), Cell::Number(number(Some(h.to_s)))]

@@ -2,7 +2,7 @@
 
 use super::axis::share as bar;
 use crate::diagnose::{Diagnosed, Diagnosis, FoundParameter, RankingRow, Share, Strength};
-use crate::report::diagnosis::{described, first, percent, probability, shared};
+use crate::report::diagnosis::{by_horizon, described, first, percent, probability, shared};
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns};
 use crate::report::text::estimate;
 use crate::text::shown;
@@ -32,6 +32,9 @@ pub fn diagnosis(found: &Diagnosed, rows: usize) -> Styled {
     text.sentence((Role::Label, "Gap: "), &size(d), WIDTH, 2);
     text.sentence((Role::Label, "Place: "), &place(d), WIDTH, 2);
     text.sentence((Role::Label, "Shrink: "), &shrink(d), WIDTH, 2);
+    if let Some(horizons) = by_horizon(d) {
+        text.sentence((Role::Label, "Ahead: "), &horizons, WIDTH, 2);
+    }
     if let Some(rest) = described(d) {
         text.sentence((Role::Doubt, "Rest: "), &format!("{rest}."), WIDTH, 2);
     }
