@@ -35,9 +35,9 @@ pub use checks::inspection::{ChannelReport, Inspection, InspectionFormat, LogRep
 pub use checks::topics::{ClockOffset, LogClocks, TopicClock, clocks};
 pub use format::caveat::Caveat;
 pub use format::contributions::{Contribution, Description, Explained, Recalibration, Remainder, Share, Strength};
-pub use format::diagnosis::{HorizonError, 
-    Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, Gap, GapOutput, Holdout, Metric, Mode, NotTried, Prediction,
-    RankedPair, RankedSingle, RankingRow, Shrink, ShrinkOutput,
+pub use format::diagnosis::{
+    Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, Gap, GapOutput, Holdout, HorizonError, Metric, Mode, NotTried,
+    Prediction, RankedPair, RankedSingle, RankingRow, Shrink, ShrinkOutput,
 };
 pub use format::error::GapError;
 pub use format::found::{FoundEffect, FoundParameter};

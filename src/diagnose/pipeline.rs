@@ -162,9 +162,7 @@ impl Baseline {
     fn of(simulator: &Simulator, inputs: &Inputs, options: &GapOptions) -> Result<Self> {
         let (system, probed) = (&simulator.system, inputs.probed.as_ref());
         let predictor = match inputs.horizon {
-            Some(horizon) => {
-                Predictor::over(horizon, system, &inputs.model_effects, &inputs.records, &inputs.poles, &options.criteria)?
-            }
+            Some(horizon) => Predictor::over(horizon, system, &inputs.model_effects, &inputs.records, &inputs.poles, &options.criteria)?,
             None => Predictor::of(system, &inputs.records, &inputs.poles, probed, options.prediction, &options.criteria),
         };
         let motion = Motion::of(system, &inputs.model_effects, &inputs.records, &predictor, probed)?;

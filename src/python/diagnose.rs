@@ -429,8 +429,9 @@ fn _isolability(
     let raised = Raised::default();
     let (what, prediction, logs) = (What::new(subject, &raised)?, mode(prediction)?, copies(&logs));
     let threads = what.threads(threads);
-    let work =
-        move |stop: &Stop| isolability(what.subject(), &logs, &options(prediction.as_deref(), horizon, max_delay, 1, stop), &HowFar::default());
+    let work = move |stop: &Stop| {
+        isolability(what.subject(), &logs, &options(prediction.as_deref(), horizon, max_delay, 1, stop), &HowFar::default())
+    };
     let found = raised.over(py, long(py, threads, work))?;
     Ok((json(&found)?, report::isolability::text(&found)))
 }

@@ -1,8 +1,8 @@
 //! The diagnosis in plain sentences.
 
 use crate::diagnose::{
-    CheckKind, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, HorizonError, Mode, RankedPair, RankingRow, Recalibration, Share,
-    Strength,
+    CheckKind, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, HorizonError, Mode, RankedPair, RankingRow, Recalibration,
+    Share, Strength,
 };
 use crate::report::text::{Table, estimate};
 
@@ -212,7 +212,9 @@ fn shrink(d: &Diagnosis) -> String {
 
 /// How the error grows ahead, before and after; `None` where predictions have no horizon.
 pub(super) fn by_horizon(d: &Diagnosis) -> Option<String> {
-    let one = |h: &HorizonError| Some(format!("{} sample{} ahead from {} to {}", h.samples, if h.samples == 1 { "" } else { "s" }, part(h.before?), part(h.after?)));
+    let one = |h: &HorizonError| {
+        Some(format!("{} sample{} ahead from {} to {}", h.samples, if h.samples == 1 { "" } else { "s" }, part(h.before?), part(h.after?)))
+    };
     let all: Vec<String> = d.shrink.horizons.iter().filter_map(one).collect();
     (!all.is_empty()).then(|| format!("{}.", all.join(", ")))
 }

@@ -14,7 +14,8 @@ pub(super) fn horizon_errors(likelihood: &Likelihood<'_>, [before, after]: [&[DM
     let Some(horizon) = likelihood.predictor.horizon else { return Vec::new() };
     let deviations = Errors::of(likelihood.records, before, |r| r.held);
     // The variance of every measured output; none where it stands still.
-    let variances: Vec<f64> = deviations.relative(&vec![1.0; deviations.deviations.len()]).iter().map(|v| v.map_or(0.0, |v| v.powi(-2))).collect();
+    let variances: Vec<f64> =
+        deviations.relative(&vec![1.0; deviations.deviations.len()]).iter().map(|v| v.map_or(0.0, |v| v.powi(-2))).collect();
     let nrmse = |residuals: &[DMatrix<f64>], steps: usize| {
         let of_output = |i: usize| {
             let samples = likelihood.records.iter().zip(residuals).flat_map(|(record, residual)| {

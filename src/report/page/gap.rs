@@ -6,7 +6,9 @@ use serde_json::{Value, json};
 use super::bars::{bar, dot, stretch};
 use super::series::{Thinning, base64};
 use super::{Cell, figure, force, laws, made_by, number, page, percent, plots, quoted, residual, table};
-use crate::diagnose::{CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, HorizonError, Mode, RankingRow, Strength, Trace, proposed};
+use crate::diagnose::{
+    CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, HorizonError, Mode, RankingRow, Strength, Trace, proposed,
+};
 use crate::report::diagnosis::{recalibrated, summary};
 
 /// Logs that the page holds.
