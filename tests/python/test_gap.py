@@ -208,6 +208,18 @@ def test_the_function_with_what_was_found_is_where_the_next_diagnosis_starts(rea
 # Models
 
 
+def test_a_horizon_tells_the_error_by_the_samples_ahead(examples: Path) -> None:
+    found = deadtime.gap(examples / "uav_lateral_stabilised.toml", examples / "uav_flight.csv", horizon=20)
+    assert (found.verdict, found.prediction["mode"], found.prediction["horizon"]) == ("input_delay", "horizon", 20)
+    horizons = found.shrink["horizons"]
+    assert [h["samples"] for h in horizons] == [1, 2, 5, 10, 20]
+    assert all(h["after"] < 0.5 * h["before"] for h in horizons)
+    with pytest.raises(errors.GapError, match="1 to 375 samples"):
+        deadtime.gap(examples / "uav_lateral_stabilised.toml", examples / "uav_flight.csv", horizon=376)
+    with pytest.raises(errors.GapError, match="no other prediction mode"):
+        deadtime.gap(examples / "uav_lateral_stabilised.toml", examples / "uav_flight.csv", prediction="predictor", horizon=20)
+
+
 def test_a_model_gets_the_verdict_of_the_command_line(tmp_path: Path, examples: Path) -> None:
     found = deadtime.gap(examples / "uav_lateral_stabilised.toml", log=examples / "uav_flight.csv")
     words = ["gap", "--model", "examples/uav_lateral_stabilised.toml", "--log", "examples/uav_flight.csv", "--out", str(tmp_path / "cli")]
@@ -387,6 +399,10 @@ def test_wrong_arguments_say_the_remedy(examples: Path) -> None:
         deadtime.gap(log=log, simulate=servo, seed=-1, **FACE)
     with pytest.raises(errors.GapError, match="simulated freely"):
         deadtime.gap(log=log, simulate=servo, prediction="predictor", **FACE)
+    with pytest.raises(errors.GapError, match="simulated freely"):
+        deadtime.gap(log=log, simulate=servo, horizon=10, **FACE)
+    with pytest.raises(ValueError, match="horizon is 0"):
+        deadtime.gap(log=log, simulate=servo, horizon=0, **FACE)
     with pytest.raises(errors.GapError, match="longest delay"):
         deadtime.gap(log=log, simulate=servo, max_delay=-1.0, **FACE)
     with pytest.raises(errors.GapError, match="torque"):
