@@ -143,7 +143,7 @@ class Diagnosis(Result):
 
     @property
     def contributions(self) -> list[dict[str, Any]]:
-        """Everything that was found to act, whatever the verdict, each with its share of the gap, most first."""
+        """Everything that was found to act, whatever the verdict, each with its share of the gap and the `probability` that it acts, most first."""
         contributions: list[dict[str, Any]] = self._data["cause"]["contributions"]
         return contributions
 

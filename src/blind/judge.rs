@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::label::{Group, Label, LabelEffect};
 use super::load::Scored;
-use crate::diagnose::{Diagnosis, Explained, FoundEffect, RankingRow};
+use crate::diagnose::{Contribution, Diagnosis, Explained, FoundEffect, RankingRow};
 
 /// How much worse than before a held-out error must be to count as harm: 2 %.
 const HARM: f64 = 1.02;
@@ -99,6 +99,8 @@ pub struct Judgement {
     pub share_errors: Vec<f64>,
     /// Mixture: an answer that claims to explain all names something that is not there.
     pub false_cause: Option<bool>,
+    /// Everything that was found to act, whatever the verdict; nothing is right where nothing of the catalogue acts.
+    pub contributions: Vec<Claim>,
     /// Moving: the verdict is in the truth's alias class.
     pub moving_class: Option<bool>,
     /// Moving: lost commands are given a probability above 0.5.
@@ -117,6 +119,17 @@ pub struct Judgement {
     pub exact: bool,
     /// Run time, s.
     pub time_s: Option<f64>,
+}
+
+/// That an effect acts.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Claim {
+    /// Effect and channel.
+    pub name: String,
+    /// The probability that it was given; missing where none was.
+    pub probability: Option<f64>,
+    /// It, or what could stand in its place by the diagnosis' word, is one of the true effects or of their classes.
+    pub right: bool,
 }
 
 /// Judges one case.
@@ -158,6 +171,13 @@ pub fn judge(case: &Scored) -> Judged {
         Group::None | Group::Unknown => j.right = leading == truth[0],
     }
     place(&mut j, label, diagnosis);
+    let classes: Vec<Vec<String>> = truth.iter().enumerate().map(|(i, name)| names.class(name, label.alias_class.of(i))).collect();
+    let claim = |(c, (class, _)): (&Contribution, (Vec<String>, f64))| Claim {
+        name: class.first().cloned().unwrap_or_default(),
+        probability: c.probability,
+        right: classes.iter().any(|truth| meets(&class, truth)),
+    };
+    j.contributions = diagnosis.cause.contributions.iter().zip(names.contributions(diagnosis)).map(claim).collect();
     j.of_oracle = of_oracle(label, diagnosis);
     j.harm = diagnosis.shrink.before.zip(diagnosis.shrink.after).map(|(before, after)| after > HARM * before);
     j.truth_probability = names.probability(diagnosis, &truth);
@@ -207,15 +227,8 @@ fn moving(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Names
 
 /// What contributes, beside what acts: each contribution stands for itself and for all that it could be exchanged with, by the diagnosis' word or the label's.
 fn mixture(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Names, truth: &[String]) {
-    let named: Vec<(Vec<String>, f64)> = (diagnosis.cause.contributions.iter())
-        .map(|c| {
-            let mut class = names.named_class(diagnosis, &names.name(&c.effect, &c.channel));
-            class.extend(c.class.iter().map(|l| names.listed(l)));
-            (class, c.share.learnt.unwrap_or(0.0).max(0.0))
-        })
-        .collect();
+    let named = names.contributions(diagnosis);
     let classes: Vec<Vec<String>> = truth.iter().enumerate().map(|(i, name)| names.class(name, label.alias_class.of(i))).collect();
-    let meets = |named: &[String], truth: &[String]| named.iter().any(|name| truth.contains(name));
     j.strongest = Some(named.first().zip(classes.first()).is_some_and(|((class, _), strongest)| meets(class, strongest)));
     let part = |some: f64, all: f64| (all > 0.0).then(|| some / all);
     // The numbers of a recalibration are named, too, and share what the block takes.
@@ -418,12 +431,27 @@ impl Names {
         class
     }
 
+    /// Every contribution with what could stand in its place, itself first, and its share.
+    fn contributions(&self, diagnosis: &Diagnosis) -> Vec<(Vec<String>, f64)> {
+        let one = |c: &Contribution| {
+            let mut class = self.named_class(diagnosis, &self.name(&c.effect, &c.channel));
+            class.extend(c.class.iter().map(|l| self.listed(l)));
+            (class, c.share.learnt.unwrap_or(0.0).max(0.0))
+        };
+        diagnosis.cause.contributions.iter().map(one).collect()
+    }
+
     /// What the ranking gives to these effects together; 0 where it has rows but none for them, none where it has no rows.
     fn probability(&self, diagnosis: &Diagnosis, effects: &[String]) -> Option<f64> {
         let rows: Vec<(Vec<String>, f64)> = diagnosis.cause.ranking.iter().map(|r| self.row(r)).collect();
         let sum = rows.iter().filter(|(names, _)| same_set(names, effects)).map(|(_, p)| p).sum();
         (!rows.is_empty()).then_some(sum)
     }
+}
+
+/// What is named, with all that could stand in its place, has something of the truth's class.
+fn meets(named: &[String], truth: &[String]) -> bool {
+    named.iter().any(|name| truth.contains(name))
 }
 
 fn same_set(a: &[String], b: &[String]) -> bool {

@@ -20,7 +20,7 @@ pub use bounds::{bootstrap, wilson};
 pub use cases::{COMMITMENT, CaseFiles, find};
 pub use commitment::{check, commitments};
 pub use error::BlindError;
-pub use judge::{Judged, Judgement, judge};
+pub use judge::{Claim, Judged, Judgement, judge};
 pub use label::{AliasClass, Group, Label, LabelEffect};
 pub use limit::{Limit, Verdict};
 pub use load::{Scored, load};

@@ -34,6 +34,8 @@ pub struct BlindScore {
     pub confusion: Vec<Confusion>,
     /// How often verdicts of a given probability are exactly right.
     pub reliability: Vec<Reliability>,
+    /// How often what is said to act with a given probability does, up to what could stand in its place.
+    pub contributions: Vec<Reliability>,
     /// Every case.
     pub answers: Vec<Judged>,
 }
@@ -75,18 +77,18 @@ pub struct Confusion {
     pub cases: usize,
 }
 
-/// Verdicts whose probability lies in one bin.
+/// What was said with a probability in one bin.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Reliability {
     /// The bin's lower edge.
     pub from: f64,
     /// The bin's upper edge.
     pub to: f64,
-    /// Cases.
+    /// Sayings.
     pub cases: usize,
-    /// Mean probability of the verdicts.
+    /// Their mean probability.
     pub probability: Option<f64>,
-    /// Share of them that are exactly the truth.
+    /// Share of them that are true.
     pub exact: Option<f64>,
     /// Its 95 % interval.
     pub ci95: Option<[f64; 2]>,
@@ -120,7 +122,10 @@ pub fn score(cases: &[Scored]) -> BlindScore {
         scores: measure_all(&all),
         by,
         confusion: confusion(&answers),
-        reliability: reliability(&answers),
+        reliability: reliability(
+            &answers.iter().filter_map(|c| Some((c.judgement.verdict_probability?, c.judgement.exact))).collect::<Vec<_>>(),
+        ),
+        contributions: reliability(&claims(&answers)),
         answers,
     }
 }
@@ -200,8 +205,12 @@ fn confusion(answers: &[Judged]) -> Vec<Confusion> {
     rows
 }
 
-fn reliability(answers: &[Judged]) -> Vec<Reliability> {
-    let said: Vec<(f64, bool)> = answers.iter().filter_map(|c| Some((c.judgement.verdict_probability?, c.judgement.exact))).collect();
+fn claims(answers: &[Judged]) -> Vec<(f64, bool)> {
+    answers.iter().flat_map(|c| &c.judgement.contributions).filter_map(|c| Some((c.probability?, c.right))).collect()
+}
+
+/// Of what was said with a probability, and whether it is so.
+fn reliability(said: &[(f64, bool)]) -> Vec<Reliability> {
     (0..BINS)
         .map(|bin| {
             let (from, to) = (f64::from(bin) / f64::from(BINS), f64::from(bin + 1) / f64::from(BINS));

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::text::Table;
-use crate::blind::{BlindScore, SCORES, Score};
+use crate::blind::{BlindScore, Reliability, SCORES, Score};
 
 /// The scores that tables of parts show.
 const COLUMNS: [&str; 9] =
@@ -55,7 +55,12 @@ pub(super) fn tables(scores: &BlindScore) -> Vec<(String, Table)> {
         }
     }
     tables.push(("what was said of what".to_owned(), confusion(scores)));
-    tables.push(("how often a verdict of a given probability is exactly right".to_owned(), reliability(scores)));
+    let what = "how often a verdict of a given probability is exactly right";
+    tables.push((what.to_owned(), reliability(&scores.reliability, ["verdicts", "exactly right"])));
+    if scores.contributions.iter().any(|bin| bin.cases > 0) {
+        let what = "how often what is said to act with a given probability does, up to what could stand in its place";
+        tables.push((what.to_owned(), reliability(&scores.contributions, ["effects", "act"])));
+    }
     tables
 }
 
@@ -85,9 +90,9 @@ fn confusion(scores: &BlindScore) -> Table {
     table
 }
 
-fn reliability(scores: &BlindScore) -> Table {
-    let mut table = Table::new(&["probability", "verdicts", "mean probability", "exactly right", "95 % interval"], &[0]);
-    for bin in &scores.reliability {
+fn reliability(bins: &[Reliability], [what, so]: [&str; 2]) -> Table {
+    let mut table = Table::new(&["probability", what, "mean probability", so, "95 % interval"], &[0]);
+    for bin in bins {
         table.row(vec![
             format!("{:.1} to {:.1}", bin.from, bin.to),
             bin.cases.to_string(),

@@ -114,7 +114,8 @@ fn budget(d: &Diagnosis) -> Option<String> {
         let class = if c.class.is_empty() { String::new() } else { format!(", or {} in its place", c.class.join(" or ")) };
         let surrogate = if c.surrogate { ", whose value predicts but is not the physics'" } else { "" };
         let weak = if c.strength == Strength::Weak { ", weak" } else { "" };
-        format!("{}{class}{surrogate}{weak} takes {}", effect(&found), share(&c.share))
+        let acts = c.probability.map(|p| format!(", acts with probability {} and", percent(p))).unwrap_or_default();
+        format!("{}{class}{surrogate}{weak}{acts} takes {}", effect(&found), share(&c.share))
     };
     let stays = d.cause.remainder.as_ref().filter(|r| r.share.learnt.is_some()).map(|r| {
         let times = r.above_floor.map(|t| format!(", {t:.1} times the noise floor")).unwrap_or_default();

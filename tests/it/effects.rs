@@ -438,7 +438,9 @@ fn a_correction_that_is_never_made_changes_nothing_and_one_that_is_made_pulls_to
             .map(|i| Measured { values: free.y.column(i).iter().map(|v| v + 0.5).collect(), present: None })
             .collect();
         let simulate = |gain: &DMatrix<f64>| {
-            system.simulate(&plan, flight.commands(), &system.initial, Some(Correction { gain, measured: &measured, horizon: None })).unwrap()
+            system
+                .simulate(&plan, flight.commands(), &system.initial, Some(Correction { gain, measured: &measured, horizon: None }))
+                .unwrap()
         };
         let none = simulate(&DMatrix::zeros(system.states.len(), system.outputs.len()));
         assert!(distance(&none.y, &free.y) < 1e-12);

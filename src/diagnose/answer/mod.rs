@@ -1,5 +1,6 @@
 //! The sections of a diagnosis.
 
+mod acts;
 mod along_the_run;
 pub(in crate::diagnose) mod alternatives;
 pub(in crate::diagnose) mod cause;

@@ -50,6 +50,9 @@ pub struct Contribution {
     pub channel: String,
     /// Its parameters.
     pub parameters: Vec<FoundParameter>,
+    /// The probability that it, or what could stand in its place, acts on the machine; missing in files of earlier programs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub probability: Option<f64>,
     /// How clearly it shows.
     pub strength: Strength,
     /// Its share: what the squared error rises by when it is taken out and the others stay, scaled so that shares add up to what is explained.

@@ -277,7 +277,7 @@ fn parameters(d: &Diagnosis) -> Markup {
         (Strength::Clear, _) => "clear",
         (Strength::Weak, _) => "weak",
     };
-    let row = |(effect, channel, clear): (&str, &str, &str), p: &FoundParameter| {
+    let row = |(effect, channel, clear, acts): (&str, &str, &str, Option<f64>), p: &FoundParameter| {
         let interval = p.ci95.map_or_else(|| "at a bound".to_owned(), |[l, u]| format!("{} to {}", number(Some(l)), number(Some(u))));
         let (value, interval) = if p.value.is_some() { (number(p.value), interval) } else { ("no limit".to_owned(), "–".to_owned()) };
         let label = format!("{value}, {interval}");
@@ -290,13 +290,18 @@ fn parameters(d: &Diagnosis) -> Markup {
             Cell::Words(p.unit.clone()),
             Cell::Drawn(bar(&label, &beside_zero(p))),
             Cell::Words(clear.to_owned()),
+            Cell::Number(acts.map_or_else(|| "–".to_owned(), |p| percent(Some(p)))),
         ]
     };
-    let found = d.cause.contributions.iter().flat_map(|c| c.parameters.iter().map(move |p| row((&c.effect, &c.channel, clear(c)), p)));
-    let block = recalibrated(d).into_iter().flat_map(|r| &r.parameters).map(|p| row(("recalibrated", "", "a part of a set"), p));
+    let found = d
+        .cause
+        .contributions
+        .iter()
+        .flat_map(|c| c.parameters.iter().map(move |p| row((&c.effect, &c.channel, clear(c), c.probability), p)));
+    let block = recalibrated(d).into_iter().flat_map(|r| &r.parameters).map(|p| row(("recalibrated", "", "a part of a set", None), p));
     let rows: Vec<Vec<Cell>> = found.chain(block).collect();
     let caption = if d.cause.effects.is_empty() { "What contributes, though not all is explained" } else { "What was found to act" };
-    let headings = ["effect", "channel", "parameter", "value", "95 % interval", "unit", "from zero", "how clear"];
+    let headings = ["effect", "channel", "parameter", "value", "95 % interval", "unit", "from zero", "how clear", "acts"];
     html! {
         h2 { "Parameters" }
         (table(caption, &headings, &rows))

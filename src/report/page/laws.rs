@@ -214,6 +214,7 @@ mod tests {
             effect: effect.into(),
             channel: "u \"<b>\"".into(),
             parameters: parameters.iter().map(parameter).collect(),
+            probability: None,
             strength: Strength::Clear,
             share: Share::default(),
             without_it: None,

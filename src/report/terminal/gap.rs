@@ -150,6 +150,7 @@ fn budget(text: &mut Styled, d: &Diagnosis) {
     let mut lines: Vec<(Role, String, Option<f64>, Vec<String>)> = Vec::new();
     for c in &d.cause.contributions {
         let mut notes: Vec<String> = c.parameters.iter().map(parameter).collect();
+        notes.extend(c.probability.map(|p| format!("acts with probability {}", percent(p))));
         if c.strength == Strength::Weak {
             notes.push("weak".to_owned());
         }
