@@ -6,7 +6,7 @@
 
 use nalgebra::DMatrix;
 
-use super::acts::Traces;
+use super::acts::probability;
 use super::found_effects::found_effects;
 use super::improvement::{bootstrap, held_out_blocks};
 use super::location::{locate, output_shares};
@@ -98,19 +98,14 @@ impl GapBudget<'_, '_> {
             effect: found[at].effect.clone(),
             channel: found[at].channel.clone(),
             parameters: found[at].parameters.clone(),
-            probability: None,
+            probability: Some(probability(&found[at].parameters)),
             strength: self.strength(without[part].as_deref().unwrap_or(self.before)),
             share: share(&|s: &Squares| s.share(part)),
             without_it: without[part].as_ref().and_then(|r| overall(&Errors::of(self.likelihood.records, r, |r| r.train).nrmse())),
             class: self.composed.stand_ins[at].iter().map(Applied::key).collect(),
             surrogate: self.composed.hypothesis.as_ref().is_some_and(|e| self.is_surrogate(e, at)),
         };
-        let mut contributions: Vec<Contribution> = self.composed.singly().into_iter().enumerate().map(contribution).collect();
-        let stays = learnt.together().map_or(0.0, |explained| 1.0 - explained);
-        let effects = contributions.len();
-        for c in &mut contributions {
-            c.probability = Some(Traces { share: c.share, strength: c.strength, surrogate: c.surrogate, stays, effects }.probability());
-        }
+        let contributions: Vec<Contribution> = self.composed.singly().into_iter().enumerate().map(contribution).collect();
         let recalibration = match self.composed.recalibration {
             None => Recalibration::default(),
             Some(size) => {
