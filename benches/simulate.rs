@@ -56,7 +56,7 @@ fn simulations(criterion: &mut Criterion) -> Result<(), deadtime::Error> {
                     b.iter(|| black_box(system.simulate(&plan, commands, &system.initial, None)))
                 });
                 let gain = DMatrix::from_element(system.states.len(), system.outputs.len(), 1e-3);
-                let correction = Some(Correction { gain: &gain, measured: &measured });
+                let correction = Some(Correction { gain: &gain, measured: &measured, horizon: None });
                 group.bench_function(format!("{case}{how}, corrected"), |b| {
                     b.iter(|| black_box(system.simulate(&plan, commands, &system.initial, correction)));
                 });

@@ -272,6 +272,10 @@ impl Stepper for Linear {
         Ok(())
     }
 
+    fn whole_state(&mut self) -> &mut [f64] {
+        &mut self.x
+    }
+
     fn plant_state(&mut self) -> &mut [f64] {
         &mut self.x[..self.plant]
     }

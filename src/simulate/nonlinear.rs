@@ -121,6 +121,10 @@ impl Stepper for Nonlinear<'_> {
         self.field.read(at_s, &self.x, y, drive)
     }
 
+    fn whole_state(&mut self) -> &mut [f64] {
+        &mut self.x
+    }
+
     fn plant_state(&mut self) -> &mut [f64] {
         &mut self.x[..self.field.plant]
     }

@@ -45,14 +45,6 @@ impl System {
         x0: &[f64],
         correction: Option<Correction<'_>>,
     ) -> Result<Run, SimulateError> {
-        let Some(correction) = correction else { return self.guided(plan, commands, x0, Guide::Free) };
-        let corrected = self.guided(plan, commands, x0, Guide::Corrected(correction))?;
-        let Some(every) = correction.horizon else { return Ok(corrected) };
-        let run = self.guided(plan, commands, x0, Guide::Restarted { every, states: &corrected.x })?;
-        Ok(Run { steps: run.steps + corrected.steps, ..run })
-    }
-
-    fn guided(&self, plan: &Plan, commands: Commands<'_>, x0: &[f64], guide: Guide<'_>) -> Result<Run, SimulateError> {
         check(self, commands, x0)?;
         let joined = plan.hold == Hold::Linear && !matches!(plan.dynamics, Dynamics::Sampled(..) | Dynamics::BlackBox(..));
         let signals = (plan.inputs.iter().zip(commands.inputs).enumerate())
@@ -66,10 +58,10 @@ impl System {
         let time_s = commands.time_s;
         let dynamics = &plan.dynamics;
         if let Dynamics::Sampled(matrices, ts) = dynamics {
-            return sampled::run(self, plan, (matrices, *ts), &signals, time_s, x0, guide);
+            return sampled::run(self, plan, (matrices, *ts), &signals, time_s, x0, correction);
         }
         if let Dynamics::BlackBox(simulator, parameters) = dynamics {
-            if !guide.is_free() {
+            if correction.is_some() {
                 return Err(SimulateError::Uncorrected);
             }
             return sampled::called(self, plan, (simulator.as_ref(), parameters), &signals, time_s, x0);
@@ -88,15 +80,26 @@ impl System {
         let smooth = !plan.terms.iter().any(|t| matches!(t, Term::Function { .. } | Term::Friction { .. } | Term::Hysteresis { .. }));
         if equations.is_none() && smooth {
             let ramps = !signals.iter().all(Piecewise::is_held);
-            return walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, guide);
+            return follow(correction, |guide| walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, guide));
         }
-        let mut integrator = Integrator::with_tolerance(assembly.states, plan.tolerance.relative, plan.tolerance.absolute);
         let operations = equations.map_or(0, |(e, _)| e.operations().0);
-        (integrator.max_steps, integrator.budget) =
-            (plan.tolerance.steps, plan.tolerance.budget.min(affordable(operations, assembly.states, time_s.len())));
-        let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, integrator);
-        walk(&mut stepper, &signals, plan, time_s, guide).map_err(|e| stepper.blame(e, &self.states))
+        follow(correction, |guide| {
+            let mut integrator = Integrator::with_tolerance(assembly.states, plan.tolerance.relative, plan.tolerance.absolute);
+            (integrator.max_steps, integrator.budget) =
+                (plan.tolerance.steps, plan.tolerance.budget.min(affordable(operations, assembly.states, time_s.len())));
+            let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, integrator);
+            walk(&mut stepper, &signals, plan, time_s, guide).map_err(|e| stepper.blame(e, &self.states))
+        })
     }
+}
+
+/// A free run; one with corrections; or free runs over a horizon from where a run with corrections was.
+fn follow(correction: Option<Correction<'_>>, walk: impl Fn(Guide<'_>) -> Result<Run, SimulateError>) -> Result<Run, SimulateError> {
+    let Some(correction) = correction else { return walk(Guide::Free) };
+    let corrected = walk(Guide::Corrected(correction))?;
+    let Some(every) = correction.horizon else { return Ok(corrected) };
+    let run = walk(Guide::Restarted { every, corrected: &corrected })?;
+    Ok(Run { steps: run.steps + corrected.steps, ..run })
 }
 
 /// Steps of a whole run whose right-hand side takes so many operations: about [`WORK`] operations in all, which is a minute. A step takes seven evaluations, or

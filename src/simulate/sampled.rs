@@ -12,7 +12,7 @@ use super::linear::Linear;
 use super::piecewise::{Piece, Piecewise};
 use super::plan::{InputPath, OutputPath, Plan, SensorClock};
 use super::system::{Dynamics, Matrices, Port, System};
-use super::walk::{Drive, Guide, Run, Stepper, walk};
+use super::walk::{Correction, Drive, Guide, Run, Stepper, begin_of, walk};
 use crate::time::SampleTime;
 
 /// A plant of gains and integrators, to carry signals through their paths.
@@ -152,6 +152,18 @@ impl<'a> Sensors<'a> {
         Ok(())
     }
 
+    /// At the last sample the outputs are these, and the lags where others have them.
+    fn begin_again(&mut self, others: &Self, own: &[f64]) {
+        for (i, (sensor, other)) in self.all.iter_mut().zip(&others.all).enumerate() {
+            if let Some(last) = sensor.values.last_mut() {
+                *last = own[i] + sensor.path.mixing.iter().map(|&(from, gain)| gain * own[from]).sum::<f64>();
+            }
+            if let (Some(last), Some(there)) = (sensor.lagged.last_mut(), other.lagged.last()) {
+                last.clone_from(there);
+            }
+        }
+    }
+
     /// What the log shows of an output at this stamp.
     fn reading(&self, output: usize, stamp_s: f64) -> Result<f64, SimulateError> {
         let sensor = &self.all[output];
@@ -177,6 +189,13 @@ fn taken(clock: SensorClock, path: &OutputPath, stamp_s: f64) -> f64 {
     clock.commands_time_s(stamp_s) - path.delay_s
 }
 
+/// Free predictions beside a corrected run.
+struct Ahead<'a> {
+    every: usize,
+    x: DVector<f64>,
+    sensors: Sensors<'a>,
+}
+
 /// Simulates a sampled model.
 pub(super) fn run(
     system: &System,
@@ -185,28 +204,42 @@ pub(super) fn run(
     signals: &[Piecewise],
     time_s: &[f64],
     x0: &[f64],
-    guide: Guide<'_>,
+    correction: Option<Correction<'_>>,
 ) -> Result<Run, SimulateError> {
     let samples = time_s.len();
     // A clock that runs ahead reads outputs after the log's last sample: the model goes on with the last command.
     let last = time_s.last().copied().unwrap_or(0.0);
     let ahead = plan.outputs.iter().map(|path| taken(plan.clock, path, last) - last).fold(0.0, f64::max) / ts.seconds();
-    let beyond = if guide.is_free() { (ahead.ceil() as usize).min(samples) } else { 0 };
+    let beyond = if correction.is_none() { (ahead.ceil() as usize).min(samples) } else { 0 };
     let grid: Vec<f64> = time_s.iter().copied().chain((1..=beyond).map(|k| last + ts.to_seconds(k as f64))).collect();
     let [mean, instant] = arriving(&plan.inputs, signals, &grid, ts.seconds())?;
     let about = |u: &DMatrix<f64>, k: usize| DVector::from_fn(u.ncols(), |i, _| u[(k, i)] - system.input_operating[i]);
+    let own = |x: &DVector<f64>, k: usize| -> Vec<f64> {
+        let y = &matrices.c * x + &matrices.d * about(&instant, k);
+        y.iter().zip(&system.output_operating).map(|(y, operating)| y + operating).collect()
+    };
+    let after = |x: &DVector<f64>, k: usize| &matrices.a * x + &matrices.b * about(&mean, k);
     let mut sensors = Sensors::new(plan, &grid);
-    let mut run = Run { y: DMatrix::zeros(samples, plan.outputs.len()), x: DMatrix::zeros(samples, x0.len()), steps: 0 };
+    let mut run =
+        Run { y: DMatrix::zeros(samples, plan.outputs.len()), x: DMatrix::zeros(samples, x0.len()), steps: 0, begins: Vec::new() };
     let mut x = DVector::from_column_slice(x0);
+    let horizon = correction.and_then(|c| c.horizon);
+    let mut predicted = horizon.map(|every| Ahead { every: every.get(), x: x.clone(), sensors: Sensors::new(plan, &grid) });
     for (k, &at_s) in grid.iter().enumerate() {
-        let own = &matrices.c * &x + &matrices.d * about(&instant, k);
-        let own: Vec<f64> = own.iter().zip(&system.output_operating).map(|(y, operating)| y + operating).collect();
-        sensors.push(&own)?;
-        if !guide.is_free() {
+        sensors.push(&own(&x, k))?;
+        if let Some(ahead) = &mut predicted {
+            ahead.sensors.push(&own(&ahead.x, k))?;
+        }
+        if let Some(correction) = correction {
             for j in 0..plan.outputs.len() {
                 let value = sensors.reading(j, time_s[k])?;
-                run.y[(k, j)] = value;
-                let Guide::Corrected(correction) = guide else { continue };
+                run.y[(k, j)] = match &predicted {
+                    // What was taken before the prediction began belongs to the time that the corrected run knows.
+                    Some(ahead) if taken(plan.clock, &plan.outputs[j], time_s[k]) > time_s[begin_of(k, ahead.every)] || k == 0 => {
+                        ahead.sensors.reading(j, time_s[k])?
+                    }
+                    _ => value,
+                };
                 let innovation = correction
                     .measured
                     .get(j)
@@ -215,18 +248,22 @@ pub(super) fn run(
                 x += correction.gain.column(j) * innovation;
             }
         }
-        if let Some(state) = guide.restart(k) {
-            x.copy_from_slice(&state);
+        if let Some(ahead) = predicted.as_mut().filter(|ahead| k > 0 && k.is_multiple_of(ahead.every)) {
+            ahead.x.copy_from(&x);
+            ahead.sensors.begin_again(&sensors, &own(&x, k));
         }
         if k < samples {
             run.x.row_mut(k).tr_copy_from(&x);
         }
-        x = &matrices.a * x + &matrices.b * about(&mean, k);
-        if x.iter().any(|v| !v.is_finite()) {
+        x = after(&x, k);
+        if let Some(ahead) = &mut predicted {
+            ahead.x = after(&ahead.x, k);
+        }
+        if x.iter().chain(predicted.iter().flat_map(|ahead| ahead.x.iter())).any(|v| !v.is_finite()) {
             return Err(SimulateError::Explodes { time_s: at_s });
         }
     }
-    if guide.is_free() {
+    if correction.is_none() {
         sensors.readings(time_s, &mut run.y)?;
     }
     Ok(run)
@@ -254,7 +291,7 @@ pub(super) fn called(
     for row in own.row_iter() {
         sensors.push(&row.iter().copied().collect::<Vec<_>>())?;
     }
-    let mut run = Run { y: DMatrix::zeros(time_s.len(), plan.outputs.len()), x: DMatrix::zeros(0, 0), steps: 0 };
+    let mut run = Run { y: DMatrix::zeros(time_s.len(), plan.outputs.len()), x: DMatrix::zeros(0, 0), steps: 0, begins: Vec::new() };
     sensors.readings(time_s, &mut run.y)?;
     Ok(run)
 }

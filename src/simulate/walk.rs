@@ -23,6 +23,8 @@ pub(super) trait Stepper {
     fn outputs(&mut self, at_s: f64, drive: &Drive, y: &mut [f64]) -> Result<(), SimulateError>;
     /// The plant's own state.
     fn plant_state(&mut self) -> &mut [f64];
+    /// The same with the states of everything on the way in and out.
+    fn whole_state(&mut self) -> &mut [f64];
     /// Steps of the integration so far.
     fn steps(&self) -> usize {
         0
@@ -41,37 +43,59 @@ pub struct Correction<'a> {
     pub horizon: Option<NonZeroUsize>,
 }
 
-/// What moves the plant's state besides its dynamics.
+/// What moves the state besides its dynamics.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Guide<'a> {
     /// Nothing.
     Free,
     /// Corrections at every sample.
     Corrected(Correction<'a>),
-    /// The states (samples × states) that it is set to at every so manieth sample but the first.
-    Restarted { every: NonZeroUsize, states: &'a DMatrix<f64> },
+    /// At every so manieth sample but the first it is set to where a corrected run was.
+    Restarted { every: NonZeroUsize, corrected: &'a Run },
 }
 
-impl<'a> Guide<'a> {
-    pub(super) fn is_free(&self) -> bool {
+impl Guide<'_> {
+    fn is_free(&self) -> bool {
         matches!(self, Self::Free)
     }
 
-    /// The state from which a prediction begins at sample k.
-    pub(super) fn restart(&self, k: usize) -> Option<Vec<f64>> {
+    /// Samples from one beginning of a prediction to the next.
+    fn every(&self) -> Option<usize> {
         match self {
-            Self::Restarted { every, states } if k > 0 && k.is_multiple_of(every.get()) => Some(states.row(k).iter().copied().collect()),
-            _ => None,
+            Self::Free => None,
+            Self::Corrected(correction) => correction.horizon.map(NonZeroUsize::get),
+            Self::Restarted { every, .. } => Some(every.get()),
         }
     }
+}
 
-    /// States at the samples are asked for, or set.
-    fn sees_states(&self) -> bool {
-        match self {
-            Self::Free => false,
-            Self::Corrected(correction) => correction.horizon.is_some(),
-            Self::Restarted { .. } => true,
-        }
+/// The sample whose state begins the prediction of sample k.
+pub(super) fn begin_of(k: usize, every: usize) -> usize {
+    k.saturating_sub(1) / every * every
+}
+
+/// Where predictions over a horizon begin: at a sample, when the last output takes it. Samples that outputs with longer delays take before that moment still
+/// belong to the time before it, of which the corrected run knows more.
+struct Begins {
+    every: usize,
+    /// The shortest delay of an output.
+    delay_s: f64,
+    /// The sample with which the present predictions began, and when the next ones begin.
+    sample: usize,
+    due_s: f64,
+}
+
+impl Begins {
+    fn new(every: usize, plan: &Plan, time_s: &[f64]) -> Self {
+        let delay_s = plan.outputs.iter().map(|o| o.delay_s).fold(f64::INFINITY, f64::min);
+        let mut begins = Self { every, delay_s, sample: 0, due_s: 0.0 };
+        begins.look_ahead(plan, time_s);
+        begins
+    }
+
+    fn look_ahead(&mut self, plan: &Plan, time_s: &[f64]) {
+        let stamp_s = time_s.get(self.sample + self.every).filter(|_| self.delay_s.is_finite());
+        self.due_s = stamp_s.map_or(f64::INFINITY, |&stamp_s| plan.clock.commands_time_s(stamp_s) - self.delay_s);
     }
 }
 
@@ -102,6 +126,8 @@ pub struct Run {
     pub x: DMatrix<f64>,
     /// Steps of the integration, those made again shorter included; 0 where none was needed.
     pub steps: usize,
+    /// Whole states from which predictions over a horizon begin, the first one's left out; empty without a horizon.
+    pub(super) begins: Vec<Vec<f64>>,
 }
 
 /// Outputs that are sampled at the same instants.
@@ -136,16 +162,19 @@ impl Group {
         system: &mut impl Stepper,
         (now, drive): (f64, &Drive),
         (plan, time_s): (&Plan, &[f64]),
-        guide: Guide<'_>,
+        (guide, begun): (Guide<'_>, usize),
         (run, y): (&mut Run, &mut [f64]),
     ) -> Result<(), SimulateError> {
         if self.outputs.is_empty() {
-            if let Some(state) = guide.restart(k) {
-                system.plant_state().copy_from_slice(&state);
-            }
             for (i, value) in system.plant_state().iter().enumerate() {
                 run.x[(k, i)] = *value;
             }
+            return Ok(());
+        }
+        if let Guide::Restarted { every, corrected } = guide
+            && begin_of(k, every.get()) > begun
+        {
+            self.outputs.iter().for_each(|&i| run.y[(k, i)] = corrected.y[(k, i)]);
             return Ok(());
         }
         system.outputs(now, drive, y)?;
@@ -190,10 +219,12 @@ pub(super) fn walk(
 ) -> Result<Run, SimulateError> {
     let samples = time_s.len();
     let outputs = plan.outputs.len();
-    let states = plan.wanted.states || guide.sees_states();
+    let states = plan.wanted.states;
     let rows = if states { samples } else { 0 };
     let stamps = &time_s[..samples.min(plan.wanted.samples)];
-    let mut run = Run { y: DMatrix::zeros(samples, outputs), x: DMatrix::zeros(rows, system.plant_state().len()), steps: 0 };
+    let mut run =
+        Run { y: DMatrix::zeros(samples, outputs), x: DMatrix::zeros(rows, system.plant_state().len()), steps: 0, begins: Vec::new() };
+    let mut begins = guide.every().map(|every| Begins::new(every, plan, stamps));
     let mut groups = groups(plan, states, stamps);
     let end = time_s.last().copied().unwrap_or(0.0);
     // Edges and samples that fall together: the edge comes first.
@@ -205,7 +236,7 @@ pub(super) fn walk(
     let mut now = 0.0;
     let mut y = vec![0.0; outputs];
     loop {
-        let sample = groups.iter().fold(f64::INFINITY, |sample, group| sample.min(group.due_s));
+        let sample = groups.iter().map(|group| group.due_s).chain(begins.iter().map(|b| b.due_s)).fold(f64::INFINITY, f64::min);
         if sample == f64::INFINITY {
             break;
         }
@@ -240,8 +271,20 @@ pub(super) fn walk(
                 group.look_ahead(plan, stamps);
                 // A sample from before the start tells nothing of the state now.
                 let guide = if before_start { Guide::Free } else { guide };
-                group.sample(k, system, (now, &drive), (plan, time_s), guide, (&mut run, &mut y))?;
+                let begun = begins.as_ref().map_or(0, |b| b.sample);
+                group.sample(k, system, (now, &drive), (plan, time_s), (guide, begun), (&mut run, &mut y))?;
             }
+        }
+        while let Some(begins) = begins.as_mut().filter(|b| b.due_s <= now + together) {
+            match guide {
+                Guide::Restarted { corrected, .. } => {
+                    let there = corrected.begins.get(begins.sample / begins.every);
+                    there.into_iter().for_each(|there| system.whole_state().copy_from_slice(there));
+                }
+                Guide::Free | Guide::Corrected(_) => run.begins.push(system.whole_state().to_vec()),
+            }
+            begins.sample += begins.every;
+            begins.look_ahead(plan, stamps);
         }
     }
     run.steps = system.steps();

@@ -112,6 +112,60 @@ fn every_window_is_a_free_run_from_a_corrected_state() {
     }
 }
 
+/// A push that the model does not know is felt the more the longer ago a prediction began, whatever the sensors do: a late or slow one does not reach back into the
+/// predictions before, and a clock that is ahead not into those behind.
+#[test]
+fn errors_grow_ahead_whatever_delays_lags_and_clocks_the_sensors_have() {
+    let sensors: [&[(&str, &str, f64)]; 5] = [
+        &[],
+        &[("output_delay", "*", 0.07)],
+        &[("sensor_lag", "*", 0.1)],
+        &[("clock_offset", "*", -0.05)],
+        &[("output_delay", "", 0.07), ("clock_offset", "*", 0.05)],
+    ];
+    for (name, text) in [("cart", CART), ("sampled", SAMPLED), ("pendulum", PENDULUM)] {
+        let system = system(text);
+        let (n, p) = (system.states.len(), system.outputs.len());
+        let time_s: Vec<f64> = (0..600).map(|k| TS * f64::from(k)).collect();
+        let u = vec![commands(time_s.len(), &mut ChaCha8Rng::seed_from_u64(3))];
+        let pushed = vec![u[0].iter().map(|u| u + 0.5).collect::<Vec<_>>()];
+        let gain = DMatrix::from_fn(n, p, |i, j| {
+            if i == j {
+                0.2
+            } else if p == 1 {
+                0.5
+            } else {
+                0.0
+            }
+        });
+        for effects in sensors {
+            let one = |(effect, channel, value): &(&str, &str, f64)| {
+                let channel = if channel.is_empty() { &system.outputs[0].name } else { *channel };
+                let mut applied = Applied::nominal(&system, find(effect).unwrap(), channel).unwrap();
+                applied.values[0] = *value;
+                applied
+            };
+            let plan = Applied::plan(&system, &effects.iter().map(one).collect::<Vec<_>>(), Chance::Mean).unwrap();
+            let run = |inputs: &[Vec<f64>], correction: Option<Correction<'_>>| {
+                system.simulate(&plan, Commands { time_s: &time_s, inputs }, &system.initial, correction).unwrap().y
+            };
+            let real = run(&pushed, None);
+            let measured: Vec<Measured> =
+                real.column_iter().map(|y| Measured { values: y.iter().copied().collect(), present: None }).collect();
+            let y = run(&u, Some(Correction { gain: &gain, measured: &measured, horizon: NonZeroUsize::new(25) }));
+            let rms = |step: usize, output: usize| {
+                let at = (100..600).filter(|k| (k - 1) % 25 + 1 == step);
+                at.map(|k| (real[(k, output)] - y[(k, output)]).powi(2)).sum::<f64>().sqrt()
+            };
+            let output = p - 1;
+            // Further ahead a push that has swung round may cancel itself.
+            let errors = [1, 2, 5, 12].map(|step| rms(step, output));
+            assert!(errors.windows(2).all(|w| w[0] <= w[1] * (1.0 + 1e-9)), "{name} {effects:?}: {errors:?}");
+            assert!(errors[0] < 0.6 * errors[3], "{name} {effects:?}: {errors:?}");
+        }
+    }
+}
+
 fn record(document: &ModelDocument, effects: &[(&str, &str, &[f64])], seed: u64) -> Log {
     let system = System::new(document, |_| Ok(0.0)).unwrap();
     let applied = effects.iter().map(|(effect, channel, values)| {
