@@ -195,7 +195,7 @@ def estimates(page: Page, rng: np.random.Generator) -> None:
     ts = 0.02
     print("\n## A dead time, by all methods and by one")
     print(f"\nA plant of one pole at 0.2 s behind 0.19 s, sampled every {ts} s, with noise; {DELAYS} delays are searched. By all methods means every one of")
-    print("`deadtime list methods` that can take the log, and what to believe of them. Each peer is one model for each whole delay, and the delay of the least loss:")
+    print("`deadtime list methods` that can take the log, and what to believe of them. Each peer does less: one model for each whole delay, and the delay of the least loss.")
     print("SIPPY has no refined instrumental variables. Where few delays are run, that stands there, and the time is scaled to all.")
     page.head()
 
@@ -274,8 +274,8 @@ def diagnoses(page: Page, rng: np.random.Generator) -> None:
     time_s = np.arange(samples) * ts
     print("\n## A diagnosis")
     print("\nThree logs of 60 s at 100 Hz of a machine whose actuator lags by 0.08 s, with noise; the model has no lag. `gap` tries every cause of its catalogue wherever it")
-    print("can act, and judges on data it has not seen. No other program does that: instead stands what a user writes who suspects this one cause already,")
-    print("a fit of the lag by scipy's `least_squares` over a simulation with the lag as one state more.")
+    print("can act, and judges on data it has not seen. No peer does that. What stands instead does less: a user who suspects this one cause already fits it,")
+    print("by scipy's `least_squares` over a simulation with the lag as one state more.")
     page.head()
 
     def linear(lag: float, u: np.ndarray) -> np.ndarray:
@@ -410,10 +410,10 @@ def subspaces(page: Page, rng: np.random.Generator) -> None:
     from nfoursid.utils import Decomposition, Utils
 
     print("\n## A linear model of a log")
-    print("\nFour inputs, four outputs, eight states, white inputs and noise. nfoursid's `NFourSID` takes the full singular value decomposition of a matrix with a column")
-    print("for each sample: at 100000 samples that alone is 80 GB, so it is run at fewer, where it can, and at 100000 with its decomposition made thin, which is not what it ships. slycot, in its pinned version,")
-    print("wraps none of SLICOT's identification routines. The order is given, and the past is 10 samples for both; ours also gives standard deviations, by 200 draws. The answer: how far the eigenvalues are from the true")
-    print("ones, at most.")
+    print("\nFour inputs, four outputs, eight states, white inputs and noise. The order is given, and the past is 10 samples for both; ours also gives standard deviations, of 200")
+    print("draws. nfoursid's `NFourSID` takes the full singular value decomposition of a matrix with a column for each sample. At 100000 samples that is 80 GB. So it runs")
+    print("as it is at 4000 samples; at 100000 its decomposition is made thin, which is not what it ships. slycot, as pinned, wraps no identification routine of SLICOT. The answer")
+    print("is how far the eigenvalues are from the true ones, at most.")
     page.head()
     angles, radii = np.array([0.3, 0.8, 1.4, 2.1]), np.array([0.95, 0.9, 0.85, 0.8])
     blocks = [r * np.array([[np.cos(w), np.sin(w)], [-np.sin(w), np.cos(w)]]) for r, w in zip(radii, angles, strict=True)]
