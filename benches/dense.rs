@@ -15,7 +15,7 @@ use rand_chacha::ChaCha8Rng;
 mod support;
 
 /// What the crate keeps to itself.
-#[allow(dead_code)]
+#[allow(dead_code, unused_imports)]
 #[path = "../src/model"]
 mod model {
     mod matrix;
@@ -82,7 +82,7 @@ fn benches() {
             let m = &m * (norm / m.column_iter().map(|column| column.lp_norm(1)).fold(0.0, f64::max));
             let size = format!("{n}, norm {norm}");
             group.bench_with_input(BenchmarkId::new("nalgebra", &size), &m, |b, m| b.iter(|| black_box(m.exp())));
-            group.bench_with_input(BenchmarkId::new("faer", &size), &m, |b, m| b.iter(|| one.install(|| black_box(model::pade_13(m)))));
+            group.bench_with_input(BenchmarkId::new("faer", &size), &m, |b, m| one.install(|| b.iter(|| black_box(model::pade_13(m)))));
         }
     }
 }

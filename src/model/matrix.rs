@@ -10,7 +10,7 @@ use super::parts::{parts, put, taken};
 /// benches/dense.rs.
 const FAER: [usize; 2] = [20, 8];
 /// The largest 1-norm that is small: up to there degree 5 is exact to rounding (Higham 2005, table 2.3).
-const SMALL: f64 = 2.539398330063230e-1;
+const SMALL: f64 = 2.539_398_330_063_23e-1;
 
 /// exp(M), each part of M that touches no other alone.
 ///
