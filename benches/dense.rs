@@ -1,4 +1,5 @@
-//! From which size on faer is faster than nalgebra: the triangular factor and the singular values of tall matrices, on one thread, copies between the two included.
+//! From which size on faer is faster than nalgebra: the triangular factor and the singular values of tall matrices, and the exponential, on one thread, copies
+//! between the two included.
 
 use std::hint::black_box;
 
@@ -12,6 +13,18 @@ use rand_chacha::ChaCha8Rng;
 
 #[allow(dead_code)]
 mod support;
+
+/// What the crate keeps to itself.
+#[allow(dead_code, unused_imports)]
+#[path = "../src/model"]
+mod model {
+    mod matrix;
+    mod parts;
+
+    pub(super) fn pade_13(m: &nalgebra::DMatrix<f64>) -> nalgebra::DMatrix<f64> {
+        matrix::pade_13(m)
+    }
+}
 
 fn tall(rows: usize, columns: usize) -> DMatrix<f64> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -58,6 +71,19 @@ fn benches() {
         group.bench_with_input(BenchmarkId::new("faer", &size), &a, |b, a| {
             b.iter(|| one.install(|| black_box(copied(a).thin_svd().map(|svd| svd.U().nrows()))));
         });
+    }
+    group.finish();
+    // At the first norm nalgebra takes degree 3, at the second 5, at the third 7 or 9, at the last 13, as faer does at all four.
+    let mut group = criterion.benchmark_group("exponential");
+    group.sample_size(10);
+    for norm in [0.02, 0.2, 0.5, 4.0] {
+        for n in [4, 6, 8, 10, 12, 14, 16, 20, 24, 32, 48, 64] {
+            let m = tall(n, n);
+            let m = &m * (norm / m.column_iter().map(|column| column.lp_norm(1)).fold(0.0, f64::max));
+            let size = format!("{n}, norm {norm}");
+            group.bench_with_input(BenchmarkId::new("nalgebra", &size), &m, |b, m| b.iter(|| black_box(m.exp())));
+            group.bench_with_input(BenchmarkId::new("faer", &size), &m, |b, m| one.install(|| b.iter(|| black_box(model::pade_13(m)))));
+        }
     }
 }
 

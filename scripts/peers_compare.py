@@ -75,8 +75,8 @@ class Table:
         print("| computation | ours, min (median) | peer | peer, min (median) | ratio of minima (medians) | aim | | worst disagreement |")
         print("| --- | --- | --- | --- | --- | --- | --- | --- |", flush=True)
 
-    def compare(self, name, request, peers, expected=None):
-        """peers: {name: (function, aim or None, scale)}; scale: what its time is multiplied by to be the whole computation."""
+    def compare(self, name, request, peers, expected=None, within=None):
+        """peers: {name: (function, aim or None, scale)}; scale: what its time is multiplied by to be the whole computation; within: seconds that ours may take."""
         ours = self.ours
         ours.run(request, 1)
         our_loops = loops_for(ours.run(request, 3))
@@ -94,9 +94,12 @@ class Table:
             ratio = min(theirs[peer]) / min(mine)
             medians = np.median(theirs[peer]) / np.median(mine)
             verdict = "" if aim is None else "met" if ratio >= aim else "**missed**"
+            aim_text = "" if aim is None else f"≥ {aim}×"
+            if within is not None:
+                verdict = "met" if min(mine) <= within else "**missed**"
+                aim_text = f"ours ≤ {within * 1e6:.0f} µs"
             if verdict == "**missed**":
                 self.missed.append(name)
-            aim_text = "" if aim is None else f"≥ {aim}×"
             gap = expected.get(peer, "") if expected else ""
             print(
                 f"| {name} | {human(mine)} | {peer} | {human(theirs[peer])} | {ratio:.1f}× ({medians:.1f}×) | {aim_text} | {verdict} | {gap} |",
@@ -165,8 +168,16 @@ def conversions(table, ours):
 
 def regulators(table, ours):
     parts, whole = uav()
-    for name, model, aim in (("dlqr, 3 states (lateral)", parts[0], 10), ("dlqr, 9 states (UAV)", whole, 10)):
+    # The UAV is four plants that do not touch, which ours solves one by one; turned, no entry is 0.
+    turn = np.linalg.qr(np.random.default_rng(SEED).standard_normal((9, 9)))[0]
+    for name, model, turned, aim in (
+        ("dlqr, 3 states (lateral)", parts[0], False, 10),
+        ("dlqr, 9 states (UAV)", whole, False, 10),
+        ("dlqr, 9 states (UAV, state turned: one dense matrix)", whole, True, None),
+    ):
         a, b, c, d, _ = scipy.signal.cont2discrete([np.array(m, float) for m in model], 0.01, "zoh")
+        if turned:
+            a, b = turn @ a @ turn.T, turn @ b
         q, r = np.eye(a.shape[0]), np.eye(b.shape[1])
         request = dict(task="dlqr", a=listed(a), b=listed(b), q=listed(q), r=listed(r))
         result = ours.values(request)
@@ -252,6 +263,13 @@ def scan_losses(gram, rows, na, nb, delays):
 
 
 def regressions(table, ours, rng):
+    u, y = record(rng, 500)
+    request = dict(task="arx", max_delay=19, u=ours.file("u500", u), y=ours.file("y500", y))
+    few = tall(u, y, NA, 19 + NB)
+    theirs = scan_losses(few.T @ few, few.shape[0], NA, NB, 20)
+    peers = {"numpy, Gram and the 20 losses, matrix given": (lambda: scan_losses(few.T @ few, few.shape[0], NA, NB, 20), None, 1)}
+    table.compare("arxstruc scan, 20 delays, 500 samples", request, peers, dict.fromkeys(peers, gap(ours.values(request), theirs)), 50e-6)
+
     u, y = record(rng, LONG)
     files = dict(u=ours.file("u", u), y=ours.file("y", y))
     lags = DELAYS - 1 + NB

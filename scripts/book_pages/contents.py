@@ -73,7 +73,9 @@ AFTER = """
 - [All methods compared](results/methods.md)
 - [Thresholds of a diagnosis](results/criteria.md)
 - [How far from the Cramér-Rao bound](results/bounds.md)
+- [Speed: aims, and what was tried](speed.md)
 - [Speed beside other tools](results/peers.md)
+- [What a user waits for](results/waiting.md)
 - [Reading logs beside other tools](results/readers.md)
 """
 

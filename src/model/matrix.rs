@@ -4,20 +4,41 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 use nalgebra::{Complex, DMatrix, Schur};
 
-/// Rows from which on a small exponent takes faer's products and solution. Chosen where copies to and from it weigh little; not measured size by size.
-const FAER: usize = 16;
+use super::parts::{parts, put, taken};
 
-/// exp(M).
+/// Rows from which on faer is faster where the exponent is small, so that nalgebra takes a low degree, and where it is not: the bench `exponential` of
+/// benches/dense.rs.
+const FAER: [usize; 2] = [20, 8];
+/// The largest 1-norm that is small: up to there degree 5 is exact to rounding (Higham 2005, table 2.3).
+const SMALL: f64 = 2.539_398_330_063_23e-1;
+
+/// exp(M), each part of M that touches no other alone.
 ///
 /// Source: Al-Mohy and Higham (2009), SIAM J. Matrix Anal. Appl. 31(3), 970-989, doi:10.1137/09074721X (nalgebra's implementation); large matrices that need
 /// no scaling by [`pade_13`].
 pub(crate) fn exp(m: &DMatrix<f64>) -> DMatrix<f64> {
+    let parts = parts(m.nrows(), &[m]);
+    if parts.len() <= 1 {
+        return of_part(m);
+    }
+    let mut e = DMatrix::zeros(m.nrows(), m.ncols());
+    for part in &parts {
+        match part[..] {
+            [one] => e[(one, one)] = m[(one, one)].exp(),
+            _ => put(&mut e, part, part, &of_part(&taken(m, part, part))),
+        }
+    }
+    e
+}
+
+fn of_part(m: &DMatrix<f64>) -> DMatrix<f64> {
     if m.is_empty() {
         return m.clone();
     }
     let norm = m.column_iter().map(|column| column.lp_norm(1)).fold(0.0, f64::max);
+    let from = FAER[usize::from(norm > SMALL)];
     // In this order, so that what is no number goes to the library.
-    if m.nrows() >= FAER && norm <= UNSCALED { pade_13(m) } else { m.exp() }
+    if m.nrows() >= from && norm <= UNSCALED { pade_13(m) } else { m.exp() }
 }
 
 /// The largest 1-norm of M for which [`pade_13`] is exact to rounding (Higham 2005, table 2.3).
@@ -26,7 +47,7 @@ const UNSCALED: f64 = 5.371920351148152;
 /// exp(M) by the [13/13] Padé approximant, (V − U)⁻¹(V + U) with U odd and V even in M.
 ///
 /// Source: Higham (2005), SIAM J. Matrix Anal. Appl. 26(4), 1179-1193, doi:10.1137/04061101X, equations 2.11 and 2.12.
-fn pade_13(m: &DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn pade_13(m: &DMatrix<f64>) -> DMatrix<f64> {
     let n = m.nrows();
     let mut b = [1.0; 14];
     for k in 0..13 {
@@ -149,6 +170,31 @@ mod tests {
         let turned = DMatrix::from_fn(24, 24, |i, j| ((7 * i + 3 * j * j) as f64).sin() / 6.0);
         let (got, expected) = (exp(&turned), turned.exp());
         assert!((&got - &expected).amax() < 1e-14 * expected.amax());
+    }
+
+    #[test]
+    fn parts_that_do_not_touch_have_the_exponential_of_the_whole() {
+        // Two plants with held and ramped inputs, their rows and columns mixed, and a number alone.
+        let order = [3, 0, 7, 5, 8, 1, 6, 2, 4];
+        let mut whole = DMatrix::zeros(9, 9);
+        for (i, j, value) in [
+            (0, 0, -0.2),
+            (0, 1, 9.8),
+            (1, 0, -3.6),
+            (1, 2, 8.5),
+            (2, 3, 1.0),
+            (4, 4, 0.7),
+            (5, 5, -8.0),
+            (5, 6, 2.5),
+            (6, 7, 1.0),
+            (7, 8, 0.1),
+        ] {
+            whole[(order[i], order[j])] = value;
+        }
+        let (got, expected) = (exp(&whole), whole.exp());
+        assert!((&got - &expected).amax() < 4e-15 * expected.amax());
+        assert_eq!(got[(order[4], order[4])], 0.7f64.exp());
+        assert_eq!(got[(order[0], order[5])], 0.0);
     }
 
     #[test]

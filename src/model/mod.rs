@@ -9,6 +9,7 @@ mod file;
 mod hinf;
 mod matrix;
 mod nu_gap;
+mod parts;
 mod riccati;
 mod state_space;
 mod transfer_function;

@@ -155,6 +155,25 @@ fn the_search_finds_what_starts_at_every_sample_up_to_twenty_find() {
     }
 }
 
+/// What a held input does at some time within a sample shows at the next one: of a plant without a pole no method that fits poles can know more.
+#[test]
+fn a_gain_alone_leaves_the_whole_sample_open() {
+    for noise in [0.0, 0.1] {
+        for name in NAMES {
+            for delay in [1, 4, 9] {
+                let u = rbs(400, 1.0, 7 + delay as u64);
+                let y: Vec<f64> = (0..400).map(|t| if t < delay { 0.0 } else { -2.5 * u[t - delay] }).collect();
+                let y = sum(&y, &white(400, 2.5 * noise, 40 + delay as u64));
+                let e = answer(method(name).unwrap(), &Experiment::siso(ts(TS), u, y).unwrap(), &Search::default());
+                let (found, [from, to]) = (e.delay_s.unwrap() / TS, e.ci95_s.unwrap().map(|s| s / TS));
+                let whole = delay as f64;
+                assert!(from <= whole - 1.0 + 1e-9 && whole - 1e-9 <= to, "{name}, {delay} samples, noise {noise}: {from} to {to}");
+                assert!((whole - 1.0 - 0.2..=whole + 0.2).contains(&found), "{name}, {delay} samples, noise {noise}: {found}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_pole_left_out_is_said() {
     let u = rbs(600, 1.0, 4);

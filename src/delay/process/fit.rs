@@ -274,6 +274,31 @@ impl<'a> Problem<'a> {
         Some(Signals { residual, model, linear, slopes, inverse, coefficients })
     }
 
+    /// A gain alone, whose input shows at the next sample: its lag and Σ e². It is the limit of a plant that settles within a sample, which no time constant above
+    /// the least reaches. Of the lags beside a delay and the next, where a delay just short of a sample is made up for by a lag, the best; `None` beside other inputs.
+    pub(super) fn settled(&self, delay: f64) -> Option<(usize, f64)> {
+        if self.others() > 0 {
+            return None;
+        }
+        let y: Vec<f64> = self.records.iter().flat_map(|w| w.y.iter().copied()).collect();
+        let cost = |lag: usize| {
+            let mut column = Vec::with_capacity(y.len());
+            for work in &self.records {
+                let shown = (0..work.u.len()).map(|t| t.checked_sub(lag).map_or(0.0, |at| work.u[at]));
+                let mut shown: Vec<f64> = match &work.mask {
+                    Some(mask) => shown.zip(mask).map(|(u, m)| m * u).collect(),
+                    None => shown.collect(),
+                };
+                centre(&mut shown, work.mask.as_deref());
+                column.append(&mut shown);
+            }
+            let gain = dot(&column, &y) / dot(&column, &column);
+            gain.is_finite().then(|| column.iter().zip(&y).map(|(u, y)| (y - gain * u).powi(2)).sum::<f64>())
+        };
+        let first = delay.max(0.0).floor() as usize;
+        (first..first + 3).filter_map(|lag| Some((lag, cost(lag)?))).min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
     /// The model's answer to a unit pulse of one sample.
     pub(super) fn impulse(&self, theta: &[f64], place: Place, signals: &Signals, samples: usize) -> Vec<f64> {
         let pulse: Vec<f64> = (0..samples).map(|t| f64::from(u8::from(t == 0))).collect();

@@ -47,7 +47,8 @@ pub enum Poles {
 /// Resolution and cost: a fraction of a sample, down to the Cramér-Rao bound; some hundred filter passes over the records whatever the search window: whole samples
 /// are ranked out of one pass for each row of a table of poles, and a dozen descents go on from the best.
 /// Interval: the delays whose best model (gain, zero, poles and start fitted anew) is as likely as the best of all but for chance, a likelihood ratio at 95 %; residuals
-/// that are not white count as fewer samples; other minima that are nearly as good widen it.
+/// that are not white count as fewer samples; other minima that are nearly as good widen it. Where a gain alone is as likely, no time constant shows: the plant settles
+/// within a sample, any delay within that sample fits, and the interval has all of it.
 /// Fails when: the plant has more poles than the model (what they delay is then called dead time: the answer is late by about the time constants left out, and no
 /// interval says so; a note does where what is left over still follows the input); it has fewer (gain, poles and delay become confounded: wide intervals, and with a
 /// zero nearly free ones: under slow noise a slow pole all but cancelled by the zero may follow the noise); it integrates or is unstable (`not_converged`); under feedback (biased); the input does not change from sample to sample as a hold does
@@ -511,6 +512,9 @@ impl Knowledge {
     /// The middle of the delays that fit alike. A pole that dies away before the next sample only adds to the dead time, and a plant that settles within a sample
     /// shows no more than that sample: there whole stretches of delays have one cost, and rounding would choose among them.
     fn middle(&self, problem: &Problem<'_>, best: Found) -> Found {
+        if let Some((lag, cost)) = problem.settled(best.place.delay()).filter(|s| s.0 > 0 && self.unlikely(s.1) <= ALIKE * ALIKE) {
+            return Found { place: Place { lag, g: 0.5 }, cost, ..best };
+        }
         let [before, after] = [-1.0, 1.0].map(|direction| self.reach(problem, &best, direction, ALIKE));
         let place = Place::of(best.place.delay() + 0.5 * (after - before));
         problem.at(&best.theta, place).filter(|f| self.unlikely(f.cost) <= ALIKE * ALIKE).unwrap_or(best)
@@ -528,6 +532,10 @@ impl Knowledge {
         if problem.whole() {
             // The jump came at any time since the sample before.
             ends[0] = (ends[0] - 1.0).max(0.0);
+        } else if let Some((lag, _)) = problem.settled(best.place.delay()).filter(|s| s.0 > 0 && self.unlikely(s.1) < 1.0) {
+            // No time constant shows: the same of a plant that settles within the sample.
+            let lag = lag as f64;
+            ends = [ends[0].min(lag - 1.0), ends[1].max(lag)];
         }
         ends
     }
