@@ -39,11 +39,12 @@ mod tests {
 
     #[test]
     fn what_is_known_worst_decides_and_a_limit_that_is_none_does_not() {
-        let of = |parameters: &[FoundParameter]| probability(parameters);
+        let of = probability;
+        let one = std::slice::from_ref::<FoundParameter>;
         let (well, badly) = (parameter(Some(-2.0), Some(0.002)), parameter(Some(0.3), Some(0.1)));
-        assert!(of(&[well.clone()]) > of(&[badly.clone()]));
+        assert!(of(one(&well)) > of(one(&badly)));
         assert_eq!(of(&[well.clone(), badly.clone()]), of(&[badly]));
-        assert_eq!(of(&[well.clone(), parameter(None, None)]), of(&[well.clone()]));
+        assert_eq!(of(&[well.clone(), parameter(None, None)]), of(one(&well)));
         // At a bound, no better than nothing known; a value of 0 likewise.
         let none = of(&[parameter(Some(1.0), Some(1.0))]);
         for unknown in [parameter(Some(2.0), None), parameter(Some(0.0), Some(0.0)), parameter(Some(0.0), Some(1.0))] {
