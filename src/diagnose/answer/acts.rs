@@ -21,11 +21,9 @@ const KNOWN: [f64; 2] = [1.0, 1000.0];
 
 /// By the parameter that is known worst; one without an interval, at a bound, is not known.
 pub(super) fn probability(parameters: &[FoundParameter]) -> f64 {
-    let known = |p: &FoundParameter| p.value.map(|value| p.std.map_or(0.0, |std| value.abs() / std));
+    let known = |p: &FoundParameter| p.value.map(|value| p.std.filter(|std| *std > 0.0).map_or(0.0, |std| value.abs() / std));
     let worst = parameters.iter().filter_map(known).fold(f64::INFINITY, f64::min);
-    // NaN, of 0 over 0, is not known.
-    let worst = if worst.is_nan() { KNOWN[0] } else { worst.clamp(KNOWN[0], KNOWN[1]) };
-    let sum = LAW[0] + LAW[1] * worst.log10();
+    let sum = LAW[0] + LAW[1] * worst.clamp(KNOWN[0], KNOWN[1]).log10();
     1.0 / (1.0 + (-sum).exp())
 }
 
