@@ -158,10 +158,10 @@ fn errors_grow_ahead_whatever_delays_lags_and_clocks_the_sensors_have() {
                 at.map(|k| (real[(k, output)] - y[(k, output)]).powi(2)).sum::<f64>().sqrt()
             };
             let output = p - 1;
-            // Further ahead a push that has swung round may cancel itself.
-            let errors = [1, 2, 5, 12].map(|step| rms(step, output));
-            assert!(errors.windows(2).all(|w| w[0] <= w[1] * (1.0 + 1e-9)), "{name} {effects:?}: {errors:?}");
-            assert!(errors[0] < 0.6 * errors[3], "{name} {effects:?}: {errors:?}");
+            // Up to four steps a late sensor shows the observer's own predictions; further ahead than twelve a push that has swung round may cancel itself.
+            let errors = [1, 5, 12].map(|step| rms(step, output));
+            assert!(errors.windows(2).all(|w| w[0] < w[1]), "{name} {effects:?}: {errors:?}");
+            assert!(errors[0] < 0.6 * errors[2], "{name} {effects:?}: {errors:?}");
         }
     }
 }
