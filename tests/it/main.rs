@@ -61,6 +61,7 @@ mod gap_coarse;
 #[cfg(feature = "cli")]
 mod gap_handed;
 mod gap_hard;
+#[cfg(feature = "cli")]
 mod gap_horizon;
 mod gap_mixture;
 #[cfg(feature = "cli")]
