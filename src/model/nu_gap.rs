@@ -52,7 +52,7 @@ pub fn nu_gap<T: TimeDomain>(p1: &StateSpace<T>, p2: &StateSpace<T>) -> Result<N
     let rational = |sys| hinf::continuous(sys).map(|m| minimal(&m)).ok_or(ModelError::IllConditioned { residual: f64::INFINITY });
     let (one, two) = (rational(p1)?, rational(p2)?);
     let (right1, right2, left2) = (right_factor(&one)?, right_factor(&two)?, left_factor(&two)?);
-    if !winds_alike(&right1, &right2) {
+    if !winds_alike(&right1, &right2)? {
         return Ok(NuGap { value: 1.0, omega_rad_s: None });
     }
     let found = hinf::on_axis_of(p1, hinf::search(&series(&left2, &right1).balanced(), [0.0, f64::INFINITY]));
@@ -60,16 +60,19 @@ pub fn nu_gap<T: TimeDomain>(p1: &StateSpace<T>, p2: &StateSpace<T>) -> Result<N
 }
 
 /// Whether det(G2* G1) goes round the origin as often clockwise as back: as many of its zeros right of the axis as poles, and none on it.
-fn winds_alike(right1: &Matrices, right2: &Matrices) -> bool {
+fn winds_alike(right1: &Matrices, right2: &Matrices) -> Result<bool, ModelError> {
     let conjugate = Matrices { a: -right2.a.transpose(), b: -right2.c.transpose(), c: right2.b.transpose(), d: right2.d.transpose() };
     let product = series(&conjugate, right1);
     let n = product.a.nrows();
-    let Some(feedback) = product.d.clone().lu().solve(&product.c) else { return false };
+    let Some(feedback) = product.d.clone().lu().solve(&product.c) else { return Ok(false) };
     if n == 0 {
-        return true;
+        return Ok(true);
     }
     let zeros = zeros::eigenvalues(&(&product.a - &product.b * feedback));
-    zeros.iter().all(|z| z.re.abs() > ON_AXIS * z.norm()) && zeros.iter().filter(|z| z.re > 0.0).count() == right2.a.nrows()
+    if zeros.iter().any(|z| z.re.is_nan()) {
+        return Err(ModelError::IllConditioned { residual: f64::INFINITY });
+    }
+    Ok(zeros.iter().all(|z| z.re.abs() > ON_AXIS * z.norm()) && zeros.iter().filter(|z| z.re > 0.0).count() == right2.a.nrows())
 }
 
 /// The one after the other.

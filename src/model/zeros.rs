@@ -1,11 +1,12 @@
 //! Invariant zeros of a state-space model, by reduction to a model with an invertible D.
 
+use faer::Mat;
 use nalgebra::{Complex, DMatrix, Schur};
 
 /// Eigenvalues of a real square matrix.
 ///
 /// States that only drive or only follow the others are taken off first: their eigenvalues stand on the diagonal (chains of integrators and of delays stay
-/// exact). The QR iteration of the rest is bounded; where it stands still, beside zeros on the diagonal, a shifted matrix is used.
+/// exact). The QR iteration of the rest is bounded; where it stands still, faer's iteration with many shifts and early deflation takes over.
 ///
 /// Source: Parlett and Reinsch (1969), "Balancing a matrix for calculation of eigenvalues and eigenvectors", doi:10.1007/BF02165404 (its first step).
 pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
@@ -27,14 +28,10 @@ pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
         return found;
     }
     let rest = a.select_rows(&left).select_columns(&left);
-    let iterations = 100 * left.len();
-    for share in [0.0, 1.0, -0.7] {
-        let shift = share * rest.norm();
-        let shifted = &rest + DMatrix::from_diagonal_element(left.len(), left.len(), shift);
-        if let Some(schur) = Schur::try_new(shifted, f64::EPSILON, iterations) {
-            found.extend(schur.complex_eigenvalues().iter().map(|v| v - shift));
-            return found;
-        }
+    if let Some(schur) = Schur::try_new(rest.clone(), f64::EPSILON, 100 * left.len()) {
+        found.extend(schur.complex_eigenvalues().iter());
+    } else if let Ok(values) = Mat::from_fn(left.len(), left.len(), |i, j| rest[(i, j)]).eigenvalues() {
+        found.extend(values.iter().map(|v| Complex::new(v.re, v.im)));
     }
     found.resize(n, Complex::new(f64::NAN, f64::NAN));
     found
@@ -129,6 +126,38 @@ mod tests {
         let q = DMatrix::from_row_slice(3, 3, &[2.0, -1.0, 2.0, 2.0, 2.0, -1.0, -1.0, 2.0, 2.0]) / 3.0;
         let found = eigenvalues(&(&q * chain * q.transpose()));
         assert!(found.len() == 3 && found.iter().all(|v| v.norm() < 1e-4), "{found:?}");
+    }
+
+    /// A Hamiltonian matrix on which the plain QR iteration stands still, whatever multiple of I is added: eigenvalues ±1.51874 ± 0.42865i (numpy).
+    #[test]
+    fn the_iteration_ends_for_a_hamiltonian_matrix_with_a_zero_block() {
+        let a = DMatrix::from_row_slice(
+            4,
+            4,
+            &[
+                1.065665329375194,
+                0.9784526067499143,
+                -0.0026639749204228243,
+                -0.05580970327206547,
+                0.699587462454943,
+                -1.318007698368866,
+                -0.05580970327206547,
+                -1.1692013147111868,
+                -1.4492288565246412,
+                0.0,
+                -1.065665329375194,
+                -0.699587462454943,
+                0.0,
+                0.0,
+                -0.9784526067499143,
+                1.318007698368866,
+            ],
+        );
+        let found = eigenvalues(&a);
+        for v in &found {
+            assert!((v.re.abs() - 1.51874354).abs() < 1e-8 && (v.im.abs() - 0.42865482).abs() < 1e-8, "{found:?}");
+        }
+        assert!((found.iter().sum::<Complex<f64>>()).norm() < 1e-12, "{found:?}");
     }
 
     #[test]
