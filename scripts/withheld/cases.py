@@ -409,6 +409,8 @@ class Case:
         record = start_prior.records[index]
         residual = start_prior.raw(record, effects, start_prior.best_start(record, effects)) * start_prior.sigma
         present = np.isfinite(record.y)
+        if any(np.ptp(record.y[p, j]) == 0.0 for j, p in enumerate(present.T)):
+            raise Inadequate("an output stands still throughout a log")
         shares = [np.mean(residual[p, j] ** 2) / np.var(record.y[p, j]) for j, p in enumerate(present.T)]
         return float(np.sqrt(np.mean(shares)))
 

@@ -2,12 +2,14 @@
 
 use rayon::prelude::*;
 
+use super::acts;
 use super::alternatives::classes;
 use super::experiment::{self, experiment};
 use super::found_effects::found_effects;
 use super::probabilities::Probabilities;
 use crate::diagnose::compose::composed::Composed;
 use crate::diagnose::format::diagnosis::{Cause, RankedPair, RankedSingle, RankingRow};
+use crate::diagnose::format::found::FoundEffect;
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
 use crate::diagnose::judge::prior_sensitivity::PriorSensitivity;
@@ -31,7 +33,8 @@ pub(in crate::diagnose) fn cause(
 ) -> Cause {
     let Composed { judged, stand_ins, estimate, .. } = composed;
     let estimate = estimate.as_ref();
-    let ranking = ranking(judged, found, &Probabilities::new(judged, found, Penalties::of(likelihood)), after);
+    let effects: Vec<FoundEffect> = judged.found.iter().flat_map(|e| found_effects(likelihood, e, estimate)).collect();
+    let ranking = ranking(judged, found, &Probabilities::new(judged, found, Penalties::of(likelihood)), acts::list(&effects), after);
     let classes = judged
         .found
         .as_ref()
@@ -59,7 +62,7 @@ pub(in crate::diagnose) fn cause(
             GapVerdict::Effects => first.map(|a| a.effect.name().to_owned()).unwrap_or_default(),
         },
         channel: first.map(|a| a.channel.clone()),
-        effects: judged.found.iter().flat_map(|e| found_effects(likelihood, e, estimate)).collect(),
+        effects,
         ranking,
         indistinguishable,
         not_tried: Vec::new(),
@@ -71,31 +74,31 @@ pub(in crate::diagnose) fn cause(
     }
 }
 
-/// Every effect and the best pairs by probability, with `none` and `unknown`; `after` gives a hypothesis's training nrmse.
+/// Every effect and the best pairs by probability, with `none` and `unknown`; `list`: how often what is found is the whole list of the causes, where it fits so
+/// well. `after` gives a hypothesis's training nrmse.
 fn ranking(
     judged: &Judged,
     found: &SearchResult,
     scale: &Probabilities,
+    list: f64,
     after: impl Fn(&Hypothesis) -> Option<f64> + Sync,
 ) -> Vec<RankingRow> {
     let several = judged.found.iter().filter(|e| e.effects.len() > 1 && found.pairs.iter().take(PAIRS).all(|p| p.key() != e.key()));
     let listed: Vec<&Hypothesis> = found.singles.iter().chain(found.pairs.iter().take(PAIRS)).chain(several).collect();
     let sum: f64 = listed.iter().map(|e| scale.of(e)).sum::<f64>() + scale.share(scale.none);
     let rest = 1.0 - judged.unknown;
-    let mut rows: Vec<(f64, bool, RankingRow)> = listed
-        .par_iter()
-        .map(|e| {
-            let probability = rest * scale.of(e) / sum;
-            let leads = judged.found.as_ref().is_some_and(|f| f.key() == e.key());
-            (probability, leads, row(e, probability, after(e)))
-        })
-        .collect();
+    let leading = judged.found.as_ref().map(Hypothesis::key);
+    let leads = |e: &Hypothesis| leading.as_ref().is_some_and(|key| *key == e.key());
+    let given = |e: &Hypothesis| rest * scale.of(e) / sum * if leads(e) { list } else { 1.0 };
+    // What a list may lack or have too much is another list, and that is none of the rows.
+    let unknown = judged.unknown + listed.iter().filter(|e| leads(e)).map(|e| given(e) / list - given(e)).sum::<f64>();
+    let mut rows: Vec<(f64, bool, RankingRow)> = listed.par_iter().map(|e| (given(e), leads(e), row(e, given(e), after(e)))).collect();
     let plain = |effect: &str, probability: f64| {
         RankingRow::Single(RankedSingle { effect: effect.to_owned(), channel: None, probability, after: None })
     };
     let none = rest * scale.share(scale.none) / sum;
     rows.push((none, judged.verdict == GapVerdict::None, plain("none", none)));
-    rows.push((judged.unknown, judged.verdict == GapVerdict::Unknown, plain("unknown", judged.unknown)));
+    rows.push((unknown, judged.verdict == GapVerdict::Unknown, plain("unknown", unknown)));
     // The verdict leads its equals.
     rows.sort_by(|a, b| b.1.cmp(&a.1).then(b.0.total_cmp(&a.0)));
     rows.into_iter().map(|r| r.2).collect()

@@ -23,7 +23,7 @@ use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::diagnose::search::catalogue_search::{SearchResult, noise_of};
-use crate::effect::{Applied, Scales};
+use crate::effect::{Applied, Lateness, Scales};
 use crate::signal::stats::NORMAL_95;
 
 /// The error may rise by so much when parameters are fitted beside the noise's colour.
@@ -31,6 +31,9 @@ const SETTLED: f64 = 1.02;
 
 /// Numbers of a law from which on it may take the shape of several plain ones.
 const ELABORATE: usize = 3;
+
+/// Effects that are doubted one after the other where something is left above the noise: each costs as much as the whole composition.
+const DOUBTED: usize = 3;
 
 /// What acts.
 pub(in crate::diagnose) struct Composed {
@@ -152,7 +155,8 @@ impl Compose<'_, '_> {
         if begin.lost.is_some() && !self.likelihood.system.is_black_box() {
             let plain = self.composition(&of(Vec::new()), &judged, progress)?;
             let errors = self.error_of(&plain.hypothesis).zip(self.error_of(&begin));
-            if !plain.hypothesis.effects.is_empty() && errors.is_some_and(|(plain, decoded)| plain <= SETTLED * decoded) {
+            let as_good = errors.is_some_and(|(plain, decoded)| plain <= SETTLED * decoded);
+            if !plain.hypothesis.effects.is_empty() && (as_good || self.predicts_more(&plain.hypothesis, &begin)) {
                 return self.judged(judged, &plain);
             }
         }
@@ -173,6 +177,25 @@ impl Compose<'_, '_> {
             recalibration: None,
             estimate,
         })
+    }
+
+    /// Laws without chance tell plainly more, learnt and held out, than what a hidden sequence is on average, a fixed delay or a lag beside the same effects. Of a
+    /// sequence that chance decides no law can tell more.
+    fn predicts_more(&self, plain: &Hypothesis, hidden: &Hypothesis) -> bool {
+        let on_average = |e: &&Hypothesis| {
+            let stands = |a: &Applied| {
+                hidden.effects.iter().any(|h| match h.effect.loses_commands() {
+                    true => h.channel == a.channel && matches!(a.effect.lateness(), Some(Lateness::Fixed | Lateness::Lag)),
+                    false => h.key() == a.key(),
+                })
+            };
+            e.fitted && e.effects.len() == hidden.effects.len() && e.effects.iter().all(stands)
+        };
+        let Some(plain) = self.errors_of(plain) else { return false };
+        let known: Vec<[Errors; 2]> =
+            self.found.singles.iter().chain(&self.found.pairs).filter(on_average).filter_map(|e| self.errors_of(e)).collect();
+        let plainly = |mean: &[Errors; 2]| (0..2).all(|of| 1.0 - plain[of].over(&mean[of]) >= self.likelihood.criteria.added_plainly);
+        !known.is_empty() && known.iter().all(plainly)
     }
 
     /// The part of before² − floor² that a hypothesis takes on what was learnt from; `None` where there is nothing to take.
@@ -261,7 +284,8 @@ impl Compose<'_, '_> {
     }
 
     /// The same, or a better one that begins elsewhere. Laws of many numbers (a resonance) take the shape of several plain ones together: so all is done again without
-    /// any of them. And where something is left above the noise, what explains most may stand in the way of others: so all is done again without that.
+    /// any of them. And where something is left above the noise, what explains most may stand in the way of others: so all is done again without that, then without
+    /// what explains most of the better composition.
     fn begun_elsewhere(&self, mut best: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
         if self.likelihood.system.is_black_box() || best.hypothesis.effects.is_empty() {
             return best;
@@ -277,10 +301,11 @@ impl Compose<'_, '_> {
         if singly(&best).iter().any(is_elaborate) && best.hypothesis.effects.len() > 2 {
             best = self.without_some(best, judged, progress, is_elaborate);
         }
-        if self.composer(true, Some(judged)).leaves_something(&best.hypothesis)
-            && let Some(doubted) = singly(&best).first().map(Applied::key)
-        {
-            best = self.without_some(best, judged, progress, |a| a.key() == doubted);
+        let mut doubted: Vec<String> = Vec::new();
+        while doubted.len() < DOUBTED && self.composer(true, Some(judged)).leaves_something(&best.hypothesis) {
+            let Some(next) = singly(&best).iter().map(Applied::key).find(|key| !doubted.contains(key)) else { break };
+            best = self.without_some(best, judged, progress, |a| a.key() == next);
+            doubted.push(next);
         }
         best
     }
@@ -316,10 +341,11 @@ impl Compose<'_, '_> {
         let settled = shrunk.settled(&beside, composition.hypothesis.clone())?;
         let (hypothesis, taken_out) = shrunk.by_share(settled, composition.recalibration);
         let estimate = intervals::estimate(&beside, &hypothesis, self.scales);
-        if let Some(needless) = estimate.as_ref().and_then(|e| Self::not_established(&hypothesis, e, composition.recalibration)) {
+        let without = shrunk.refitted(&hypothesis, &taken_out);
+        let needless = estimate.as_ref().and_then(|e| shrunk.not_established(&hypothesis, e, &without, composition.recalibration));
+        if let Some(needless) = needless {
             return self.judged(judged, &composition.without(&to_be_fitted(&hypothesis, None, Some(&needless))));
         }
-        let without = shrunk.refitted(&hypothesis, &taken_out);
         let stand_ins = hypothesis.effects.iter().map(|a| composition.stand_ins_of(a)).collect();
 
         let (nothing, best) = (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
@@ -355,13 +381,32 @@ impl Compose<'_, '_> {
         })
     }
 
-    /// The last of the effects behind the first whose interval holds the value at which it does nothing: what the gate let in may be what others lack.
-    fn not_established(hypothesis: &Hypothesis, estimate: &Estimate, recalibration: Option<f64>) -> Option<Applied> {
+    /// The last of the effects behind the first whose interval holds the value at which it does nothing: what the gate let in may be what others lack. Not one
+    /// without which all the others, fitted again, are plainly worse: beside noise of the residual's colour slow effects have wide intervals.
+    fn not_established(
+        &self,
+        hypothesis: &Hypothesis,
+        estimate: &Estimate,
+        without: &[Option<Hypothesis>],
+        recalibration: Option<f64>,
+    ) -> Option<Applied> {
+        let with = self.errors_of(hypothesis);
+        let plainly_worse = |at: usize| {
+            let other = without.get(at).and_then(Option::as_ref).and_then(|e| self.errors_of(e));
+            let falls = with.as_ref().zip(other).map(|(with, other)| [0, 1].map(|of| 1.0 - with[of].over(&other[of])));
+            falls.is_some_and(|falls| falls.iter().all(|fall| *fall >= self.likelihood.criteria.added_plainly))
+        };
         let behind = (1..hypothesis.effects.len()).rev().filter(|&at| !in_block(recalibration, &hypothesis.effects[at]));
         behind
-            .map(|at| (at, &hypothesis.effects[at]))
-            .find(|(at, _)| !estimate.one_apart(hypothesis, *at, NORMAL_95))
-            .map(|(_, a)| a.clone())
+            .filter(|&at| !estimate.one_apart(hypothesis, at, NORMAL_95))
+            .find(|&at| !plainly_worse(at))
+            .map(|at| hypothesis.effects[at].clone())
+    }
+
+    /// Of what was learnt from, and of held-out data.
+    fn errors_of(&self, hypothesis: &Hypothesis) -> Option<[Errors; 2]> {
+        let left = residuals(self.likelihood, hypothesis)?;
+        Some([Errors::of(self.likelihood.records, &left, |r| r.train), Errors::of(self.likelihood.records, &left, |r| r.held)])
     }
 
     /// In the order of what each effect explains beside the others, the block of the model's numbers last; and all the others without each.

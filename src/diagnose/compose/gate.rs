@@ -2,7 +2,7 @@
 
 use super::standing::{Standing, t_of};
 use crate::diagnose::input::criteria::Criteria;
-use crate::diagnose::likelihood::errors::Errors;
+use crate::diagnose::likelihood::errors::{Errors, overall};
 
 /// The gate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,7 +35,14 @@ impl Gate {
             && (mostly || after.better_by_t(before) >= limits.added_t || fall.min(held) >= limits.added_plainly)
             && before.train.log_ratio(&after.train) >= limits.added_gains
             && held >= limits.added_held_out.max(limits.added_generalises * fall)
-            && taken.iter().all(|(before, after, original)| before.over(original) - after.over(original) >= limits.added_matters)
+            && (taken.iter().all(|(before, after, original)| before.over(original) - after.over(original) >= limits.added_matters)
+                || (fall.min(held) >= limits.added_of_rest && taken.iter().all(|(before, after, _)| self.shows(before, after))))
+    }
+
+    /// What is taken is seen in the outputs, however large the gap is of which it is a part.
+    fn shows(&self, before: &Errors, after: &Errors) -> bool {
+        let square = |errors: &Errors| overall(&errors.nrmse()).map_or(0.0, |e| e * e);
+        square(before) - square(after) >= self.criteria.added_shows.powi(2)
     }
 
     /// Another takes nearly as much as the best and does not differ from it over the blocks.

@@ -109,6 +109,10 @@ pub struct Criteria {
     /// The part of the gap's original square that it must take, learnt and held out: a simulator's own inexactness is certain on a precise machine; 1. Chosen.
     /// An elaborate form of a plain effect must take as much beyond it, or lower the rms by `clear`.
     pub added_matters: f64,
+    /// A smaller part of a large gap matters, too, where it is this part of what is left, over the blocks and on held-out data; 1. Chosen.
+    pub added_of_rest: f64,
+    /// And where it is an error of this size, relative to the spread of the outputs: what a simulator is off by grows with the motion, not with the gap; nrmse. Chosen.
+    pub added_shows: f64,
     /// Further causes whose errors over the blocks differ by less than this part are as good as each other; 1. Chosen.
     pub added_equals: f64,
     /// What takes this part of the best one's fall, and does not differ from it over the blocks, could stand in its place; 1. Chosen.
@@ -183,6 +187,8 @@ impl Default for Criteria {
             added_held_out: 0.01,
             added_generalises: 0.2,
             added_matters: 0.01,
+            added_of_rest: 0.1,
+            added_shows: 0.015,
             added_equals: 0.01,
             stands_in: 0.7,
             dropped_t: 1.0,

@@ -97,6 +97,9 @@ fn rivals(d: &Diagnosis) -> String {
         _ => None,
     });
     match next.max_by(|a, b| a.probability.total_cmp(&b.probability)) {
+        Some(r) if r.effect == "unknown" && d.cause.effects.len() > 1 && r.probability > 0.01 => {
+            format!("another list of causes, longer or of other laws, with probability {}.", percent(r.probability))
+        }
         Some(r) if r.probability > 0.01 => {
             let channel = r.channel.as_deref().map(|c| format!(" on `{}`", shown(c))).unwrap_or_default();
             format!("next comes {}{channel} with probability {}.", r.effect, percent(r.probability))
