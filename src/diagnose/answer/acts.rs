@@ -68,7 +68,7 @@ mod tests {
         let (sure, doubtful) = (effect(10.0), effect(0.3));
         assert_eq!(list(std::slice::from_ref(&doubtful)), 1.0);
         let two = list(&[sure.clone(), doubtful.clone()]);
-        assert_eq!(two, COMPLETE * probability(&sure.parameters) * probability(&doubtful.parameters));
+        assert!((two - COMPLETE * probability(&sure.parameters) * probability(&doubtful.parameters)).abs() < 1e-12);
         assert!(list(&[sure.clone(), sure.clone()]) > two && two > list(&[sure, doubtful.clone(), doubtful]));
     }
 }

@@ -382,7 +382,8 @@ impl Compose<'_, '_> {
     }
 
     /// The last of the effects behind the first whose interval holds the value at which it does nothing: what the gate let in may be what others lack. Not one
-    /// without which all the others, fitted again, are plainly worse: beside noise of the residual's colour slow effects have wide intervals.
+    /// without which all the others, fitted again, are plainly worse: beside noise of the residual's colour slow effects have wide intervals. A law with a number at its
+    /// bound takes what it can get.
     fn not_established(
         &self,
         hypothesis: &Hypothesis,
@@ -396,10 +397,11 @@ impl Compose<'_, '_> {
             let falls = with.as_ref().zip(other).map(|(with, other)| [0, 1].map(|of| 1.0 - with[of].over(&other[of])));
             falls.is_some_and(|falls| falls.iter().all(|fall| *fall >= self.likelihood.criteria.added_plainly))
         };
+        let at_a_bound = |at: usize| hypothesis.free.iter().zip(&estimate.std).any(|((e, _), std)| *e == at && std.is_none());
         let behind = (1..hypothesis.effects.len()).rev().filter(|&at| !in_block(recalibration, &hypothesis.effects[at]));
         behind
             .filter(|&at| !estimate.one_apart(hypothesis, at, NORMAL_95))
-            .find(|&at| !plainly_worse(at))
+            .find(|&at| at_a_bound(at) || !plainly_worse(at))
             .map(|at| hypothesis.effects[at].clone())
     }
 
