@@ -421,6 +421,27 @@ fn a_simulator_that_is_a_little_off_gives_an_effect_no_companion() {
     }
 }
 
+#[test]
+fn a_small_part_of_a_large_gap_is_a_cause_where_it_is_seen() {
+    // The gain alone misses by more than the spread; the bias is a hundredth of that error's square at most, and five times the noise.
+    let model = document(&servo(", initial_std = 0.02", ""));
+    let truth: &[(&str, &str, &[f64])] =
+        &[("input_gain", "u", &[2.6]), ("output_delay", "rate", &[0.1]), ("sensor_bias", "angle", &[0.12])];
+    let logs = [log(&model, truth, 900, 1300, &[0.0, 0.0]), log(&model, truth, 900, 1301, &[0.0, 0.0])];
+    let d = diagnosed(&model, &logs, &[log(&model, truth, 700, 1302, &[0.0, 0.0])]);
+    assert_eq!(keys(&d), ["input_gain:u", "output_delay:rate", "sensor_bias:angle"], "{:?}", d.cause.contributions);
+    let bias = d.cause.contributions.iter().find(|c| c.effect == "sensor_bias").unwrap();
+    assert!((0.0..0.01).contains(&bias.share.learnt.unwrap()), "{:?}", bias.share);
+    assert!((bias.parameters[0].value.unwrap() - 0.12).abs() < 0.01, "{:?}", bias.parameters);
+    // The list is less likely than its parts, and what it lacks in certainty goes to another list.
+    let ranking = serde_json::to_value(&d.cause.ranking).unwrap();
+    let rows = ranking.as_array().unwrap();
+    let sum: f64 = rows.iter().map(|r| r["probability"].as_f64().unwrap()).sum();
+    assert!((sum - 1.0).abs() < 1e-9, "{sum}");
+    let parts: f64 = d.cause.contributions.iter().map(|c| c.probability.unwrap()).product();
+    assert!(rows[0]["probability"].as_f64().unwrap() < parts, "{rows:?}");
+}
+
 /// A mass on a spring whose accelerometer sees the force at once; the logger's stamps are uneven.
 const ACCELEROMETER: &str = r#"
 format = "deadtime/model@1"

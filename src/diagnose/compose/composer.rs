@@ -4,7 +4,8 @@
 //! - A flexible stand-in (a resonance for a lag, a lag for a coupling) comes in first, because alone it takes more than any of the true causes. So after every
 //!   addition each earlier effect is taken out again, or replaced by what explains more in its place, and everything else is refitted.
 //! - Noise with a memory makes blocks of time alike by chance, so an effect must help in most of them, and on held-out data.
-//! - A simulator is a little off everywhere: on a precise machine a trifle is certain and still no cause. So an effect has to take a part of the original gap.
+//! - A simulator is a little off everywhere: on a precise machine a trifle is certain and still no cause. So an effect has to take a part of the original gap, or of
+//!   what is left where that is seen in the outputs.
 //! - Under autoregressive noise the misfit of causes that are not found yet counts as noise, and slow causes vanish in it. So the weights are white, as large
 //!   as the present residual of each output; only where nothing is accepted they are tried beside the colour of the residual.
 //! - An effect outside the catalogue is taken by its nearest neighbour: its share says how much it predicts, never that it is the physics.
