@@ -2,7 +2,7 @@
 //! catalogue.
 
 use approx::assert_abs_diff_eq;
-use deadtime::diagnose::{Diagnosis, GapOptions, Mode, Strength, diagnose};
+use deadtime::diagnose::{Criteria, Diagnosis, GapOptions, Mode, Strength, diagnose};
 use deadtime::effect::{Applied, Chance, find};
 use deadtime::log::{Channel, Log};
 use deadtime::model::ModelDocument;
@@ -428,7 +428,12 @@ fn a_small_part_of_a_large_gap_is_a_cause_where_it_is_seen() {
     let truth: &[(&str, &str, &[f64])] =
         &[("input_gain", "u", &[2.6]), ("output_delay", "rate", &[0.1]), ("sensor_bias", "angle", &[0.12])];
     let logs = [log(&model, truth, 900, 1300, &[0.0, 0.0]), log(&model, truth, 900, 1301, &[0.0, 0.0])];
-    let d = diagnosed(&model, &logs, &[log(&model, truth, 700, 1302, &[0.0, 0.0])]);
+    let held = [log(&model, truth, 700, 1302, &[0.0, 0.0])];
+    let d = diagnosed(&model, &logs, &held);
+    // By its part of the gap alone it would not be.
+    let criteria = Criteria { added_shows: f64::INFINITY, ..Criteria::default() };
+    let by_part = diagnose(&model, &logs, &held, &GapOptions { criteria, ..GapOptions::default() }, &|_| ()).unwrap().diagnosis;
+    assert!(!keys(&by_part).contains(&"sensor_bias:angle".to_owned()), "{:?}", keys(&by_part));
     assert_eq!(keys(&d), ["input_gain:u", "output_delay:rate", "sensor_bias:angle"], "{:?}", d.cause.contributions);
     let bias = d.cause.contributions.iter().find(|c| c.effect == "sensor_bias").unwrap();
     assert!((0.0..0.01).contains(&bias.share.learnt.unwrap()), "{:?}", bias.share);
