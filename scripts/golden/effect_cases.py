@@ -153,6 +153,23 @@ def effects(stored: dict | None) -> dict:
         [_one("multi_rate", "roll", period=0.0577, phase=0.0117), _one("input_delay", "roll", delay=0.0143), _one("delay_jump", "roll", delay=0.0, time=0.5, later=0.037),
          _one("delay_drift", "roll", delay=0.0091, rate=0.02), _one("gain_fade", "roll", rate=0.2), _one("backlash", "roll", width=0.05)],
     ]
+    stepping = {
+        "lti": [
+            [_one("gain_jump", "roll", gain=1.1, time=0.7113, later=0.6)], [_one("parameter_jump", "A[p,phi]", value=-9.0, time=0.6317, later=-4.0)],
+            [_one("parameter_jump", "B[p,roll]", value=25.0, time=0.41, later=12.0), _one("parameter_jump", "A[v,phi]", value=9.0, time=0.93, later=7.0), _one("sensor_lag", "*", time_constant=0.03),
+             _one("actuator_lag", "roll", time_constant=0.05), _one("output_delay", "rate", delay=0.0137)],
+            [_one("parameter_jump", "A[p,phi]", value=-8.0, time=0.7213, later=-12.0), _one("coulomb_friction", "p", level=1.5), _one("gain_jump", "pitch", gain=1.0, time=0.5, later=-1.0)],
+        ],
+        "equations": [
+            [_one("gain_jump", "torque", gain=0.9, time=0.9, later=1.5), _one("gain_fade", "torque", rate=0.1)], [_one("parameter_jump", "inertia", value=0.25, time=0.6127, later=0.4)],
+            [_one("parameter_jump", "viscous", value=0.3, time=0.6, later=0.9), _one("parameter_jump", "inertia", value=0.22, time=0.3333, later=0.3), _one("coulomb_friction", "speed", level=0.7)],
+            [_one("parameter_jump", "weight", value=2.0, time=0.8, later=3.0), _one("sensor_lag", "*", time_constant=0.04), _one("clock_skew", "*", ratio=1.02)],
+        ],
+        "sampled": [[_one("gain_jump", "pitch", gain=0.8, time=0.7131, later=1.4), _one("input_delay", "pitch", delay=0.013)]],
+    }
+    for kind, model in models.items():
+        for number, items in enumerate(stepping[kind], start=1):
+            cases.append(_case(f"{kind}_stepping_{number}", model, items, 850 + number, starts[kind], uneven=number == 3))
     renamed = {"lti": "roll", "equations": "torque", "sampled": "pitch"}
     for kind, model in models.items():
         for number, items in enumerate(moving, start=1):

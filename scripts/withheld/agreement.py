@@ -20,7 +20,8 @@ PENDULUM = {
     "output_equations": {"angle": "angle", "rate": "rate + 0.05*wind"},
 }
 ACTING = [
-    effect("input_delay", "u", delay=0.0313), effect("gain_fade", "u", rate=0.05), effect("deadband", "u", width=0.15), effect("backlash", "v", width=0.2),
+    effect("input_delay", "u", delay=0.0313), effect("gain_fade", "u", rate=0.05), effect("gain_jump", "v", gain=1.1, time=0.8137, later=0.7),
+    effect("deadband", "u", width=0.15), effect("backlash", "v", width=0.2),
     effect("saturation", "u", lower=-0.9, upper=1.0), effect("rate_limit", "u", rate=8.0), effect("actuator_lag", "u", time_constant=0.04),
     effect("unmodelled_mode", "u->input:u", frequency=5.0, damping=0.1, gain=0.4), effect("unmodelled_mode", "v->output:w", frequency=7.0, damping=0.2, gain=0.3),
     effect("periodic_disturbance", "z", frequency=1.7, amplitude=1.0, phase=0.4), effect("misalignment", "y->w", gain=0.3), effect("sensor_lag", "w", time_constant=0.03),
@@ -38,7 +39,7 @@ def exponentials_and_solve_ivp():
 def nonlinear_integrators():
     u = commands(2)
     items = [effect("coulomb_friction", "rate", level=0.8), effect("quadratic_drag", "rate", coefficient=0.3), effect("input_delay", "torque", delay=0.013),
-             effect("cubic_stiffness", "angle->rate", coefficient=2.0), effect("parameter_error", "weight", value=4.4), effect("actuator_lag", "wind", time_constant=0.02)]
+             effect("cubic_stiffness", "angle->rate", coefficient=2.0), effect("parameter_error", "weight", value=4.4), effect("parameter_jump", "inertia", value=0.5, time=0.9171, later=0.3), effect("actuator_lag", "wind", time_constant=0.02)]
     fast = simulate(PENDULUM, TIME, u, items)
     reference = simulate(PENDULUM, TIME, u, items, integrator="reference")
     tight = simulate(PENDULUM, TIME, u, items, integrator="reference", tolerance=1e-12, method="Radau")
@@ -88,7 +89,7 @@ def whole_signals_equal_pieces():
     """A command worked out as a whole has the same pieces as one worked out edge by edge."""
     rng = np.random.default_rng(9)
     for _ in range(60):
-        chosen = {"input_delay": {"delay": 0.0}, "input_gain": {"gain": 1.2}, "input_curve": {"quadratic": 0.1}, "input_offset": {"offset": 0.2}, "gain_fade": {"rate": 0.04},
+        chosen = {"input_delay": {"delay": 0.0}, "input_gain": {"gain": 1.2}, "input_curve": {"quadratic": 0.1}, "input_offset": {"offset": 0.2}, "gain_fade": {"rate": 0.04}, "gain_jump": {"gain": 0.8, "time": 1.1113, "later": 1.3},
                   "deadband": {"width": 0.2}, "backlash": {"width": 0.15}, "saturation": {"lower": -0.9}, "rate_limit": {"rate": 20.0}}
         own = {name: p for name, p in chosen.items() if rng.random() < 0.5}
         values, delay = commands(1, int(rng.integers(99)))[:, 0], float(rng.choice([0.0, 0.013, 0.04]))

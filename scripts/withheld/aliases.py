@@ -6,7 +6,7 @@ import numpy as np
 
 from .catalogue import Scales, channels, of_size
 from .fit import Problem, fit, free_parameters
-from .system import CLOCK, DYNAMICS, INPUT, OUTPUT
+from .system import CLOCK, DYNAMICS, INPUT, OUTPUT, STEPPING
 
 EFFECTS = sorted(INPUT | DYNAMICS | OUTPUT | CLOCK)
 ALIKE = 0.3  # rms misfit in units of the noise up to which a rival counts as an explanation
@@ -24,6 +24,14 @@ NEAR, NEAREST = 8.0, 2  # replacements that miss the limit by up to this factor,
 def rivals(model: dict) -> list[tuple[str, str]]:
     """Every deterministic effect on every channel (lost commands leave no trajectory of their own to fit)."""
     return [(e, c) for e in EFFECTS if e != "dropped_commands" for c in channels(model, e)]
+
+
+def other_steps(scales: Scales, truth: list[dict]) -> list[dict]:
+    """Steps of every other number, at the time of a true one."""
+    steps = [t for t in truth if t["effect"] in STEPPING]
+    others = [(e, c) for e in sorted(STEPPING) for c in channels(scales.model, e)]
+    shaped = [of_size(scales, e, c, size, sign, (0.5, 0.5, 0.0)) for e, c in others for size in SIZES for sign in (1.0, -1.0)]
+    return [{**item, "parameters": item["parameters"] | {"time": t["parameters"]["time"]}} for t in steps for item in shaped]
 
 
 def starts(scales: Scales, effect: str, channel: str) -> list[dict]:
@@ -55,7 +63,9 @@ def parameter_scales(scales: Scales, effects: list[dict]) -> list[float]:
             typical = 0.1 * item["parameters"][name]
         elif name in ("gain", "ratio") and item["effect"] in ("input_gain", "sensor_gain", "clock_skew"):
             typical -= 1.0
-        elif item["effect"] == "parameter_error":
+        elif name == "time":
+            typical = scales.settling
+        elif item["effect"] == "parameter_error" or item["effect"] in STEPPING:
             typical = 0.2 * typical
         elif name == "rate" and item["effect"] == "rate_limit":
             typical = item["parameters"][name]
@@ -96,7 +106,7 @@ def _scaled(entry, scales: Scales) -> list[list[dict]]:
     if item["effect"] in ("input_gain", "sensor_gain"):
         linear["gain"] = 1.0
     name = next((n for n in ("amplitude", "gain", "offset", "level", "coefficient", "quadratic", "delay", "time_constant", "ratio", "rate") if n in item["parameters"]), None)
-    if name is None or item["effect"] == "rate_limit" or (scale < 0 and name in ("delay", "time_constant", "level")):
+    if name is None or item["effect"] == "rate_limit" or item["effect"] in STEPPING or (scale < 0 and name in ("delay", "time_constant", "level")):
         return [effects]
     value = linear[name] + np.clip(scale, -20, 20) * (item["parameters"][name] - linear[name])
     return [[{**item, "parameters": {**item["parameters"], name: float(value)}}, *effects[1:]], effects]
@@ -126,16 +136,19 @@ def _fitted(short: Problem, full: Problem, scales: Scales, start: list[dict], li
     return fitted, misfit, True
 
 
-def explanations(short: Problem, full: Problem, scales: Scales, others: list[dict], exclude: set[str], limit: float = ALIKE, worth: float = 0.0, kept: int = KEPT) -> Explained:
-    """Rivals that with `others` leave at most `limit` (rms, units of the noise) of the noise-free outputs, and the best; misfits above `worth` need not be exact."""
+def explanations(short: Problem, full: Problem, scales: Scales, others: list[dict], exclude: set[str], limit: float = ALIKE, worth: float = 0.0, kept: int = KEPT, more: list[dict] | None = None) -> Explained:
+    """Rivals, and `more` effects to start from, that with `others` leave at most `limit` (rms, units of the noise) of the noise-free outputs, and the best; misfits above `worth` need not be exact."""
     short.linearise(others)
     gap = short.reduced(others)
     size = short.rms(gap)
+    tried = {(effect, channel): starts(scales, effect, channel) for effect, channel in rivals(full.model)}
+    for item in more or []:
+        tried.setdefault((item["effect"], item["channel"]), []).append(item)
     screened = []
-    for effect, channel in rivals(full.model):
+    for (effect, channel), items in tried.items():
         if f"{effect}:{channel}" in exclude:
             continue
-        entries = _screened(short, scales, starts(scales, effect, channel), others, gap)
+        entries = _screened(short, scales, items, others, gap)
         if entries and entries[0][0] <= max(0.3 * size, 0.6):
             screened.append((entries[0][0], effect, channel, entries))
     found = Explained(set(), size, others, [])
@@ -171,7 +184,7 @@ def alias_classes(short: Problem, full: Problem, scales: Scales, truth: list[dic
     classes = [{name} for name in names]
     for index in range(len(truth)):
         others = [t for k, t in enumerate(truth) if k != index]
-        found = explanations(short, full, scales, others, set(names), limit)
+        found = explanations(short, full, scales, others, set(names), limit, more=other_steps(scales, [truth[index]]))
         classes[index] |= found.members
         for misfit, (stand_in, *_) in found.near[:NEAREST] if others else []:
             if misfit > NEAR * limit:

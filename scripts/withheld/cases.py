@@ -230,7 +230,7 @@ class Case:
         self._tuned(make)
         self.effects = self.effects[:1]
 
-    _draw_moving = _draw_single
+    _draw_moving = _draw_stepping = _draw_single
 
     def _draw_pair(self) -> None:
         ex = self.experiment

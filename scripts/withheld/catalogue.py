@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from .system import DYNAMICS, MOVING, Names
+from .system import DYNAMICS, MOVING, STEPPING, Names
 
 BOUNDS = {
     "delay": (0.0, math.inf), "later": (0.0, math.inf), "time": (0.0, math.inf), "period": (1e-6, math.inf), "width": (0.0, math.inf), "time_constant": (1e-6, math.inf), "damping": (0.003, 1.5), "level+": (0.0, math.inf),
@@ -34,7 +34,7 @@ def channels(model: dict, effect: str) -> list[str]:
     """All channels on which the effect can act."""
     names = Names(model)
     i, s, o = names.inputs, names.states, names.outputs
-    if names.sample_time and effect in DYNAMICS:
+    if names.sample_time and (effect in DYNAMICS or effect == "parameter_jump"):
         return []
     if effect in ("output_delay", "sensor_lag", "sensor_gain"):
         return ["*"] + (o if len(o) > 1 else [])
@@ -46,7 +46,7 @@ def channels(model: dict, effect: str) -> list[str]:
         return [f"{a}->{b}" for a in o for b in o if a != b]
     if effect == "unmodelled_mode":
         return [f"{u}->input:{u}" for u in i] + [f"{u}->state:{x}" for u in i for x in s] + [f"{u}->output:{y}" for u in i for y in o]
-    if effect == "parameter_error":
+    if effect in ("parameter_error", "parameter_jump"):
         if not names.lti:
             return list(model["parameters"])
         return [f"{m}[{row},{col}]" for m, cols in (("A", s), ("B", i)) for r, row in enumerate(s) for c, col in enumerate(cols) if model[m][r][c]]
@@ -94,7 +94,7 @@ def real_channels(model: dict, effect: str, plant) -> list[str]:
         return state
     if effect == "deadband" and plant.trim:
         return [c for c, trim, level in zip(found, plant.trim, plant.levels) if abs(trim) < level]
-    if effect == "parameter_error" and Names(model).lti:
+    if effect in ("parameter_error", "parameter_jump") and Names(model).lti:
         return [c for c in found if c[2:].split(",")[0] in plant.forces]
     return found
 
@@ -132,6 +132,9 @@ def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float,
             return made(**_moving(s, effect, size * s.settling, sign, shape))
         if effect in simple:
             return made(**simple[effect])
+    if effect in STEPPING:
+        nominal = 1.0 if effect == "gain_jump" else nominal_value(s.model, channel)
+        return made(**_stepping(s, effect, nominal, size, sign, shape))
     frequency = min(10 ** (a * 1.3 - 0.6) / (2 * math.pi * s.settling), 0.3 / s.step)
     frequency = max(frequency, 4.0 / s.span)
     if effect == "parameter_error":
@@ -198,7 +201,16 @@ def _moving(s: Scales, effect: str, late: float, sign: float, shape: tuple[float
     return {"delay": late, "spread": (0.2 + 0.4 * a) * late, "ordered": float(c < 0.7)}
 
 
+def _stepping(s: Scales, effect: str, nominal: float, size: float, sign: float, shape: tuple[float, float, float]) -> dict:
+    """A number that is another from a time on; in two cases of three it is right until then. The time lies within the first half of the first log, so that every log has it."""
+    change = 0.5 * sign * min(size, 1.8) * nominal
+    before = {"gain_jump": "gain", "parameter_jump": "value"}[effect]
+    return {before: nominal + (0.3 * change if shape[2] > 0.67 else 0.0), "time": (0.2 + 0.25 * shape[1]) * s.span, "later": nominal + change}
+
+
 def bounds(effect: str, parameter: str) -> tuple[float, float]:
+    if effect in STEPPING and parameter == "later":
+        return -math.inf, math.inf
     if effect in ("rate_limit",) or (effect in ("coulomb_friction", "stribeck_friction", "hysteresis") and parameter == "level"):
         parameter += "+"
     return BOUNDS.get(parameter, (-math.inf, math.inf))

@@ -13,9 +13,9 @@ from .cases import Case, Wanted
 from .experiment import Inadequate
 from .files import write
 from .outside import KINDS
-from .system import MOVING
+from .system import MOVING, STEPPING
 
-SHARES = {"single": 0.55, "none": 0.15, "unknown": 0.15, "pair": 0.15, "mixture": 0.0, "moving": 0.0}
+SHARES = {"single": 0.55, "none": 0.15, "unknown": 0.15, "pair": 0.15, "mixture": 0.0, "moving": 0.0, "stepping": 0.0}
 ATTEMPTS = 60
 
 
@@ -29,6 +29,7 @@ def plan(counts: dict[str, int], weak_share: float, rng) -> list[Wanted]:
 
     wanted = [Wanted("single", effect, rng.random() < weak_share) for effect in turns(EFFECTS, counts["single"])]
     wanted += [Wanted("moving", effect, False) for effect in turns(sorted(MOVING), counts.get("moving", 0))]
+    wanted += [Wanted("stepping", effect, False) for effect in turns(sorted(STEPPING), counts.get("stepping", 0))]
     wanted += [Wanted("unknown", kind, False) for kind in turns(KINDS, counts["unknown"])]
     wanted += [Wanted(group, None, False) for group in ("none", "pair", "mixture") for _ in range(counts.get(group, 0))]
     return [wanted[i] for i in rng.permutation(len(wanted))]

@@ -53,6 +53,7 @@ NOMINAL = [
     effect("cubic_stiffness", "x->z", coefficient=0.0), effect("unmodelled_mode", "u->state:z", frequency=2.0, damping=0.1, gain=0.0),
     effect("unmodelled_mode", "u->output:y", frequency=2.0, damping=0.1, gain=0.0), effect("constant_disturbance", "z", level=0.0),
     effect("periodic_disturbance", "z", frequency=1.0, amplitude=0.0, phase=0.3), effect("parameter_error", "A[z,x]", value=-9.0),
+    effect("gain_jump", "u", gain=1.0, time=0.7, later=1.0), effect("parameter_jump", "A[z,x]", value=-9.0, time=0.7, later=-9.0),
 ]
 
 
@@ -81,6 +82,14 @@ def first_order_step_response():
         close(simulate(FIRST, TIME, u, [item])[:, 0], lag, 1e-12, item["effect"])
 
 
+def step_of_a_parameter():
+    """x' = -a x + 2 u under u = 1 from x = 0, a = 2 until 0.4173 s and 5 from then on: the solution in closed form, between samples too."""
+    at, u = 0.4173, np.ones((len(TIME), 1))
+    reached = 1.0 - np.exp(-2.0 * at)
+    expected = np.where(TIME < at, 1.0 - np.exp(-2.0 * TIME), 0.4 + (reached - 0.4) * np.exp(-5.0 * (TIME - at)))
+    close(simulate(FIRST, TIME, u, [effect("parameter_jump", "A[x,x]", value=-2.0, time=at, later=-5.0)])[:, 0], expected, 1e-9, "step of a parameter")
+
+
 def superposition():
     items = [effect("input_delay", "u", delay=0.031), effect("actuator_lag", "v", time_constant=0.07), effect("unmodelled_mode", "u->state:z", frequency=3.1, damping=0.05, gain=2.0),
              effect("output_delay", "w", delay=0.027), effect("misalignment", "w->y", gain=0.2), effect("sensor_lag", "y", time_constant=0.04)]
@@ -102,6 +111,8 @@ def static_maps():
     close(passed(effect("deadband", "u", width=0.4)), np.sign(v) * np.maximum(np.abs(v) - 0.4, 0), 1e-15, "dead band")
     close(passed(effect("saturation", "u", lower=-0.5, upper=0.9)), np.clip(v, -0.5, 0.9), 1e-15, "saturation")
     close(passed(effect("input_curve", "u", quadratic=0.2), effect("input_gain", "u", gain=1.1)), 1.1 * v + 0.2 * v * abs(v), 1e-15, "curve")
+    at = TIME[len(TIME) // 3]
+    close(passed(effect("gain_jump", "u", gain=0.9, time=at, later=1.3)), np.where(TIME < at - 1e-9, 0.9, 1.3) * v, 1e-15, "step of the gain")
     faded = v * (1 - 0.07 * TIME) + 0.1
     close(passed(effect("gain_fade", "u", rate=0.07), effect("input_offset", "u", offset=0.1)), faded, 1e-14, "fade")
     close(passed(effect("gain_fade", "u", rate=0.07), effect("input_offset", "u", offset=0.1), effect("deadband", "u", width=0.9)),
@@ -209,4 +220,4 @@ def hysteresis_keeps_the_books():
             close(0.5 * speed**2, 1.5 * position - level * work(position), 1e-6, f"work of a hysteresis of sharpness {sharpness}, {integrator}")
 
 
-LAWS = [nominal_is_identity, first_order_step_response, superposition, static_maps, friction_sticks, endless_friction_is_refused, hysteresis_keeps_the_books, one_step_predictions, loop_equals_replay]
+LAWS = [nominal_is_identity, first_order_step_response, step_of_a_parameter, superposition, static_maps, friction_sticks, endless_friction_is_refused, hysteresis_keeps_the_books, one_step_predictions, loop_equals_replay]

@@ -164,6 +164,7 @@ class InputChain:
         self.gain = parameters.get("input_gain", {}).get("gain", 1.0)
         self.quadratic = parameters.get("input_curve", {}).get("quadratic", 0.0)
         self.fade = parameters.get("gain_fade", {}).get("rate", 0.0)
+        self.step = parameters.get("gain_jump")
         self.offset = parameters.get("input_offset", {}).get("offset", 0.0)
         self.stages = []
         if "deadband" in parameters:
@@ -200,6 +201,10 @@ class InputChain:
         for time, command in zip(times.tolist(), commands.tolist()):
             self.push(time, command)
 
+    def _stepped(self, times):
+        """The gain that steps, at these times."""
+        return np.where(times < self.step["time"], self.step["gain"], self.step["later"]) if self.step else 1.0
+
     def at_once(self, start: float, end: float, closeness: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The same as `pieces` for many edges: starts, values and slopes of the pieces. What holds still goes through static stages as a whole."""
         times, values = np.array(self.edges).T
@@ -209,7 +214,11 @@ class InputChain:
         current = values[first - 1] if first else self.current
         times, values = np.concatenate([[start], times[first:]]), np.concatenate([[current], values[first:]])
         self.current = values[-1]
-        values = self.gain * values + self.quadratic * values * np.abs(values)
+        if self.step and start < self.step["time"] < end:
+            place = int(np.searchsorted(times, self.step["time"]))
+            if place == len(times) or times[place] > self.step["time"]:
+                times, values = np.insert(times, place, self.step["time"]), np.insert(values, place, values[place - 1])
+        values = (self.gain * values + self.quadratic * values * np.abs(values)) * self._stepped(times)
         slopes = -values * self.fade
         values = values * (1.0 - self.fade * times) + self.offset
         stages = list(self.stages)
@@ -233,9 +242,12 @@ class InputChain:
                 held.append((start, time, self.current, 0.0))
             start, self.current = time, command
         held.append((start, end, self.current, 0.0))
+        if self.step:
+            at = self.step["time"]
+            held = [part for s, e, v, _ in held for part in ([(s, at, v, 0.0), (at, e, v, 0.0)] if s < at < e else [(s, e, v, 0.0)])]
         result = []
         for start, end, value, _ in held:
-            value = self.gain * value + self.quadratic * value * abs(value)
+            value = (self.gain * value + self.quadratic * value * abs(value)) * float(self._stepped(start))
             moving = [(start, end, value * (1.0 - self.fade * start) + self.offset, -value * self.fade)]
             for stage in self.stages:
                 moving = [out for piece in moving for out in stage(piece)]

@@ -9,7 +9,7 @@ from .integrate import Linear, Stepped
 from .pieces import InputChain
 from .sampled import SampledPlant
 from .sensors import Sensors
-from .system import DECLARED, DYNAMICS, Names, System, sort_effects
+from .system import DECLARED, DYNAMICS, STEPPING, Names, System, sort_effects
 
 MANY = 16  # edges from which a signal is worked out as a whole
 GRID_SLACK = 1e-9  # times closer than this share of a sample time are one
@@ -46,7 +46,7 @@ class Simulator:
             seed = zlib.crc32(np.round(self.stamps, 9).tobytes())
             self.chains.append(InputChain(own, delay + own.get("input_delay", {}).get("delay", 0.0), seed))
         if names.sample_time:
-            if refused := set(found) & (DYNAMICS | DECLARED):
+            if refused := set(found) & (DYNAMICS | DECLARED | STEPPING - {"gain_jump"}):
                 raise ValueError(f"a sampled model takes no {', '.join(sorted(refused))}")
             self.sampled, self.engine, self.system = SampledPlant(model, names, found), None, None
             self.linear = not self.sensors.limits
@@ -80,7 +80,8 @@ class Simulator:
         """Grid of all edges and marks in [start, end], with each input's value (from the right) and slope there."""
         pieces = [chain.at_once(start, end, self.slack) if len(chain.edges) > MANY else _columns(chain.pieces(start, end, self.slack)) for chain in self.chains]
         edges = [channel[0] for channel in pieces]
-        times = np.sort(np.concatenate([marks, [start, end], *edges]))
+        switches = [t for t in (self.system.switches if self.system else []) if start < t < end]
+        times = np.sort(np.concatenate([marks, [start, end], switches, *edges]))
         grid = times[np.concatenate([[True], np.diff(times) > self.slack])]
         values, slopes = np.empty((len(grid), self.nu)), np.empty((len(grid), self.nu))
         for i, (begins, height, slope) in enumerate(pieces):

@@ -17,6 +17,7 @@ INPUT = {
     "rate_limit", "actuator_lag", "dropped_commands",
 }
 MOVING = {"delay_jump", "delay_drift", "delay_jitter", "multi_rate"}  # delays of an input that move: a group of cases of their own
+STEPPING = {"gain_jump", "parameter_jump"}  # what is another from a time on: a group of cases of their own
 DYNAMICS = {
     "parameter_error", "cross_coupling", "exchange", "coulomb_friction", "stribeck_friction", "hysteresis", "quadratic_drag", "cubic_stiffness", "unmodelled_mode",
     "constant_disturbance", "periodic_disturbance",
@@ -56,9 +57,9 @@ def sort_effects(names: Names, effects: list[dict]) -> dict[str, dict[str, dict]
     found: dict[str, dict[str, dict]] = {}
     for item in effects:
         effect, channel = item["effect"], item["channel"]
-        if effect not in INPUT | MOVING | DYNAMICS | DECLARED | OUTPUT | CLOCK:
+        if effect not in INPUT | MOVING | STEPPING | DYNAMICS | DECLARED | OUTPUT | CLOCK:
             raise ValueError(f"unknown effect {effect!r}")
-        allowed = {**dict.fromkeys(INPUT | MOVING, names.inputs), **dict.fromkeys(CLOCK, ["*"])}.get(effect)
+        allowed = {**dict.fromkeys(INPUT | MOVING | {"gain_jump"}, names.inputs), **dict.fromkeys(CLOCK, ["*"])}.get(effect)
         if effect in OUTPUT - {"misalignment"}:
             allowed = names.outputs + (["*"] if effect in ("output_delay", "sensor_lag", "sensor_gain") else [])
         if allowed is not None and channel not in allowed:
@@ -80,6 +81,7 @@ class System:
 
     def __init__(self, model: dict, names: Names, effects: dict):
         self.names, self.parameters, self.linear = names, [], True
+        self.switches: list[float] = []  # times from which on a number is another
         self.x = [f"x{i}" for i in range(len(names.states))]
         self.extra: list[tuple[str, str]] = []  # (variable, source of its start)
         self.body: list[str] = [f"v{i} = a{i} + b{i}*(t - t0)" for i in range(len(names.inputs))]
@@ -142,6 +144,7 @@ class System:
 
     def _plant(self, model: dict, effects: dict) -> None:
         errors = {channel: p["value"] for channel, p in effects.get("parameter_error", {}).items()}
+        errors |= effects.get("parameter_jump", {})
         names = self.names
         if names.lti:
             self.rows = self._matrix_rows(model, "A", "B", names.states, errors)
@@ -151,11 +154,20 @@ class System:
         else:
             known = dict(zip(names.states, self.x)) | {n: f"e{i}" for i, n in enumerate(names.inputs)} | {"time": "t"}
             for name, entry in model.get("parameters", {}).items():
-                known[name] = self.parameter(errors.pop(name, entry["value"]))
+                known[name] = self._number(errors.pop(name, entry["value"]))
             self.rows = [to_source(model["derivatives"][s], known) for s in names.states]
             self.output_rows = [to_source(model["output_equations"][o], known) for o in names.outputs]
         if errors:
             raise ValueError(f"no such parameter: {', '.join(errors)}")
+
+    def _number(self, value) -> str:
+        """A number of the model, or one that is another from a time on: by the start of the segment, on whose edges the times are."""
+        if not isinstance(value, dict):
+            return self.parameter(value)
+        self.switches.append(value["time"])
+        self.linear = False
+        # A segment may begin a rounding before the time.
+        return f"({self.parameter(value['value'])} if t0 < {self.parameter(value['time'] - 1e-9)} else {self.parameter(value['later'])})"
 
     def _matrix_rows(self, model: dict, left: str, right: str, rows: list[str], errors: dict) -> list[str]:
         operating = [c.get("operating") or 0.0 for c in model["inputs"]]
@@ -168,7 +180,7 @@ class System:
                     entry = float(model[matrix][r][c])
                     channel = f"{matrix}[{row},{column}]"
                     if channel in errors:
-                        terms.append(f"{self.parameter(errors.pop(channel))}*{variables[c]}")
+                        terms.append(f"{self._number(errors.pop(channel))}*{variables[c]}")
                     elif entry != 0.0:
                         terms.append(f"{entry!r}*{variables[c]}")
             result.append(" + ".join(terms) or "0.0")
@@ -285,7 +297,7 @@ class System:
             self.linear = False
         functions = compiled(source)
         self.f, self.g, self.rest, self._start = (functions[name] for name in ("f", "g", "rest", "start"))
-        if not self.names.lti and self.linear:
+        if not self.names.lti and self.linear and not self.switches:
             self.linear = self._is_affine(len(everything), nu)
 
     def _is_affine(self, n: int, nu: int) -> bool:

@@ -44,7 +44,7 @@ use crate::diagnose::likelihood::gaussian::{Likelihood, Terms};
 use crate::diagnose::likelihood::residuals::{residuals, simulated, trained};
 use crate::diagnose::search::catalogue::{Catalogue, catalogue};
 use crate::diagnose::search::catalogue_search::{SearchResult, Searched, search};
-use crate::diagnose::search::moving::{moves, typical};
+use crate::diagnose::search::moving::{scanned, typical};
 use crate::effect::{Applied, Scales};
 use crate::error::Result;
 use crate::log::Log;
@@ -139,8 +139,8 @@ pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &
         let likelihood = baseline.likelihood(&simulator, &inputs, options)?;
         let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
         let mut scales = baseline.motion.scales(&simulator.system, &inputs.records, &before, inputs.longest_delay_s);
-        scales.moves = typical(simulator.system.inputs.len(), &scales);
         let candidates = catalogue(&simulator.system, inputs.probed.as_ref(), &scales).candidates;
+        scales.scanned = typical(&simulator.system, &candidates, &scales);
         let names = Names { model: subject.name(), logs: logs.iter().map(|l| l.source().to_owned()).collect() };
         isolability_of::isolability(&likelihood, candidates, &scales, &baseline.noise_std, names, far)
             .ok_or_else(|| not_finite(&inputs.records))
@@ -237,7 +237,7 @@ fn in_stages(
     let chosen = Predictor::of(system, &inputs.records, &inputs.poles, inputs.probed.as_ref(), None, &options.criteria);
     let checked = checks(system, &inputs.model_effects, &inputs.records, chosen, &HowFar::default());
     let Catalogue { candidates, left_out } = catalogue(system, inputs.probed.as_ref(), &scales);
-    scales.moves = moves(&likelihood, &candidates, &scales);
+    scales.scanned = scanned(&likelihood, &candidates, &scales);
     let Searched { likelihood, found } =
         search(likelihood, candidates.clone(), &checked.remedies, &scales, &baseline.motion.smallest, progress)
             .ok_or_else(|| not_finite(&inputs.records))?;

@@ -127,9 +127,9 @@ pub(super) fn both_signs(sizes: impl IntoIterator<Item = f64>) -> Vec<Vec<f64>> 
     sizes.into_iter().flat_map(|v| [vec![v], vec![-v]]).collect()
 }
 
-/// What a scan found of how the delay of an input moves.
-pub(super) fn moves<'s>(effect: &dyn Effect, system: &System, channel: &str, scales: &'s super::Scales) -> Option<&'s super::Moves> {
-    scales.moves.get(input(effect, system, channel).ok()?)
+/// The time of the log from which on something is otherwise.
+pub(super) fn instant() -> Parameter {
+    Parameter { role: Role::Instant, ..not_negative("time", "s".to_owned(), 0.0) }
 }
 
 /// Delays of half a sample, one and a half and so on up to the longest looked for: through a direct path, and with fast edges, the cost has a minimum per sample.

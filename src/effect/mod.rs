@@ -69,19 +69,37 @@ pub struct Scales {
     pub outputs: Vec<Spread>,
     /// Frequencies at which the residual is strong, Hz.
     pub peaks_hz: Vec<f64>,
-    /// Per input, how its delay seems to move; empty where nothing moves.
-    pub moves: Vec<Moves>,
+    /// First guesses of what changes with time, as a scan of the logs suggests them; empty where nothing does.
+    pub scanned: Vec<Scanned>,
 }
 
-/// First guesses of delays that move, of one input: full sets of the parameters of the effect.
+impl Scales {
+    /// What the scan suggests for an effect on a channel: full sets of its parameters.
+    #[must_use]
+    pub fn scanned(&self, effect: &dyn Effect, channel: &str) -> Vec<Vec<f64>> {
+        let found = self.scanned.iter().find(|s| s.effect == effect.name() && s.channel == channel);
+        found.map(|s| s.starts.clone()).unwrap_or_default()
+    }
+}
+
+/// First guesses that come of a scan of the logs, not of sizes.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Moves {
-    /// Of `delay_jump`: delay, time, later, seconds.
-    pub jumps: Vec<Vec<f64>>,
-    /// Of `delay_drift`: delay, seconds, and rate.
-    pub drifts: Vec<Vec<f64>>,
-    /// Of `multi_rate`: period and phase, seconds.
-    pub slower: Vec<Vec<f64>>,
+pub struct Scanned {
+    /// The effect.
+    pub effect: &'static str,
+    /// Where it acts.
+    pub channel: String,
+    /// Full sets of its parameters.
+    pub starts: Vec<Vec<f64>>,
+}
+
+/// How an effect varies with log time what a plainer one holds still.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// From a time on another value. Its parameters: the value before, the time, the value from then on.
+    Jump,
+    /// Evenly. Its parameters: the value at the start of the log, and its rate.
+    Drift,
 }
 
 /// How far a signal goes.
@@ -219,6 +237,10 @@ pub trait Effect: Sync {
     fn elaborates(&self) -> Option<&'static str> {
         None
     }
+    /// How it changes with log time what [`Effect::elaborates`] holds still; first guesses of it come of a scan of the logs.
+    fn changes(&self) -> Option<Change> {
+        None
+    }
     /// The values with which it does what a column does that is logged as so many times what the channel is: a wrong sign (−1), or a wrong unit.
     fn of_factor(&self, factor: f64) -> Option<Vec<f64>> {
         let _ = factor;
@@ -240,7 +262,7 @@ pub trait Effect: Sync {
 }
 
 /// All effects, in the order of the format's table: of equals the first one leads.
-pub static EFFECTS: [&dyn Effect; 38] = [
+pub static EFFECTS: [&dyn Effect; 40] = [
     &input::delay::InputDelay,
     &input::delay_jump::DelayJump,
     &input::delay_drift::DelayDrift,
@@ -248,6 +270,7 @@ pub static EFFECTS: [&dyn Effect; 38] = [
     &input::gain::InputGain,
     &input::curve::InputCurve,
     &input::gain_fade::GainFade,
+    &input::gain_jump::GainJump,
     &input::offset::InputOffset,
     &input::deadband::Deadband,
     &input::backlash::Backlash,
@@ -258,6 +281,7 @@ pub static EFFECTS: [&dyn Effect; 38] = [
     &input::delay_jitter::DelayJitter,
     &dynamics::candidate::Candidate,
     &dynamics::parameter_error::ParameterError,
+    &dynamics::parameter_jump::ParameterJump,
     &dynamics::cross_coupling::CrossCoupling,
     &dynamics::exchange::Exchange,
     &dynamics::coulomb_friction::CoulombFriction,

@@ -28,8 +28,14 @@ pub(super) struct Assembly {
 }
 
 impl Assembly {
-    /// From the signals' first values and, for equations, a function that gives the plant's outputs for its inputs at the start.
-    pub(super) fn new(system: &System, plan: &Plan, x0: &[f64], first: &[f64], own_outputs: impl FnOnce(&[f64]) -> Vec<f64>) -> Self {
+    /// From the dynamics of the time, the signals' first values and, for equations, a function that gives the plant's outputs for its inputs at the start.
+    pub(super) fn new(
+        system: &System,
+        (plan, dynamics): (&Plan, &Dynamics),
+        x0: &[f64],
+        first: &[f64],
+        own_outputs: impl FnOnce(&[f64]) -> Vec<f64>,
+    ) -> Self {
         let (n, m, p) = (system.states.len(), system.inputs.len(), system.outputs.len());
         let lags = plan.inputs.iter().map(|i| i.lags_s.len()).chain(plan.outputs.iter().map(|o| o.lags_s.len())).sum::<usize>();
         let sines = plan.terms.iter().filter(|t| matches!(t, Term::Sine { .. })).count();
@@ -60,7 +66,7 @@ impl Assembly {
                 w
             })
             .collect();
-        let mut outputs: Vec<Row> = match &plan.dynamics {
+        let mut outputs: Vec<Row> = match dynamics {
             Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => build.plant(matrices, &inputs, &system.output_operating),
             Dynamics::Equations(..) | Dynamics::BlackBox(..) => {
                 let received: Vec<f64> = inputs.iter().map(|row| build.value(row)).collect();

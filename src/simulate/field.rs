@@ -141,6 +141,17 @@ impl<'a> Field<'a> {
         }
     }
 
+    /// The system is that of another field from now on: what moves it, not where it is.
+    pub(super) fn becomes(&mut self, later: &Self) {
+        if let (Some(own), Some((equations, parameters, _))) = (&mut self.equations, &later.equations) {
+            (own.0, own.1) = (equations, parameters);
+        }
+        self.inputs.clone_from(&later.inputs);
+        self.derivatives.clone_from(&later.derivatives);
+        self.outputs.clone_from(&later.outputs);
+        (self.senses, self.direct) = (later.senses, later.direct);
+    }
+
     /// Takes note of the signals' pieces; to be called before anything is evaluated on them.
     pub(super) fn begin(&mut self, t: f64, drive: &Drive) {
         self.held = drive.pieces.iter().all(|piece| piece.slope == 0.0);
@@ -387,7 +398,7 @@ z = "rate^2 + u*angle"
         ];
         let plan = Applied::plan(&system, &effects, Chance::Mean).unwrap();
         let Dynamics::Equations(equations, parameters) = &plan.dynamics else { panic!("linear") };
-        let assembly = Assembly::new(&system, &plan, &system.initial, &[0.5, -0.7], |_| vec![0.1, 0.2]);
+        let assembly = Assembly::new(&system, (&plan, &plan.dynamics), &system.initial, &[0.5, -0.7], |_| vec![0.1, 0.2]);
         let mut field = Field::new(&assembly, Some((equations.as_ref(), parameters.as_slice())), &plan.terms);
         let pieces = vec![Piece { start_s: 0.0, value: 0.5, slope: 0.3 }, Piece { start_s: 0.0, value: -0.7, slope: 0.0 }];
         let drive = Drive { pieces, alone_until_s: None };

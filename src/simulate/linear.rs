@@ -24,16 +24,44 @@ struct Transition {
     ramp: Vec<f64>,
 }
 
-/// A linear system on its way through time.
-pub(super) struct Linear {
-    plant: usize,
-    states: usize,
-    signals: usize,
+/// What moves the system: constant until the next switch.
+struct Law {
     /// By columns: states × (states + signals + 1).
     derivative: Vec<f64>,
     /// By rows: outputs × (states + signals + 1).
     output: Vec<f64>,
     norm: f64,
+}
+
+impl Law {
+    fn of(assembly: &Assembly) -> Self {
+        let n = assembly.states;
+        let width = n + assembly.signals + 1;
+        let mut derivative = vec![0.0; n * width];
+        for (i, row) in assembly.derivatives.iter().enumerate() {
+            for (j, value) in row[..width].iter().enumerate() {
+                derivative[j * n + i] = *value;
+            }
+        }
+        let output = assembly.outputs.iter().flat_map(|row| row[..width].iter().copied()).collect();
+        let a = DMatrix::from_column_slice(n, n, &derivative[..n * n]);
+        let sums = |by_row: bool| {
+            let sum =
+                |i: usize| if by_row { a.row(i).iter().map(|v| v.abs()).sum::<f64>() } else { a.column(i).iter().map(|v| v.abs()).sum() };
+            (0..n).map(sum).fold(0.0, f64::max)
+        };
+        Self { derivative, output, norm: f64::min(sums(true), sums(false)) }
+    }
+}
+
+/// A linear system on its way through time.
+pub(super) struct Linear {
+    plant: usize,
+    states: usize,
+    signals: usize,
+    law: Law,
+    /// From every switch on.
+    later: Vec<Law>,
     ramps: bool,
     kept: Vec<Transition>,
     seen: Vec<f64>,
@@ -48,30 +76,15 @@ pub(super) struct Linear {
 }
 
 impl Linear {
-    /// `ramps`: a signal has slopes.
-    pub(super) fn new(assembly: &Assembly, ramps: bool) -> Self {
+    /// The system, what it is from every switch on, and whether a signal has slopes.
+    pub(super) fn new(assembly: &Assembly, later: &[Assembly], ramps: bool) -> Self {
         let (n, m) = (assembly.states, assembly.signals);
-        let width = n + m + 1;
-        let mut derivative = vec![0.0; n * width];
-        for (i, row) in assembly.derivatives.iter().enumerate() {
-            for (j, value) in row[..width].iter().enumerate() {
-                derivative[j * n + i] = *value;
-            }
-        }
-        let output = assembly.outputs.iter().flat_map(|row| row[..width].iter().copied()).collect();
-        let a = DMatrix::from_column_slice(n, n, &derivative[..n * n]);
-        let sums = |by_row: bool| {
-            let sum =
-                |i: usize| if by_row { a.row(i).iter().map(|v| v.abs()).sum::<f64>() } else { a.column(i).iter().map(|v| v.abs()).sum() };
-            (0..n).map(sum).fold(0.0, f64::max)
-        };
         Self {
             plant: assembly.plant,
             states: n,
             signals: m,
-            derivative,
-            output,
-            norm: f64::min(sums(true), sums(false)),
+            law: Law::of(assembly),
+            later: later.iter().map(Law::of).collect(),
             ramps,
             kept: Vec::new(),
             seen: Vec::new(),
@@ -95,7 +108,7 @@ impl Linear {
         if let Some(at) = self.kept.iter().position(|t| same(t.h)) {
             return Some(at);
         }
-        if !self.seen.iter().any(|&s| same(s)) && self.norm * h <= SERIES_LIMIT {
+        if !self.seen.iter().any(|&s| same(s)) && self.law.norm * h <= SERIES_LIMIT {
             if self.seen.len() == KEPT {
                 self.seen.remove(0);
             }
@@ -117,7 +130,7 @@ impl Linear {
         let mut block = DMatrix::zeros(size, size);
         for j in 0..n + inputs {
             for i in 0..n {
-                block[(i, j)] = self.derivative[j * n + i] * h;
+                block[(i, j)] = self.law.derivative[j * n + i] * h;
             }
         }
         if self.ramps {
@@ -163,17 +176,17 @@ impl Linear {
     /// lengths that come once. The derivative of the signals enters with the second term.
     fn by_series(&mut self, from_s: f64, h: f64, drive: &Drive) {
         let n = self.states;
-        let parts = (self.norm * h).ceil().max(1.0) as usize;
+        let parts = (self.law.norm * h).ceil().max(1.0) as usize;
         let step = h / parts as f64;
         for part in 0..parts {
             let at = from_s + step * part as f64;
             let [term, other] = &mut self.series;
             // M·(x; v; 1)·h
-            multiply(term, &self.derivative[..n * n], &self.x, step);
+            multiply(term, &self.law.derivative[..n * n], &self.x, step);
             for (j, piece) in drive.pieces.iter().enumerate() {
-                axpy(term, step * piece.at(at), &self.derivative[(n + j) * n..(n + j + 1) * n]);
+                axpy(term, step * piece.at(at), &self.law.derivative[(n + j) * n..(n + j + 1) * n]);
             }
-            axpy(term, step, &self.derivative[(n + self.signals) * n..]);
+            axpy(term, step, &self.law.derivative[(n + self.signals) * n..]);
             let mut order = 1.0;
             loop {
                 let (mut size, mut total) = (0.0_f64, f64::MIN_POSITIVE);
@@ -186,10 +199,10 @@ impl Linear {
                     break;
                 }
                 order += 1.0;
-                multiply(other, &self.derivative[..n * n], term, step / order);
+                multiply(other, &self.law.derivative[..n * n], term, step / order);
                 if order == 2.0 {
                     for (j, piece) in drive.pieces.iter().enumerate() {
-                        axpy(other, 0.5 * step * step * piece.slope, &self.derivative[(n + j) * n..(n + j + 1) * n]);
+                        axpy(other, 0.5 * step * step * piece.slope, &self.law.derivative[(n + j) * n..(n + j + 1) * n]);
                     }
                 }
                 std::mem::swap(term, other);
@@ -263,13 +276,20 @@ impl Stepper for Linear {
 
     fn outputs(&mut self, at_s: f64, drive: &Drive, y: &mut [f64]) -> Result<(), SimulateError> {
         let width = self.states + self.signals + 1;
-        for (y, row) in y.iter_mut().zip(self.output.chunks_exact(width)) {
+        for (y, row) in y.iter_mut().zip(self.law.output.chunks_exact(width)) {
             let (of_states, of_signals) = row.split_at(self.states);
             let moved: f64 = of_states.iter().zip(&self.x).map(|(c, x)| c * x).sum();
             let direct: f64 = of_signals.iter().zip(&drive.pieces).map(|(d, piece)| if *d == 0.0 { 0.0 } else { d * piece.at(at_s) }).sum();
             *y = moved + direct + of_signals[self.signals];
         }
         Ok(())
+    }
+
+    fn switch(&mut self, number: usize) {
+        if let Some(law) = self.later.get_mut(number) {
+            std::mem::swap(&mut self.law, law);
+            (self.kept, self.seen, self.forced_by) = (Vec::new(), Vec::new(), None);
+        }
     }
 
     fn whole_state(&mut self) -> &mut [f64] {

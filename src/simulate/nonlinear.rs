@@ -17,6 +17,8 @@ pub(super) struct Nonlinear<'a> {
     field: Field<'a>,
     /// A second field, on which contacts are watched while the first is being integrated.
     watch: Field<'a>,
+    /// The field from every switch on.
+    later: Vec<Field<'a>>,
     integrator: Integrator,
     /// The signals' pieces of the last step.
     pieces: Vec<Piece>,
@@ -25,9 +27,17 @@ pub(super) struct Nonlinear<'a> {
 }
 
 impl<'a> Nonlinear<'a> {
-    pub(super) fn new(assembly: &Assembly, equations: Option<Plant<'a>>, terms: &'a [Term], integrator: Integrator) -> Self {
+    /// The system as it begins and as it is from every switch on, each with its equations.
+    pub(super) fn new(
+        (assembly, equations): (&Assembly, Option<Plant<'a>>),
+        later: impl Iterator<Item = (&'a Assembly, Option<Plant<'a>>)>,
+        terms: &'a [Term],
+        integrator: Integrator,
+    ) -> Self {
         let field = || Field::new(assembly, equations, terms);
-        Self { field: field(), watch: field(), integrator, pieces: Vec::new(), x: assembly.start.clone(), dx: vec![0.0; assembly.states] }
+        let later = later.map(|(assembly, equations)| Field::new(assembly, equations, terms)).collect();
+        let (x, dx) = (assembly.start.clone(), vec![0.0; assembly.states]);
+        Self { field: field(), watch: field(), later, integrator, pieces: Vec::new(), x, dx }
     }
 
     /// An error of equations that are too stiff, with the name of the state to blame.
@@ -119,6 +129,15 @@ impl Stepper for Nonlinear<'_> {
 
     fn outputs(&mut self, at_s: f64, drive: &Drive, y: &mut [f64]) -> Result<(), SimulateError> {
         self.field.read(at_s, &self.x, y, drive)
+    }
+
+    fn switch(&mut self, number: usize) {
+        let Some(later) = self.later.get(number) else { return };
+        for field in [&mut self.field, &mut self.watch] {
+            field.becomes(later);
+        }
+        // Another right-hand side, on whatever pieces.
+        self.pieces.clear();
     }
 
     fn whole_state(&mut self) -> &mut [f64] {

@@ -173,6 +173,22 @@ impl Piecewise {
         Self { pieces }
     }
 
+    /// Times `before` until `time_s`, times `later` from then on.
+    #[must_use]
+    pub fn scaled_until(mut self, before: f64, time_s: f64, later: f64) -> Self {
+        let next = self.pieces.partition_point(|p| p.start_s < time_s);
+        // What runs at that time, or begins there, goes on with the other gain.
+        let runs = next > 0 && self.pieces.get(next).is_none_or(|p| p.start_s > time_s);
+        if let Some(running) = next.checked_sub(1).filter(|_| runs).map(|at| self.pieces[at]) {
+            self.pieces.insert(next, Piece { start_s: time_s, value: running.at(time_s), slope: running.slope });
+        }
+        for (at, piece) in self.pieces.iter_mut().enumerate() {
+            let gain = if at < next { before } else { later };
+            (piece.value, piece.slope) = (gain * piece.value, gain * piece.slope);
+        }
+        self
+    }
+
     /// At t what the signal was at t − (delay_s + rate·t), and no later than at t; what it was at the start holds until then. The rate is below 1.
     #[must_use]
     pub fn drifting(mut self, delay_s: f64, rate: f64) -> Self {

@@ -6,7 +6,7 @@
 use crate::progress::HowFar;
 use std::sync::Arc;
 
-use super::system::{Dynamics, System};
+use super::system::{Dynamics, ModelNumber, System};
 use super::{Hold, Piecewise};
 
 /// A map of a whole signal of straight pieces: memoryless, or with a memory such as a play's.
@@ -200,6 +200,17 @@ pub enum Term {
     },
 }
 
+/// A number of the model that is another from a time on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Switch {
+    /// The time, seconds from the log's first sample.
+    pub time_s: f64,
+    /// Which number.
+    pub number: ModelNumber,
+    /// Its value from then on.
+    pub value: f64,
+}
+
 /// What drives a linear term.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
@@ -274,6 +285,8 @@ impl Default for Wanted {
 pub struct Plan {
     /// The dynamics.
     pub dynamics: Dynamics,
+    /// Numbers of the dynamics that are others from a time on; a sampled model and a simulator that is only called know none.
+    pub switches: Vec<Switch>,
     /// One path per input.
     pub inputs: Vec<InputPath>,
     /// Terms of the dynamics.
@@ -303,6 +316,7 @@ impl Plan {
         let outputs = system.outputs.iter().map(|_| OutputPath::default()).collect();
         Self {
             dynamics: system.dynamics.clone(),
+            switches: Vec::new(),
             inputs,
             terms: Vec::new(),
             modes: Vec::new(),
@@ -313,5 +327,17 @@ impl Plan {
             wanted: Wanted::default(),
             far: HowFar::default(),
         }
+    }
+
+    /// The dynamics from every switch on, with its time, in order of time.
+    pub(super) fn phases(&self) -> Vec<(f64, Dynamics)> {
+        let mut switches = self.switches.clone();
+        switches.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        let mut dynamics = self.dynamics.clone();
+        let phase = |switch: Switch| {
+            dynamics.set(switch.number, switch.value);
+            (switch.time_s, dynamics.clone())
+        };
+        switches.into_iter().map(phase).collect()
     }
 }

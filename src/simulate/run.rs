@@ -17,6 +17,7 @@ use super::sampled;
 use super::system::{Dynamics, System};
 use super::walk::{Correction, Guide, Run, walk};
 use super::{Hold, SimulateError};
+use crate::model::Equations;
 
 /// The commands of a log.
 #[derive(Debug, Clone, Copy)]
@@ -66,30 +67,40 @@ impl System {
             }
             return sampled::called(self, plan, (simulator.as_ref(), parameters), &signals, time_s, x0);
         }
-        let equations = match dynamics {
-            Dynamics::Equations(equations, parameters) => Some((equations.as_ref(), parameters.as_slice())),
-            Dynamics::Linear(_) | Dynamics::Sampled(..) | Dynamics::BlackBox(..) => None,
+        let assemble = |dynamics: &Dynamics| {
+            Assembly::new(self, (plan, dynamics), x0, &first, |received| {
+                let mut y = vec![0.0; self.outputs.len()];
+                if let Some((equations, parameters)) = equations_of(dynamics) {
+                    equations.outputs(0.0, x0, received, parameters, &mut equations.workspace(), &mut y);
+                }
+                y
+            })
         };
-        let assembly = Assembly::new(self, plan, x0, &first, |received| {
-            let mut y = vec![0.0; self.outputs.len()];
-            if let Some((equations, parameters)) = equations {
-                equations.outputs(0.0, x0, received, parameters, &mut equations.workspace(), &mut y);
-            }
-            y
-        });
+        let (equations, assembly) = (equations_of(dynamics), assemble(dynamics));
+        let phases = plan.phases();
+        let later: Vec<Assembly> = phases.iter().map(|(_, dynamics)| assemble(dynamics)).collect();
         let smooth = !plan.terms.iter().any(|t| matches!(t, Term::Function { .. } | Term::Friction { .. } | Term::Hysteresis { .. }));
         if equations.is_none() && smooth {
             let ramps = !signals.iter().all(Piecewise::is_held);
-            return follow(correction, |guide| walk(&mut Linear::new(&assembly, ramps), &signals, plan, time_s, guide));
+            return follow(correction, |guide| walk(&mut Linear::new(&assembly, &later, ramps), &signals, plan, time_s, guide));
         }
         let operations = equations.map_or(0, |(e, _)| e.operations().0);
         follow(correction, |guide| {
             let mut integrator = Integrator::with_tolerance(assembly.states, plan.tolerance.relative, plan.tolerance.absolute);
             (integrator.max_steps, integrator.budget) =
                 (plan.tolerance.steps, plan.tolerance.budget.min(affordable(operations, assembly.states, time_s.len())));
-            let mut stepper = Nonlinear::new(&assembly, equations, &plan.terms, integrator);
+            let later = later.iter().zip(phases.iter().map(|(_, dynamics)| equations_of(dynamics)));
+            let mut stepper = Nonlinear::new((&assembly, equations), later, &plan.terms, integrator);
             walk(&mut stepper, &signals, plan, time_s, guide).map_err(|e| stepper.blame(e, &self.states))
         })
+    }
+}
+
+/// The equations and their parameters; `None` of linear dynamics.
+fn equations_of(dynamics: &Dynamics) -> Option<(&Equations, &[f64])> {
+    match dynamics {
+        Dynamics::Equations(equations, parameters) => Some((equations.as_ref(), parameters.as_slice())),
+        Dynamics::Linear(_) | Dynamics::Sampled(..) | Dynamics::BlackBox(..) => None,
     }
 }
 

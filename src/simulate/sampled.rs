@@ -64,14 +64,14 @@ fn lagged(path: &InputPath, signal: &Piecewise, edges_s: &[f64]) -> Result<(Vec<
     plan.inputs[0].lags_s.clone_from(&path.lags_s);
     plan.wanted.states = false;
     let signals = std::slice::from_ref(signal);
-    let run = walk(&mut Linear::new(&first_values(&system, &plan, signals), true), signals, &plan, edges_s, Guide::Free)?;
+    let run = walk(&mut Linear::new(&first_values(&system, &plan, signals), &[], true), signals, &plan, edges_s, Guide::Free)?;
     let mean = (1..edges_s.len()).map(|k| (run.y[(k, 0)] - run.y[(k - 1, 0)]) / (edges_s[k] - edges_s[k - 1])).collect();
     Ok((mean, (1..edges_s.len()).map(|k| run.y[(k - 1, 1)]).collect()))
 }
 
 fn first_values(system: &System, plan: &Plan, signals: &[Piecewise]) -> Assembly {
     let first: Vec<f64> = signals.iter().map(Piecewise::first).collect();
-    Assembly::new(system, plan, &system.initial, &first, |_| Vec::new())
+    Assembly::new(system, (plan, &plan.dynamics), &system.initial, &first, |_| Vec::new())
 }
 
 /// One output between the samples: straight pieces through its lags.
@@ -90,9 +90,9 @@ impl Sensor<'_> {
         let system = bench(1, DMatrix::zeros(0, 0), DMatrix::zeros(0, 1), DMatrix::zeros(1, 0), one);
         let mut plan = Plan::new(&system);
         plan.outputs[0].lags_s.clone_from(&self.path.lags_s);
-        let mut assembly = Assembly::new(&system, &plan, &[], &[piece.value], |_| Vec::new());
+        let mut assembly = Assembly::new(&system, (&plan, &plan.dynamics), &[], &[piece.value], |_| Vec::new());
         assembly.start.copy_from_slice(state);
-        let mut linear = Linear::new(&assembly, true);
+        let mut linear = Linear::new(&assembly, &[], true);
         linear.advance(piece.start_s, to_s, &Drive { pieces: vec![piece], alone_until_s: None })?;
         Ok(linear.state().to_vec())
     }

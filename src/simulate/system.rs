@@ -44,6 +44,29 @@ pub enum Dynamics {
     BlackBox(Arc<dyn Simulator>, Vec<f64>),
 }
 
+/// Where a number of the model stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ModelNumber {
+    /// A named parameter.
+    Parameter(usize),
+    /// An entry of A.
+    A(usize, usize),
+    /// An entry of B.
+    B(usize, usize),
+}
+
+impl Dynamics {
+    /// Puts a value in the place of a number; nothing where the dynamics have no such number.
+    pub fn set(&mut self, number: ModelNumber, value: f64) {
+        match (self, number) {
+            (Self::Equations(_, parameters) | Self::BlackBox(_, parameters), ModelNumber::Parameter(i)) => parameters[i] = value,
+            (Self::Linear(matrices) | Self::Sampled(matrices, _), ModelNumber::A(i, j)) => matrices.a[(i, j)] = value,
+            (Self::Linear(matrices) | Self::Sampled(matrices, _), ModelNumber::B(i, j)) => matrices.b[(i, j)] = value,
+            _ => {}
+        }
+    }
+}
+
 /// A simulator: dynamics, names, start and operating points.
 #[derive(Debug, Clone)]
 pub struct System {

@@ -25,6 +25,8 @@ pub(super) trait Stepper {
     fn plant_state(&mut self) -> &mut [f64];
     /// The same with the states of everything on the way in and out.
     fn whole_state(&mut self) -> &mut [f64];
+    /// The dynamics are those from the plan's switch of this number on, in order of time; the state stays.
+    fn switch(&mut self, number: usize);
     /// Steps of the integration so far.
     fn steps(&self) -> usize {
         0
@@ -231,6 +233,9 @@ pub(super) fn walk(
     let together = TOGETHER * if samples > 1 { end / (samples - 1) as f64 } else { 1.0 };
     let mut drive = Drive { pieces: signals.iter().map(|s| s.pieces().first().copied().unwrap_or(LEVEL)).collect(), alone_until_s: None };
     let mut edges = vec![1_usize; signals.len()];
+    let mut switches_s: Vec<f64> = plan.switches.iter().map(|s| s.time_s).collect();
+    switches_s.sort_by(f64::total_cmp);
+    let mut switched = 0;
     let past_samples = plan.tolerance.past_samples && guide.is_free();
     let last_s = groups.iter().map(|group| group.due_at(stamps.len().saturating_sub(1), plan, stamps)).fold(0.0, f64::max);
     let mut now = 0.0;
@@ -240,7 +245,7 @@ pub(super) fn walk(
         if sample == f64::INFINITY {
             break;
         }
-        let mut edge = f64::INFINITY;
+        let mut edge = switches_s.get(switched).copied().unwrap_or(f64::INFINITY);
         for (signal, &at) in signals.iter().zip(&edges) {
             if let Some(piece) = signal.pieces().get(at) {
                 edge = edge.min(piece.start_s);
@@ -262,6 +267,10 @@ pub(super) fn walk(
                 *piece = *next;
                 *at += 1;
             }
+        }
+        while switches_s.get(switched).is_some_and(|at_s| *at_s <= now + together) {
+            system.switch(switched);
+            switched += 1;
         }
         for group in &mut groups {
             while group.due_s <= now + together {

@@ -136,7 +136,7 @@ impl Motion {
             derivatives: if system.is_black_box() { Vec::new() } else { (0..system.states.len()).map(derivative).collect() },
             outputs: (0..system.outputs.len()).map(|i| spread(measured(i), sample_time_s)).collect(),
             peaks_hz: peaks_hz(records, residuals, system.outputs.len()),
-            moves: Vec::new(),
+            scanned: Vec::new(),
         }
     }
 }

@@ -1,16 +1,23 @@
-//! First guesses of delays that move, from fixed delays: how well each of a grid of delays does at every time of the logs says when another does better.
+//! First guesses of what changes with time: delays that move, and gains and parameters that step.
 //!
-//! Where one delay holds until a time and another from then on, the sum of the best prefix and the best suffix of squared errors is lowest at that time (a
-//! change-point scan with two segments; Hinkley 1970, doi:10.1093/biomet/57.1.1). A drift is the straight line through the grid along which the errors are
-//! lowest, a slower loop a period about twice the best fixed delay. How it can be wrong: a plant that remembers smears the time over its own memory, and
-//! the grid is coarse; so these are first guesses, which are fitted and compared as all others are.
+//! Delays, from fixed ones: how well each of a grid of delays does at every time of the logs says when another does better. Where one delay holds until a time
+//! and another from then on, the sum of the best prefix and the best suffix of squared errors is lowest at that time (a change-point scan with two segments;
+//! Hinkley 1970, doi:10.1093/biomet/57.1.1). A drift is the straight line through the grid along which the errors are lowest, a slower loop a period about twice
+//! the best fixed delay.
+//!
+//! Steps of anything else, from its signature s, the residual e being about v·s: with v of its own before and behind a time the squared error falls by (Σ s·e)²/Σ s²
+//! of each side (a generalised likelihood ratio on the cumulated score; Basseville and Nikiforov 1993, Detection of Abrupt Changes, section 2.4).
+//!
+//! How it can be wrong: a plant that remembers smears the time over its own memory, the grid is coarse, and a signature is that of a small change; so these are
+//! first guesses, which are fitted and compared as all others are.
 
 use rayon::prelude::*;
 
-use crate::diagnose::hypothesis::direction::with;
+use crate::diagnose::hypothesis::direction::{NEAR, between, difference, with};
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
-use crate::effect::{Applied, Lateness, Moves, Scales};
+use crate::effect::{Applied, Change, EFFECTS, Effect, Lateness, Scales, Scanned, find};
+use crate::simulate::System;
 
 /// Short delays of the grid, all of them; and so many of the longer ones. Beside none.
 const SHORT: usize = 12;
@@ -26,24 +33,82 @@ const PHASES: usize = 6;
 /// First guesses of a slower loop that are handed on.
 const KEPT: usize = 3;
 
-/// What a scan of every input's delay suggests; empty for an input whose delay seems to stand still.
-pub(in crate::diagnose) fn moves(likelihood: &Likelihood<'_>, candidates: &[Applied], scales: &Scales) -> Vec<Moves> {
+/// What a scan suggests for every candidate that changes with time.
+pub(in crate::diagnose) fn scanned(likelihood: &Likelihood<'_>, candidates: &[Applied], scales: &Scales) -> Vec<Scanned> {
     let Some(nominal) = likelihood.whitened(NO_EFFECT) else { return Vec::new() };
-    // An input on which nothing is tried is not looked at.
-    let tried = |name: &str| candidates.iter().any(|a| a.effect.lateness() == Some(Lateness::Fixed) && a.channel == name);
-    let one = |name: &str| if tried(name) { of_input(likelihood, scales, &nominal, name).unwrap_or_default() } else { Moves::default() };
-    likelihood.system.inputs.iter().map(|port| one(&port.name)).collect()
+    let late = candidates.iter().filter(|a| a.effect.lateness() == Some(Lateness::Fixed));
+    let mut all: Vec<Scanned> = late.flat_map(|delay| of_delay(likelihood, scales, &nominal, delay).unwrap_or_default()).collect();
+    let steps: Vec<&Applied> = candidates.iter().filter(|a| a.effect.changes() == Some(Change::Jump) && !moves_a_delay(a.effect)).collect();
+    let of_step = |step: &&Applied| of_step(likelihood, scales, &nominal, step);
+    // One simulation a candidate; where each is a call, one after the other.
+    let calls = steps.iter().any(|step| likelihood.calls(step));
+    all.extend(if calls { steps.iter().filter_map(of_step).collect::<Vec<_>>() } else { steps.par_iter().filter_map(of_step).collect() });
+    all
 }
 
-/// Guesses that only say what such effects are like, of the size of a few samples: for what is never fitted.
-pub(in crate::diagnose) fn typical(inputs: usize, scales: &Scales) -> Vec<Moves> {
+/// Guesses that only say what such effects are like: delays of a few samples, steps as large as a first guess of what steps. For what is never fitted.
+pub(in crate::diagnose) fn typical(system: &System, candidates: &[Applied], scales: &Scales) -> Vec<Scanned> {
     let few_s = (4.0 * scales.sample_time_s).min(0.5 * scales.longest_delay_s);
-    let one = Moves {
-        jumps: vec![vec![0.5 * few_s, 0.5 * scales.duration_s, 1.5 * few_s]],
-        drifts: vec![vec![0.5 * few_s, few_s / scales.duration_s.max(f64::MIN_POSITIVE)]],
-        slower: vec![vec![few_s, 0.0]],
+    let guess = |a: &Applied| {
+        let (changes, delays) = (a.effect.changes(), moves_a_delay(a.effect));
+        Some(match (changes, a.effect.lateness()) {
+            (Some(Change::Jump), _) if delays => vec![0.5 * few_s, 0.5 * scales.duration_s, 1.5 * few_s],
+            (Some(Change::Drift), _) if delays => vec![0.5 * few_s, few_s / scales.duration_s.max(f64::MIN_POSITIVE)],
+            (Some(Change::Jump), _) => {
+                let plain = plain(system, a)?;
+                let [value] = *plain.starts(system, scales).first()?.as_slice() else { return None };
+                vec![*plain.values.first()?, 0.5 * scales.duration_s, value]
+            }
+            (None, Some(Lateness::SlowerLoop)) => vec![few_s, 0.0],
+            _ => return None,
+        })
     };
-    vec![one; inputs]
+    candidates.iter().filter_map(|a| Some(found(a.effect, &a.channel, vec![guess(a)?]))).collect()
+}
+
+fn found(effect: &dyn Effect, channel: &str, starts: Vec<Vec<f64>>) -> Scanned {
+    Scanned { effect: effect.name(), channel: channel.to_owned(), starts }
+}
+
+/// What changes with time is a fixed delay.
+fn moves_a_delay(effect: &dyn Effect) -> bool {
+    let plain = effect.elaborates().and_then(|plain| find(plain).ok());
+    effect.changes().is_some() && plain.is_some_and(|plain| plain.lateness() == Some(Lateness::Fixed))
+}
+
+/// What a candidate is where nothing changes with time.
+fn plain(system: &System, a: &Applied) -> Option<Applied> {
+    Applied::nominal(system, find(a.effect.elaborates()?).ok()?, &a.channel).ok()
+}
+
+/// The lowest cost with one value of a number before a time and another behind it, where that is worth more than one value throughout.
+fn of_step(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, step: &Applied) -> Option<Scanned> {
+    let plain = plain(likelihood.system, step)?;
+    let start = plain.starts(likelihood.system, scales).into_iter().next()?;
+    let near = likelihood.whitened(&[with(&plain, &between(&plain, &start, NEAR))])?;
+    let signature = difference(nominal, &near, 1.0 / NEAR);
+    let bin_s = scales.duration_s / BINS as f64;
+    let along = products(likelihood, &signature, nominal, bin_s);
+    let length = products(likelihood, &signature, &signature, bin_s);
+    let fall = |along: f64, length: f64| if length > 0.0 { along * along / length } else { 0.0 };
+    let whole = (along.iter().sum::<f64>(), length.iter().sum::<f64>());
+    let (mut before, mut best) = ((0.0, 0.0), (f64::NEG_INFINITY, 0, [0.0; 2]));
+    for bin in 0..BINS {
+        if (MARGIN..1.0 - MARGIN).contains(&(bin as f64 / BINS as f64)) && before.1 > 0.0 && whole.1 - before.1 > 0.0 {
+            let behind = (whole.0 - before.0, whole.1 - before.1);
+            let sum = fall(before.0, before.1) + fall(behind.0, behind.1);
+            if sum > best.0 {
+                best = (sum, bin, [before.0 / before.1, behind.0 / behind.1]);
+            }
+        }
+        before = (before.0 + along[bin], before.1 + length[bin]);
+    }
+    let (sum, bin, shares) = best;
+    if sum - fall(whole.0, whole.1) <= likelihood.criteria.selection_penalty {
+        return None;
+    }
+    let at = |share: f64| between(&plain, &start, share).first().copied();
+    Some(found(step.effect, &step.channel, vec![vec![at(shares[0])?, bin as f64 * bin_s, at(shares[1])?]]))
 }
 
 /// The squared errors of a grid of delays, by stretch of time.
@@ -55,50 +120,50 @@ struct Grid {
     bin_s: f64,
 }
 
-fn of_input(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, channel: &str) -> Option<Moves> {
-    let applied = |late: Lateness| Applied::nominal(likelihood.system, late.effect().ok()?, channel).ok();
-    let delay = applied(Lateness::Fixed)?;
-    let guesses = likelihood.first_guesses(&delay, scales);
+/// What the delay of an input seems to do; nothing where it seems to stand still.
+fn of_delay(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, delay: &Applied) -> Option<Vec<Scanned>> {
+    let guesses = likelihood.first_guesses(delay, scales);
     let (short, long) = guesses.split_at(SHORT.min(guesses.len()));
     let every = long.len().div_ceil(LONG).max(1);
     // The last one stands for all that are longer.
     let chosen: Vec<f64> = short.iter().chain(long.iter().rev().step_by(every).rev()).filter_map(|g| g.first().copied()).collect();
-    let errors = |delay_s: &f64| Some((*delay_s, likelihood.whitened(&[with(&delay, &[*delay_s])])?));
+    let errors = |delay_s: &f64| Some((*delay_s, likelihood.whitened(&[with(delay, &[*delay_s])])?));
     let errors: Vec<(f64, Whitened)> =
-        if likelihood.calls(&delay) { chosen.iter().filter_map(errors).collect() } else { chosen.par_iter().filter_map(errors).collect() };
+        if likelihood.calls(delay) { chosen.iter().filter_map(errors).collect() } else { chosen.par_iter().filter_map(errors).collect() };
     let bin_s = scales.duration_s / BINS as f64;
-    let mut grid = Grid { delays_s: vec![0.0], squares: vec![binned(likelihood, nominal, bin_s)], bin_s };
+    let mut grid = Grid { delays_s: vec![0.0], squares: vec![products(likelihood, nominal, nominal, bin_s)], bin_s };
     for (delay_s, whitened) in &errors {
         grid.delays_s.push(*delay_s);
-        grid.squares.push(binned(likelihood, whitened, bin_s));
+        grid.squares.push(products(likelihood, whitened, whitened, bin_s));
     }
     let sums: Vec<f64> = grid.squares.iter().map(|s| s.iter().sum()).collect();
     let best = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b]))?;
     let least = likelihood.criteria.selection_penalty;
     let worth = |(cost, start): (f64, Vec<f64>)| (sums[best] - cost > least).then_some(start);
+    let is_late = grid.delays_s[best] > 0.0 && sums[0] - sums[best] > least;
     // Drifts of a sample over the logs, which the grid may be too coarse to show.
     let turns = [-1.0, 1.0].map(|sign| vec![grid.delays_s[best], sign * scales.sample_time_s / scales.duration_s]);
-    let slow = turns.into_iter().filter(|_| grid.delays_s[best] > 0.0 && sums[0] - sums[best] > least);
-    let mut moves = Moves {
-        jumps: grid.jump().and_then(worth).into_iter().collect(),
-        drifts: grid.drift().and_then(worth).into_iter().chain(slow).collect(),
-        slower: Vec::new(),
+    let starts = |effect: &'static dyn Effect| match (effect.changes().filter(|_| moves_a_delay(effect)), effect.lateness()) {
+        (Some(Change::Jump), _) => grid.jump().and_then(worth).into_iter().collect(),
+        (Some(Change::Drift), _) => grid.drift().and_then(worth).into_iter().chain(turns.clone().into_iter().filter(|_| is_late)).collect(),
+        // A slower loop is late on average: where no fixed delay helps it is none.
+        (None, Some(Lateness::SlowerLoop)) if is_late => match Applied::nominal(likelihood.system, effect, &delay.channel) {
+            Ok(applied) => slower(likelihood, scales, nominal, &applied, grid.delays_s[best]),
+            Err(_) => Vec::new(),
+        },
+        _ => Vec::new(),
     };
-    // A slower loop is late on average: where no fixed delay helps it is none.
-    if grid.delays_s[best] > 0.0 && sums[0] - sums[best] > least {
-        moves.slower = slower(likelihood, scales, nominal, &applied(Lateness::SlowerLoop)?, grid.delays_s[best]);
-    }
-    Some(moves)
+    Some(EFFECTS.iter().map(|effect| found(*effect, &delay.channel, starts(*effect))).filter(|s| !s.starts.is_empty()).collect())
 }
 
-/// Squared whitened errors by stretch of time, all training records together.
-fn binned(likelihood: &Likelihood<'_>, whitened: &Whitened, bin_s: f64) -> Vec<f64> {
+/// Products of two whitened residuals summed by stretch of time, all training records together.
+fn products(likelihood: &Likelihood<'_>, a: &Whitened, b: &Whitened, bin_s: f64) -> Vec<f64> {
     let mut bins = vec![0.0; BINS];
-    for (record, errors) in likelihood.records.iter().zip(whitened) {
+    for (record, (a, b)) in likelihood.records.iter().zip(a.iter().zip(b)) {
         let samples = record.time_s.len();
-        for (at, error) in errors.iter().enumerate() {
+        for (at, (a, b)) in a.iter().zip(b.iter()).enumerate() {
             let bin = (record.time_s[at % samples] / bin_s) as usize;
-            bins[bin.min(BINS - 1)] += error * error;
+            bins[bin.min(BINS - 1)] += a * b;
         }
     }
     bins

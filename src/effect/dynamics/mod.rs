@@ -8,6 +8,7 @@ pub(super) mod cubic_stiffness;
 pub(super) mod exchange;
 pub(super) mod hysteresis;
 pub(super) mod parameter_error;
+pub(super) mod parameter_jump;
 pub(super) mod periodic_disturbance;
 pub(super) mod quadratic_drag;
 pub(super) mod stribeck_friction;

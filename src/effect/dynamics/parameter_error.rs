@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 
 use crate::effect::channel;
 use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
-use crate::simulate::{Dynamics, Plan, Port, System};
+use crate::simulate::{Dynamics, ModelNumber, Plan, Port, System};
 
 /// A parameter of the model is wrong.
 ///
@@ -30,7 +30,7 @@ impl Effect for ParameterError {
     }
 
     fn rule(&self) -> &'static str {
-        "a parameter, or an entry of A or B that is not 0: `A[x,from]`"
+        RULE
     }
 
     fn needs_equations(&self) -> bool {
@@ -42,80 +42,72 @@ impl Effect for ParameterError {
     }
 
     fn channels(&self, system: &System) -> Vec<String> {
-        match &system.dynamics {
-            Dynamics::Equations(..) | Dynamics::BlackBox(..) => channel::names(&system.parameters),
-            Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
-                let entries = |letter: &'static str, matrix: &DMatrix<f64>, columns: &[Port]| {
-                    let place = |(i, j): (usize, usize)| format!("{letter}[{},{}]", system.states[i].name, columns[j].name);
-                    let all = (0..matrix.nrows()).flat_map(|i| (0..matrix.ncols()).map(move |j| (i, j)));
-                    all.filter(|&at| matrix[at] != 0.0).map(place).collect::<Vec<_>>()
-                };
-                [entries("A", &matrices.a, &system.states), entries("B", &matrices.b, &system.inputs)].concat()
-            }
-        }
+        channels(system)
     }
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
-        let (_, unit, nominal) = self.place(system, channel)?;
+        let (_, unit, nominal) = number(self, system, channel)?;
         Ok(vec![channel::free("value", unit, nominal)])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = scales;
-        let Ok((_, _, nominal)) = self.place(system, channel) else { return Vec::new() };
+        let Ok((_, _, nominal)) = number(self, system, channel) else { return Vec::new() };
         let size = if nominal == 0.0 { 1.0 } else { nominal };
         vec![vec![nominal + 0.1 * size], vec![nominal - 0.1 * size]]
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
-        let (place, ..) = self.place(system, channel)?;
-        match (&mut plan.dynamics, place) {
-            (Dynamics::Equations(_, parameters) | Dynamics::BlackBox(_, parameters), ModelNumber::Parameter(i)) => {
-                parameters[i] = values[0]
-            }
-            (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), ModelNumber::A(i, j)) => matrices.a[(i, j)] = values[0],
-            (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), ModelNumber::B(i, j)) => matrices.b[(i, j)] = values[0],
-            _ => {}
-        }
+        let (number, ..) = number(self, system, channel)?;
+        plan.dynamics.set(number, values[0]);
         Ok(())
     }
 }
 
-/// Where the number stands.
-enum ModelNumber {
-    Parameter(usize),
-    A(usize, usize),
-    B(usize, usize),
+/// Which channels numbers of the model have, in words.
+pub(super) const RULE: &str = "a parameter, or an entry of A or B that is not 0: `A[x,from]`";
+
+/// Every number of the model.
+pub(super) fn channels(system: &System) -> Vec<String> {
+    match &system.dynamics {
+        Dynamics::Equations(..) | Dynamics::BlackBox(..) => channel::names(&system.parameters),
+        Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
+            let entries = |letter: &'static str, matrix: &DMatrix<f64>, columns: &[Port]| {
+                let place = |(i, j): (usize, usize)| format!("{letter}[{},{}]", system.states[i].name, columns[j].name);
+                let all = (0..matrix.nrows()).flat_map(|i| (0..matrix.ncols()).map(move |j| (i, j)));
+                all.filter(|&at| matrix[at] != 0.0).map(place).collect::<Vec<_>>()
+            };
+            [entries("A", &matrices.a, &system.states), entries("B", &matrices.b, &system.inputs)].concat()
+        }
+    }
 }
 
-impl ParameterError {
-    /// The place that a channel names, its unit and what stands there.
-    fn place(&self, system: &System, channel: &str) -> Result<(ModelNumber, String, f64), EffectError> {
-        let unknown = || EffectError::Channel { effect: self.name(), channel: channel.to_owned(), known: self.channels(system) };
-        let at = |ports: &[Port], name: &str| ports.iter().position(|p| p.name == name).ok_or_else(unknown);
-        match &system.dynamics {
-            Dynamics::Equations(_, parameters) | Dynamics::BlackBox(_, parameters) => {
-                let i = at(&system.parameters, channel)?;
-                Ok((ModelNumber::Parameter(i), channel::unit(&system.parameters[i]), parameters[i]))
-            }
-            Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
-                let inside = |letter: &str| channel.strip_prefix(letter)?.strip_prefix('[')?.strip_suffix(']')?.split_once(',');
-                let derivative = |i: usize, from: &Port| {
-                    let unit = channel::unit(from);
-                    if unit == "1" {
-                        channel::per(&system.states[i], "s")
-                    } else {
-                        format!("({})/({unit})", channel::per(&system.states[i], "s"))
-                    }
-                };
-                if let Some((row, column)) = inside("A") {
-                    let (i, j) = (at(&system.states, row)?, at(&system.states, column)?);
-                    return Ok((ModelNumber::A(i, j), derivative(i, &system.states[j]), matrices.a[(i, j)]));
+/// The place that a channel names, its unit and what stands there.
+pub(super) fn number(effect: &dyn Effect, system: &System, channel: &str) -> Result<(ModelNumber, String, f64), EffectError> {
+    let unknown = || EffectError::Channel { effect: effect.name(), channel: channel.to_owned(), known: effect.channels(system) };
+    let at = |ports: &[Port], name: &str| ports.iter().position(|p| p.name == name).ok_or_else(unknown);
+    match &system.dynamics {
+        Dynamics::Equations(_, parameters) | Dynamics::BlackBox(_, parameters) => {
+            let i = at(&system.parameters, channel)?;
+            Ok((ModelNumber::Parameter(i), channel::unit(&system.parameters[i]), parameters[i]))
+        }
+        Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
+            let inside = |letter: &str| channel.strip_prefix(letter)?.strip_prefix('[')?.strip_suffix(']')?.split_once(',');
+            let derivative = |i: usize, from: &Port| {
+                let unit = channel::unit(from);
+                if unit == "1" {
+                    channel::per(&system.states[i], "s")
+                } else {
+                    format!("({})/({unit})", channel::per(&system.states[i], "s"))
                 }
-                let (row, column) = inside("B").ok_or_else(unknown)?;
-                let (i, j) = (at(&system.states, row)?, at(&system.inputs, column)?);
-                Ok((ModelNumber::B(i, j), derivative(i, &system.inputs[j]), matrices.b[(i, j)]))
+            };
+            if let Some((row, column)) = inside("A") {
+                let (i, j) = (at(&system.states, row)?, at(&system.states, column)?);
+                return Ok((ModelNumber::A(i, j), derivative(i, &system.states[j]), matrices.a[(i, j)]));
             }
+            let (row, column) = inside("B").ok_or_else(unknown)?;
+            let (i, j) = (at(&system.states, row)?, at(&system.inputs, column)?);
+            Ok((ModelNumber::B(i, j), derivative(i, &system.inputs[j]), matrices.b[(i, j)]))
         }
     }
 }

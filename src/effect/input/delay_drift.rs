@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
+use crate::effect::{Change, Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// No delay grows or shrinks faster than this, in seconds per second: at 1 no later command would ever arrive.
@@ -34,6 +34,10 @@ impl Effect for DelayDrift {
         Some("input_delay")
     }
 
+    fn changes(&self) -> Option<Change> {
+        Some(Change::Drift)
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         channel::names(&system.inputs)
     }
@@ -44,8 +48,8 @@ impl Effect for DelayDrift {
         Ok(vec![channel::delay("delay"), rate])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        channel::moves(self, system, channel, scales).map(|m| m.drifts.clone()).unwrap_or_default()
+    fn starts(&self, _: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        scales.scanned(self, channel)
     }
 
     fn told_by(&self) -> Option<Telling> {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
+use crate::effect::{Change, Effect, EffectError, Parameter, Scales, Site, Telling};
 use crate::simulate::{Plan, System};
 
 /// A dead time that jumps, at the same time in every log.
@@ -31,18 +31,21 @@ impl Effect for DelayJump {
         Some("input_delay")
     }
 
+    fn changes(&self) -> Option<Change> {
+        Some(Change::Jump)
+    }
+
     fn channels(&self, system: &System) -> Vec<String> {
         channel::names(&system.inputs)
     }
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         channel::input(self, system, channel)?;
-        let time = Parameter { role: Role::Instant, ..channel::not_negative("time", "s".to_owned(), 0.0) };
-        Ok(vec![channel::delay("delay"), time, channel::delay("later")])
+        Ok(vec![channel::delay("delay"), channel::instant(), channel::delay("later")])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        channel::moves(self, system, channel, scales).map(|m| m.jumps.clone()).unwrap_or_default()
+    fn starts(&self, _: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        scales.scanned(self, channel)
     }
 
     fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {

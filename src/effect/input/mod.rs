@@ -11,6 +11,7 @@ pub(super) mod delay_jump;
 pub(super) mod dropped_commands;
 pub(super) mod gain;
 pub(super) mod gain_fade;
+pub(super) mod gain_jump;
 pub(super) mod multi_rate;
 pub(super) mod offset;
 pub(super) mod rate_limit;

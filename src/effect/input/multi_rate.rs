@@ -41,8 +41,8 @@ impl Effect for MultiRate {
         Ok(vec![period, phase])
     }
 
-    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
-        channel::moves(self, system, channel, scales).map(|m| m.slower.clone()).unwrap_or_default()
+    fn starts(&self, _: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        scales.scanned(self, channel)
     }
 
     fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
