@@ -430,7 +430,7 @@ class Case:
         verdict = self.effects[0]["effect"] if self.effects else self.wanted.group
         mixed = {} if self.shares is None else {"shares": self.shares, "outside": self.outside.kind if self.outside else None}
         return {
-            "group": self.wanted.group, "verdict": verdict, "effects": self.effects, "alias_class": aliases, **self._where(),
+            "group": "single" if self.wanted.group == "stepping" else self.wanted.group, "verdict": verdict, "effects": self.effects, "alias_class": aliases, **self._where(),
             "before": before, "oracle_after": after, **mixed,
         }
 

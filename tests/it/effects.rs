@@ -226,6 +226,7 @@ fn the_order_of_a_list_changes_nothing() {
     let mut effects = vec![
         with(&system, "saturation", "u", &[-0.4, 0.6]),
         with(&system, "gain_fade", "u", &[0.03]),
+        with(&system, "gain_jump", "u", &[0.9, 0.4, 1.2]),
         with(&system, "input_gain", "u", &[1.3]),
         with(&system, "input_curve", "u", &[0.2]),
         with(&system, "backlash", "u", &[0.05]),

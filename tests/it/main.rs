@@ -68,6 +68,7 @@ mod gap_mixture;
 mod gap_moving;
 mod gap_nominal;
 mod gap_rest;
+mod gap_stepping;
 mod gate;
 mod golden;
 mod golden_effects;

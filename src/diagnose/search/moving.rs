@@ -26,6 +26,9 @@ const LONG: usize = 14;
 const BINS: usize = 240;
 /// A change is looked for no closer than this part of the logs to their ends.
 const MARGIN: f64 = 0.03;
+/// So many stretches before and behind a first guess its time is looked for.
+const EARLIER: i32 = 16;
+const LATER: i32 = 6;
 /// Periods of a slower loop, in units of the best fixed delay; and so many at most, with so many phases each.
 const PERIODS: [f64; 2] = [1.2, 3.2];
 const TRIED: usize = 16;
@@ -108,7 +111,23 @@ fn of_step(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, ste
         return None;
     }
     let at = |share: f64| between(&plain, &start, share).first().copied();
-    Some(found(step.effect, &step.channel, vec![vec![at(shares[0])?, bin as f64 * bin_s, at(shares[1])?]]))
+    let guess = vec![at(shares[0])?, bin as f64 * bin_s, at(shares[1])?];
+    // Where each try is a call the first guess must do.
+    let guess = if likelihood.calls(step) { guess } else { sharpened(likelihood, step, guess, bin_s) };
+    Some(found(step.effect, &step.channel, vec![guess]))
+}
+
+/// The time of a jump once more, by the jump itself: a plant that remembers shows it late, and beside the right time there are minima where the command rests.
+fn sharpened(likelihood: &Likelihood<'_>, jump: &Applied, guess: Vec<f64>, bin_s: f64) -> Vec<f64> {
+    let moved = |bins: i32| {
+        guess.iter().enumerate().map(|(i, v)| if i == 1 { (v + f64::from(bins) * bin_s).max(0.0) } else { *v }).collect::<Vec<f64>>()
+    };
+    let cost = |values: Vec<f64>| {
+        let there = likelihood.whitened(&[with(jump, &values)])?;
+        Some((likelihood.inner(&there, &there), values))
+    };
+    let tried = (-EARLIER..=LATER).filter_map(|bins| cost(moved(bins)));
+    tried.min_by(|a, b| a.0.total_cmp(&b.0)).map_or_else(|| guess.clone(), |(_, values)| values)
 }
 
 /// The squared errors of a grid of delays, by stretch of time.

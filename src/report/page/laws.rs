@@ -20,7 +20,9 @@ pub(super) fn figure(d: &Diagnosed) -> Option<Value> {
 
 fn drawn(c: &Contribution, d: &Diagnosed) -> Option<Value> {
     let (mut view, about) = match c.effect.as_str() {
-        "input_delay" | "output_delay" | "clock_offset" | "delay_jump" | "delay_drift" => (delay(c, d)?, "delay over time"),
+        "input_delay" | "output_delay" | "clock_offset" | "delay_jump" | "delay_drift" => (over_time(c, d, "delay")?, "delay over time"),
+        "gain_jump" => (over_time(c, d, "gain")?, "gain over time"),
+        "parameter_jump" => (over_time(c, d, "value")?, "value over time"),
         "input_gain" | "input_curve" | "input_offset" | "deadband" | "backlash" | "saturation" => {
             (swept(c, range(d, c)?, false)?, "what comes out over what goes in")
         }
@@ -54,14 +56,14 @@ fn between(from: f64, to: f64) -> Vec<f64> {
     (0..POINTS).map(|i| from + (to - from) * i as f64 / (POINTS - 1) as f64).collect()
 }
 
-/// The delay of a command or an output over the longest log; of a constant with its interval.
-fn delay(c: &Contribution, d: &Diagnosed) -> Option<Value> {
+/// A delay, a gain or a number of the model over the longest log; of a constant with its interval.
+fn over_time(c: &Contribution, d: &Diagnosed, what: &str) -> Option<Value> {
     let end = d.traces.iter().filter_map(|t| t.time_s.last().copied()).fold(0.0, f64::max);
     let of = |name: &str| parameter(c, name).and_then(|p| p.value);
     let time_s = between(0.0, end);
     let (values, interval): (Vec<f64>, Option<[f64; 2]>) = match c.effect.as_str() {
-        "delay_jump" => {
-            let (first, at, later) = (of("delay")?, of("time")?, of("later")?);
+        "delay_jump" | "gain_jump" | "parameter_jump" => {
+            let (first, at, later) = (of(what)?, of("time")?, of("later")?);
             (time_s.iter().map(|t| if *t < at { first } else { later }).collect(), None)
         }
         "delay_drift" => {
@@ -76,13 +78,15 @@ fn delay(c: &Contribution, d: &Diagnosed) -> Option<Value> {
     let least = values.iter().copied().chain(interval.into_iter().flatten()).fold(0.0, f64::min);
     let most = values.iter().copied().chain(interval.into_iter().flatten()).fold(0.0, f64::max);
     let room = 0.1 * (most - least).max(1e-9);
-    let mut curve = json!({ "label": "delay", "y": briefly(values), "color": "after", "points": false, "width": 2.2 });
+    let unit =
+        c.parameters.first().map(|p| p.unit.as_str()).filter(|unit| *unit != "1").map_or_else(String::new, |unit| format!(" ({unit})"));
+    let mut curve = json!({ "label": what, "y": briefly(values), "color": "after", "points": false, "width": 2.2 });
     if let Some([low, high]) = interval {
         (curve["low"], curve["high"]) = (json!(vec![brief(low); POINTS]), json!(vec![brief(high); POINTS]));
     }
     Some(json!({
         "x": { "label": "time (s)", "values": briefly(time_s), "tight": true },
-        "y": { "label": "delay (s)", "range": [least - if least < 0.0 { room } else { 0.0 }, most + room] }, "curves": [curve],
+        "y": { "label": format!("{what}{unit}"), "range": [least - if least < 0.0 { room } else { 0.0 }, most + room] }, "curves": [curve],
     }))
 }
 
