@@ -126,7 +126,7 @@ def of_size(scales: Scales, effect: str, channel: str, size: float, sign: float,
             "input_offset": {"offset": 0.5 * sign * size * u}, "deadband": {"width": min(0.6 * size, 1.2) * u}, "backlash": {"width": 0.5 * size * u},
             "saturation": {"lower": middle - reach if b < 0.75 else None, "upper": middle + reach * (0.8 + 0.2 * a) if b > 0.25 else None},
             "rate_limit": {"rate": u / (size * s.settling)}, "actuator_lag": {"time_constant": size * s.settling},
-            "dropped_commands": {"probability": min(0.05 + 0.4 * size, 0.6)},
+            "dropped_commands": _losses(min(0.05 + 0.4 * size, 0.6), a, c),
         }
         if effect in MOVING:
             return made(**_moving(s, effect, size * s.settling, sign, shape))
@@ -184,6 +184,11 @@ def _bend(peak: float, size: float, share: float) -> dict:
     """A characteristic that is bent by about 0.3*size of the largest value there: by its square, by its cube, or by both. Neither is 0: errors are told relative to them."""
     square, cube = (0.8, 0.2) if share < 0.4 else (0.2, 0.8) if share < 0.7 else (0.5, -0.5)
     return {"quadratic": 0.3 * size * square / peak, "cubic": 0.3 * size * cube / peak**2}
+
+
+def _losses(probability: float, a: float, c: float) -> dict:
+    """Commands that get lost each for itself, or in two cases of five in bursts that are longer than chance makes them."""
+    return {"probability": probability} if c < 0.6 else {"probability": probability, "burst": (1.5 + 2.5 * a) / (1.0 - probability)}
 
 
 def _moving(s: Scales, effect: str, late: float, sign: float, shape: tuple[float, float, float]) -> dict:

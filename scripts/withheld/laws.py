@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from .simulate import Simulator, simulate
+from .simulate import Simulator, losses, simulate
 
 TS = 0.02
 TIME = np.arange(120) * TS
@@ -88,6 +88,14 @@ def step_of_a_parameter():
     reached = 1.0 - np.exp(-2.0 * at)
     expected = np.where(TIME < at, 1.0 - np.exp(-2.0 * TIME), 0.4 + (reached - 0.4) * np.exp(-5.0 * (TIME - at)))
     close(simulate(FIRST, TIME, u, [effect("parameter_jump", "A[x,x]", value=-2.0, time=at, later=-5.0)])[:, 0], expected, 1e-9, "step of a parameter")
+
+
+def losses_are_as_many_and_as_long_as_asked():
+    for probability, burst in ((0.2, None), (0.3, 4.0), (0.5, 2.0)):
+        lost = losses({"probability": probability, "burst": burst}, np.random.default_rng(3).random(200_000))
+        begins = np.count_nonzero(lost[1:] & ~lost[:-1])
+        close(lost.mean(), probability, 0.01, "share of lost commands")
+        close(lost.sum() / begins, burst or 1 / (1 - probability), 0.05, "mean length of a loss")
 
 
 def superposition():
@@ -220,4 +228,4 @@ def hysteresis_keeps_the_books():
             close(0.5 * speed**2, 1.5 * position - level * work(position), 1e-6, f"work of a hysteresis of sharpness {sharpness}, {integrator}")
 
 
-LAWS = [nominal_is_identity, first_order_step_response, step_of_a_parameter, superposition, static_maps, friction_sticks, endless_friction_is_refused, hysteresis_keeps_the_books, one_step_predictions, loop_equals_replay]
+LAWS = [nominal_is_identity, losses_are_as_many_and_as_long_as_asked, first_order_step_response, step_of_a_parameter, superposition, static_maps, friction_sticks, endless_friction_is_refused, hysteresis_keeps_the_books, one_step_predictions, loop_equals_replay]

@@ -20,6 +20,19 @@ def _columns(pieces: list) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return columns[0], columns[2], columns[3]
 
 
+def losses(parameters: dict, draws: np.ndarray) -> np.ndarray:
+    """Which commands are lost: each for itself, or in runs of `burst` on average, `probability` of all being lost in the long run; draws in 0..1."""
+    probability, burst = parameters.get("probability", 0.0), parameters.get("burst")
+    if burst is None:
+        return draws < probability
+    begins, goes_on = min(probability / (burst * (1.0 - probability)), 1.0), 1.0 - 1.0 / burst
+    lost, found = False, []
+    for draw in draws:
+        lost = draw < (goes_on if lost else begins)
+        found.append(lost)
+    return np.array(found)
+
+
 class Simulator:
     """One model with effects on one log's time stamps.
 
@@ -62,8 +75,8 @@ class Simulator:
         if not probabilities:
             return None
         if drops is None:
-            chance = np.array([probabilities.get(name, {}).get("probability", 0.0) for name in self.names.inputs])
-            drops = rng.random((count, self.nu)) < chance
+            draws = rng.random((count, self.nu))
+            drops = np.column_stack([losses(probabilities.get(name, {}), draws[:, i]) for i, name in enumerate(self.names.inputs)])
         acting = np.array([name in probabilities for name in self.names.inputs])
         drops = np.asarray(drops, dtype=bool) & acting
         drops[0] = False

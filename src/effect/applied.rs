@@ -190,8 +190,8 @@ impl Applied {
             if let Some(late) = &mut path.late {
                 late.delays = Delays::Seed(seed_of(seed));
             }
-            if let Some(Drops::Mean(probability)) = path.drops {
-                path.drops = Some(Drops::Random { probability, seed: seed_of(seed) });
+            if let Some(Drops::Mean(losses)) = path.drops {
+                path.drops = Some(Drops::Random { losses, seed: seed_of(seed) });
             }
         }
         Ok(plan)

@@ -23,7 +23,7 @@ pub(crate) use black_box::windows;
 pub use black_box::{Face, Remembered, Restart, Simulator, Start};
 pub use lsim::{Grid, Options, Prehistory, Responds, Response, lsim};
 pub use piecewise::{Piece, Piecewise};
-pub use plan::{Delays, Drops, Late, Mode, Plan, Source, Switch, Term, Tolerance, Wanted};
+pub use plan::{Delays, Drops, Late, Losses, Mode, Plan, Source, Switch, Term, Tolerance, Wanted};
 pub use response::{impulse_response, impulse_response_sampled, step_response, step_response_sampled};
 pub use run::Commands;
 pub use system::{Dynamics, Matrices, ModelNumber, Port, System};

@@ -14,20 +14,38 @@ pub type SignalMap = Arc<dyn Fn(Piecewise) -> Piecewise + Send + Sync>;
 /// A map of one sample: log time (s) and value.
 pub type SampleMap = Arc<dyn Fn(f64, f64) -> f64 + Send + Sync>;
 
+/// How commands get lost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Losses {
+    /// Probability of a loss.
+    pub probability: f64,
+    /// Mean length of a loss, commands; `None`: each is lost for itself.
+    pub burst: Option<f64>,
+}
+
+impl Losses {
+    /// Probabilities that a loss begins, and that it goes on.
+    #[must_use]
+    pub fn begins_and_goes_on(&self) -> [f64; 2] {
+        let p = self.probability;
+        self.burst.map_or([p, p], |burst| [(p / (burst * (1.0 - p))).min(1.0), 1.0 - burst.recip()])
+    }
+}
+
 /// Commands that do not arrive: the last one that did is held. The first sample always arrives.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Drops {
     /// Which samples of the log are lost.
     Sequence(Vec<bool>),
-    /// Each is lost with this probability; the sequence is drawn from the seed.
+    /// They are lost at random; the sequence is drawn from the seed.
     Random {
-        /// Probability of a loss.
-        probability: f64,
+        /// How they get lost.
+        losses: Losses,
         /// Seed of the sequence.
         seed: u64,
     },
-    /// The mean over all sequences with this probability: what a fit can predict.
-    Mean(f64),
+    /// The mean over all such sequences: what a fit can predict.
+    Mean(Losses),
 }
 
 /// Commands that arrive late, each by a delay of its own: draws of a gamma distribution. The first sample has always arrived.

@@ -233,16 +233,26 @@ fn passed_on(drops: &Drops, values: &[f64]) -> Result<Vec<f64>, SimulateError> {
     match drops {
         Drops::Sequence(lost) if lost.len() != values.len() => Err(SimulateError::Drops { needed: values.len(), got: lost.len() }),
         Drops::Sequence(lost) => Ok(held(&mut |k| lost[k])),
-        Drops::Random { probability, seed } => {
+        Drops::Random { losses, seed } => {
             let mut rng = ChaCha8Rng::seed_from_u64(*seed);
-            Ok(held(&mut |_| rng.random::<f64>() < *probability))
+            let [begins, goes_on] = losses.begins_and_goes_on();
+            let mut lost = false;
+            Ok(held(&mut |k| {
+                // The first command arrives, whatever was drawn.
+                let probability = if lost { goes_on } else { begins };
+                lost = rng.random::<f64>() < probability && k > 0;
+                lost
+            }))
         }
-        // E[passed on at k] = (1 − p)·u(k) + p·E[passed on at k − 1].
-        Drops::Mean(p) => {
-            let mut mean = first;
+        // While a loss lasts, w(k) = E[held | lost at k] = (1 − c)·u(k − 1) + c·w(k − 1), c the probability that it goes on: what was there before it began.
+        // E[passed on at k] = (1 − p)·u(k) + p·w(k).
+        Drops::Mean(losses) => {
+            let (p, [_, goes_on]) = (losses.probability, losses.begins_and_goes_on());
+            let (mut held, mut before) = (first, first);
             let pass = |value: &f64| {
-                mean = (1.0 - p) * value + p * mean;
-                mean
+                held = (1.0 - goes_on) * before + goes_on * held;
+                before = *value;
+                (1.0 - p) * value + p * held
             };
             Ok(values.iter().map(pass).collect())
         }

@@ -116,6 +116,7 @@ fn unknown_missing_and_impossible_parameters_are_told() {
     refused(&effect("input_delay", "force", ""), &["input_delay on `force`", "parameter `delay` is missing"]);
     refused(&effect("input_delay", "force", "delay = -0.1"), &["input_delay on `force`: delay is -0.1; it lies between 0 and inf"]);
     refused(&effect("dropped_commands", "force", "probability = 1.5"), &["probability is 1.5; it lies between 0 and"]);
+    refused(&effect("dropped_commands", "force", "probability = 0.9, burst = 2.0"), &["burst is 2; it lies between 9.0"]);
     refused(&effect("input_gain", "force", "gain = nan"), &["input_gain on `force`: gain is NaN"]);
     refused(&effect("saturation", "force", "lower = 0.5, upper = -0.5"), &["lower is 0.5, upper is -0.5; lower must be the smaller one"]);
     refused("[[effects]]\neffect = \"input_gain\"\n", &["cart.toml", "channel"]);

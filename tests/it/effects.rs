@@ -454,18 +454,34 @@ fn a_correction_that_is_never_made_changes_nothing_and_one_that_is_made_pulls_to
 fn dropped_commands_follow_their_seed_and_average_to_their_mean() {
     let system = system(SAMPLED);
     let flight = Flight::for_system(&system);
-    let effect = [with(&system, "dropped_commands", "u", &[0.4])];
-    let draw = |seed: u64| {
-        let plan = Applied::plan(&system, &effect, Chance::Seed(seed)).unwrap();
-        system.simulate(&plan, flight.commands(), &system.initial, None).unwrap().y
-    };
-    assert_eq!(draw(3), draw(3));
-    assert!(distance(&draw(3), &draw(4)) > 1e-3);
-    let draws = 400_u32;
-    let mean = (0..draws).map(|s| draw(u64::from(s))).fold(DMatrix::zeros(200, 2), |sum, y| sum + y) / f64::from(draws);
-    let spread = distance(&draw(0), &mean);
-    let fit = run(&system, &flight, &effect).y;
-    assert!(distance(&mean, &fit) < 4.0 * spread / f64::from(draws).sqrt(), "{} against {spread}", distance(&mean, &fit));
+    for burst in [f64::INFINITY, 4.0] {
+        let effect = [with(&system, "dropped_commands", "u", &[0.4, burst])];
+        let draw = |seed: u64| {
+            let plan = Applied::plan(&system, &effect, Chance::Seed(seed)).unwrap();
+            system.simulate(&plan, flight.commands(), &system.initial, None).unwrap().y
+        };
+        assert_eq!(draw(3), draw(3));
+        assert!(distance(&draw(3), &draw(4)) > 1e-3);
+        let draws = 400_u32;
+        let mean = (0..draws).map(|s| draw(u64::from(s))).fold(DMatrix::zeros(200, 2), |sum, y| sum + y) / f64::from(draws);
+        let spread = distance(&draw(0), &mean);
+        let fit = run(&system, &flight, &effect).y;
+        assert!(distance(&mean, &fit) < 4.0 * spread / f64::from(draws).sqrt(), "{} against {spread}", distance(&mean, &fit));
+    }
+}
+
+/// As many are lost as asked for, in runs as long as asked for; without a length each for itself.
+#[test]
+fn losses_are_as_many_and_as_long_as_they_should_be() {
+    let sent: Vec<f64> = (0..40_000).map(f64::from).collect();
+    for (probability, burst) in [(0.3, f64::INFINITY), (0.3, 5.0), (0.6, 1.5)] {
+        let heard = received(&[("dropped_commands", &[probability, burst])], Chance::Seed(5), &sent);
+        let lost: Vec<bool> = heard.iter().zip(&sent).map(|(heard, sent)| heard != sent).collect();
+        let count = lost.iter().filter(|l| **l).count() as f64;
+        let begun = lost.windows(2).filter(|w| !w[0] && w[1]).count() as f64;
+        let length = if burst.is_finite() { burst } else { 1.0 / (1.0 - probability) };
+        assert!((count / 40_000.0 - probability).abs() < 0.02 && (count / begun / length - 1.0).abs() < 0.05, "{count} lost in {begun} runs");
+    }
 }
 
 /// The command as the plant receives it, sample by sample: a direct path alone.

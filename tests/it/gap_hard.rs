@@ -161,12 +161,14 @@ fn two_effects_are_named_together_and_ordered_by_what_each_explains() {
 fn lost_commands_are_found_one_by_one() {
     let model = document(&servo(", initial_std = 0.02", ""));
     for (probability, seed) in [(0.2, 400_u64), (0.5, 410)] {
-        let effects: &[(&str, &str, &[f64])] = &[("dropped_commands", "u", &[probability])];
+        let effects: &[(&str, &str, &[f64])] = &[("dropped_commands", "u", &[probability, f64::INFINITY])];
         let logs = [log(&model, effects, 1200, seed, &[0.0, 0.0]), log(&model, effects, 1200, seed + 1, &[0.0, 0.0])];
         let d = diagnosed(&model, &logs, &[log(&model, effects, 900, seed + 2, &[0.0, 0.0])]);
         assert_eq!(keys(&d), ["dropped_commands:u"]);
         let p = &d.cause.effects[0].parameters[0];
         assert!((p.value.unwrap() - probability).abs() < 3.0 * p.std.unwrap(), "{p:?} is not {probability}");
+        // As long as chance makes them: no bursts.
+        assert_eq!(d.cause.effects[0].parameters[1].value, None);
         // Not their mean but what happened: once it is known the error falls to the noise. A simulation knows only how often commands are lost.
         assert!(d.shrink.decoded.unwrap() < 1.3 * NOISE, "{:?}", d.shrink);
         assert!(d.shrink.after.unwrap() > d.shrink.decoded.unwrap(), "{:?}", d.shrink);

@@ -1,7 +1,7 @@
 //! An effect moved a part of the way to other values, and what that changes.
 
 use crate::diagnose::likelihood::gaussian::Whitened;
-use crate::effect::{Applied, Parameter};
+use crate::effect::{Applied, Parameter, Role};
 
 /// Where a signature is taken, as a share of the way from nominal to a start.
 pub(in crate::diagnose) const NEAR: f64 = 0.02;
@@ -37,5 +37,5 @@ fn keep_shape(applied: &Applied, start: &[f64], mut values: Vec<f64>) -> Vec<f64
 
 /// Some parameter is a limit, infinite when nominal.
 pub(in crate::diagnose) fn has_limit(applied: &Applied) -> bool {
-    applied.parameters.iter().any(|p| p.nominal.is_infinite())
+    applied.parameters.iter().any(|p| p.role == Role::Limit)
 }

@@ -10,14 +10,16 @@
 use rayon::prelude::*;
 
 use super::arrivals;
+use super::direction::with;
 use super::effects::{Dropouts, Hypothesis};
 use super::response::{response, static_value};
 use super::sequence::{Path, search};
-use super::waits::Wait;
+use super::waits::{self, Wait};
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Chance, Fates, Lateness, Scales};
+use crate::simulate::Losses;
 
 /// The probability with which a search begins.
 const FIRST: f64 = 0.3;
@@ -50,8 +52,8 @@ pub(in crate::diagnose) fn decoded(
             }
             let before = hypothesis.effects[e].values[0];
             let given = if hypothesis.lost.is_some() { before.clamp(0.01, 0.9) } else { FIRST };
-            let probability = decode_input(likelihood, &others, &mut lost, input, given)?;
-            hypothesis.effects[e].values[0] = probability;
+            let found = decode_input(likelihood, &others, &mut lost, input, given)?;
+            hypothesis.effects[e] = with(&hypothesis.effects[e], &found);
         }
         hypothesis.lost = Some(lost);
         hypothesis = Hypothesis::refit(likelihood, hypothesis, scales, nominal_cost, steps)?;
@@ -59,8 +61,14 @@ pub(in crate::diagnose) fn decoded(
     Some(hypothesis)
 }
 
-/// Estimates one input's sequences over all records; the probability of a loss.
-fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Dropouts, input: usize, probability: f64) -> Option<f64> {
+/// Estimates one input's sequences over all records; the probability of a loss, and its mean length, infinite where chance alone makes it.
+fn decode_input(
+    likelihood: &Likelihood<'_>,
+    others: &[Applied],
+    lost: &mut Dropouts,
+    input: usize,
+    probability: f64,
+) -> Option<[f64; 2]> {
     let (mut decided, mut held) = (0.0_f64, 0.0_f64);
     let decode = |(at, record): (usize, &LogRecord)| {
         let span = record.train.or(record.held)?;
@@ -102,6 +110,12 @@ fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Drop
     }
     // Laplace's rule keeps the probability off its edges.
     let p = (held + 0.5) / (decided + 1.0);
-    lost.std[input] = vec![(p * (1.0 - p) / decided).sqrt()];
-    Some(p)
+    // Not shorter than what this probability allows.
+    let burst = waits::burst(&lost.waits[input]).map(|(mean, std)| (mean.max(p / (1.0 - p)).max(1.0), std));
+    let losses = Losses { probability: p, burst: burst.map(|b| b.0) };
+    // Decisions that go together count as fewer.
+    let [begins, goes_on] = losses.begins_and_goes_on();
+    let together = (1.0 + goes_on - begins) / (1.0 - goes_on + begins);
+    lost.std[input] = std::iter::once((p * (1.0 - p) / decided * together).sqrt()).chain(burst.map(|b| b.1)).collect();
+    Some([p, losses.burst.unwrap_or(f64::INFINITY)])
 }

@@ -31,6 +31,18 @@ pub(in crate::diagnose) fn as_lost(waits: &[Wait]) -> f64 {
     as_lost_alone(waits).min(in_bursts(waits))
 }
 
+/// Mean length of a loss, samples, and its standard deviation, where losses with a memory are what the waits speak for.
+pub(in crate::diagnose) fn burst(waits: &[Wait]) -> Option<(f64, f64)> {
+    if in_bursts(waits) >= as_lost_alone(waits) {
+        return None;
+    }
+    let begun = waits.iter().filter(|w| w.samples > 0).count() as f64;
+    let lost: f64 = waits.iter().map(|w| w.samples as f64).sum();
+    // 1/(1 − c) of the probability c that a loss goes on, which is a share of `lost` chances.
+    let goes_on = 1.0 - begun / lost;
+    (begun > 0.0).then(|| (lost / begun, (lost / begun).powi(2) * (goes_on * (1.0 - goes_on) / lost).sqrt()))
+}
+
 /// The same where every command has a delay of its own: of a normal distribution, or of any.
 pub(in crate::diagnose) fn as_late(waits: &[Wait]) -> f64 {
     normal(waits).min(any(waits))

@@ -1,16 +1,18 @@
 //! Commands get lost on the way: the last one that arrived is held.
 //!
-//! Equation: v(k) = u(k) where the command of sample k arrives, else v(k − 1); lost with this probability, each sample for itself.
+//! Equation: v(k) = u(k) where the command of sample k arrives, else v(k − 1); lost with this probability, each sample for itself, or in runs whose mean length is
+//! `burst`: a loss then goes on with probability 1 − 1/burst, and begins with probability/(burst·(1 − probability)).
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Lateness, Parameter, Scales, Site, Telling};
-use crate::simulate::{Drops, Plan, System};
+use crate::effect::{Effect, EffectError, Lateness, Parameter, Role, Scales, Site, Telling};
+use crate::simulate::{Drops, Losses, Plan, System};
 
-/// Each logged command is lost with this probability, independently; a plan holds the mean over all sequences until a seed draws one.
+/// Each logged command is lost with this probability; a plan holds the mean over all sequences until a seed draws one.
 ///
-/// Assumes: each sample is lost with one probability, whatever was lost before it; the last command is held.
-/// Fails when: commands change seldom: most losses then change nothing. Losses in bursts are not of this kind.
-/// Source: Schenato, Sinopoli, Franceschetti, Poolla and Sastry (2007), Proceedings of the IEEE 95, 163-187, doi:10.1109/JPROC.2006.887306.
+/// Assumes: each sample is lost with one probability, whatever was lost before it, or by whether the one before it was; the last command is held.
+/// Fails when: commands change seldom: most losses then change nothing. Where they change more seldom than losses last, a burst looks like a delay.
+/// Source: Schenato, Sinopoli, Franceschetti, Poolla and Sastry (2007), Proceedings of the IEEE 95, 163-187, doi:10.1109/JPROC.2006.887306; for bursts Gilbert (1960),
+/// Bell System Technical Journal 39, 1253-1265, doi:10.1002/j.1538-7305.1960.tb03959.x.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DroppedCommands;
 
@@ -33,12 +35,19 @@ impl Effect for DroppedCommands {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         channel::input(self, system, channel)?;
-        Ok(vec![Parameter { upper: 0.999, ..channel::not_negative("probability", "1".to_owned(), 0.0) }])
+        let probability = Parameter { upper: 0.999, ..channel::not_negative("probability", "1".to_owned(), 0.0) };
+        // Commands; where it is left out losses are as long as chance makes them.
+        let burst = Parameter { role: Role::Shape, lower: 1.0, ..channel::free("burst", "1".to_owned(), f64::INFINITY) };
+        Ok(vec![probability, burst])
     }
 
     fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
         let _ = (system, channel, scales);
-        vec![vec![0.1], vec![0.4], vec![0.8]]
+        [0.1, 0.4, 0.8].map(|probability| vec![probability, f64::INFINITY]).to_vec()
+    }
+
+    fn is_identity(&self, values: &[f64], _: &[Parameter]) -> bool {
+        values[0] == 0.0
     }
 
     fn lateness(&self) -> Option<Lateness> {
@@ -50,7 +59,14 @@ impl Effect for DroppedCommands {
     }
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
-        plan.inputs[channel::input(self, system, channel)?].drops = Some(Drops::Mean(values[0]));
+        let (probability, burst) = (values[0], Some(values[1]).filter(|b| b.is_finite()));
+        // A burst is at least so long as one where losses begin at once behind every command that arrives.
+        let shortest = probability / (1.0 - probability);
+        if let Some(value) = burst.filter(|b| *b < shortest) {
+            let (effect, channel, parameter) = (self.name(), channel.to_owned(), "burst".to_owned());
+            return Err(EffectError::Bounds { effect, channel, parameter, value, lower: shortest, upper: f64::INFINITY });
+        }
+        plan.inputs[channel::input(self, system, channel)?].drops = Some(Drops::Mean(Losses { probability, burst }));
         Ok(())
     }
 }
