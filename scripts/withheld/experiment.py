@@ -9,7 +9,7 @@ from .catalogue import Scales, real_channels
 from .loop import Regulator, linearised, predictor_gain
 from .plants import PLANTS, Plant
 from .signals import colour, excitation, noise, stamps
-from .simulate import Simulator
+from .simulate import Simulator, losses
 from .system import DYNAMICS, Names
 from .variants import can_sample, can_shift, in_other_unit, sampled, shifted, whole_delays
 
@@ -174,8 +174,9 @@ class Experiment:
         return bool(np.any(np.abs(y[..., : len(far)] - self.scales.middle_y) > far))
 
     def drops(self, index: int, effects: list[dict]):
-        chance = {e["channel"]: e["parameters"]["probability"] for e in effects if e["effect"] == "dropped_commands"}
-        return self.runs[index].drops < np.array([chance.get(name, 0.0) for name in self.names.inputs]) if chance else None
+        chance = {e["channel"]: e["parameters"] for e in effects if e["effect"] == "dropped_commands"}
+        draws = self.runs[index].drops
+        return np.column_stack([losses(chance.get(name, {}), draws[:, i]) for i, name in enumerate(self.names.inputs)]) if chance else None
 
     def _log(self, model, effects, run, x0, noise_values, outside):
         more = len(model["states"]) - len(self.names.states)

@@ -480,7 +480,10 @@ fn losses_are_as_many_and_as_long_as_they_should_be() {
         let count = lost.iter().filter(|l| **l).count() as f64;
         let begun = lost.windows(2).filter(|w| !w[0] && w[1]).count() as f64;
         let length = if burst.is_finite() { burst } else { 1.0 / (1.0 - probability) };
-        assert!((count / 40_000.0 - probability).abs() < 0.02 && (count / begun / length - 1.0).abs() < 0.05, "{count} lost in {begun} runs");
+        assert!(
+            (count / 40_000.0 - probability).abs() < 0.02 && (count / begun / length - 1.0).abs() < 0.05,
+            "{count} lost in {begun} runs"
+        );
     }
 }
 

@@ -14,12 +14,11 @@ use super::direction::with;
 use super::effects::{Dropouts, Hypothesis};
 use super::response::{response, static_value};
 use super::sequence::{Path, search};
-use super::waits::{self, Wait};
+use super::waits::{Bursts, Wait};
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Chance, Fates, Lateness, Scales};
-use crate::simulate::Losses;
 
 /// The probability with which a search begins.
 const FIRST: f64 = 0.3;
@@ -62,13 +61,7 @@ pub(in crate::diagnose) fn decoded(
 }
 
 /// Estimates one input's sequences over all records; the probability of a loss, and its mean length, infinite where chance alone makes it.
-fn decode_input(
-    likelihood: &Likelihood<'_>,
-    others: &[Applied],
-    lost: &mut Dropouts,
-    input: usize,
-    probability: f64,
-) -> Option<[f64; 2]> {
+fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Dropouts, input: usize, probability: f64) -> Option<[f64; 2]> {
     let (mut decided, mut held) = (0.0_f64, 0.0_f64);
     let decode = |(at, record): (usize, &LogRecord)| {
         let span = record.train.or(record.held)?;
@@ -85,6 +78,8 @@ fn decode_input(
         let counts = if likelihood.records[at].train.is_some() { path.decisions.as_slice() } else { &[] };
         let record = &likelihood.records[at];
         let (mut wait, mut sent): (usize, Option<usize>) = (0, None);
+        // Samples since a command was seen to arrive.
+        let mut rested: Option<usize> = None;
         for decision in counts {
             lost.price -= 2.0 * if decision.lost { probability.ln() } else { (1.0 - probability).ln() };
             let shows = decision.difference.powi(2) * energy > likelihood.criteria.decided.powi(2);
@@ -99,8 +94,9 @@ fn decode_input(
             }
             if shows {
                 let sent_s = record.time_s[sent.unwrap_or(decision.sample)];
-                lost.waits[input].push(Wait { sent_s, samples: wait, sample_time_s: record.sample_time_s });
+                lost.waits[input].push(Wait { sent_s, samples: wait, rested, sample_time_s: record.sample_time_s });
             }
+            rested = if shows { Some(0) } else { rested.map(|samples| samples + 1) };
             (wait, sent) = (0, None);
         }
         lost.sequences[at][input] = Some(Fates::Missing(path.lost));
@@ -110,12 +106,10 @@ fn decode_input(
     }
     // Laplace's rule keeps the probability off its edges.
     let p = (held + 0.5) / (decided + 1.0);
-    // Not shorter than what this probability allows.
-    let burst = waits::burst(&lost.waits[input]).map(|(mean, std)| (mean.max(p / (1.0 - p)).max(1.0), std));
-    let losses = Losses { probability: p, burst: burst.map(|b| b.0) };
-    // Decisions that go together count as fewer.
-    let [begins, goes_on] = losses.begins_and_goes_on();
-    let together = (1.0 + goes_on - begins) / (1.0 - goes_on + begins);
-    lost.std[input] = std::iter::once((p * (1.0 - p) / decided * together).sqrt()).chain(burst.map(|b| b.1)).collect();
-    Some([p, losses.burst.unwrap_or(f64::INFINITY)])
+    let Some(Bursts { losses, std }) = Bursts::of(&lost.waits[input]) else {
+        lost.std[input] = vec![(p * (1.0 - p) / decided).sqrt()];
+        return Some([p, f64::INFINITY]);
+    };
+    lost.std[input] = std.to_vec();
+    Some([losses.probability, losses.burst.unwrap_or(f64::INFINITY)])
 }

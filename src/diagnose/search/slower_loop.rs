@@ -155,7 +155,7 @@ mod tests {
         let sent = |k: usize| 0.02 * ((k * 37) % 31 + 31 * k) as f64;
         let wait = |sent_s: f64, there_s: f64| {
             let samples = ((there_s - sent_s) / 0.02 - 1e-9).ceil().max(0.0) as usize;
-            Wait { sent_s, samples, sample_time_s: 0.02 }
+            Wait { sent_s, samples, rested: Some(0), sample_time_s: 0.02 }
         };
         for (period, phase) in [(0.2, 0.03), (0.13, 0.05), (0.0777, 0.01)] {
             let arrives = |sent_s: f64| phase + ((sent_s - phase) / period).ceil() * period;
