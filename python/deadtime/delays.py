@@ -159,6 +159,8 @@ class Pair:
         A delay that changes, as `deadtime/estimate@1` has it: its `kind`, `stretches`, `rate`, `quantiles_s`, `gain`; None where one delay describes the records.
     track : dict or None
         The dead time against time with its 95 % band, where it was asked for: lists `record`, `time_s`, `delay_s`, `low_s`, `high_s`.
+    jitter : dict or None
+        How long single events take: `events`, `std_s`, `quantiles` (`share`, `delay_s`, `ci95_s`), `longest_s`; None where there are no events.
     """
 
     input: str
@@ -169,6 +171,7 @@ class Pair:
     warning: str | None
     moving: dict[str, Any] | None
     track: dict[str, list[float]] | None
+    jitter: dict[str, Any] | None = None
 
     def __getitem__(self, method: str) -> Estimate:
         """The answer of one method."""
@@ -997,7 +1000,8 @@ def _pair(pair: dict[str, Any], more: dict[str, Any]) -> Pair:
     ]
     v = pair["verdict"]
     verdict = Verdict(v["delay_s"], _interval(v["ci95_s"]), v["why"], more["method"])
-    return Pair(pair["input"], pair["output"], tuple(rows), verdict, tuple(more["findings"]), more["warning"], pair.get("moving"), pair.get("track"))
+    told = (pair.get("moving"), pair.get("track"), pair.get("jitter"))
+    return Pair(pair["input"], pair["output"], tuple(rows), verdict, tuple(more["findings"]), more["warning"], *told)
 
 
 def _interval(ends: list[float] | None) -> tuple[float, float] | None:

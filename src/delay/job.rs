@@ -14,9 +14,9 @@ use super::process::{Measured, Shares, judge_orders, rough};
 use super::report::{Bias, Estimate, FORMAT, Pair, Report, Response, Searched};
 use super::verdict::EXPERIMENT;
 use super::{
-    Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Events, Experiment, Finding, Grounds, InLoop, Information, METHODS,
-    Method, Outcome, PlantModel, Record, RecordFacts, Recording, Richness, Scope, Search, Series, Start, Verdict, distrust, held_for,
-    in_loop, lead, moving_together, open_part, richness, standing_off, verdict, watched,
+    Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Events, Experiment, Finding, Grounds, InLoop, Information, Jitter,
+    METHODS, Method, Outcome, PlantModel, Record, RecordFacts, Recording, Richness, Scope, Search, Series, Start, Verdict, distrust,
+    held_for, in_loop, lead, moving_together, open_part, richness, standing_off, verdict, watched,
 };
 use crate::error::Result;
 use crate::log::{EventTimes, Log};
@@ -692,7 +692,8 @@ impl EventsJob {
             answers.push(Answer { method: ready.method, estimate, predicted: None, time_s: clock.elapsed().as_secs_f64() });
         }
         let max_delay_s = step.to_seconds(max_delay as f64);
-        let pairs = vec![pair(a, b, &answers, Vec::new(), step, &RecordFacts::default())];
+        let jitter = Jitter::of(&experiment, &search);
+        let pairs = vec![Pair { jitter, ..pair(a, b, &answers, Vec::new(), step, &RecordFacts::default()) }];
         let searched = Searched::Events { counts, interval_s };
         Ok(Report { format: FORMAT, log: name.clone(), sample_time_s: step.seconds(), max_delay_s, pairs, searched })
     }
@@ -725,6 +726,7 @@ fn pair(input: &str, output: &str, answers: &[Answer], findings: Vec<Finding>, s
         verdict,
         moving: None,
         track: None,
+        jitter: None,
         findings,
     }
 }

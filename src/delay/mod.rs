@@ -34,7 +34,8 @@ pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, 
 pub use error::DelayError;
 pub use estimate::{DelayEstimate, Outcome};
 pub use events::{
-    EventAverageDifference, EventCorrelation, EventDelayVariance, EventQuadraticDifference, EventVarianceDifference, Events, Units,
+    DelayQuantile, EventAverageDifference, EventCorrelation, EventDelayVariance, EventQuadraticDifference, EventVarianceDifference, Events,
+    Jitter, Units,
 };
 pub use evidence::{Correlated, Evidence, Phase, Scan, evidence, impulse_response};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::track::{Moving, Tracked};
-use super::{Class, Condition, DelayEstimate, Finding, Method, Outcome, ResponseMethod, Verdict, distrust};
+use super::{Class, Condition, DelayEstimate, Finding, Jitter, Method, Outcome, ResponseMethod, Verdict, distrust};
 
 /// One method's answer, as the file has it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -110,6 +110,9 @@ pub struct Pair {
     /// The delay against time, where it was asked for and the records allow it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub track: Option<Tracked>,
+    /// How long single events take; absent where there are none, or none can be paired.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub jitter: Option<Jitter>,
 }
 
 /// The file `deadtime/estimate@1`.

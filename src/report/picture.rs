@@ -190,6 +190,7 @@ mod tests {
                 grounds: Grounds::default(),
             },
             moving: None,
+            jitter: None,
             track: None,
         };
         let response = Response { values: vec![0.0, 0.0, 1.0], std: vec![0.01; 3] };

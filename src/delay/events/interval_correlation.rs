@@ -65,6 +65,6 @@ impl DelayEstimator for EventCorrelation {
     }
 }
 
-fn criterion(paired: &Paired<'_>) -> f64 {
+pub(super) fn criterion(paired: &Paired<'_>) -> f64 {
     -paired.correlation()
 }

@@ -12,12 +12,14 @@
 pub(super) mod average_delay_difference;
 pub(super) mod delay_variance;
 pub(super) mod interval_correlation;
+mod jitter;
 pub(super) mod quadratic_delay_difference;
 pub(super) mod variance_delay_difference;
 
 pub use average_delay_difference::EventAverageDifference;
 pub use delay_variance::EventDelayVariance;
 pub use interval_correlation::EventCorrelation;
+pub use jitter::{DelayQuantile, Jitter};
 pub use quadratic_delay_difference::EventQuadraticDifference;
 pub use variance_delay_difference::EventVarianceDifference;
 
@@ -224,54 +226,74 @@ fn one(events: &Events, units: Units, criterion: fn(&Paired<'_>) -> f64, window:
     let first = &events.first[..];
     let scaled: Vec<f64>;
     let mut second = &events.second[..];
-    let intervals = |times: &[f64]| -> Vec<f64> { times.windows(2).map(|w| w[1] - w[0]).collect() };
     if other_units {
         let spread = |times: &[f64]| variance(|| times.windows(2).map(|w| w[1] - w[0])).sqrt();
         let scale = spread(first) / spread(second).max(f64::MIN_POSITIVE);
         scaled = second.iter().map(|t| t * scale).collect();
         second = &scaled;
     }
-    let typical_interval = median(intervals(first));
-    let offsets = offsets(first, second, if other_units { None } else { Some(window) }, typical_interval);
-    let paired = |k: isize| Paired::new((first, second), k);
-    let Some(best) = offsets.iter().map(|&k| (criterion(&paired(k)), k)).min_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1) else {
-        let note =
-            "no offset puts the second sequence behind the first by a delay of the window: search a longer `max_delay`, or exchange them";
-        return Err((Outcome::NotVisible, note.into()));
-    };
-    let pairs = paired(best);
-    if pairs.correlation() == 0.0 {
-        return Err((Outcome::NotRichEnough, "the intervals between events never vary: every offset fits alike".into()));
-    }
-    let strength = pairs.strength();
-    let limit = Normal::new(0.0, 1.0).map_or(f64::INFINITY, |n| n.inverse_cdf(1.0 - 0.01 / real(offsets.len())));
-    if strength < limit {
-        let note = format!(
-            "the intervals of the two sequences are not alike at the best offset ({best}: correlation {:.2}, {limit:.1} standard deviations of chance needed): they do not show the same events, or too many are missing",
-            pairs.correlation()
-        );
-        return Err((Outcome::NotVisible, note));
-    }
-    let [typical, apart] = pairs.typical();
-    let gate = GATE * typical_interval;
-    let rival = offsets.iter().filter(|&&k| k != best && paired(k).strength() > strength - ALIKE * std::f64::consts::SQRT_2).find(|&&k| {
-        let [delay, difference] = paired(k).typical();
-        (delay - typical).abs() > gate && difference <= AS_CLOSE * apart
-    });
-    if let Some(k) = rival {
-        return Err((Outcome::Flat, format!("offsets {best} and {k} pair the events equally well")));
-    }
-    let raw = mean(pairs.delays());
-    let by_time = partners(first, second, typical, gate);
-    let possible = first.len().min(second.len());
-    if by_time.len() < LEAST || 2 * by_time.len() < possible {
-        let note = format!("only {} of {possible} events have a partner {typical:.6} later", by_time.len());
-        return Err((Outcome::NotVisible, note));
-    }
+    let matched = Matched::of(first, second, criterion, if other_units { None } else { Some(window) })?;
+    let raw = mean(matched.pairs.delays());
+    let by_time = &matched.by_time;
     let note = (by_time.len() < first.len().max(second.len()))
         .then(|| format!("{} events paired, of {} and {}", by_time.len(), first.len(), second.len()));
-    let (delay, variance) = if other_units { along_a_line(&by_time) } else { across(&by_time) };
+    let (delay, variance) = if other_units { along_a_line(by_time) } else { across(by_time) };
     Ok(Shown { delay, variance, raw, note })
+}
+
+/// Which event of one place is which at the other.
+struct Matched<'a> {
+    /// By the best offset, whatever was missed.
+    pairs: Paired<'a>,
+    /// By time: each with its neighbour about the typical delay, strays left out.
+    by_time: Vec<(f64, f64)>,
+    /// The delay of the half of the events whose intervals agree most.
+    typical: f64,
+    /// How far from it two events are still one.
+    gate: f64,
+}
+
+impl<'a> Matched<'a> {
+    /// By the offset with the smallest criterion; why there is none.
+    fn of(first: &'a [f64], second: &'a [f64], criterion: fn(&Paired<'_>) -> f64, window: Option<f64>) -> Result<Self, (Outcome, String)> {
+        let typical_interval = median(first.windows(2).map(|w| w[1] - w[0]).collect());
+        let offsets = offsets(first, second, window, typical_interval);
+        let paired = |k: isize| Paired::new((first, second), k);
+        let Some(best) = offsets.iter().map(|&k| (criterion(&paired(k)), k)).min_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1) else {
+            let note = "no offset puts the second sequence behind the first by a delay of the window: search a longer `max_delay`, or exchange them";
+            return Err((Outcome::NotVisible, note.into()));
+        };
+        let pairs = paired(best);
+        if pairs.correlation() == 0.0 {
+            return Err((Outcome::NotRichEnough, "the intervals between events never vary: every offset fits alike".into()));
+        }
+        let strength = pairs.strength();
+        let limit = Normal::new(0.0, 1.0).map_or(f64::INFINITY, |n| n.inverse_cdf(1.0 - 0.01 / real(offsets.len())));
+        if strength < limit {
+            let note = format!(
+                "the intervals of the two sequences are not alike at the best offset ({best}: correlation {:.2}, {limit:.1} standard deviations of chance needed): they do not show the same events, or too many are missing",
+                pairs.correlation()
+            );
+            return Err((Outcome::NotVisible, note));
+        }
+        let [typical, apart] = pairs.typical();
+        let gate = GATE * typical_interval;
+        let rival =
+            offsets.iter().filter(|&&k| k != best && paired(k).strength() > strength - ALIKE * std::f64::consts::SQRT_2).find(|&&k| {
+                let [delay, difference] = paired(k).typical();
+                (delay - typical).abs() > gate && difference <= AS_CLOSE * apart
+            });
+        if let Some(k) = rival {
+            return Err((Outcome::Flat, format!("offsets {best} and {k} pair the events equally well")));
+        }
+        let by_time = partners(first, second, typical, gate);
+        let possible = first.len().min(second.len());
+        if by_time.len() < LEAST || 2 * by_time.len() < possible {
+            let note = format!("only {} of {possible} events have a partner {typical:.6} later", by_time.len());
+            return Err((Outcome::NotVisible, note));
+        }
+        Ok(Self { pairs, by_time, typical, gate })
+    }
 }
 
 /// The offsets that pair enough intervals, with a mean delay in the window (half an interval beside it) where there is one.

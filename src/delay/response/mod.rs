@@ -129,6 +129,7 @@ impl ResponseJob {
             verdict,
             moving: None,
             track: None,
+            jitter: None,
         };
         let searched = Searched::Frequencies {
             count: response.omega_rad_s().len(),

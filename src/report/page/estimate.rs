@@ -10,6 +10,7 @@ use crate::delay::report::{Estimate, Pair, Report, Response};
 use crate::delay::track::Tracked;
 use crate::delay::{Evidence, Outcome};
 use crate::log::Log;
+use crate::report::estimate::single_events;
 use crate::report::picture::{Shown, svg};
 use crate::report::terminal::{Axis, without_lists};
 use crate::report::text::{delay, delay_cells, seconds};
@@ -69,6 +70,7 @@ fn verdict(pair: &Pair, step_s: f64) -> Markup {
             _ => p .verdict { strong { "Believe none of it." } },
         }
         p { (quoted(&without_lists(&pair.verdict.why, pair))) "." }
+        @if let Some(jitter) = &pair.jitter { p { (single_events(jitter, step_s)) "." } }
         @if let Some(warning) = pair.warning(step_s) { p { strong { "Beware: " } (warning) "." } }
         @if !pair.findings.is_empty() {
             p { "The record shows " @for (at, f) in pair.findings.iter().enumerate() { @if at > 0 { "; " } (f.condition.words()) " (" (quoted(&f.evidence)) ")" } "." }

@@ -4,7 +4,7 @@ use super::axis::Axis;
 use crate::delay::Outcome;
 use crate::delay::report::{Estimate, Pair, Report};
 use crate::delay::track::Tracked;
-use crate::report::estimate::A_HANDFUL;
+use crate::report::estimate::{A_HANDFUL, single_events};
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns, wrapped};
 use crate::report::text::{delay, delay_cells, seconds};
 use crate::text::shown;
@@ -86,6 +86,9 @@ fn answer(text: &mut Styled, pair: &Pair, step_s: f64) {
         _ => {
             text.sentence((Role::Doubt, "Believe none of it: "), &format!("{why}."), WIDTH, 2);
         }
+    }
+    if let Some(jitter) = &pair.jitter {
+        text.sentence((Role::Plain, ""), &format!("{}.", single_events(jitter, step_s)), WIDTH, 2);
     }
     let ci95_s = |method: &str| pair.estimates.iter().find(|e| e.method == method).and_then(|e| e.ci95_s);
     let mut others: Vec<String> =
