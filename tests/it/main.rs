@@ -106,6 +106,8 @@ mod real_logs;
 mod report_html;
 #[cfg(feature = "cli")]
 mod report_pages;
+#[cfg(feature = "cli")]
+mod response;
 mod richness;
 mod sampled_models;
 mod several_inputs;
