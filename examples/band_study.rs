@@ -164,7 +164,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut words = std::env::args().skip(1);
     let records: u64 = words.next().map_or(Ok(200), |w| w.parse())?;
     let first: u64 = words.next().map_or(Ok(1), |w| w.parse())?;
-    println!("Each row: {records} records of {SAMPLES} samples, seeds from {first}; shares in % of the intervals of 95 % that hold the truth, with the");
+    println!(
+        "Each row: {records} records of {SAMPLES} samples, seeds from {first}; shares in % of the intervals of 95 % that hold the truth, with the"
+    );
     println!("standard error over records. Responses at {FREQUENCIES} frequencies. A share below 90 or above 98 is *missed*.\n");
     println!("| machine | order | gain | phase | poles | zeros | another order found | failed |");
     println!("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |");

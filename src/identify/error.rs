@@ -84,7 +84,9 @@ pub enum IdentifyError {
         most: usize,
     },
     /// Records that are too short for a frequency response.
-    #[error("{method}: a record of at least {needed} samples is needed, and there are {got}; record longer, or lower what its options ask for")]
+    #[error(
+        "{method}: a record of at least {needed} samples is needed, and there are {got}; record longer, or lower what its options ask for"
+    )]
     TooShort {
         /// The method.
         method: &'static str,
@@ -111,7 +113,9 @@ pub enum IdentifyError {
         inputs: usize,
     },
     /// References that do not move the inputs.
-    #[error("the references do not move the inputs beyond noise at any frequency; name what is fed into the loop from outside, or excite it more")]
+    #[error(
+        "the references do not move the inputs beyond noise at any frequency; name what is fed into the loop from outside, or excite it more"
+    )]
     Unmoved,
     /// An option outside its range.
     #[error("{option} is {value}: {rule}")]

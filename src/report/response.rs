@@ -90,10 +90,9 @@ pub(super) fn table(points: &[Point]) -> Table {
         let Some(p) = points.get(at).filter(|_| before != Some(at)) else { continue };
         before = Some(at);
         let [low, high] = p.gain_ci95();
-        let phase = p.phase_ci95_rad().map_or_else(
-            || "[not known]".to_owned(),
-            |ends| format!("[{:.1}, {:.1}]", ends[0].to_degrees(), ends[1].to_degrees()),
-        );
+        let phase = p
+            .phase_ci95_rad()
+            .map_or_else(|| "[not known]".to_owned(), |ends| format!("[{:.1}, {:.1}]", ends[0].to_degrees(), ends[1].to_degrees()));
         table.row(vec![
             format!("{:.4}", hz(p)),
             format!("{:.4e}", p.gain()),

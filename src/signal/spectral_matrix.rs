@@ -27,8 +27,7 @@ impl SpectralMatrix {
         let channels = records.first().map_or(0, Vec::len);
         let repeated = ((segment as f64 * overlap) as usize).min(segment - 1);
         let apart = segment - repeated;
-        let window: Vec<f64> =
-            (0..segment).map(|t| (std::f64::consts::PI * t as f64 / segment as f64).sin().powi(2)).collect();
+        let window: Vec<f64> = (0..segment).map(|t| (std::f64::consts::PI * t as f64 / segment as f64).sin().powi(2)).collect();
         let power: f64 = window.iter().map(|w| w * w).sum();
         let fourier = RealFourier::new(segment);
         let mut lines = vec![DMatrix::zeros(channels, channels); segment / 2 + 1];

@@ -14,6 +14,7 @@ mod bad_equations;
 mod bad_gap;
 #[cfg(feature = "cli")]
 mod bad_input;
+mod bands;
 mod bjorklund;
 mod black_box;
 mod black_box_pushes;

@@ -224,10 +224,12 @@ fn bands_without_excitation_are_absent_and_weak_ones_wide() {
     let n = 2048;
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let phases: Vec<f64> = white(300, &mut rng);
-    let u: Vec<f64> =
-        (0..n).map(|t| phases.iter().enumerate().map(|(k, p)| (TAU * (k + 1) as f64 * t as f64 / n as f64 + 9.0 * p).cos()).sum()).collect();
+    let u: Vec<f64> = (0..n)
+        .map(|t| phases.iter().enumerate().map(|(k, p)| (TAU * (k + 1) as f64 * t as f64 / n as f64 + 9.0 * p).cos()).sum())
+        .collect();
     let noise = white(n, &mut rng);
-    let of = |u: &[f64]| ask(&[log(&[("u", u), ("y", &add(&smooth().run(u), &noise, 0.1))])], [&["u"], &["y"], &[]], "lpm", json!({})).unwrap();
+    let of =
+        |u: &[f64]| ask(&[log(&[("u", u), ("y", &add(&smooth().run(u), &noise, 0.1))])], [&["u"], &["y"], &[]], "lpm", json!({})).unwrap();
     let found = of(&u);
     let last = found.pair(0, 0).last().unwrap().omega_rad_s * TS / TAU * n as f64;
     assert!((290.0..308.0).contains(&last), "{last}");
@@ -253,7 +255,10 @@ fn what_no_response_can_be_had_of_is_refused() {
         let found = refused([&["u", "twice"], &["y"], &[]], method, json!({}));
         assert!(matches!(&found, IdentifyError::Collinear { channel, .. } if channel == "twice"), "{method}: {found}");
         assert!(matches!(refused([&["still"], &["y"], &[]], method, json!({})), IdentifyError::Constant { .. }));
-        assert!(matches!(refused([&["u"], &["y"], &["u", "v"]], method, json!({})), IdentifyError::References { references: 2, inputs: 1 } | IdentifyError::Twice { .. }));
+        assert!(matches!(
+            refused([&["u"], &["y"], &["u", "v"]], method, json!({})),
+            IdentifyError::References { references: 2, inputs: 1 } | IdentifyError::Twice { .. }
+        ));
         // A reference that moves nothing: only chance is left, and most lines go.
         let few = ask(&data, [&["u"], &["y"], &["v"]], method, json!({}));
         assert!(few.is_err() || few.unwrap().lines.len() < 30, "{method}");
@@ -286,7 +291,8 @@ print(json.dumps({'re': np.real(h).tolist(), 'im': np.imag(h).tolist(), 'coheren
 
 #[test]
 fn welch_agrees_with_scipy() {
-    let python = std::env::var_os("DEADTIME_PYTHON").map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python"), PathBuf::from);
+    let python = std::env::var_os("DEADTIME_PYTHON")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python"), PathBuf::from);
     let there = Command::new(&python).args(["-c", "import scipy"]).output().is_ok_and(|o| o.status.success());
     if !there {
         let required = ["CI", "DEADTIME_REQUIRE_REFERENCE"].iter().any(|name| std::env::var_os(name).is_some());

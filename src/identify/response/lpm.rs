@@ -79,13 +79,13 @@ impl ResponseMethod for LocalPolynomial {
         let m = recordings.inputs.len();
         // Lines of the grid stand `step` lines of the longest record apart.
         let step = longest.div_ceil(self.lines).max(1);
-        let Some(half) = (step.div_ceil(2)..=longest.saturating_sub(1) / 2).find(|n| self.left(&records, samples, *n, m) >= self.freedom) else {
+        let Some(half) = (step.div_ceil(2)..=longest.saturating_sub(1) / 2).find(|n| self.left(&records, samples, *n, m) >= self.freedom)
+        else {
             let needed = 2 * ((self.order + 1) * (m + 1) + self.freedom) + 3;
             return Err(IdentifyError::TooShort { method: "lpm", needed, got: samples });
         };
-        let peaks: Vec<f64> = (0..m)
-            .map(|i| records.iter().flat_map(|r| r.channels[i].iter()).map(|v| v.norm()).fold(0.0, f64::max))
-            .collect();
+        let peaks: Vec<f64> =
+            (0..m).map(|i| records.iter().flat_map(|r| r.channels[i].iter()).map(|v| v.norm()).fold(0.0, f64::max)).collect();
         let grid: Vec<usize> = (1..=longest).step_by(step).collect();
         let window = Window { lpm: self, records: &records, samples, half, inputs: m, peaks: &peaks };
         let ts = recordings.sample_time.seconds();

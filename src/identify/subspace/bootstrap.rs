@@ -51,7 +51,8 @@ impl Blocks {
         rng.set_stream(STREAM + number as u64);
         let drawn: Vec<usize> = (0..count).map(|_| rng.random_range(0..count)).collect();
         let one = |(which, layout): (usize, &Layout)| {
-            let above: Vec<(usize, usize)> = drawn.iter().flat_map(|b| (0..self.blocks[*b][which].nrows()).map(move |row| (*b, row))).collect();
+            let above: Vec<(usize, usize)> =
+                drawn.iter().flat_map(|b| (0..self.blocks[*b][which].nrows()).map(move |row| (*b, row))).collect();
             let all = Mat::from_fn(above.len(), layout.columns(), |i, j| self.blocks[above[i].0][which][(above[i].1, j)]);
             Factor::joined(*layout, self.rows, [triangle(&all)])
         };
