@@ -162,7 +162,7 @@ fn share(all: &[Held], which: usize) -> String {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut words = std::env::args().skip(1);
-    let records: u64 = words.next().map_or(Ok(200), |w| w.parse())?;
+    let records: u64 = words.next().map_or(Ok(400), |w| w.parse())?;
     let first: u64 = words.next().map_or(Ok(1), |w| w.parse())?;
     println!(
         "Each row: {records} records of {SAMPLES} samples, seeds from {first}; shares in % of the intervals of 95 % that hold the truth, with the"

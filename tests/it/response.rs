@@ -129,7 +129,7 @@ fn records_of_several_lengths_each_with_its_own_transient_give_one_response() {
     let noisy: Vec<f64> = add(&y, &white(3000, &mut rng), 0.3);
     let cut = |from: usize, to: usize| log(&[("u", &u[from..to]), ("y", &noisy[from..to])]);
     let mean = |logs: &[Log]| {
-        let points = ask(logs, [&["u"], &["y"], &[]], "lpm", json!({ "lines": 64 })).unwrap().pair(0, 0);
+        let points = ask(logs, [&["u"], &["y"], &[]], "lpm", json!({ "lines": 16 })).unwrap().pair(0, 0);
         points.iter().map(|p| p.std * p.std).sum::<f64>() / points.len() as f64
     };
     let (one, three) = (mean(&[cut(0, 1000)]), mean(&[cut(0, 1000), cut(1000, 2000), cut(2000, 3000)]));
