@@ -45,6 +45,7 @@ from .models import (
     to_scipy,
     uav,
 )
+from .responses import FrequencyResponse, frequency_response
 from .signals import Excitation, add_noise, excitations, excite
 from .studies import GateResult, Plan, Study, gate, plans, plants, read_study, study
 from .tracking import Alarm, Tracker, Tracking
@@ -57,7 +58,7 @@ __all__ += ["Excitation", "add_noise", "excitations", "excite"]
 # Models.
 __all__ += ["Model", "StateSpace", "TransferFunction", "as_model", "as_system", "c2d", "conversions", "d2c", "dare", "dlqr", "effects"]
 __all__ += ["impulse_response", "lsim", "simulate", "step_response", "to_control", "to_scipy", "uav"]
-__all__ += ["Identified", "identify"]
+__all__ += ["FrequencyResponse", "Identified", "frequency_response", "identify"]
 # Dead time.
 __all__ += ["Estimate", "Estimates", "Method", "Pair", "Verdict", "estimate", "estimate_delay", "estimate_events", "estimate_frf"]
 __all__ += ["estimate_impulse_response", "step_log"]

@@ -114,6 +114,16 @@ def _identify(
     logs: Sequence[Log], holdout: Sequence[Log], options: Mapping[str, Any], asked: Mapping[str, Any], threads: int | None
 ) -> tuple[Model, str, str]: ...
 
+# --- response
+
+def _frequency_response(
+    logs: Sequence[Log],
+    channels: tuple[Sequence[str], Sequence[str], Sequence[str]],
+    method: str,
+    options: Mapping[str, Any],
+    threads: int | None,
+) -> tuple[str, str]: ...
+
 # --- bound
 
 def _two_sensors_white(samples: int, snr: float) -> float: ...

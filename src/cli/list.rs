@@ -12,6 +12,7 @@ use crate::diagnose::Criteria;
 use crate::effect;
 use crate::export::TARGETS;
 use crate::identify::IDENTIFIERS;
+use crate::identify::response::RESPONSES;
 use crate::log::READERS;
 use crate::model::ModelDocument;
 use crate::model::c2d::CONVERSIONS;
@@ -22,7 +23,7 @@ use crate::signal::EXCITATIONS;
 use crate::simulate::System;
 use crate::study::{PLANS, PLANTS, Plan};
 
-/// List the methods, identification methods, effects, excitations, conversions, dynamics, plants, plans, readers of log files, targets of an export or thresholds of a diagnosis there are, with their options and
+/// List the methods, identification methods, frequency response methods, effects, excitations, conversions, dynamics, plants, plans, readers of log files, targets of an export or thresholds of a diagnosis there are, with their options and
 /// defaults
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -48,6 +49,7 @@ enum What {
     Plans,
     Readers,
     Identifiers,
+    Responses,
     /// What `deadtime export` can make of a diagnosis
     Targets,
     /// The thresholds of a diagnosis, of which src/diagnose/input/criteria.rs tells the meaning and the origin
@@ -81,6 +83,7 @@ impl List {
                 .concat(),
             What::Plants => PLANTS.iter().map(|p| format!("{}\n    {}\n", p.name, p.summary)).collect(),
             What::Identifiers => IDENTIFIERS.iter().map(|i| format!("{}    needs {}\n", describe(&i.entry), i.needs)).collect(),
+            What::Responses => RESPONSES.iter().map(describe).collect(),
             What::Criteria => toml::to_string(&Criteria::default()).context("thresholds")?,
             What::Plans => plans()?.iter().map(|p| format!("{}\n    {}\n", p.name, p.about)).collect(),
             What::Readers => {
@@ -104,6 +107,7 @@ impl List {
             What::Excitations => EXCITATIONS.iter().map(Entry::data).collect(),
             What::Conversions => CONVERSIONS.iter().map(Entry::data).collect(),
             What::Targets => TARGETS.iter().map(Entry::data).collect(),
+            What::Responses => RESPONSES.iter().map(Entry::data).collect(),
             What::Dynamics => Dynamics::ALL
                 .iter()
                 .map(|d| json!({ "name": d.name(), "states": d.states(), "input": d.input(), "outputs": d.outputs() }))

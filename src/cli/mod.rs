@@ -27,6 +27,7 @@ mod manual;
 mod methods;
 mod model;
 mod progress;
+mod response;
 mod show;
 mod simulate;
 mod simulator;
@@ -81,6 +82,7 @@ enum Command {
     Excite(excite::Excite),
     Check(check::Check),
     Identify(identify::Identify),
+    Response(response::Response),
     Gap(gap::Gap),
     Export(export::Export),
     Compare(compare::Compare),
@@ -120,6 +122,7 @@ impl Cli {
             Command::Excite(c) => c.run(to),
             Command::Check(c) => c.run(to),
             Command::Identify(c) => c.run(to),
+            Command::Response(c) => c.run(to),
             Command::Gap(c) => c.run(to),
             Command::Export(c) => c.run(to),
             Command::Compare(c) => c.run(to),

@@ -83,6 +83,40 @@ pub enum IdentifyError {
         /// Most states.
         most: usize,
     },
+    /// Records that are too short for a frequency response.
+    #[error(
+        "{method}: a record of at least {needed} samples is needed, and there are {got}; record longer, or lower what its options ask for"
+    )]
+    TooShort {
+        /// The method.
+        method: &'static str,
+        /// Samples needed.
+        needed: usize,
+        /// Samples there are.
+        got: usize,
+    },
+    /// Inputs that excite no frequency.
+    #[error(
+        "the input `{inputs}` excites no frequency enough for a response and its noise; \
+         use an excitation that fills its band, such as a random binary signal (deadtime excite)"
+    )]
+    NotExcited {
+        /// The inputs.
+        inputs: String,
+    },
+    /// Another number of references than of inputs.
+    #[error("{references} references for {inputs} inputs; name one reference for each input")]
+    References {
+        /// References named.
+        references: usize,
+        /// Inputs named.
+        inputs: usize,
+    },
+    /// References that do not move the inputs.
+    #[error(
+        "the references do not move the inputs beyond noise at any frequency; name what is fed into the loop from outside, or excite it more"
+    )]
+    Unmoved,
     /// An option outside its range.
     #[error("{option} is {value}: {rule}")]
     Option {

@@ -15,6 +15,7 @@ pub mod matching;
 mod oe;
 mod polynomial;
 mod regression;
+pub mod response;
 pub mod structured;
 pub mod subspace;
 mod triangle;

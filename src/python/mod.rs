@@ -16,6 +16,7 @@ mod file;
 mod identify;
 mod log;
 mod model;
+mod response;
 mod signal;
 mod simulate;
 mod state_space;
@@ -42,6 +43,7 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     identify::add(m)?;
     log::add(m)?;
     model::add(m)?;
+    response::add(m)?;
     signal::add(m)?;
     simulate::add(m)?;
     state_space::add(m)?;

@@ -19,6 +19,7 @@ pub mod matching;
 pub mod methods;
 pub mod page;
 pub mod picture;
+pub mod response;
 pub mod speed;
 pub mod structured;
 pub mod study;

@@ -8,6 +8,7 @@ mod fractional_delay;
 mod noise;
 mod polynomial;
 mod spectra;
+mod spectral_matrix;
 pub mod stats;
 
 pub use correlation::{Correlator, correlation};
@@ -15,6 +16,7 @@ pub use excitation::{EXCITATIONS, Excitation};
 pub use fractional_delay::fractional_delay;
 pub use noise::{Noise, NoiseColour, NoiseScaling, add_noise, unit_noise};
 pub use spectra::{CrossSpectra, HANN_LINES};
+pub use spectral_matrix::SpectralMatrix;
 
 pub(crate) use fourier::{RealFourier, fast_length};
 

@@ -14,6 +14,7 @@ mod bad_equations;
 mod bad_gap;
 #[cfg(feature = "cli")]
 mod bad_input;
+mod bands;
 mod bjorklund;
 mod black_box;
 mod black_box_pushes;
@@ -107,6 +108,8 @@ mod real_logs;
 mod report_html;
 #[cfg(feature = "cli")]
 mod report_pages;
+#[cfg(feature = "cli")]
+mod response;
 mod richness;
 mod sampled_models;
 mod several_inputs;

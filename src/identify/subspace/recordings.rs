@@ -174,14 +174,23 @@ impl Recordings {
     /// The triangular factor of the lagged, scaled samples.
     #[must_use]
     pub(super) fn factor(&self, past: usize, scales: &Scales) -> Factor {
-        let (m, l) = (self.inputs.len(), self.outputs.len());
-        let layout = Layout { m, l, past };
-        let q = layout.columns();
+        let layout = self.layout(past);
         // Long enough that joining their factors costs little beside making them.
-        let most = (16 * q).max(8192);
+        let most = (16 * layout.columns()).max(8192);
+        Factor::joined(layout, self.rows(past), self.blocks((past, past), most, scales))
+    }
+
+    fn layout(&self, past: usize) -> Layout {
+        Layout { m: self.inputs.len(), l: self.outputs.len(), past }
+    }
+
+    /// Triangular factors of the rows from `first` on, at least `past`, in blocks of at most `most` rows.
+    pub(super) fn blocks(&self, (past, first): (usize, usize), most: usize, scales: &Scales) -> Vec<Mat<f64>> {
+        let layout = self.layout(past);
+        let (m, q) = (layout.m, layout.columns());
         let mut jobs = Vec::new();
         for (s, stretch) in self.stretches.iter().enumerate() {
-            let mut at = past;
+            let mut at = first;
             while at < stretch.len() {
                 let to = (at + most).min(stretch.len());
                 jobs.push((s, at, to));
@@ -189,8 +198,7 @@ impl Recordings {
             }
         }
         let scaled: Vec<Stretch> = self.stretches.iter().map(|s| scales.scaled(s)).collect();
-        let factors: Vec<Mat<f64>> = jobs
-            .into_par_iter()
+        jobs.into_par_iter()
             .map(|(s, from, to)| {
                 let Stretch { u, y } = &scaled[s];
                 let rows = Mat::from_fn(to - from, q, |row, column| {
@@ -200,18 +208,12 @@ impl Recordings {
                 });
                 triangle(&rows)
             })
-            .collect();
-        let joined = factors.into_iter().reduce(|above, below| {
-            let top = above.nrows();
-            triangle(&Mat::from_fn(top + below.nrows(), q, |i, j| if i < top { above[(i, j)] } else { below[(i - top, j)] }))
-        });
-        let r = DMatrix::from_fn(q, q, |i, j| joined.as_ref().filter(|r| i < r.nrows()).map_or(0.0, |r| r[(i, j)]));
-        Factor { layout, rows: self.rows(past), r }
+            .collect()
     }
 }
 
 /// The upper triangular factor, with at most as many rows as columns.
-fn triangle(rows: &Mat<f64>) -> Mat<f64> {
+pub(super) fn triangle(rows: &Mat<f64>) -> Mat<f64> {
     let qr = rows.qr();
     let r = qr.thin_R();
     Mat::from_fn(r.nrows(), r.ncols(), |i, j| if i <= j { r[(i, j)] } else { 0.0 })
@@ -257,7 +259,7 @@ impl Layout {
     pub(super) fn window(self) -> usize {
         self.past * self.width()
     }
-    fn columns(self) -> usize {
+    pub(super) fn columns(self) -> usize {
         self.window() + self.width()
     }
     /// Lag and channel of a column.
@@ -280,6 +282,17 @@ pub(super) struct Factor {
 }
 
 impl Factor {
+    /// The factor of the rows of all these factors.
+    pub(super) fn joined(layout: Layout, rows: usize, factors: impl IntoIterator<Item = Mat<f64>>) -> Self {
+        let q = layout.columns();
+        let joined = factors.into_iter().reduce(|above, below| {
+            let top = above.nrows();
+            triangle(&Mat::from_fn(top + below.nrows(), q, |i, j| if i < top { above[(i, j)] } else { below[(i - top, j)] }))
+        });
+        let r = DMatrix::from_fn(q, q, |i, j| joined.as_ref().filter(|r| i < r.nrows()).map_or(0.0, |r| r[(i, j)]));
+        Self { layout, rows, r }
+    }
+
     /// y(t).
     pub(super) fn y(&self) -> DMatrix<f64> {
         let from = self.layout.window() + self.layout.m;

@@ -34,6 +34,8 @@ pub struct Root {
     pub std_im: Option<f64>,
     /// Covariance of the two, for the ellipse.
     pub covariance: Option<f64>,
+    /// The ellipse that holds the root with 95 %; absent without draws and for a real root, which has an interval.
+    pub ellipse95: Option<Ellipse>,
     /// Natural frequency of the continuous pole, Hz; absent at z = 0.
     pub frequency_hz: Option<f64>,
     /// Damping ratio of the continuous pole.
@@ -43,6 +45,31 @@ pub struct Root {
     /// Standard deviation of `time_constant_s`.
     pub time_constant_std_s: Option<f64>,
 }
+
+/// An ellipse around a root of the z plane.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Ellipse {
+    /// The longer half-axis.
+    pub major: f64,
+    /// The shorter half-axis.
+    pub minor: f64,
+    /// Angle from the real axis to the longer half-axis, rad, between −π/2 and π/2.
+    pub angle_rad: f64,
+}
+
+impl Ellipse {
+    /// Of two normal parts with these standard deviations and this covariance: half-axes are the roots of the covariance's eigenvalues times 5.991, the 95 % quantile
+    /// of chi-squared with two degrees of freedom.
+    fn of(std_re: f64, std_im: f64, covariance: f64) -> Self {
+        let (a, b) = (std_re * std_re, std_im * std_im);
+        let (middle, half) = (0.5 * (a + b), (0.5 * (a - b)).hypot(covariance));
+        let axis = |eigenvalue: f64| (CHI_SQUARED_95 * eigenvalue.max(0.0)).sqrt();
+        Self { major: axis(middle + half), minor: axis(middle - half), angle_rad: 0.5 * (2.0 * covariance).atan2(a - b) }
+    }
+}
+
+/// The 95 % quantile of chi-squared with two degrees of freedom.
+const CHI_SQUARED_95: f64 = 5.991_465;
 
 impl Root {
     /// Whether `z` lies within the ellipse of 95 % (the interval of 95 % for a real one).
@@ -54,8 +81,7 @@ impl Root {
         if self.im == 0.0 || determinant <= 0.0 {
             return dre.abs() <= NORMAL_95_EXACT * sr && dim == 0.0;
         }
-        // The 95 % quantile of chi-squared with two degrees of freedom.
-        (dre * dre * si * si - 2.0 * dre * dim * c + dim * dim * sr * sr) / determinant <= 5.991_465
+        (dre * dre * si * si - 2.0 * dre * dim * c + dim * dim * sr * sr) / determinant <= CHI_SQUARED_95
     }
 }
 
@@ -129,6 +155,7 @@ pub(super) fn roots(nominal: &[Complex<f64>], drawn: &[Vec<Complex<f64>>], step:
                 std_re: known.then(|| vr.sqrt()),
                 std_im: known.then(|| vi.sqrt()),
                 covariance: known.then_some(c),
+                ellipse95: (known && z.im != 0.0).then(|| Ellipse::of(vr.sqrt(), vi.sqrt(), c)),
                 frequency_hz: s.map(|s| s.norm() / std::f64::consts::TAU),
                 damping: s.filter(|s| s.norm() > 0.0).map(|s| -s.re / s.norm()),
                 time_constant_s: growth.filter(|g| g.0 != 0.0).map(|g| -1.0 / g.0),
@@ -194,4 +221,33 @@ pub(super) fn responses(nominal: &StateSpace<Sampled>, draws: &Draws, frequencie
         }
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_ellipse_is_where_the_quadratic_form_is_the_quantile() {
+        let (sr, si, c) = (0.03, 0.01, 0.00021);
+        let ellipse = Ellipse::of(sr, si, c);
+        let root = Root {
+            re: 0.5,
+            im: 0.4,
+            std_re: Some(sr),
+            std_im: Some(si),
+            covariance: Some(c),
+            ellipse95: Some(ellipse),
+            frequency_hz: None,
+            damping: None,
+            time_constant_s: None,
+            time_constant_std_s: None,
+        };
+        for turn in 0..24 {
+            let angle = f64::from(turn) * std::f64::consts::TAU / 24.0;
+            let on = Complex::new(ellipse.major * angle.cos(), ellipse.minor * angle.sin()) * Complex::cis(ellipse.angle_rad);
+            let centre = Complex::new(root.re, root.im);
+            assert!(root.covers(centre + on * 0.999) && !root.covers(centre + on * 1.001), "{turn}");
+        }
+    }
 }

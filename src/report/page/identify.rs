@@ -17,7 +17,7 @@ use crate::signal::stats::NORMAL_95;
 pub fn identify(report: &Report<'_>) -> Result<String, ModelError> {
     let m = report.model;
     let responses = m.responses(report.delays, FREQUENCIES)?;
-    let roots = m.poles();
+    let (roots, zeros) = (m.poles(), m.zeros());
     let step_s = m.sample_time.seconds();
     let body = html! {
         h1 { "Model of " (report.logs.join(", ")) }
@@ -34,9 +34,9 @@ pub fn identify(report: &Report<'_>) -> Result<String, ModelError> {
         p { "With 95 % intervals where the method gives them; dead times are in the phase." }
         (figure("gain", "The gain"))
         (figure("phase", "The phase"))
-        h2 { "Poles" }
-        p { "Inside the circle a pole decays. Bars are 95 % intervals." }
-        (plane(&roots))
+        h2 { "Poles and zeros" }
+        p { "Poles are crosses, zeros are rings; inside the circle a pole decays. Ellipses, and bars of real ones, hold 95 %." }
+        (plane(&roots, &zeros))
         (given("Poles in the z plane, standard deviations in brackets", &poles(&roots)))
         (order(report))
         (made_by())
@@ -83,21 +83,37 @@ fn figures(responses: &[Response]) -> Vec<Value> {
     vec![json!({ "id": "gain", "pick": ["pair"], "views": all(&gain) }), json!({ "id": "phase", "pick": ["pair"], "views": all(&degrees) })]
 }
 
-/// The z plane: unit circle, axes, poles with their intervals. What is further out than twice the circle stands at the edge.
-fn plane(roots: &[Root]) -> Markup {
-    let edge = roots.iter().map(|r| r.re.hypot(r.im)).fold(1.1, f64::max).min(2.0);
+/// The z plane: unit circle, axes, poles and zeros with their ellipses. What is further out than twice the circle stands at the edge.
+fn plane(poles: &[Root], zeros: &[Root]) -> Markup {
+    let edge = poles.iter().map(|r| r.re.hypot(r.im)).fold(1.1, f64::max).min(2.0);
     let at = |v: f64| 150.0 * (v / edge).clamp(-1.0, 1.0);
-    let whisker = |std: Option<f64>| 150.0 * (NORMAL_95 * std.unwrap_or(0.0) / edge).min(2.0);
-    let told: Vec<String> = roots.iter().map(|r| format!("{:.3}{:+.3}i", r.re, r.im)).collect();
+    let size = |length: f64| 150.0 * (length / edge).min(2.0);
+    let told = |roots: &[Root]| roots.iter().map(|r| format!("{:.3}{:+.3}i", r.re, r.im)).collect::<Vec<_>>().join(", ");
+    let around = |r: &Root| {
+        let (x, y) = (at(r.re), -at(r.im));
+        html! {
+            @if let Some(e) = r.ellipse95 {
+                // Downwards is positive: the angle turns the other way.
+                @let turned = format!("rotate({:.2} {x:.1} {y:.1})", -e.angle_rad.to_degrees());
+                ellipse .whisker fill="none" cx=(format!("{x:.1}")) cy=(format!("{y:.1}")) rx=(format!("{:.2}", size(e.major))) ry=(format!("{:.2}", size(e.minor))) transform=(turned) {}
+            } @else {
+                @let half = size(NORMAL_95 * r.std_re.unwrap_or(0.0));
+                path .whisker d=(format!("M{:.1} {y:.1}h{:.1}", x - half, 2.0 * half)) {}
+            }
+        }
+    };
+    let name = |r: &Root| html! { title { (format!("{:.4} {:+.4}i", r.re, r.im)) } };
     html! {
-        svg .plane viewBox="-160 -160 320 320" width="320" height="320" role="img" aria-label={ "Poles in the z plane: " (told.join(", ")) } {
+        svg .plane viewBox="-160 -160 320 320" width="320" height="320" role="img" aria-label={ "Poles in the z plane: " (told(poles)) "; zeros: " (told(zeros)) } {
             path .axis d="M-155 0H155M0 -155V155" {}
             circle .circle r=(format!("{:.1}", 150.0 / edge)) {}
-            @for r in roots {
-                @let (x, y) = (at(r.re), -at(r.im));
-                @let (dx, dy) = (whisker(r.std_re), whisker(r.std_im));
-                path .whisker d=(format!("M{:.1} {y:.1}h{:.1}M{x:.1} {:.1}v{:.1}", x - dx, 2.0 * dx, y - dy, 2.0 * dy)) {}
-                path .pole d=(format!("M{:.1} {:.1}l10 10m0 -10l-10 10", x - 5.0, y - 5.0)) { title { (format!("{:.4} {:+.4}i", r.re, r.im)) } }
+            @for r in poles {
+                (around(r))
+                path .pole d=(format!("M{:.1} {:.1}l10 10m0 -10l-10 10", at(r.re) - 5.0, -at(r.im) - 5.0)) { (name(r)) }
+            }
+            @for r in zeros {
+                (around(r))
+                circle .pole fill="none" cx=(format!("{:.1}", at(r.re))) cy=(format!("{:.1}", -at(r.im))) r="5" { (name(r)) }
             }
         }
     }

@@ -11,6 +11,7 @@ mod gap;
 mod identify;
 mod laws;
 mod residual;
+mod response;
 mod series;
 mod structured;
 mod study;
@@ -21,6 +22,7 @@ pub use compare::{compared_diagnoses, compared_studies};
 pub use estimate::estimate;
 pub use gap::gap;
 pub use identify::identify;
+pub use response::response;
 pub use structured::structured;
 pub use study::study;
 

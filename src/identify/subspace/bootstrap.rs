@@ -1,0 +1,61 @@
+//! Records as they might have been: blocks of rows of the regressions, drawn with replacement.
+
+use faer::Mat;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+use super::recordings::{Factor, Layout, Recordings, Scales, triangle};
+
+/// Blocks that do not overlap, of which each replicate draws as many as there are.
+///
+/// A row holds an output with all of its past, so that only what errors have in common beyond the past is cut at the edges of a block.
+/// Assumes: errors that forget within a block, a process that stays the same. Fails when: there are few blocks; then intervals are too narrow.
+/// Source: Carlstein (1986), Ann. Stat. 14(3), 1171-1179, doi:10.1214/aos/1176350057; Lahiri (2003), "Resampling Methods for Dependent Data",
+/// doi:10.1007/978-1-4757-3803-2.
+pub(super) struct Blocks {
+    layouts: Vec<Layout>,
+    /// By block, a factor for each layout.
+    blocks: Vec<Vec<Mat<f64>>>,
+    rows: usize,
+    seed: u64,
+}
+
+/// Shortest block, rows.
+const SHORTEST: usize = 20;
+/// Blocks at least where records carry them.
+const FEWEST: usize = 20;
+/// Streams of random numbers that no other draw of the same seed uses.
+const STREAM: u64 = 1 << 32;
+
+impl Blocks {
+    /// Blocks twice as long as the longest of the pasts, which are cut alike for all of them.
+    pub(super) fn of(recordings: &Recordings, pasts: &[usize], scales: &Scales, seed: u64) -> Self {
+        let first = pasts.iter().copied().max().unwrap_or(1);
+        let rows = recordings.rows(first);
+        let length = (2 * first).max(SHORTEST).min((rows / FEWEST).max(1));
+        let by_past: Vec<Vec<Mat<f64>>> = pasts.iter().map(|past| recordings.blocks((*past, first), length, scales)).collect();
+        let count = by_past.iter().map(Vec::len).min().unwrap_or(0);
+        let blocks = (0..count).map(|b| by_past.iter().map(|of| of[b].clone()).collect()).collect();
+        let layouts = pasts.iter().map(|past| Layout { m: recordings.inputs.len(), l: recordings.outputs.len(), past: *past }).collect();
+        Self { layouts, blocks, rows, seed }
+    }
+
+    /// The factor for each past of one replicate; none without blocks.
+    pub(super) fn replicate(&self, number: usize) -> Vec<Factor> {
+        let count = self.blocks.len();
+        if count == 0 {
+            return Vec::new();
+        }
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        rng.set_stream(STREAM + number as u64);
+        let drawn: Vec<usize> = (0..count).map(|_| rng.random_range(0..count)).collect();
+        let one = |(which, layout): (usize, &Layout)| {
+            let above: Vec<(usize, usize)> =
+                drawn.iter().flat_map(|b| (0..self.blocks[*b][which].nrows()).map(move |row| (*b, row))).collect();
+            let all = Mat::from_fn(above.len(), layout.columns(), |i, j| self.blocks[above[i].0][which][(above[i].1, j)]);
+            Factor::joined(*layout, self.rows, [triangle(&all)])
+        };
+        self.layouts.iter().enumerate().map(one).collect()
+    }
+}
