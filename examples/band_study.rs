@@ -5,7 +5,7 @@
 use std::error::Error;
 
 use deadtime::identify::Identifier;
-use deadtime::identify::subspace::{Identified, Named, Pbsidopt, Recordings, Root, Settings, Stretch};
+use deadtime::identify::subspace::{Identified, Moesp, N4sid, Named, Pbsidopt, Recordings, Root, Settings, Stretch};
 use deadtime::model::StateSpace;
 use deadtime::progress::HowFar;
 use deadtime::time::SampleTime;
@@ -160,6 +160,20 @@ fn share(all: &[Held], which: usize) -> String {
     format!("{:.1} ± {:.1}{missed}", 100.0 * mean, 100.0 * error)
 }
 
+/// What is tried on a machine of this order; replicates cost as many identifications, and are tried on one.
+fn methods(order: usize, replicates: bool) -> Vec<(&'static str, Box<dyn Identifier>)> {
+    let given = Settings { order: Some(order), ..Settings::default() };
+    let blocks = Settings { past: Some(12), bootstrap: 100, ..given.clone() };
+    let mut all: Vec<(&'static str, Box<dyn Identifier>)> =
+        vec![("pbsidopt, order given", Box::new(Pbsidopt(given))), ("pbsidopt, order chosen", Box::new(Pbsidopt(Settings::default())))];
+    if replicates {
+        all.push(("pbsidopt, order given, bootstrap of 100", Box::new(Pbsidopt(blocks.clone()))));
+        all.push(("n4sid, order given, bootstrap of 100", Box::new(N4sid(blocks.clone()))));
+        all.push(("moesp, order given, bootstrap of 100", Box::new(Moesp(blocks))));
+    }
+    all
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let mut words = std::env::args().skip(1);
     let records: u64 = words.next().map_or(Ok(400), |w| w.parse())?;
@@ -168,29 +182,19 @@ fn main() -> Result<(), Box<dyn Error>> {
         "Each row: {records} records of {SAMPLES} samples, seeds from {first}; shares in % of the intervals of 95 % that hold the truth, with the"
     );
     println!("standard error over records. Responses at {FREQUENCIES} frequencies. A share below 90 or above 98 is *missed*.\n");
-    println!("| machine | order | gain | phase | poles | zeros | another order found | failed |");
+    println!("| machine | method | gain | phase | poles | zeros | another order found | failed |");
     println!("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |");
-    for machine in machines() {
+    for (which, machine) in machines().iter().enumerate() {
         let truth = machine.truth()?;
-        for order in [Some(machine.a.nrows()), None] {
-            let method = Pbsidopt(Settings { order, ..Settings::default() });
+        for (name, method) in methods(machine.a.nrows(), which == 0) {
             let one = |i: u64| {
                 let found = machine.record(first + i).ok().and_then(|r| method.identify(&r, &HowFar::default()).ok());
                 found.and_then(|f| held(&f, &truth).ok()).unwrap_or(Held { failed: true, ..Held::default() })
             };
             let all: Vec<Held> = (0..records).into_par_iter().map(one).collect();
             let of = |which| share(&all, which);
-            println!(
-                "| {} | {} | {} | {} | {} | {} | {} | {} |",
-                machine.name,
-                order.map_or_else(|| "chosen".to_owned(), |n| format!("{n}, given")),
-                of(0),
-                of(1),
-                of(2),
-                of(3),
-                all.iter().filter(|h| h.other_order).count(),
-                all.iter().filter(|h| h.failed).count()
-            );
+            let (other, failed) = (all.iter().filter(|h| h.other_order).count(), all.iter().filter(|h| h.failed).count());
+            println!("| {} | {name} | {} | {} | {} | {} | {other} | {failed} |", machine.name, of(0), of(1), of(2), of(3));
         }
     }
     Ok(())

@@ -339,7 +339,7 @@ fn from_a_log_by_its_response_to_the_dead_time() {
     let folder = Folder::new();
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let u: Vec<f64> = white(3000, &mut rng);
-    // Seven samples; and a pole.
+    // The samples of a first-order plant with 0.6 s of dead time behind a hold, which adds half a sample to what a response shows: 0.65 s.
     let y = add(&Plant { b: 0.3, a: [-0.7, 0.0], delay: 7 }.run(&u), &white(3000, &mut rng), 0.05);
     let mut file = String::from("time,u,y\n");
     for (k, (u, y)) in u.iter().zip(&y).enumerate() {
@@ -359,7 +359,8 @@ fn from_a_log_by_its_response_to_the_dead_time() {
         let rational = report["pairs"][0]["estimates"].as_array().unwrap().iter().find(|e| e["method"] == "rational").unwrap();
         let (low, high) = (rational["ci95_s"][0].as_f64().unwrap(), rational["ci95_s"][1].as_f64().unwrap());
         println!("{method}: {low} to {high} s");
-        assert!(low - 0.01 <= 0.7 && 0.7 <= high + 0.01 && high - low < 0.3, "{method}: {low} to {high}");
+        // Near the Nyquist frequency a sampled response is no rational function of iω: a tenth of a sample is allowed for that.
+        assert!(low - 0.01 <= 0.65 && 0.65 <= high + 0.01 && high - low < 0.1, "{method}: {low} to {high}");
     }
     // Of several pairs a file each.
     deadtime(&["response", text(&data), "--input", "u", "--output", "y", "--input", "time2", "--out", text(&frf)]).refused(&["time2"]);

@@ -1,7 +1,6 @@
 //! What a method says at one frequency, and what follows from it.
 
 use nalgebra::{Complex, DMatrix};
-use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::signal::stats::NORMAL_95;
@@ -35,12 +34,11 @@ pub struct Seen {
 }
 
 /// The response of one input and output at one frequency.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
     /// ω, rad/s.
     pub omega_rad_s: f64,
     /// G.
-    #[serde(skip)]
     pub value: Complex<f64>,
     /// Standard deviation of the real part, and of the imaginary part.
     pub std: f64,

@@ -7,6 +7,9 @@ use super::{figure, given, made_by, page, quoted};
 use crate::identify::response::Point;
 use crate::report::response::{Report, table};
 
+/// The name of a pair and its points.
+type Named = (String, Vec<Point>);
+
 /// The page.
 #[must_use]
 pub fn response(report: &Report<'_>) -> String {
@@ -27,16 +30,16 @@ pub fn response(report: &Report<'_>) -> String {
         }
         (made_by())
     };
-    let all: Vec<(String, Vec<Point>)> =
+    let all: Vec<Named> =
         report.pairs().map(|pair| (name(pair), r.pair(pair.1, pair.0))).filter(|(_, points)| !points.is_empty()).collect();
     page(&title, &body, &json!({ "kind": "identify", "figures": figures(&all) }))
 }
 
-fn figures(all: &[(String, Vec<Point>)]) -> Vec<Value> {
+fn figures(all: &[Named]) -> Vec<Value> {
     if all.is_empty() {
         return Vec::new();
     }
-    let view = |(name, points): &(String, Vec<Point>), y: &Value, values: Vec<f64>, ends: Vec<Option<[f64; 2]>>| {
+    let view = |(name, points): &Named, y: &Value, values: Vec<f64>, ends: Vec<Option<[f64; 2]>>| {
         let edge = |i: usize| ends.iter().map(|e| e.map(|e| e[i])).collect::<Vec<_>>();
         let hz: Vec<f64> = points.iter().map(|p| p.omega_rad_s / std::f64::consts::TAU).collect();
         json!({
@@ -45,12 +48,12 @@ fn figures(all: &[(String, Vec<Point>)]) -> Vec<Value> {
             "curves": [{ "label": y["label"], "y": values, "low": edge(0), "high": edge(1), "color": "after", "points": false }],
         })
     };
-    let gain = |of: &(String, Vec<Point>)| {
+    let gain = |of: &Named| {
         // A logarithm has no 0.
         let ends = of.1.iter().map(|p| Some(p.gain_ci95()).map(|[l, h]| [l.max(1e-3 * p.gain()), h])).collect();
         view(of, &json!({ "label": "gain", "log": true }), of.1.iter().map(Point::gain).collect(), ends)
     };
-    let phase = |of: &(String, Vec<Point>)| {
+    let phase = |of: &Named| {
         // Whole turns between neighbours are taken out, of the interval too.
         let (mut turns, mut before) = (0.0, None::<f64>);
         let turned = of.1.iter().map(|p| {
@@ -62,12 +65,12 @@ fn figures(all: &[(String, Vec<Point>)]) -> Vec<Value> {
         let (middle, ends) = turned.unzip();
         view(of, &json!({ "label": "phase (°)" }), middle, ends)
     };
-    let coherence = |of: &(String, Vec<Point>)| {
+    let coherence = |of: &Named| {
         let values: Vec<f64> = of.1.iter().map(|p| p.coherence).collect();
         let none = vec![None; values.len()];
         view(of, &json!({ "label": "coherence", "range": [-0.02, 1.02] }), values, none)
     };
-    let each = |of: &dyn Fn(&(String, Vec<Point>)) -> Value| all.iter().map(of).collect::<Vec<Value>>();
+    let each = |of: &dyn Fn(&Named) -> Value| all.iter().map(of).collect::<Vec<Value>>();
     vec![
         json!({ "id": "gain", "pick": ["pair"], "views": each(&gain) }),
         json!({ "id": "phase", "pick": ["pair"], "views": each(&phase) }),
