@@ -63,6 +63,8 @@ pub(in crate::diagnose) fn decoded(
 /// Estimates one input's sequences over all records; the probability of a loss, and its mean length, infinite where chance alone makes it.
 fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Dropouts, input: usize, probability: f64) -> Option<[f64; 2]> {
     let (mut decided, mut held) = (0.0_f64, 0.0_f64);
+    // Losses whose end does not show.
+    let mut cut: Vec<Wait> = Vec::new();
     let decode = |(at, record): (usize, &LogRecord)| {
         let span = record.train.or(record.held)?;
         let active = ActiveEffects { effects: others, lost: Some(&lost.sequences) };
@@ -92,12 +94,18 @@ fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Drop
                 wait += 1;
                 continue;
             }
-            if shows {
-                let sent_s = record.time_s[sent.unwrap_or(decision.sample)];
-                lost.waits[input].push(Wait { sent_s, samples: wait, rested, sample_time_s: record.sample_time_s });
+            let sent_s = record.time_s[sent.unwrap_or(decision.sample)];
+            let this = Wait { sent_s, samples: wait, rested, sample_time_s: record.sample_time_s };
+            match (shows, wait) {
+                (true, _) => lost.waits[input].push(this),
+                (false, 0) => {}
+                (false, _) => cut.push(this),
             }
             rested = if shows { Some(0) } else { rested.map(|samples| samples + 1) };
             (wait, sent) = (0, None);
+        }
+        if let Some(sent_s) = sent.map(|at| record.time_s[at]) {
+            cut.push(Wait { sent_s, samples: wait, rested, sample_time_s: record.sample_time_s });
         }
         lost.sequences[at][input] = Some(Fates::Missing(path.lost));
     }
@@ -106,7 +114,7 @@ fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Drop
     }
     // Laplace's rule keeps the probability off its edges.
     let p = (held + 0.5) / (decided + 1.0);
-    let Some(Bursts { losses, std }) = Bursts::of(&lost.waits[input]) else {
+    let Some(Bursts { losses, std }) = Bursts::of(&lost.waits[input], &cut) else {
         lost.std[input] = vec![(p * (1.0 - p) / decided).sqrt()];
         return Some([p, f64::INFINITY]);
     };

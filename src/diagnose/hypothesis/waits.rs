@@ -46,21 +46,21 @@ pub(in crate::diagnose) struct Bursts {
 }
 
 impl Bursts {
-    /// `None` where losses of each command for itself make the waits as probable.
-    pub(in crate::diagnose) fn of(waits: &[Wait]) -> Option<Self> {
-        (in_bursts(waits) < as_lost_alone(waits)).then(|| Self::likeliest(waits))
+    /// `None` where losses of each command for itself make the waits as probable. `cut`: losses that lasted at least so long.
+    pub(in crate::diagnose) fn of(waits: &[Wait], cut: &[Wait]) -> Option<Self> {
+        (in_bursts(waits) < as_lost_alone(waits)).then(|| Self::likeliest(waits, cut))
     }
 
     /// A loss goes on by the waits themselves; its probability is where the beginnings are likeliest.
-    fn likeliest(waits: &[Wait]) -> Self {
+    fn likeliest(waits: &[Wait], cut: &[Wait]) -> Self {
         let begun = waits.iter().filter(|w| w.samples > 0).count() as f64;
-        let further: f64 = waits.iter().map(|w| w.samples.saturating_sub(1) as f64).sum();
+        let further: f64 = waits.iter().chain(cut).map(|w| w.samples.saturating_sub(1) as f64).sum();
         let goes_on = (further + 0.5) / (further + begun + 1.0);
         let burst = (1.0 - goes_on).recip();
         let of = |probability: f64| Losses { probability, burst: Some(burst) };
         // No more than where each command that arrives is followed by a loss.
         let most = burst / (1.0 + burst);
-        let cost = |p: f64| beginnings(waits, &of(p));
+        let cost = |p: f64| beginnings(waits, &of(p)) + beginnings(cut, &of(p));
         let probability = lowest(cost, [1e-4 * most, (1.0 - 1e-4) * most]);
         let h = 0.02 * probability.min(most - probability);
         let bend = (cost(probability + h) - 2.0 * cost(probability) + cost(probability - h)) / (2.0 * h * h);
@@ -133,7 +133,7 @@ pub(in crate::diagnose) fn as_lost_alone(waits: &[Wait]) -> f64 {
 fn in_bursts(waits: &[Wait]) -> f64 {
     let begun = waits.iter().filter(|w| w.samples > 0).count() as f64;
     let further: f64 = waits.iter().map(|w| w.samples.saturating_sub(1) as f64).sum();
-    beginnings(waits, &Bursts::likeliest(waits).losses) + binary(further, begun) + parameters(2, waits)
+    beginnings(waits, &Bursts::likeliest(waits, &[]).losses) + binary(further, begun) + parameters(2, waits)
 }
 
 /// Twice the negative log-likelihood of so many losses and passes.
@@ -250,7 +250,7 @@ mod tests {
     #[test]
     fn the_probability_and_the_length_of_bursts_are_within_their_intervals() {
         for (p, burst, every) in [(0.2, 5.0, 1), (0.2, 5.0, 10), (0.5, 4.0, 3), (0.6, 8.0, 12)] {
-            let found: Vec<Bursts> = (0..200).filter_map(|seed| Bursts::of(&behind_bursts(p, burst, every, seed))).collect();
+            let found: Vec<Bursts> = (0..200).filter_map(|seed| Bursts::of(&behind_bursts(p, burst, every, seed), &[])).collect();
             assert!(found.len() >= 195, "{} of 200 at {p}, {burst}, {every}", found.len());
             let held = |of: &dyn Fn(&Bursts) -> [f64; 3]| {
                 let inside = |f: &&Bursts| {
@@ -268,7 +268,7 @@ mod tests {
     #[test]
     fn chance_alone_is_no_burst() {
         for (p, every) in [(0.2, 1), (0.5, 5), (0.7, 2)] {
-            let found = (0..200).filter(|seed| Bursts::of(&behind_bursts(p, 1.0 / (1.0 - p), every, *seed)).is_some()).count();
+            let found = (0..200).filter(|seed| Bursts::of(&behind_bursts(p, 1.0 / (1.0 - p), every, *seed), &[]).is_some()).count();
             assert!(found <= 20, "{found} of 200 at {p}, {every}");
         }
     }
