@@ -31,9 +31,12 @@ fn sent(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
     (0..samples).map(&mut next).collect()
 }
 
+/// What the machine hears at a sample of what was sent.
+type Hears<'a> = &'a dyn Fn(usize, f64) -> f64;
+
 /// What the machine hears, and what it is, before and behind a sample.
 struct Machine<'a> {
-    hears: &'a dyn Fn(usize, f64) -> f64,
+    hears: Hears<'a>,
     is: &'a [ModelDocument; 2],
     at: usize,
 }
@@ -116,7 +119,7 @@ fn a_parameter_that_steps_is_named_with_both_values_and_its_time() {
 /// What stands still, fades or depends on the size of a command is not called a step.
 #[test]
 fn what_does_not_step_is_not_called_a_step() {
-    let machines: [(&str, &dyn Fn(usize, f64) -> f64); 4] = [
+    let machines: [(&str, Hears<'_>); 4] = [
         ("input_gain:u", &|_, u| 0.7 * u),
         ("gain_fade:u", &|k, u| (1.0 - 0.03 * TS * k as f64) * u),
         ("saturation:u", &|_, u| u.clamp(-0.5, 0.6)),
