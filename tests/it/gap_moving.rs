@@ -149,19 +149,6 @@ fn in_order(mean: f64, spread: f64) -> impl Fn(&[f64], &mut ChaCha8Rng) -> Vec<f
     }
 }
 
-/// Each sample's command comes late by a delay of its own, and may overtake another: the last to arrive acts.
-fn overtaking(mean: f64, spread: f64) -> impl Fn(&[f64], &mut ChaCha8Rng) -> Vec<f64> {
-    move |sent, rng| {
-        let arrivals: Vec<f64> =
-            (0..sent.len()).map(|k| k as f64 + (mean + spread * rng.sample::<f64, _>(StandardNormal)).max(0.0)).collect();
-        let acting = |t: usize| {
-            let there = (0..=t).filter(|&k| arrivals[k] <= t as f64);
-            there.max_by(|&a, &b| arrivals[a].total_cmp(&arrivals[b])).unwrap_or(0)
-        };
-        (0..sent.len()).map(|t| sent[acting(t)]).collect()
-    }
-}
-
 /// Commands that hold for a while.
 fn steps(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
     commands(samples, rng)
@@ -186,21 +173,6 @@ fn random_delays_of_commands_that_never_rest_are_named() {
         assert!(handed < 0.6 * nominal, "{nominal} to {handed}");
         let shrink = &found.diagnosis.shrink;
         assert!(shrink.decoded.as_ref().is_some(), "{shrink:?}");
-    }
-}
-
-/// Whether they keep their order is told as well.
-#[test]
-fn commands_that_overtake_each_other_are_told_from_those_that_queue() {
-    for (seed, mean, spread) in [(860, 6.0, 3.0), (870, 5.0, 2.5)] {
-        let queued = diagnosed_from(seed, sines, &in_order(mean, spread)).0;
-        let overtaken = diagnosed_from(seed, sines, &overtaking(mean, spread)).0;
-        for (found, ordered) in [(&queued, 1.0), (&overtaken, 0.0)] {
-            assert_eq!(keys(found), ["delay_jitter:u"], "{seed}");
-            println!("{seed} {ordered}: {} {} {}", value(found, "delay") / TS, value(found, "spread") / TS, value(found, "ordered"));
-            assert_eq!(value(found, "ordered"), ordered, "{seed}");
-        }
-        assert!((value(&overtaken, "delay") / TS - mean).abs() < 1.5, "{}", value(&overtaken, "delay") / TS);
     }
 }
 

@@ -238,25 +238,14 @@ pub(in crate::diagnose) fn beside_fixed(likelihood: &Likelihood<'_>, singles: &m
             return;
         };
         let Some(input) = likelihood.system.inputs.iter().position(|p| p.name == applied.channel) else { return };
-        // Kept in order, and overtaking each other.
-        let laws = [1.0, 0.0].map(|ordered| {
-            let mut lost = Dropouts::none(likelihood);
-            let late = decode(likelihood, &[], &with(applied, &[*delay_s, 0.3 * delay_s, ordered]), input, &mut lost)?;
-            let found = Hypothesis { effects: vec![late], free: Vec::new(), gain: 0.0, fitted: true, lost: Some(lost) };
-            let there = likelihood.whitened(&found)?;
-            let price = found.lost.as_ref().map_or(0.0, |l| l.price);
-            Some(Hypothesis { gain: cost - likelihood.inner(&there, &there) - price, ..found })
-        });
-        let [ordered, overtaking] = laws;
-        // Of equals the one whose commands keep their order.
-        let better = |a: &Hypothesis, b: &Hypothesis| b.gain > a.gain + likelihood.criteria.equals;
-        let found = match (ordered, overtaking) {
-            (Some(ordered), Some(overtaking)) => Some(if better(&ordered, &overtaking) { overtaking } else { ordered }),
-            (ordered, overtaking) => ordered.or(overtaking),
-        };
-        if let Some(found) = found {
-            *single = found;
-        }
+        let mut lost = Dropouts::none(likelihood);
+        let begin = with(applied, &[*delay_s, 0.3 * delay_s, 1.0]);
+        let Some(late) = decode(likelihood, &[], &begin, input, &mut lost) else { return };
+        let found = Hypothesis { effects: vec![late], free: Vec::new(), gain: 0.0, fitted: true, lost: Some(lost) };
+        let Some(there) = likelihood.whitened(&found) else { return };
+        let price = found.lost.as_ref().map_or(0.0, |l| l.price);
+        let gain = cost - likelihood.inner(&there, &there) - price;
+        *single = Hypothesis { gain, ..found };
     });
 }
 
