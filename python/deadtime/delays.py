@@ -171,7 +171,7 @@ class Pair:
     warning: str | None
     moving: dict[str, Any] | None
     track: dict[str, list[float]] | None
-    jitter: dict[str, Any] | None = None
+    jitter: dict[str, Any] | None
 
     def __getitem__(self, method: str) -> Estimate:
         """The answer of one method."""
