@@ -103,7 +103,9 @@ fn an_identify_page_has_responses_without_jumps_and_every_pole() {
     let page = std::fs::read_to_string(page).unwrap();
     let said = stands(&page);
     let found: Value = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
-    assert_eq!(said.matches("class=\"pole\"").count(), found["poles"].as_array().unwrap().len());
+    for (class, all) in [("pole", "poles"), ("zero", "zeros")] {
+        assert_eq!(said.matches(&format!("class=\"{class}\"")).count(), found[all].as_array().unwrap().len());
+    }
     let data = drawn(&page);
     let bands = found["frequency_responses"][0]["bands"].as_array().unwrap();
     let (gain, phase) = (&figure(&data, "gain")[0]["curves"][0]["y"], &figure(&data, "phase")[0]["curves"][0]["y"]);

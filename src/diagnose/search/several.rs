@@ -290,8 +290,10 @@ D = [[0.0], [0.0]]
         let subject = Subject::from(&document);
         let nominal = |system: &System, (effect, channel): (&str, &str)| Applied::nominal(system, find(effect).unwrap(), channel).unwrap();
         let machine = System::new(&document, |_| Ok(0.0)).unwrap();
-        let truth =
-            [with(&nominal(&machine, ("dropped_commands", "u")), &[0.3]), with(&nominal(&machine, ("sensor_bias", "angle")), &[0.3])];
+        let truth = [
+            with(&nominal(&machine, ("dropped_commands", "u")), &[0.3, f64::INFINITY]),
+            with(&nominal(&machine, ("sensor_bias", "angle")), &[0.3]),
+        ];
         let logs = [log(&machine, &truth, 1), log(&machine, &truth, 2)];
 
         let options = GapOptions::default();

@@ -113,7 +113,7 @@ fn plane(poles: &[Root], zeros: &[Root]) -> Markup {
             }
             @for r in zeros {
                 (around(r))
-                circle .pole fill="none" cx=(format!("{:.1}", at(r.re))) cy=(format!("{:.1}", -at(r.im))) r="5" { (name(r)) }
+                circle .zero fill="none" cx=(format!("{:.1}", at(r.re))) cy=(format!("{:.1}", -at(r.im))) r="5" { (name(r)) }
             }
         }
     }
