@@ -29,7 +29,7 @@ const MARGIN: f64 = 0.03;
 /// So many stretches before and behind a first guess its time is looked for.
 const EARLIER: i32 = 16;
 const LATER: i32 = 6;
-/// A step is looked at where it takes this part of the squared residual more than what stands still does. Chosen: a tenth, as for further causes.
+/// A step is looked at where it takes this part of the squared residual that one value leaves. Chosen: a tenth, as for further causes.
 const STEPS: f64 = 0.1;
 /// Periods of a slower loop, in units of the best fixed delay; and so many at most, with so many phases each.
 const PERIODS: [f64; 2] = [1.2, 3.2];
@@ -110,8 +110,8 @@ fn of_step(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, ste
     }
     let (sum, bin, shares) = best;
     // Beside a larger fault of another kind a step takes a little of anything, and what it takes would count as noise explained.
-    let more = sum - fall(whole.0, whole.1);
-    if more <= likelihood.criteria.selection_penalty.max(STEPS * likelihood.inner(nominal, nominal)) {
+    let one = fall(whole.0, whole.1);
+    if sum - one <= likelihood.criteria.selection_penalty.max(STEPS * (likelihood.inner(nominal, nominal) - one)) {
         return None;
     }
     let at = |share: f64| between(&plain, &start, share).first().copied();
