@@ -193,3 +193,31 @@ fn a_tracker_refuses_what_is_no_number_and_goes_on() {
         assert!(matches!(refused, Err(DelayError::Option { method: "tracker", .. })), "{wrong:?}");
     }
 }
+
+/// What a tracker keeps does not grow with what it has seen: neither while it follows nor where it learns anew again and again.
+#[test]
+fn a_tracker_needs_no_more_memory_however_long_it_runs() {
+    let u = rbs(3000, 21);
+    let follows = response(&u, |_| 5, &coloured(10.0), 22);
+    let mut tracker = Tracker::new(SampleTime::new(0.01).unwrap(), TrackerOptions::default()).unwrap();
+    let mut push = |rounds: usize, turn: bool| {
+        let all = || {
+            for round in 0..rounds {
+                // Another plant in every round: the response is learnt anew.
+                let sign = if turn && round % 2 == 1 { -3.0 } else { 1.0 };
+                for (u, y) in u.iter().zip(&follows) {
+                    tracker.push(*u, Some(sign * y)).unwrap();
+                }
+            }
+        };
+        allocation_counter::measure(all)
+    };
+    push(2, true);
+    for turn in [false, true] {
+        let few = push(2, turn);
+        let many = push(20, turn);
+        assert!(many.bytes_max <= few.bytes_max.max(1 << 20), "{} bytes in 20 rounds, {} in 2", many.bytes_max, few.bytes_max);
+        // What is left behind of ten times as many samples is no more than one learnt response.
+        assert!(many.bytes_current.abs() < 1 << 20, "{} bytes are left", many.bytes_current);
+    }
+}
