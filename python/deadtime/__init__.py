@@ -47,6 +47,7 @@ from .models import (
 )
 from .responses import FrequencyResponse, frequency_response
 from .signals import Excitation, add_noise, excitations, excite
+from .structures import FittedParameter, StructuredFit, StructureMatch, identify_structure, match_structure
 from .studies import GateResult, Plan, Study, gate, plans, plants, read_study, study
 from .tracking import Alarm, Tracker, Tracking
 
@@ -59,6 +60,7 @@ __all__ += ["Excitation", "add_noise", "excitations", "excite"]
 __all__ += ["Model", "StateSpace", "TransferFunction", "as_model", "as_system", "c2d", "conversions", "d2c", "dare", "dlqr", "effects"]
 __all__ += ["impulse_response", "lsim", "simulate", "step_response", "to_control", "to_scipy", "uav"]
 __all__ += ["FrequencyResponse", "Identified", "frequency_response", "identify"]
+__all__ += ["FittedParameter", "StructureMatch", "StructuredFit", "identify_structure", "match_structure"]
 # Dead time.
 __all__ += ["Estimate", "Estimates", "Method", "Pair", "Verdict", "estimate", "estimate_delay", "estimate_events", "estimate_frf"]
 __all__ += ["estimate_impulse_response", "step_log"]

@@ -114,6 +114,15 @@ def _identify(
     logs: Sequence[Log], holdout: Sequence[Log], options: Mapping[str, Any], asked: Mapping[str, Any], threads: int | None
 ) -> tuple[Model, str, str]: ...
 
+# --- structure
+
+def _identify_structure(
+    logs: Sequence[Log], holdout: Sequence[Log], model: Model, asked: Mapping[str, Any], threads: int | None
+) -> tuple[Model, str, str]: ...
+def _match_structure(
+    identified: Model | str | os.PathLike[str], model: Model, asked: Mapping[str, Any], threads: int | None
+) -> tuple[Model, str, str]: ...
+
 # --- response
 
 def _frequency_response(

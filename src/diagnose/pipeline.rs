@@ -31,7 +31,7 @@ use crate::diagnose::format::error::GapError;
 use crate::diagnose::format::progress::Stage;
 use crate::diagnose::input::first_part::Parts;
 use crate::diagnose::input::inputs::{Inputs, Simulator};
-use crate::diagnose::input::log_caveats::log_caveats;
+use crate::diagnose::input::log_caveats::{log_caveats, whole_turns};
 use crate::diagnose::input::options::GapOptions;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::input::subject::Subject;
@@ -101,14 +101,15 @@ pub fn diagnose<'a>(
 ) -> Result<Diagnosed> {
     let begin = || {
         let subject = subject.into();
-        let parts = Parts::of(logs, holdout, options.rows)?;
+        let (logs, holdout) = (subject.completed(logs)?, subject.completed(holdout)?);
+        let parts = Parts::of(&logs, &holdout, options.rows)?;
         let simulator = Simulator::of(subject, &parts.logs, &options.stop)?;
         let mut found = in_stages(subject, &simulator, &parts.logs, &parts.holdout, options, progress)?;
         let later = match (subject, &found.model, found.diagnosis.prediction.mode) {
             (Subject::Model(nominal), Some(model), Mode::Simulation) => later_rows(&parts.cut, nominal, model, &options.criteria),
             _ => Vec::new(),
         };
-        found.caveats.splice(0..0, parts.caveats.into_iter().chain(later));
+        found.caveats.splice(0..0, whole_turns(subject, &parts.logs).into_iter().chain(parts.caveats).chain(later));
         if let Some(memory) = &simulator.memory {
             let calls = memory.calls();
             if let (failed, Some(why)) = memory.failures() {
@@ -131,7 +132,8 @@ pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &
     let subject = subject.into();
     let begin = || {
         far.at(0.0, &Stage::Simulating);
-        let Parts { logs, .. } = Parts::of(logs, &[], options.rows)?;
+        let logs = subject.completed(logs)?;
+        let Parts { logs, .. } = Parts::of(&logs, &[], options.rows)?;
         let simulator = Simulator::of(subject, &logs, &options.stop)?;
         let mut inputs = Inputs::new(subject, &simulator, &logs, &[], options)?;
         inputs.learn_from_all(&simulator.system);

@@ -37,6 +37,7 @@ mod sqlite;
 mod step;
 #[cfg(test)]
 mod tests;
+mod turns;
 mod ulog;
 
 /// Each value with the one behind it.

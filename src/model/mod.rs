@@ -23,8 +23,8 @@ pub use equations::{
     Symbol, Workspace, Wrt,
 };
 pub use file::{
-    Candidate, CandidateEntry, CandidateParameter, Candidates, Channel, EffectEntry, EquationsFile, GroupEntry, GroupKind, ModelDocument,
-    ModelFile, Operating, ParameterEntry, State, StateEntry,
+    Candidate, CandidateEntry, CandidateParameter, Candidates, Channel, ChannelKind, EffectEntry, EquationsFile, GroupEntry, GroupKind,
+    ModelDocument, ModelFile, Operating, ParameterEntry, State, StateEntry, whole_turn,
 };
 pub use hinf::Peak;
 pub use nu_gap::{NuGap, nu_gap};

@@ -20,6 +20,7 @@ mod response;
 mod signal;
 mod simulate;
 mod state_space;
+mod structure;
 mod study;
 mod track;
 mod work;
@@ -47,6 +48,7 @@ fn native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     signal::add(m)?;
     simulate::add(m)?;
     state_space::add(m)?;
+    structure::add(m)?;
     study::add(m)?;
     track::add(m)?;
     work::add(m)?;

@@ -11,7 +11,7 @@ use super::state_space::{Either, StateSpace};
 use super::work::long;
 use crate::effect::Applied;
 use crate::model::uav::{self, Dynamics};
-use crate::model::{CandidateEntry, Channel, EffectEntry, ModelDocument, ModelError, ModelFile, Operating, State};
+use crate::model::{CandidateEntry, Channel, EffectEntry, ModelDocument, ModelError, ModelFile, State};
 use crate::registry::RegistryError;
 use crate::simulate::System;
 
@@ -343,12 +343,7 @@ fn _uav(py: Python<'_>, name: Option<&str>) -> PyResult<Model> {
             }
         },
     };
-    let channel = |name: &str, unit: &str| Channel {
-        name: name.to_owned(),
-        unit: Some(unit.to_owned()),
-        operating: Operating::default(),
-        derivative_of: None,
-    };
+    let channel = |name: &str, unit: &str| Channel::plain(name, Some(unit));
     let inputs = parts.iter().map(|d| channel(d.input(), "1")).collect();
     let states = parts.iter().flat_map(|d| d.states()).map(|(n, u)| State { name: (*n).to_owned(), unit: Some((*u).to_owned()) }).collect();
     let outputs = parts.iter().flat_map(|d| d.outputs()).map(|(n, u)| channel(n, u)).collect();

@@ -120,6 +120,7 @@ fn _simulate<'py>(
 ) -> PyResult<(Log, Bound<'py, PyDict>)> {
     let (model, log, hold) = (model.0.clone(), log.0.clone(), hold_of(hold)?);
     let (simulated, comparison) = long(py, None, move |_| {
+        let log = model.complete(log)?;
         check_units(&model, &log)?;
         let mut simulation = OnLog::new(&model, &log)?;
         (simulation.hold, simulation.seed) = (hold, seed);

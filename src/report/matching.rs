@@ -8,19 +8,7 @@ use crate::identify::structured::Standing;
 /// Parameters with intervals, how near the responses came, and what cannot be had.
 #[must_use]
 pub fn text(found: &Matched) -> String {
-    let [low, high] = found.band_rad_s;
-    let time = found.sample_time_s.map_or_else(|| "in continuous time".to_owned(), |ts| format!("sampled at {ts} s"));
-    let [starts, alike] = found.starts;
-    let mut text = format!(
-        "{} to {} by {}, {time}: {} frequencies from {} to {} rad/s; {alike} of {starts} starts ended at the lowest minimum{}.\n\n",
-        found.structure,
-        found.identified,
-        found.norm,
-        found.frequencies,
-        digits(low),
-        digits(high),
-        if found.converged { "" } else { "; the search did not end at a minimum" }
-    );
+    let mut text = format!("{} to {} {}.\n\n", found.structure, found.identified, how(found));
     let mut table = Table::new(&["parameter", "unit", "file", "found", "95 % interval", "standing"], &[0, 1, 5]);
     for p in &found.parameters {
         table.row(vec![
@@ -33,29 +21,55 @@ pub fn text(found: &Matched) -> String {
         ]);
     }
     text += &table.to_string();
-    for (of, said) in [
-        (Standing::Surrogate, "surrogate: a nominal value moved tenfold; it follows the response, but it is not that quantity."),
-        (Standing::Open, "open: the response does not fix it: its interval holds 0, or another parameter trades with it."),
-    ] {
-        if found.parameters.iter().any(|p| p.standing == of) {
-            text += &format!("\n{said}\n");
-        }
+    for said in meanings(found) {
+        text += &format!("\n{said}\n");
     }
     text += &not_had(&found.unseen, &found.trades);
-    let [before, after] = found.difference;
-    text += &format!("\nDifference by {}, file → found: {} → {}\n", found.norm, digits(before), digits(after));
-    let gain = |g: &Gain| format!("{} at {} rad/s{}", digits(g.gain), digits(g.omega_rad_s), if g.exact { "" } else { " (on the grid)" });
-    let [before, after] = &found.largest_gain;
-    text += &format!("Largest gain of the difference: {} → {}\n", gain(before), gain(after));
-    let [identified, structured] = found.unstable_poles;
-    let gap = found.nu_gap.map_or_else(|| "not to be had".to_owned(), |g| digits(g.value));
-    text += &format!("Nu-gap of the two models: {gap}; unstable poles: {identified} identified, {structured} structured\n");
-    let m = &found.misfit;
-    let size =
-        if found.uncertainty { format!("{:.1} standard deviations", m.size) } else { format!("{:.2} % of the magnitude", 100.0 * m.size) };
-    text += &format!("Farthest apart: {} to {} at {} rad/s, {size}\n", m.input, m.output, digits(m.omega_rad_s));
+    text += &format!("\n{}\n", nearness(found).join("\n"));
     for note in &found.notes {
         text += &format!("note: {note}\n");
     }
     text
+}
+
+/// By what, where, and how the search ended.
+pub(super) fn how(found: &Matched) -> String {
+    let [low, high] = found.band_rad_s;
+    let time = found.sample_time_s.map_or_else(|| "in continuous time".to_owned(), |ts| format!("sampled at {ts} s"));
+    let [starts, alike] = found.starts;
+    format!(
+        "by {}, {time}: {} frequencies from {} to {} rad/s; {alike} of {starts} starts ended at the lowest minimum{}",
+        found.norm,
+        found.frequencies,
+        digits(low),
+        digits(high),
+        if found.converged { "" } else { "; the search did not end at a minimum" }
+    )
+}
+
+/// What standings mean that some parameter has and that a reader must know.
+pub(super) fn meanings(found: &Matched) -> Vec<&'static str> {
+    let all = [
+        (Standing::Surrogate, "surrogate: a nominal value moved tenfold; it follows the response, but it is not that quantity."),
+        (Standing::Open, "open: the response does not fix it: its interval holds 0, or another parameter trades with it."),
+    ];
+    all.into_iter().filter(|(of, _)| found.parameters.iter().any(|p| p.standing == *of)).map(|(_, said)| said).collect()
+}
+
+/// How near the two models came, a line each.
+pub(super) fn nearness(found: &Matched) -> Vec<String> {
+    let [before, after] = found.difference;
+    let gain = |g: &Gain| format!("{} at {} rad/s{}", digits(g.gain), digits(g.omega_rad_s), if g.exact { "" } else { " (on the grid)" });
+    let [first, last] = &found.largest_gain;
+    let [identified, structured] = found.unstable_poles;
+    let gap = found.nu_gap.map_or_else(|| "not to be had".to_owned(), |g| digits(g.value));
+    let m = &found.misfit;
+    let size =
+        if found.uncertainty { format!("{:.1} standard deviations", m.size) } else { format!("{:.2} % of the magnitude", 100.0 * m.size) };
+    vec![
+        format!("Difference by {}, file → found: {} → {}", found.norm, digits(before), digits(after)),
+        format!("Largest gain of the difference: {} → {}", gain(first), gain(last)),
+        format!("Nu-gap of the two models: {gap}; unstable poles: {identified} identified, {structured} structured"),
+        format!("Farthest apart: {} to {} at {} rad/s, {size}", m.input, m.output, digits(m.omega_rad_s)),
+    ]
 }

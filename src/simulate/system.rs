@@ -133,7 +133,7 @@ impl System {
         let document = match document {
             // Beside a suspected term a linear model is one of equations.
             ModelDocument::Lti(file) if !file.candidates.is_empty() => {
-                as_equations = ModelDocument::Equations(file.to_equations(&std::mem::take(&mut output_operating))?);
+                as_equations = ModelDocument::Equations(file.to_equations([&[], &[], &std::mem::take(&mut output_operating)])?);
                 output_operating = vec![0.0; outputs.len()];
                 &as_equations
             }

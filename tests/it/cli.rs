@@ -20,12 +20,7 @@ use serde_json::Value;
 fn vehicle(folder: &Folder, name: &str, which: &[Dynamics], delays_s: &[f64]) -> std::path::PathBuf {
     let sys = if which.len() == 1 { which[0].model() } else { uav::model() };
     let sys = sys.with_input_delay(delays_s.to_vec()).unwrap();
-    let channel = |name: &str, unit: &str| model::Channel {
-        name: name.into(),
-        unit: Some(unit.into()),
-        operating: model::Operating::default(),
-        derivative_of: None,
-    };
+    let channel = |name: &str, unit: &str| model::Channel::plain(name, Some(unit));
     let inputs = which.iter().map(|d| channel(d.input(), "1")).collect();
     let states = which.iter().flat_map(|d| d.states()).map(|(n, u)| State { name: (*n).into(), unit: Some((*u).into()) }).collect();
     let outputs = which.iter().flat_map(|d| d.outputs()).map(|(n, u)| channel(n, u)).collect();

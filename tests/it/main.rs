@@ -6,6 +6,7 @@
 
 mod support;
 
+mod angles;
 #[cfg(feature = "cli")]
 mod bad_effects;
 #[cfg(feature = "cli")]

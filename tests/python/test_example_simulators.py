@@ -64,3 +64,39 @@ def test_the_logs_of_the_tutorial_are_those_that_the_pretended_machine_writes(
     shipped, written = (np.loadtxt(folder / name, delimiter=",", skiprows=1) for folder in (examples, tmp_path))
     # The last digit may turn over where processors round differently.
     np.testing.assert_allclose(written, shipped, rtol=0.0, atol=0.011)
+
+
+def test_the_shipped_quadrotor_flies_as_in_rotorpy_for_ten_seconds(examples: Path) -> None:
+    """RotorPy's rigid body without air, integrated to rounding, with the rotors at the speeds that the model is given."""
+    from rotorpy.vehicles.multirotor import Multirotor
+
+    import deadtime
+
+    arm, hover, step = 0.0353, np.sqrt(0.045 * 9.81 / (4 * 3.72e-8)), 0.01
+    corners = {"r1": (arm, -arm), "r2": (-arm, -arm), "r3": (-arm, arm), "r4": (arm, arm)}
+    vehicle = Multirotor(
+        {
+            "mass": 0.045, "Ixx": 2.3951e-5, "Iyy": 2.3951e-5, "Izz": 3.2347e-6, "Ixy": 0.0, "Ixz": 0.0, "Iyz": 0.0, "num_rotors": 4,
+            "rotor_pos": {name: np.array([x, y, 0.0]) for name, (x, y) in corners.items()}, "rotor_directions": np.array([-1, 1, -1, 1]),
+            "rotor_speed_min": 0.0, "rotor_speed_max": 5000.0, "k_eta": 3.72e-8, "k_m": 7.74e-12, "tau_m": 0.01,
+        },
+        aero=False,
+        integrator_kwargs={"method": "DOP853", "rtol": 1e-12, "atol": 1e-13},
+    )  # fmt: skip
+    time = step * np.arange(1001)
+    frequency, phase = np.array([0.7, 1.1, 0.9, 1.3]), np.array([0.0, 1.0, 2.0, 3.0])
+    speeds = hover + 1.5 * np.sin(2 * np.pi * frequency * time[:, None] + phase)
+    state = {"x": np.zeros(3), "v": np.zeros(3), "q": np.array([0.0, 0, 0, 1]), "w": np.zeros(3), "wind": np.zeros(3)}
+    rows = []
+    for command in speeds:
+        rows.append(np.concatenate([state["x"], state["v"], state["q"], state["w"]]))
+        state = vehicle.step(state | {"rotor_speeds": command}, {"cmd_motor_speeds": command}, step)
+    theirs = np.array(rows)
+
+    log = {"time": time} | {f"m{i + 1}_rads": speeds[:, i] for i in range(4)} | {f"m{i + 1}_slope": np.zeros(len(time)) for i in range(4)}
+    ours = deadtime.simulate(examples / "quadrotor.toml", log)
+    names = ["x", "y", "z", "vx", "vy", "vz", "qx", "qy", "qz", "qw", "wx", "wy", "wz"]
+    apart = {name: float(np.abs(ours.log[name] - theirs[:, i]).max()) for i, name in enumerate(names)}
+    # It flew: metres away, tilted and turned.
+    assert np.abs(theirs[-1, :3]).max() > 1.0 and np.abs(theirs[:, 6:9]).max() > 0.1
+    assert max(apart.values()) < 1e-6, apart

@@ -6,9 +6,11 @@ use anyhow::{Context, bail};
 
 use super::Common;
 use crate::cli::Out;
+use crate::file::write_atomic;
 use crate::identify::matching::{Matching, Target};
 use crate::model::ModelDocument;
 use crate::report::matching::text;
+use crate::report::page;
 
 /// The options of a match by frequency.
 #[derive(Debug, clap::Args)]
@@ -59,17 +61,10 @@ impl Matched {
         identified: &Path,
         to: &Out<'_>,
     ) -> anyhow::Result<()> {
-        if common.html.is_some() {
-            bail!("--html: a match has no page; --json FILE writes all of it as data");
-        }
         if !common.holdout.is_empty() {
             bail!("--holdout: a match sees no logs; compare the models on a log by `deadtime simulate`");
         }
-        let file = match ModelDocument::read(structure)? {
-            ModelDocument::Equations(file) => file,
-            // Every entry of A and B that is not 0 becomes a parameter.
-            ModelDocument::Lti(file) => file.to_equations(&[]).with_context(|| structure.display().to_string())?,
-        };
+        let file = ModelDocument::read(structure)?.structure().with_context(|| structure.display().to_string())?;
         let Matching { norm, starts, .. } = Matching::default();
         let options = Matching {
             free: free.to_vec(),
@@ -83,6 +78,9 @@ impl Matched {
         to.json(&found)?;
         if let (Some(out), Some(model)) = (&common.out, &found.model) {
             model.write(out)?;
+        }
+        if let Some(path) = &common.html {
+            write_atomic(path, |out| out.write_all(page::matching(&found).as_bytes()))?;
         }
         say!(to, "{}", text(&found).trim_end());
         if let Some(out) = &common.out {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 
 use super::Common;
 use crate::cli::Out;
@@ -18,7 +18,7 @@ use crate::report::structured::{scores, text};
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Parameters of a model file")]
 pub(super) struct Structured {
-    /// The model whose parameters are fitted, deadtime/model@1 of kind "equations"
+    /// The model whose parameters are fitted, deadtime/model@1; of a linear one they are the entries of A and B that are not 0, such as A_v_phi
     #[arg(long, value_name = "MODEL")]
     pub(super) structure: Option<PathBuf>,
     /// Parameters to fit, NAME,… or `all`; with --match also delay:INPUT; without any, only the model's errors are told
@@ -58,9 +58,7 @@ enum BalanceName {
 impl Structured {
     pub(super) fn run(&self, common: &Common, structure: &Path, to: &Out<'_>) -> anyhow::Result<()> {
         let document = ModelDocument::read(structure)?;
-        let ModelDocument::Equations(file) = &document else {
-            bail!("{}: only a model of kind \"equations\" has parameters to fit; this one is \"{}\"", structure.display(), document.kind());
-        };
+        let file = &document.structure().with_context(|| structure.display().to_string())?;
         if self.threshold.is_nan() || self.threshold <= 0.0 {
             bail!("--threshold {}: it must be above 0 (inf for plain squares)", self.threshold);
         }

@@ -7,10 +7,12 @@ use super::evidence::{ALL, result, short};
 use super::topics::LogClocks;
 use super::units;
 use crate::diagnose::baseline::predictor::Predictor;
+use crate::diagnose::format::caveat::Caveat;
 use crate::diagnose::format::diagnosis::{Check, CheckKind};
 use crate::diagnose::input::black_box::probe;
 use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::inputs::{Simulator, model_effects};
+use crate::diagnose::input::log_caveats::whole_turns;
 use crate::diagnose::input::poles::Poles;
 use crate::diagnose::input::record::{LogRecord, Span};
 use crate::diagnose::input::restart::restart;
@@ -190,6 +192,9 @@ pub fn inspect<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], stop: &Stop, f
 }
 
 fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop, far: &HowFar) -> Result<Inspection> {
+    // What a log lacks for it is said below.
+    let completed = subject.completed(logs);
+    let logs = completed.as_deref().unwrap_or(logs);
     let reports: Vec<LogReport> = logs.iter().map(|log| report(log, subject)).collect();
     let mut found = Inspection {
         format: InspectionFormat::V1,
@@ -216,6 +221,11 @@ fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop, far: &HowFar) -> Result
         if let Some(finding) = stated.filter(|_| !known) {
             found.checks.retain(|k| k.check != CheckKind::Unit || k.channel != ALL);
             found.checks.push(result(CheckKind::Unit, &c.channel, Some(false), finding.clone()));
+        }
+    }
+    for turning in whole_turns(subject, logs) {
+        if let Caveat::WholeTurns { channel, .. } = &turning {
+            found.checks.push(result(CheckKind::Unit, channel, Some(false), turning.to_string()));
         }
     }
     Ok(found)

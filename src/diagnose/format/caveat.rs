@@ -87,6 +87,17 @@ pub enum Caveat {
         /// What fits the numbers.
         remedy: String,
     },
+    /// An angle that is logged within one turn, and not said to be one.
+    #[error(
+        "`{channel}` jumps by a whole turn {times} times in the logs, which the machine does not: give it `kind = \"angle\"` in the model file, or take the turns out of the \
+         column; until then nothing that is said of it can be believed"
+    )]
+    WholeTurns {
+        /// The channel.
+        channel: String,
+        /// How often.
+        times: usize,
+    },
     /// A command that never changes in what is learnt from.
     #[error("`{input}` never changes in what is learnt from: nothing that acts on it can be seen; record a log in which it moves")]
     ConstantInput {
@@ -222,6 +233,6 @@ impl Caveat {
     /// It has to be settled before anything else is believed.
     #[must_use]
     pub fn comes_first(&self) -> bool {
-        matches!(self, Self::OtherOperatingPoint { .. } | Self::PoorModel { .. } | Self::LeftTheLog { .. })
+        matches!(self, Self::OtherOperatingPoint { .. } | Self::PoorModel { .. } | Self::LeftTheLog { .. } | Self::WholeTurns { .. })
     }
 }

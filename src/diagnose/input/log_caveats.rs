@@ -1,8 +1,21 @@
 //! What of the logs themselves weakens a diagnosis: samples that come twice, commands that stand still, outputs that are not there.
 
 use super::record::{LogRecord, Span};
+use super::subject::Subject;
 use crate::diagnose::format::caveat::Caveat;
-use crate::simulate::System;
+use crate::log::Log;
+use crate::model::whole_turn;
+use crate::simulate::{Port, System};
+
+/// Angles that jump by whole turns: of those that the model says to be angles no turn is left.
+pub(in crate::diagnose) fn whole_turns(subject: Subject<'_>, logs: &[Log]) -> Vec<Caveat> {
+    let times = |port: Port| {
+        let turn = whole_turn(port.unit.as_deref())?;
+        let times = logs.iter().map(|log| log.whole_turns(&port.name, turn)).sum();
+        (times > 0).then_some(Caveat::WholeTurns { channel: port.name, times })
+    };
+    subject.inputs().into_iter().chain(subject.outputs()).filter_map(times).collect()
+}
 
 /// All caveats of these logs.
 pub(in crate::diagnose) fn log_caveats(system: &System, records: &[LogRecord]) -> Vec<Caveat> {

@@ -1,5 +1,7 @@
 //! What is diagnosed: a model file, or any simulator with the names of its channels.
 
+use std::borrow::Cow;
+
 use super::record::channels_fit;
 use crate::error::Result;
 use crate::log::{Log, LogError};
@@ -32,6 +34,19 @@ impl<'a> Subject<'a> {
         match self {
             Self::Model(document) => document.name(),
             Self::Simulator(system) => &system.name,
+        }
+    }
+
+    /// The logs as the model takes them.
+    ///
+    /// # Errors
+    /// [`LogError`] where a log lacks the input of a slope.
+    pub(in crate::diagnose) fn completed<'b>(self, logs: &'b [Log]) -> std::result::Result<Cow<'b, [Log]>, LogError> {
+        match self {
+            Self::Model(document) if document.asks_of_logs() => {
+                Ok(Cow::Owned(logs.iter().map(|log| document.complete(log.clone())).collect::<std::result::Result<_, _>>()?))
+            }
+            _ => Ok(Cow::Borrowed(logs)),
         }
     }
 

@@ -107,6 +107,32 @@ pub struct Misfit {
     pub size: f64,
 }
 
+/// The responses of one pair of channels that were compared.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Compared {
+    /// The input.
+    pub input: String,
+    /// The output.
+    pub output: String,
+    /// Frequency by frequency.
+    pub points: Vec<ComparedPoint>,
+}
+
+/// The responses at one frequency, real and imaginary part.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ComparedPoint {
+    /// rad/s.
+    pub omega_rad_s: f64,
+    /// Of the identified model.
+    pub identified: [f64; 2],
+    /// Standard deviations of its gain and of its phase (rad), to first order; `None` where they are unknown.
+    pub std: Option<[f64; 2]>,
+    /// Of the structured model with the file's values.
+    pub nominal: [f64; 2],
+    /// Of the structured model with those found.
+    pub found: [f64; 2],
+}
+
 /// What was found.
 #[derive(Debug, Clone, Serialize)]
 pub struct Matched {
@@ -140,6 +166,8 @@ pub struct Matched {
     pub unstable_poles: [usize; 2],
     /// Where the difference is largest for what is known.
     pub misfit: Misfit,
+    /// The responses that were compared.
+    pub responses: Vec<Compared>,
     /// Whether the identified model says how sure it is.
     pub uncertainty: bool,
     /// Starts of the search, and how many ended at the lowest minimum.
@@ -213,6 +241,7 @@ impl Matching {
             nu_gap: structure.target.nu_gap(&matched),
             unstable_poles: [structure.target.unstable(), matched.unstable()],
             misfit: misfit(&problem, &found.z, target).ok_or_else(no_response)?,
+            responses: compared(&problem, &found.z, target).ok_or_else(no_response)?,
             uncertainty: target.has_uncertainty(),
             starts: [self.starts.max(1), alike],
             converged: found.converged,
@@ -357,6 +386,37 @@ fn misfit(problem: &Problem<'_>, z: &[f64], target: &Target) -> Option<Misfit> {
     let shared = problem.structure.output_names(target);
     let (input, output) = (target.inputs.get(j)?.name.clone(), shared.get(i)?.clone());
     Some(Misfit { omega_rad_s: *problem.omegas.get(k)?, input, output, size })
+}
+
+/// The responses of both models, pair by pair.
+fn compared(problem: &Problem<'_>, z: &[f64], target: &Target) -> Option<Vec<Compared>> {
+    let structure = problem.structure;
+    let of = |values: &[f64]| structure::finite_responses(&structure.system(values).ok()?, &problem.omegas);
+    let (nominal, found) = (of(&structure.nominal)?, of(&problem.values(z))?);
+    let identified: Vec<Response> = problem.at.iter().map(|at| at.target.clone()).collect();
+    let deviations = deviations(structure, &problem.omegas, &identified)?;
+    let parts = |v: Complex<f64>| [v.re, v.im];
+    let mut all = Vec::new();
+    for (j, input) in target.inputs.iter().enumerate() {
+        for (i, output) in structure.output_names(target).into_iter().enumerate() {
+            // What moves G along itself moves its gain, what moves it across its phase.
+            let std = |k: usize| {
+                let g: Complex<f64> = identified[k][(i, j)];
+                let along = deviations.iter().map(|d| g.conj() * d[k][(i, j)] / g.norm());
+                let [gain, across] = along.fold([0.0, 0.0], |[a, b], v| [a + v.re * v.re, b + v.im * v.im]).map(f64::sqrt);
+                [gain, across / g.norm()]
+            };
+            let point = |(k, &omega_rad_s): (usize, &f64)| ComparedPoint {
+                omega_rad_s,
+                identified: parts(identified[k][(i, j)]),
+                std: target.has_uncertainty().then(|| std(k)),
+                nominal: parts(nominal[k][(i, j)]),
+                found: parts(found[k][(i, j)]),
+            };
+            all.push(Compared { input: input.name.clone(), output, points: problem.omegas.iter().enumerate().map(point).collect() });
+        }
+    }
+    Some(all)
 }
 
 /// Standard deviations from the identified model's, what cannot be had, and whether each value can be taken for the quantity.

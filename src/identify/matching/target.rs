@@ -74,20 +74,31 @@ impl Target {
     /// # Errors
     /// [`crate::Error::Io`], [`ModelError`], or [`MatchingError::NotIdentified`] for another kind of file.
     pub fn read(path: &Path) -> Result<Self> {
-        let not = |found: String| MatchingError::NotIdentified { path: path.to_owned(), found };
         if path.extension().is_some_and(|e| e == "json") {
             let text = crate::file::read_text(path)?;
             let format = serde_json::from_str::<serde_json::Value>(&text).ok().and_then(|v| Some(v.get("format")?.as_str()?.to_owned()));
             if format.as_deref() == Some("deadtime/identify@1") {
-                let data: Data = serde_json::from_str(&text).map_err(|e| not(format!("a file of deadtime/identify@1 in which {e}")))?;
-                let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-                return Self::from_data(name, data, &not);
+                return Self::from_identify(&text, path);
             }
         }
         match ModelDocument::read(path)? {
             ModelDocument::Lti(file) => Self::from_file(&file),
-            ModelDocument::Equations(_) => Err(not("a model of kind \"equations\"".to_owned()).into()),
+            ModelDocument::Equations(_) => {
+                let found = "a model of kind \"equations\"".to_owned();
+                Err(MatchingError::NotIdentified { path: path.to_owned(), found }.into())
+            }
         }
+    }
+
+    /// From the text of `deadtime/identify@1`; `source` is what it is called.
+    ///
+    /// # Errors
+    /// [`MatchingError::NotIdentified`] for another text.
+    pub fn from_identify(text: &str, source: &Path) -> Result<Self> {
+        let not = |found: String| MatchingError::NotIdentified { path: source.to_owned(), found };
+        let data: Data = serde_json::from_str(text).map_err(|e| not(format!("a file of deadtime/identify@1 in which {e}")))?;
+        let name = source.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        Self::from_data(name, data, &not)
     }
 
     /// From a linear model file; it says nothing of uncertainty.
@@ -119,7 +130,7 @@ impl Target {
         let wrong = |what: &str| not(format!("a file of deadtime/identify@1 in which {what}"));
         let channels = |named: Vec<Named>, means: Vec<f64>| -> Option<Vec<Channel>> {
             let channel =
-                |(n, mean): (Named, f64)| Channel { name: n.name, unit: n.unit, operating: Operating::Value(mean), derivative_of: None };
+                |(n, mean): (Named, f64)| Channel { operating: Operating::Value(mean), ..Channel::plain(&n.name, n.unit.as_deref()) };
             (named.len() == means.len()).then(|| named.into_iter().zip(means).map(channel).collect())
         };
         let inputs = channels(data.inputs, data.model.operating.inputs).ok_or_else(|| wrong("inputs and their means differ in number"))?;

@@ -35,6 +35,8 @@ pub struct FreeParameter {
 /// What was found.
 #[derive(Debug, Clone, Serialize)]
 pub struct StructuredFit {
+    /// `deadtime/structure@1`.
+    pub format: &'static str,
     /// The model's name.
     pub name: String,
     /// The parameters.
@@ -161,6 +163,7 @@ pub(super) fn answer(problem: &Problem<'_>, fitted: &Fitted, one_step: Option<&[
         })
         .collect();
     StructuredFit {
+        format: "deadtime/structure@1",
         name: String::new(),
         parameters,
         per_record,

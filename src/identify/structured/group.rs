@@ -37,6 +37,18 @@ impl Group {
         groups
     }
 
+    /// How far its outputs move in a record's rows × `outputs` samples, their standard deviations together; 1 where they stand still. NaN is a missing sample.
+    pub(super) fn spread(&self, y: &[f64], outputs: usize) -> f64 {
+        let variance = |&i: &usize| {
+            let seen = || y.iter().skip(i).step_by(outputs).filter(|v| !v.is_nan());
+            let count = seen().count().max(1) as f64;
+            let mean = seen().sum::<f64>() / count;
+            seen().map(|v| (v - mean).powi(2)).sum::<f64>() / count
+        };
+        let whole = self.outputs.iter().map(variance).sum::<f64>().sqrt();
+        if whole > 0.0 { whole } else { 1.0 }
+    }
+
     /// Components of the error.
     pub(super) fn size(&self) -> usize {
         match self.kind {

@@ -33,6 +33,7 @@ use crate::fit::{Fit, LevenbergMarquardt, Normal};
 use crate::log::Log;
 use crate::model::{Equations, EquationsFile};
 use crate::progress::HowFar;
+use crate::stop::Stop;
 use group::Group;
 use problem::{Cluster, Problem, Starts, Weights};
 use record::{Layout, Record};
@@ -86,6 +87,8 @@ pub struct Structured {
     pub rounds: usize,
     /// Where it is said how far the fit is.
     pub far: HowFar,
+    /// Ends the fit before its next round.
+    pub stop: Stop,
 }
 
 impl Default for Structured {
@@ -101,6 +104,7 @@ impl Default for Structured {
             one_step: true,
             rounds: 3,
             far: HowFar::default(),
+            stop: Stop::default(),
         }
     }
 }
@@ -256,7 +260,8 @@ impl Structured {
         }
         let records = prepared.records(logs, Layout { horizon: self.horizon, stride })?;
         let (problem, fitted) = self.run(&prepared, &records, (self.horizon, &self.far.part(0.0, FITTED)), &free, &own)?;
-        let one_step = if self.one_step && self.horizon > 1 {
+        // Starts that are estimated window by window leave a single step nothing to say.
+        let one_step = if self.one_step && self.horizon > 1 && problem.starts.states.is_empty() {
             let records = prepared.records(logs, Layout { horizon: 1, stride: (stride / 8).max(1) })?;
             let (problem, fitted) = self.run(&prepared, &records, (1, &self.far.part(FITTED, ONE_STEP)), &free, &own)?;
             Some(answer::values(&problem, &fitted))
@@ -314,6 +319,7 @@ impl Structured {
         let (mut fit, mut prior);
         let mut round = 0;
         loop {
+            self.stop.check()?;
             prior = self.prior(&problem, shrinkage, &own_size);
             // Weights change with every round: only the last one needs its minimum to many digits.
             let tolerance = if round + 1 >= self.rounds { 1e-5 } else { 1e-3 };

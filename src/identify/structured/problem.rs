@@ -91,7 +91,7 @@ impl Problem<'_> {
         self.clusters.par_iter().map(one).collect()
     }
 
-    /// One window into `sum`, the starts of unlogged states at their best.
+    /// One window into `sum`, the starts of unlogged states at their best, which are returned as what is added to the model's own. `None` where it diverges.
     #[allow(clippy::too_many_arguments)]
     fn window(
         &self,
@@ -102,26 +102,27 @@ impl Problem<'_> {
         weights: &Weights,
         buffers: &mut Buffers,
         sum: &mut Sum,
-    ) -> Option<()> {
+    ) -> Option<Vec<f64>> {
         let Starts { states, std } = &self.starts;
         let mut shift = vec![0.0; states.len()];
         let shared = columns.len();
-        for round in 0..=START_ROUNDS {
+        // Only where the log starts is the model's own start known.
+        let trusted = |s: f64| if start == 0 { s } else { f64::INFINITY };
+        let mut pass = |shift: &[f64], curvature: bool, sum: &mut Sum| {
             sum.clear();
-            let at = Point { p, columns, starts: states, shift: &shift };
+            let at = Point { p, columns, starts: states, shift };
             let finite = self.simulator.walk(record, start, at, buffers, |seen| {
                 let scale = weights.scale[seen.group][seen.horizon - 1];
-                sum.add(seen.error, seen.slopes, scale, weights);
+                sum.add(seen.error, seen.slopes, scale, weights.threshold, curvature);
             });
-            if !finite {
-                return None;
+            for (j, (s, v)) in std.iter().zip(shift).enumerate() {
+                sum.prior(shared + j, *v, trusted(*s));
             }
-            for (j, (s, v)) in std.iter().zip(&shift).enumerate() {
-                sum.prior(shared + j, *v, *s);
-            }
-            if states.is_empty() || round == START_ROUNDS {
-                break;
-            }
+            finite.then_some(())
+        };
+        // Steps by weighted squares: the loss's own curvature is that of no minimum while the start is far off.
+        for _ in 0..if states.is_empty() { 0 } else { START_ROUNDS } {
+            pass(&shift, false, sum)?;
             let Some(step) = sum.start_step(shared) else { break };
             let small = step.iter().zip(std).all(|(d, s)| d.abs() <= 1e-9 * if s.is_finite() { *s } else { d.abs().max(1.0) });
             shift.iter_mut().zip(&step).for_each(|(v, d)| *v += d);
@@ -129,7 +130,23 @@ impl Problem<'_> {
                 break;
             }
         }
-        Some(())
+        pass(&shift, weights.curvature, sum)?;
+        Some(shift)
+    }
+
+    /// Plain squares, each group's errors in how far it moves in a record.
+    pub(super) fn plain_weights(&self, record: usize) -> Weights {
+        let (y, outputs) = (&self.records[record].y, self.simulator.equations.output_variables().len());
+        let scale = self.simulator.groups.iter().map(|group| vec![group.spread(y, outputs); self.simulator.horizon]).collect();
+        Weights { scale, threshold: f64::INFINITY, curvature: false }
+    }
+
+    /// The best starts of a window with these weights.
+    pub(super) fn start_of(&self, record: usize, start: usize, p: &[f64], weights: &Weights, buffers: &mut Buffers) -> Option<Vec<f64>> {
+        if self.starts.states.is_empty() {
+            return Some(Vec::new());
+        }
+        self.window(&self.records[record], start, p, &[], weights, buffers, &mut Sum::new(self.starts.states.len()))
     }
 
     /// The clusters' sums over all unknowns, with a prior of unit size times `weight` on each.
@@ -181,8 +198,8 @@ impl Sum {
     }
 
     /// Huber's loss of an error's length in scales, as weighted squares (twice the loss, so that small errors count as their squares).
-    fn add(&mut self, error: &[f64], slopes: &[f64], scale: f64, weights: &Weights) {
-        let (n, threshold) = (self.size, weights.threshold);
+    fn add(&mut self, error: &[f64], slopes: &[f64], scale: f64, threshold: f64, curvature: bool) {
+        let n = self.size;
         let length = error.iter().map(|e| e * e).sum::<f64>().sqrt() / scale;
         let mut weight = 1.0 / (scale * scale);
         if length <= threshold {
@@ -190,7 +207,7 @@ impl Sum {
         } else {
             self.cost += threshold * (2.0 * length - threshold);
             weight *= threshold / length;
-            if weights.curvature {
+            if curvature {
                 let along = |i: usize| error.iter().enumerate().map(|(k, e)| e * slopes[k * n + i]).sum::<f64>() / (length * scale);
                 let along: Vec<f64> = (0..n).map(along).collect();
                 for (i, by) in along.iter().enumerate() {

@@ -27,9 +27,10 @@ pub(super) fn lengths(problem: &Problem<'_>, z: &[f64]) -> Result<Vec<Vec<Vec<f6
     let one = |cluster: &super::problem::Cluster| {
         let p = problem.parameters(cluster.record, z);
         let (mut found, mut buffers) = (vec![vec![Vec::new(); horizon]; groups], Buffers::default());
-        let shift = vec![0.0; problem.starts.states.len()];
+        let weights = problem.plain_weights(cluster.record);
         for &start in &cluster.starts {
-            let at = Point { p: &p, columns: &[], starts: &[], shift: &shift };
+            let shift = problem.start_of(cluster.record, start, &p, &weights, &mut buffers).ok_or((cluster.record, start))?;
+            let at = Point { p: &p, columns: &[], starts: &problem.starts.states, shift: &shift };
             let finite = problem.simulator.walk(&problem.records[cluster.record], start, at, &mut buffers, |seen| {
                 found[seen.group][seen.horizon - 1].push(seen.error.iter().map(|e| e * e).sum::<f64>().sqrt());
             });

@@ -428,12 +428,8 @@ impl Identified {
     /// # Errors
     /// [`ModelError::NoLogarithm`] where a sampled pole has no continuous counterpart, [`ModelError::Count`].
     pub fn file(&self, name: &str, delays: &[usize], continuous: bool) -> Result<ModelFile, ModelError> {
-        let channel = |named: &Named, mean: f64| Channel {
-            name: named.name.clone(),
-            unit: named.unit.clone(),
-            operating: Operating::Value(mean),
-            derivative_of: None,
-        };
+        let channel =
+            |named: &Named, mean: f64| Channel { operating: Operating::Value(mean), ..Channel::plain(&named.name, named.unit.as_deref()) };
         let channels = |names: &[Named], scales: &[(f64, f64)]| names.iter().zip(scales).map(|(n, s)| channel(n, s.0)).collect::<Vec<_>>();
         let (inputs, outputs) = (channels(&self.inputs, &self.scales.inputs), channels(&self.outputs, &self.scales.outputs));
         let system = self.system(delays)?;

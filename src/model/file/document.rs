@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{CandidateEntry, Channel, EffectEntry, EquationsFile, ModelFile, Syntax, read_text};
+use super::{CandidateEntry, Channel, EffectEntry, EquationsFile, GroupEntry, GroupKind, ModelFile, Operating, Syntax, read_text};
 use crate::error::Result;
 use crate::log::{Log, LogError};
 use crate::model::ModelError;
@@ -103,17 +103,44 @@ impl ModelDocument {
         }
     }
 
-    /// The log with the slopes that the model's inputs ask for (`derivative_of`) and the log lacks.
+    /// The log as the model takes it: angles without whole turns, attitudes of one sign, and the slopes that inputs ask for (`derivative_of`) and the log lacks.
     ///
     /// # Errors
-    /// [`crate::log::LogError`] where the log lacks the input itself, or samples of it.
-    pub fn complete(&self, log: Log) -> std::result::Result<Log, LogError> {
-        let slopes = self.inputs().iter().filter_map(|c| Some((c.name.as_str(), c.derivative_of.as_deref()?)));
-        slopes
-            .filter(|(name, _)| !log.names().any(|n| n == *name))
-            .collect::<Vec<_>>()
-            .into_iter()
-            .try_fold(log, |log, (name, of)| log.with_slope(name, of))
+    /// [`crate::log::LogError`] where the log lacks the input of a slope, or samples of it.
+    pub fn complete(&self, mut log: Log) -> std::result::Result<Log, LogError> {
+        for (channel, turn) in self.inputs().iter().chain(self.outputs()).filter_map(|c| Some((c, c.turn()?))) {
+            if log.channel(&channel.name).is_ok() {
+                log = log.without_turns(&channel.name, turn)?;
+            }
+        }
+        for names in self.attitudes().filter(|names| names.iter().all(|name| log.channel(name).is_ok())).collect::<Vec<_>>() {
+            log = log.of_one_sign(names)?;
+        }
+        for (name, of) in self.inputs().iter().filter_map(|c| Some((c.name.as_str(), c.derivative_of.as_deref()?))) {
+            if !log.names().any(|n| n == name) {
+                log = log.with_slope(name, of)?;
+            }
+        }
+        Ok(log)
+    }
+
+    /// Whether [`Self::complete`] may change a log.
+    #[must_use]
+    pub fn asks_of_logs(&self) -> bool {
+        let of_channel = |c: &Channel| c.turn().is_some() || c.derivative_of.is_some();
+        self.inputs().iter().chain(self.outputs()).any(of_channel) || self.attitudes().next().is_some()
+    }
+
+    /// The outputs that are quaternions, scalar last.
+    fn attitudes(&self) -> impl Iterator<Item = [&str; 4]> {
+        let groups: &[(String, GroupEntry)] = match self {
+            Self::Lti(_) => &[],
+            Self::Equations(file) => &file.groups,
+        };
+        groups.iter().filter(|(_, group)| group.kind == GroupKind::Attitude).filter_map(|(_, group)| match group.outputs.as_slice() {
+            [x, y, z, w] => Some([x.as_str(), y.as_str(), z.as_str(), w.as_str()]),
+            _ => None,
+        })
     }
 
     /// The outputs, in order.
@@ -135,6 +162,47 @@ impl ModelDocument {
         lti.chain(equations.iter().map(|(name, s)| (name.as_str(), s.unit.as_deref())))
     }
 
+    /// The model as equations, about its operating point: what has parameters to fit. Of a linear one they are the entries of A and B that are not 0, `A_x_from` and
+    /// `B_x_from`.
+    ///
+    /// # Errors
+    /// [`ModelError`] for a sampled model, a name that cannot stand in an expression, or an operating point `"mean"`.
+    pub fn structure(&self) -> std::result::Result<EquationsFile, ModelError> {
+        let file = match self {
+            Self::Equations(file) => return Ok(file.clone()),
+            Self::Lti(file) => file,
+        };
+        let about = |channels: &[Channel]| {
+            let value = |c: &Channel| match c.operating {
+                Operating::Value(value) => Ok(value),
+                Operating::Mean(_) => Err(ModelError::File {
+                    path: file.name.clone().into(),
+                    detail: format!("the operating point of `{}` is \"mean\", which equations do not have: write its number", c.name),
+                }),
+            };
+            channels.iter().map(value).collect::<std::result::Result<Vec<f64>, ModelError>>()
+        };
+        let (inputs, outputs) = (about(&file.inputs)?, about(&file.outputs)?);
+        // A state that is measured under its own name has the measurement's level.
+        let sys = file.continuous()?;
+        let level = |(j, state): (usize, &super::State)| {
+            let Some(i) = file.outputs.iter().position(|o| o.name == state.name) else { return Ok(0.0) };
+            let itself =
+                (0..sys.order()).all(|k| sys.c()[(i, k)] == f64::from(u8::from(k == j))) && sys.d().row(i).iter().all(|d| *d == 0.0);
+            if itself {
+                return Ok(outputs[i]);
+            }
+            Err(ModelError::Unmatched {
+                path: file.name.clone().into(),
+                what: "the state",
+                name: state.name.clone(),
+                lacks: "has the name of an output that is another quantity; windows of a log would start there: give it another name",
+            })
+        };
+        let states = file.states.iter().enumerate().map(level).collect::<std::result::Result<Vec<f64>, ModelError>>()?;
+        file.to_equations([&inputs, &states, &outputs])
+    }
+
     /// Adds a term that is suspected to be missing.
     ///
     /// # Errors
@@ -143,7 +211,7 @@ impl ModelDocument {
         match self {
             Self::Lti(file) => {
                 file.candidates.push(candidate);
-                file.to_equations(&[])?.candidates().map(drop)
+                file.to_equations([&[], &[], &[]])?.candidates().map(drop)
             }
             Self::Equations(file) => {
                 file.candidates.push(candidate);

@@ -5,7 +5,10 @@ use std::path::Path;
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::table::{self, Table};
-use super::{CandidateEntry, Candidates, Channel, EffectEntry, FORMAT, Operating, Sign, Syntax, parse_text, read_text, syntax, write_text};
+use super::{
+    CandidateEntry, Candidates, Channel, ChannelKind, EffectEntry, FORMAT, Operating, Sign, Syntax, parse_text, read_text, syntax,
+    write_text,
+};
 use crate::error::Result;
 use crate::model::{Definition, EquationError, Equations, ModelError, OutputVariable, Parameter, StateVariable, Symbol};
 
@@ -114,10 +117,12 @@ fn without_operating<S: Serializer>(channels: &[Channel], serializer: S) -> std:
         unit: Option<&'a str>,
         #[serde(skip_serializing_if = "Option::is_none")]
         derivative_of: Option<&'a str>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        kind: Option<ChannelKind>,
     }
     let named = |c| {
-        let Channel { name, unit, derivative_of, .. }: &Channel = c;
-        Named { name, unit: unit.as_deref(), derivative_of: derivative_of.as_deref() }
+        let Channel { name, unit, derivative_of, kind, .. }: &Channel = c;
+        Named { name, unit: unit.as_deref(), derivative_of: derivative_of.as_deref(), kind: *kind }
     };
     serializer.collect_seq(channels.iter().map(named))
 }
@@ -131,12 +136,7 @@ impl EquationsFile {
     /// A file for compiled equations.
     #[must_use]
     pub fn from_equations(name: &str, model: &Equations) -> Self {
-        let channel = |name: &str, unit: Option<&String>| Channel {
-            name: name.to_owned(),
-            unit: unit.cloned(),
-            operating: Operating::default(),
-            derivative_of: None,
-        };
+        let channel = |name: &str, unit: Option<&String>| Channel::plain(name, unit.map(String::as_str));
         let states = model.state_variables();
         let outputs = model.output_variables();
         Self {
@@ -282,8 +282,7 @@ impl EquationsFile {
             let lacks = "belongs to no state; add it to [states] or correct its name";
             return Err(ModelError::Unmatched { path: path.to_owned(), what: "the start", name: name.clone(), lacks });
         }
-        let output = |name: &String| Channel { name: name.clone(), unit: None, operating: Operating::default(), derivative_of: None };
-        let outputs = self.starts.iter().map(|(name, _)| output(name)).collect();
+        let outputs = self.starts.iter().map(|(name, _)| Channel::plain(name, None)).collect();
         Self { outputs, output_equations: self.starts.clone(), starts: Vec::new(), groups: Vec::new(), ..self.clone() }
             .compile(path)
             .map(Some)

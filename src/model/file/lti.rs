@@ -108,7 +108,7 @@ impl ModelFile {
         }
         let named = |e: ModelError| ModelError::File { path: path.to_owned(), detail: e.to_string() };
         if !self.candidates.is_empty() {
-            self.to_equations(&[])?.compile_candidates(path)?;
+            self.to_equations([&[], &[], &[]])?.compile_candidates(path)?;
         }
         if self.sample_time_s > 0.0 { self.sampled().map(drop).map_err(named) } else { self.continuous().map(drop).map_err(named) }
     }
@@ -214,39 +214,49 @@ impl ModelFile {
         })
     }
 
-    /// The same model as equations, its entries of A and B that are not 0 as parameters `A_x_from` and `B_x_from`; `operating` is that of the outputs.
+    /// The same model as equations, its entries of A and B that are not 0 as parameters `A_x_from` and `B_x_from`; about these operating points of the inputs,
+    /// the states and the outputs (0 where a list is too short).
     ///
     /// # Errors
     /// [`ModelError::Domain`] if it is sampled; [`ModelError::Equations`] where a name cannot stand in an expression.
-    pub fn to_equations(&self, operating: &[f64]) -> std::result::Result<EquationsFile, ModelError> {
+    pub fn to_equations(&self, [about_inputs, about_states, about_outputs]: [&[f64]; 3]) -> std::result::Result<EquationsFile, ModelError> {
         let sys = self.continuous()?;
-        let states: Vec<&str> = self.states.iter().map(|s| s.name.as_str()).collect();
-        let inputs: Vec<&str> = self.inputs.iter().map(|c| c.name.as_str()).collect();
+        let deviation = |name: &str, about: Option<&f64>| match about {
+            Some(about) if *about != 0.0 => format!("({name} - ({about:e}))"),
+            _ => name.to_owned(),
+        };
+        let states: Vec<String> = self.states.iter().enumerate().map(|(i, s)| deviation(&s.name, about_states.get(i))).collect();
+        let inputs: Vec<String> = self.inputs.iter().enumerate().map(|(j, c)| deviation(&c.name, about_inputs.get(j))).collect();
         let mut parameters = Vec::new();
         let mut derivatives = Vec::new();
-        for (i, state) in states.iter().enumerate() {
+        for (i, state) in self.states.iter().map(|s| s.name.as_str()).enumerate() {
             let mut derivative = "0".to_owned();
-            for (letter, matrix, columns) in [("A", sys.a(), &states), ("B", sys.b(), &inputs)] {
-                for (j, column) in columns.iter().enumerate().filter(|(j, _)| matrix[(i, *j)] != 0.0) {
+            let of_states = self.states.iter().zip(&states).map(|(s, x)| ("A", sys.a(), s.name.as_str(), x));
+            let of_inputs = self.inputs.iter().zip(&inputs).map(|(c, u)| ("B", sys.b(), c.name.as_str(), u));
+            for (j, (letter, matrix, column, value)) in of_states.enumerate().chain(of_inputs.enumerate()) {
+                if matrix[(i, j)] != 0.0 {
                     let name = format!("{letter}_{state}_{column}");
-                    derivative.push_str(&format!(" + {name}*{column}"));
+                    derivative.push_str(&format!(" + {name}*{value}"));
                     parameters.push((name, ParameterEntry { unit: None, value: matrix[(i, j)] }));
                 }
             }
-            derivatives.push(((*state).to_owned(), derivative));
+            derivatives.push((state.to_owned(), derivative));
         }
         let output = |(i, channel): (usize, &Channel)| {
-            let mut equation = format!("{:e}", operating.get(i).copied().unwrap_or(0.0));
-            for (matrix, columns) in [(sys.c(), &states), (sys.d(), &inputs)] {
-                for (j, column) in columns.iter().enumerate().filter(|(j, _)| matrix[(i, *j)] != 0.0) {
-                    equation.push_str(&format!(" + ({:e})*{column}", matrix[(i, j)]));
+            let mut equation = format!("{:e}", about_outputs.get(i).copied().unwrap_or(0.0));
+            let of_states = states.iter().map(|x| (sys.c(), x));
+            let of_inputs = inputs.iter().map(|u| (sys.d(), u));
+            for (j, (matrix, value)) in of_states.enumerate().chain(of_inputs.enumerate()) {
+                if matrix[(i, j)] != 0.0 {
+                    equation.push_str(&format!(" + ({:e})*{value}", matrix[(i, j)]));
                 }
             }
             (channel.name.clone(), equation)
         };
         let plain = |channels: &[Channel]| channels.iter().map(|c| Channel { operating: Operating::default(), ..c.clone() }).collect();
         let state = |(i, state): (usize, &State)| {
-            let (initial, initial_std) = (self.initial.get(i).copied().unwrap_or(0.0), self.initial_std.get(i).copied());
+            let at = |list: &[f64]| list.get(i).copied();
+            let (initial, initial_std) = (at(&self.initial).unwrap_or(0.0) + at(about_states).unwrap_or(0.0), at(&self.initial_std));
             (state.name.clone(), StateEntry { unit: state.unit.clone(), initial, initial_std })
         };
         Ok(EquationsFile {

@@ -66,6 +66,41 @@ pub struct Channel {
     /// The input whose slope this input is: a log that lacks the channel gets it from that input's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub derivative_of: Option<String>,
+    /// What its numbers are, where they are no plain ones.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<ChannelKind>,
+}
+
+/// What a channel's numbers are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ChannelKind {
+    /// An angle that may be logged within one turn, in rad or degrees: its whole turns are taken out of logs.
+    Angle,
+}
+
+impl Channel {
+    /// A plain channel about 0.
+    #[must_use]
+    pub fn plain(name: &str, unit: Option<&str>) -> Self {
+        Self { name: name.to_owned(), unit: unit.map(str::to_owned), operating: Operating::default(), derivative_of: None, kind: None }
+    }
+
+    /// A whole turn of an angle, in its unit; `None` for all else.
+    #[must_use]
+    pub fn turn(&self) -> Option<f64> {
+        self.kind.and_then(|ChannelKind::Angle| whole_turn(self.unit.as_deref()))
+    }
+}
+
+/// A whole turn in this unit, where it is one of angles.
+#[must_use]
+pub fn whole_turn(unit: Option<&str>) -> Option<f64> {
+    match unit {
+        Some("rad") => Some(std::f64::consts::TAU),
+        Some("deg" | "°" | "degree" | "degrees") => Some(360.0),
+        _ => None,
+    }
 }
 
 /// An effect that already belongs to the simulator, kept as it stands in the file.
@@ -172,8 +207,16 @@ fn check_channels(path: &Path, inputs: &[Channel], outputs: &[Channel]) -> std::
         Operating::Value(v) if !v.is_finite() => Some(v),
         _ => None,
     });
-    match operating {
-        Some(value) => Err(ModelError::Number { path: path.to_owned(), key: "operating", value, rule: "it must be finite" }),
+    if let Some(value) = operating {
+        return Err(ModelError::Number { path: path.to_owned(), key: "operating", value, rule: "it must be finite" });
+    }
+    match inputs.iter().chain(outputs).find(|c| c.kind == Some(ChannelKind::Angle) && c.turn().is_none()) {
+        Some(channel) => Err(ModelError::Unmatched {
+            path: path.to_owned(),
+            what: "the angle",
+            name: channel.name.clone(),
+            lacks: "needs its unit, `rad` or `deg`, to know what a whole turn is",
+        }),
         None => Ok(()),
     }
 }

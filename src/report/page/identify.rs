@@ -4,8 +4,9 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, stretch};
+use super::bode::{self, Curve};
 use super::{Cell, figure, given, made_by, number, page, quoted, sorted};
-use crate::identify::subspace::{Response, Root};
+use crate::identify::subspace::{Band, Response, Root};
 use crate::model::ModelError;
 use crate::report::identify::{FREQUENCIES, Report, poles, seconds};
 use crate::signal::stats::NORMAL_95;
@@ -46,41 +47,23 @@ pub fn identify(report: &Report<'_>) -> Result<String, ModelError> {
 }
 
 fn figures(responses: &[Response]) -> Vec<Value> {
-    let hz = |r: &Response| r.bands.iter().map(|b| b.omega_rad_s / std::f64::consts::TAU).collect::<Vec<f64>>();
-    let view = |r: &Response, label: &str, log: bool, middle: Vec<f64>, ends: Vec<Option<[f64; 2]>>| {
-        let edge = |i: usize| ends.iter().map(|e| e.map(|e| e[i])).collect::<Vec<_>>();
-        json!({
-            "kind": "lines", "keys": [format!("{} → {}", r.input, r.output)], "about": format!("{label} from {} to {} over frequency", r.input, r.output),
-            "x": { "label": "frequency (Hz)", "log": true, "values": hz(r) }, "y": { "label": label, "log": log },
-            "curves": [{ "label": label, "y": middle, "low": edge(0), "high": edge(1), "color": "after", "points": false }],
-        })
-    };
-    let gain = |r: &Response| {
-        let of = |b: &crate::identify::subspace::Band| b.gain_ci95.map(|[l, h]| [l.max(1e-9 * b.gain), h]);
-        view(r, "gain", true, r.bands.iter().map(|b| b.gain).collect(), r.bands.iter().map(of).collect())
-    };
-    let degrees = |r: &Response| {
-        let of = |b: &crate::identify::subspace::Band| {
+    let views = |r: &Response| {
+        let phase = |b: &Band| {
             let half = NORMAL_95 * b.phase_std_rad?;
             Some([b.phase_rad - half, b.phase_rad + half].map(f64::to_degrees))
         };
-        // Whole turns between neighbours are taken out, of the interval too.
-        let mut turns = 0.0;
-        let mut before: Option<f64> = None;
-        let turned = r.bands.iter().map(|b| {
-            turns -= 360.0 * before.map_or(0.0, |p| ((b.phase_rad.to_degrees() - p) / 360.0).round());
-            before = Some(b.phase_rad.to_degrees());
-            (b.phase_rad.to_degrees() + turns, of(b).map(|ends| ends.map(|e| e + turns)))
-        });
-        let (middle, ends) = turned.unzip();
-        view(r, "phase (°)", false, middle, ends)
+        let curve = Curve {
+            label: None,
+            color: "after",
+            gain: r.bands.iter().map(|b| b.gain).collect(),
+            gain_ci95: r.bands.iter().map(|b| b.gain_ci95).collect(),
+            phase_deg: r.bands.iter().map(|b| b.phase_rad.to_degrees()).collect(),
+            phase_ci95_deg: r.bands.iter().map(phase).collect(),
+        };
+        let hz: Vec<f64> = r.bands.iter().map(|b| b.omega_rad_s / std::f64::consts::TAU).collect();
+        bode::views(&format!("{} → {}", r.input, r.output), &hz, &[curve])
     };
-    let usable: Vec<&Response> = responses.iter().filter(|r| !r.bands.is_empty()).collect();
-    if usable.is_empty() {
-        return Vec::new();
-    }
-    let all = |of: &dyn Fn(&Response) -> Value| usable.iter().map(|r| of(r)).collect::<Vec<Value>>();
-    vec![json!({ "id": "gain", "pick": ["pair"], "views": all(&gain) }), json!({ "id": "phase", "pick": ["pair"], "views": all(&degrees) })]
+    bode::figures(responses.iter().filter(|r| !r.bands.is_empty()).map(views).collect())
 }
 
 /// The z plane: unit circle, axes, poles and zeros with their ellipses. What is further out than twice the circle stands at the edge.

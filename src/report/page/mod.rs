@@ -2,6 +2,7 @@
 
 mod bars;
 mod blind;
+mod bode;
 mod check;
 mod compare;
 mod curves;
@@ -10,6 +11,7 @@ mod force;
 mod gap;
 mod identify;
 mod laws;
+mod matching;
 mod residual;
 mod response;
 mod series;
@@ -22,6 +24,7 @@ pub use compare::{compared_diagnoses, compared_studies};
 pub use estimate::estimate;
 pub use gap::gap;
 pub use identify::identify;
+pub use matching::matching;
 pub use response::response;
 pub use structured::structured;
 pub use study::study;

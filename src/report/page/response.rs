@@ -3,6 +3,7 @@
 use maud::html;
 use serde_json::{Value, json};
 
+use super::bode::{self, Curve};
 use super::{figure, given, made_by, page, quoted};
 use crate::identify::response::Point;
 use crate::report::response::{Report, table};
@@ -36,44 +37,25 @@ pub fn response(report: &Report<'_>) -> String {
 }
 
 fn figures(all: &[Named]) -> Vec<Value> {
-    if all.is_empty() {
-        return Vec::new();
-    }
-    let view = |(name, points): &Named, y: &Value, values: Vec<f64>, ends: Vec<Option<[f64; 2]>>| {
-        let edge = |i: usize| ends.iter().map(|e| e.map(|e| e[i])).collect::<Vec<_>>();
-        let hz: Vec<f64> = points.iter().map(|p| p.omega_rad_s / std::f64::consts::TAU).collect();
+    let hz = |points: &[Point]| points.iter().map(|p| p.omega_rad_s / std::f64::consts::TAU).collect::<Vec<f64>>();
+    let curve = |points: &[Point]| Curve {
+        label: None,
+        color: "after",
+        gain: points.iter().map(Point::gain).collect(),
+        gain_ci95: points.iter().map(|p| Some(p.gain_ci95())).collect(),
+        phase_deg: points.iter().map(|p| p.phase_rad().to_degrees()).collect(),
+        phase_ci95_deg: points.iter().map(|p| p.phase_ci95_rad().map(|ends| ends.map(f64::to_degrees))).collect(),
+    };
+    let coherence = |(name, points): &Named| {
         json!({
-            "kind": "lines", "keys": [name], "about": format!("{} of {name} over frequency", y["label"].as_str().unwrap_or_default()),
-            "x": { "label": "frequency (Hz)", "log": true, "values": hz }, "y": y,
-            "curves": [{ "label": y["label"], "y": values, "low": edge(0), "high": edge(1), "color": "after", "points": false }],
+            "kind": "lines", "keys": [name], "about": format!("coherence of {name} over frequency"),
+            "x": { "label": "frequency (Hz)", "log": true, "values": hz(points) }, "y": { "label": "coherence", "range": [-0.02, 1.02] },
+            "curves": [{ "label": "coherence", "y": points.iter().map(|p| p.coherence).collect::<Vec<f64>>(), "color": "after", "points": false }],
         })
     };
-    let gain = |of: &Named| {
-        // A logarithm has no 0.
-        let ends = of.1.iter().map(|p| Some(p.gain_ci95()).map(|[l, h]| [l.max(1e-3 * p.gain()), h])).collect();
-        view(of, &json!({ "label": "gain", "log": true }), of.1.iter().map(Point::gain).collect(), ends)
-    };
-    let phase = |of: &Named| {
-        // Whole turns between neighbours are taken out, of the interval too.
-        let (mut turns, mut before) = (0.0, None::<f64>);
-        let turned = of.1.iter().map(|p| {
-            let own = p.phase_rad().to_degrees();
-            turns -= before.map_or(0.0, |b| 360.0 * ((own - b) / 360.0).round());
-            before = Some(own);
-            (own + turns, p.phase_ci95_rad().map(|ends| ends.map(|e| e.to_degrees() + turns)))
-        });
-        let (middle, ends) = turned.unzip();
-        view(of, &json!({ "label": "phase (°)" }), middle, ends)
-    };
-    let coherence = |of: &Named| {
-        let values: Vec<f64> = of.1.iter().map(|p| p.coherence).collect();
-        let none = vec![None; values.len()];
-        view(of, &json!({ "label": "coherence", "range": [-0.02, 1.02] }), values, none)
-    };
-    let each = |of: &dyn Fn(&Named) -> Value| all.iter().map(of).collect::<Vec<Value>>();
-    vec![
-        json!({ "id": "gain", "pick": ["pair"], "views": each(&gain) }),
-        json!({ "id": "phase", "pick": ["pair"], "views": each(&phase) }),
-        json!({ "id": "coherence", "pick": ["pair"], "views": each(&coherence) }),
-    ]
+    let mut figures = bode::figures(all.iter().map(|(name, points)| bode::views(name, &hz(points), &[curve(points)])).collect());
+    if !figures.is_empty() {
+        figures.push(json!({ "id": "coherence", "pick": ["pair"], "views": all.iter().map(coherence).collect::<Vec<Value>>() }));
+    }
+    figures
 }

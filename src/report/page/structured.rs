@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
 use super::{Cell, figure, made_by, page, quoted, sorted};
-use crate::identify::structured::{FreeParameter, GroupScore, Standing, StructuredFit};
+use crate::identify::structured::{FreeParameter, GroupScore, Standing, StructuredFit, Unseen};
 use crate::report::structured::{digits, how_unseen, meaning, standing};
 use crate::report::terminal::Axis;
 use crate::signal::stats::NORMAL_95;
@@ -27,15 +27,9 @@ pub fn structured(found: &StructuredFit) -> String {
             (found.windows) " windows of " (found.horizon) " steps of " (found.sample_time_s) " s in " (found.clusters) " clusters; shrinkage towards the file " (format!("{:.2e}", found.shrinkage)) "."
         }
         h2 { "What they are" }
-        (parameters(found))
+        (parameters(&found.parameters.iter().map(drawn).collect::<Vec<_>>(), true))
         @for said in [Standing::Surrogate, Standing::Open, Standing::Unchecked].into_iter().filter_map(|s| meaning(found, s)) { p { (said) } }
-        @if !found.unseen.is_empty() || !found.trades.is_empty() {
-            h2 { "What cannot be had" }
-            ul {
-                @for unseen in &found.unseen { li { (quoted(&unseen.words)) " (standard deviation " (how_unseen(unseen.std)) ")" } }
-                @for trade in &found.trades { li { (quoted(trade)) } }
-            }
-        }
+        (not_had(&found.unseen, &found.trades))
         @if !found.per_record.is_empty() { h2 { "What stands off by record" } (by_record(found)) }
         h2 { "Errors over the horizon" }
         p { "Mean absolute error so many steps after a window's start, of the model as the file has it and as it was fitted." }
@@ -47,34 +41,80 @@ pub fn structured(found: &StructuredFit) -> String {
     page(&format!("Parameters of {}", found.name), &body, &json!({ "kind": "structured", "figures": figures(found) }))
 }
 
-/// Every parameter; the bar in times the file's value.
-fn parameters(found: &StructuredFit) -> Markup {
+fn drawn(p: &FreeParameter) -> Drawn {
+    Drawn {
+        name: p.name.clone(),
+        unit: p.unit.clone(),
+        nominal: p.nominal,
+        value: p.value,
+        interval: Some(p.interval),
+        one_step: p.one_step,
+        standing: p.standing,
+    }
+}
+
+/// A parameter as the table has it.
+pub(super) struct Drawn {
+    pub(super) name: String,
+    pub(super) unit: Option<String>,
+    pub(super) nominal: f64,
+    pub(super) value: f64,
+    pub(super) interval: Option<[f64; 2]>,
+    /// Value and standard deviation of single steps.
+    pub(super) one_step: Option<[f64; 2]>,
+    pub(super) standing: Standing,
+}
+
+/// Every parameter; the bar in times the file's value. `single` has a column of what single steps ask for.
+pub(super) fn parameters(all: &[Drawn], single: bool) -> Markup {
     let Some(axis) = Axis::over(std::iter::once(TIMES), usize::MAX) else { return html! {} };
-    let row = |p: &FreeParameter| {
-        let interval = format!("{} to {}", digits(p.interval[0]), digits(p.interval[1]));
+    let row = |p: &Drawn| {
+        let interval = p.interval.map_or_else(|| "–".to_owned(), |[low, high]| format!("{} to {}", digits(low), digits(high)));
         let drawn = html! {
             @if p.nominal != 0.0 && p.nominal.is_finite() {
-                @let [a, b] = p.interval.map(|v| axis.share(v / p.nominal));
-                (stretch(a.min(b), a.max(b), "range"))
+                @if let Some(ends) = p.interval {
+                    @let [a, b] = ends.map(|v| axis.share(v / p.nominal));
+                    (stretch(a.min(b), a.max(b), "range"))
+                }
                 (dot(axis.share(1.0), "aside"))
                 (dot(axis.share(p.value / p.nominal), ""))
             }
         };
-        let one = p.one_step.map_or_else(|| "–".to_owned(), |[v, s]| format!("{} ± {}", digits(v), digits(NORMAL_95 * s)));
-        vec![
+        let mut cells = vec![
             Cell::Words(p.name.clone()),
             Cell::Words(p.unit.clone().unwrap_or_default()),
             Cell::Number(digits(p.nominal)),
             Cell::Number(digits(p.value)),
             Cell::Number(interval.clone()),
             Cell::Drawn(bar(&format!("{} in the file, {} found, 95 %: {interval}", digits(p.nominal), digits(p.value)), &drawn)),
-            Cell::Number(one),
-            Cell::Words(standing(p.standing).to_owned()),
-        ]
+        ];
+        if single {
+            let one = p.one_step.map_or_else(|| "–".to_owned(), |[v, s]| format!("{} ± {}", digits(v), digits(NORMAL_95 * s)));
+            cells.push(Cell::Number(one));
+        }
+        cells.push(Cell::Words(standing(p.standing).to_owned()));
+        cells
     };
-    let rows: Vec<Vec<Cell>> = found.parameters.iter().map(row).collect();
-    let headings = ["parameter", "unit", "file", "found", "95 % interval", "−1 to 3 times the file", "one step ahead", "standing"];
+    let rows: Vec<Vec<Cell>> = all.iter().map(row).collect();
+    let mut headings = vec!["parameter", "unit", "file", "found", "95 % interval", "−1 to 3 times the file"];
+    if single {
+        headings.push("one step ahead");
+    }
+    headings.push("standing");
     sorted("Parameters; the grey point is the file's value, an arrow is beyond the axis", &headings, &rows)
+}
+
+/// What cannot be had, if anything.
+pub(super) fn not_had(unseen: &[Unseen], trades: &[String]) -> Markup {
+    html! {
+        @if !unseen.is_empty() || !trades.is_empty() {
+            h2 { "What cannot be had" }
+            ul {
+                @for unseen in unseen { li { (quoted(&unseen.words)) " (standard deviation " (how_unseen(unseen.std)) ")" } }
+                @for trade in trades { li { (quoted(trade)) } }
+            }
+        }
+    }
 }
 
 fn by_record(found: &StructuredFit) -> Markup {
