@@ -42,7 +42,7 @@ CASES = {
     "dlqr_random": {"reference.json": riccati.dlqr_random},
     "effects": {"reference.json": effect_cases.effects},
     "regression": {"reference.json": regression.regression},
-    "subspace": {"reference.json": subspace_cases.subspace},
+    "subspace": {"reference.json": subspace_cases.subspace, "octave.json": subspace_cases.by_octave},
     "norms": {"reference.json": norm_cases.norms},
     "zeros": {"reference.json": zeros.zeros},
 }

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from . import octave
+
 TOOL = "numpy 2.3.5"
 SAMPLES, PAST, ORDER = 500, 8, 3
 # One unstable pole; inputs in other units than outputs.
@@ -29,6 +31,52 @@ def data(stored: dict | None) -> tuple[np.ndarray, np.ndarray]:
     if stored is not None:
         return np.array(stored["u"]), np.array(stored["y"])
     return closed_loop()
+
+
+# Stable, and no feedback: what SLICOT's methods are made for.
+OPEN_A = np.array([[0.8, 0.3, 0.0], [-0.3, 0.8, 0.1], [0.0, 0.0, 0.6]])
+OPEN_SAMPLES, OPEN_NOISE, BLOCKS = 400, 1e-3, 8
+# Ten times what a mean of so many samples is uncertain by.
+TEN_STD = 10 * OPEN_NOISE / OPEN_SAMPLES**0.5
+
+
+def open_loop() -> tuple[np.ndarray, np.ndarray]:
+    """Random binary inputs, outputs with white noise of a thousandth of their spread; rows are samples."""
+    generator = np.random.default_rng(20261126)
+    u = generator.choice([-1.0, 1.0], (OPEN_SAMPLES, 2)) * [1.0, 2.0]
+    x, y = np.zeros(3), np.zeros((OPEN_SAMPLES, 2))
+    for t in range(OPEN_SAMPLES):
+        y[t] = C @ x
+        x = OPEN_A @ x + B @ u[t]
+    return u, np.round(y + OPEN_NOISE * y.std(axis=0) * generator.standard_normal(y.shape), 9)
+
+
+def by_octave(stored: dict | None) -> dict:
+    """N4SID, and MOESP for A and C with N4SID for B and D, of Octave's control package: SLICOT's IB01AD and IB01BD. Its plain MOESP stops there with an error."""
+    tool = octave.versions()
+    u, y = (np.array(stored["u"]), np.array(stored["y"])) if stored is not None else open_loop()
+    names = ["n4sid", "moen4"]
+    script = [f"d = iddata({octave.literal(y)}, {octave.literal(u)}, 1);"]
+    for name in names:
+        script.append(f"s = {name}(d, {ORDER}, 's', {BLOCKS}); [a, b, c, dd] = ssdata(s);")
+        script += [f"put('{name}.{matrix}', {matrix if matrix != 'd' else 'dd'});" for matrix in "abcd"]
+    found = octave.run("\n".join(script))
+    cases = []
+    for name in names:
+        a, b, c, d = (found[f"{name}.{matrix}"].real for matrix in "abcd")
+        powers = [np.linalg.matrix_power(a, j) for j in range(6)]
+        markov = np.hstack([d, *(c @ p @ b for p in powers)])
+        cases.append({"id": name, "poles": np.sort_complex(np.linalg.eigvals(a)), "markov": markov})
+    return {
+        "tool": tool,
+        "tolerance": {"default": TEN_STD},
+        "past": BLOCKS,
+        "order": ORDER,
+        "true_poles": np.sort_complex(np.linalg.eigvals(OPEN_A)),
+        "u": u,
+        "y": y,
+        "cases": cases,
+    }
 
 
 def past_of(z: np.ndarray, rows: np.ndarray, past: int) -> np.ndarray:

@@ -64,6 +64,35 @@ fn the_methods_agree_with_explicit_matrices_in_numpy() {
     c.finish();
 }
 
+/// SLICOT's methods weight and solve in other ways; with little noise and no feedback all of them are near the same model.
+#[test]
+fn n4sid_and_moesp_agree_with_slicot_by_way_of_octave() {
+    let file = golden("subspace", "octave.json");
+    let mut c = Comparison::new("subspace/octave.json");
+    let data = recordings(matrix(&file["u"]).transpose(), matrix(&file["y"]).transpose());
+    let number = |key: &str| usize::try_from(file[key].as_u64().unwrap()).unwrap();
+    let settings =
+        Settings { order: Some(number("order")), past: Some(number("past")), draws: 0, direct: Direct::Free, ..Settings::default() };
+    for case in file["cases"].as_array().unwrap() {
+        let found = match case["id"].as_str().unwrap() {
+            "n4sid" => N4sid(settings.clone()).identify(&data, &HowFar::default()),
+            _ => Moesp(settings.clone()).identify(&data, &HowFar::default()),
+        };
+        let model = found.unwrap().model;
+        let ours: Vec<f64> = poles(&model.a).iter().flat_map(|p| [p.re, p.im]).collect();
+        let tolerance = file["tolerance"]["default"].as_f64().unwrap();
+        c.check("poles", text(case, "id"), apart(&DMatrix::from_row_slice(3, 2, &ours), &matrix(&case["poles"])), tolerance);
+        let mut all = model.d.clone().insert_columns(2, 12, 0.0);
+        let mut moved = model.b.clone();
+        for j in 0..6 {
+            all.columns_mut(2 + 2 * j, 2).copy_from(&(&model.c * &moved));
+            moved = &model.a * moved;
+        }
+        c.check("markov parameters", text(case, "id"), apart(&all, &matrix(&case["markov"])), tolerance);
+    }
+    c.finish();
+}
+
 /// The thesis' lateral dynamics, unstable, held by u = r − K x; noise on states and outputs; `delay` samples of dead time at the input.
 fn flight(samples: usize, seed: u64, delay: usize) -> (Recordings, DMatrix<f64>) {
     let ts = SampleTime::new(0.02).unwrap();
