@@ -99,7 +99,7 @@ fn a_heading_that_wraps_is_what_is_said_first_where_nothing_says_that_it_is_an_a
 
 #[test]
 fn an_angle_needs_a_unit_that_says_what_a_turn_is() {
-    let text = vehicle(PLAIN).to_toml().unwrap().replace("unit = \"rad\"", "kind = \"angle\"");
+    let text = vehicle(PLAIN).to_toml().unwrap().replacen("unit = \"rad\"", "kind = \"angle\"", 1);
     let wrong = ModelDocument::from_toml(&text, Path::new("vehicle.toml")).unwrap_err().to_string();
     assert!(wrong.contains("vehicle.toml") && wrong.contains("`heading`") && wrong.contains("`deg`"), "{wrong}");
     // It is written as it was read.

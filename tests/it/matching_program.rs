@@ -4,6 +4,8 @@ use std::fmt::Write as _;
 
 use serde_json::Value;
 
+use crate::report_html::drawn;
+use crate::report_pages::stands;
 use crate::support::program::{Folder, deadtime, text};
 
 const LAG: &str = r#"
@@ -65,8 +67,10 @@ fn from_a_log_to_an_identified_model_to_physical_parameters() {
         let found: Value = serde_json::from_str(&std::fs::read_to_string(&matched).unwrap()).unwrap();
         (said, found)
     };
-    let (said, found) = run(&identified, &["--out", text(&out)]);
+    let page = folder.path("page.html");
+    let (said, found) = run(&identified, &["--out", text(&out), "--html", text(&page)]);
     assert_eq!(found["format"], "deadtime/match@1");
+    page_of(&std::fs::read_to_string(&page).unwrap(), &found);
     assert!(said.contains("delay:u") && said.contains("Nu-gap") && said.contains("standard deviations"), "{said}");
     for ((name, truth), p) in truth.iter().zip(found["parameters"].as_array().unwrap()) {
         let (value, std) = (p["value"].as_f64().unwrap(), p["std"].as_f64().unwrap());
@@ -87,6 +91,28 @@ fn from_a_log_to_an_identified_model_to_physical_parameters() {
     assert!(said.contains("says nothing of its uncertainty"), "{said}");
     for ((_, truth), p) in truth.iter().zip(found["parameters"].as_array().unwrap()) {
         assert!(p["std"].is_null() && (p["value"].as_f64().unwrap() / truth - 1.0).abs() < 0.05, "{p}");
+    }
+}
+
+/// The page is well formed, and draws the responses that the JSON has.
+fn page_of(page: &str, found: &Value) {
+    let said = stands(page);
+    assert!(said.contains("lag matched to model") && said.contains("delay:u") && said.contains("Nu-gap"), "{said}");
+    let data = drawn(page);
+    let view = &data["figures"][0]["views"][0];
+    let points = found["responses"][0]["points"].as_array().unwrap();
+    assert_eq!(view["x"]["values"].as_array().unwrap().len(), points.len());
+    let gain = |p: &Value| p[0].as_f64().unwrap().hypot(p[1].as_f64().unwrap());
+    for (at, p) in points.iter().enumerate() {
+        for (curve, of) in ["identified", "nominal", "found"].into_iter().enumerate() {
+            let drawn = view["curves"][curve]["y"][at].as_f64().unwrap();
+            assert!((drawn / gain(&p[of]) - 1.0).abs() < 1e-9, "{of} at {p}");
+        }
+        // What was found is near what was identified; the file's values are not.
+        assert!((gain(&p["found"]) / gain(&p["identified"]) - 1.0).abs() < 0.05, "{p}");
+        let [low, high] = ["low", "high"].map(|end| view["curves"][0][end][at].as_f64().unwrap());
+        let std = p["std"][0].as_f64().unwrap();
+        assert!((high - low - 2.0 * 1.96 * std).abs() < 1e-3 * std, "{low} {high} {std}");
     }
 }
 
@@ -122,7 +148,6 @@ fn what_cannot_be_matched_is_refused_with_a_remedy_and_no_file() {
     refused(&["--match", text(&lag), text(&data)], &["cannot be used with"]);
     refused(&["--match", text(&lag), "--band", "3"], &["--band 3", "LOW:HIGH"]);
     refused(&["--match", text(&lag), "--unit", "y"], &["--unit y", "NAME=NUMBER"]);
-    refused(&["--match", text(&lag), "--html", "page.html"], &["--html", "--json"]);
     refused(&["--match", text(&lag), "--holdout", text(&data)], &["--holdout", "simulate"]);
     refused(&[text(&data), "--norm", "hinf"], &["--match"]);
     assert!(!out.exists());

@@ -50,8 +50,7 @@ fn report(late: usize) -> (String, Diagnosis) {
     let out = folder.path("out");
     let [a, b, c] = &logs;
     deadtime(&["gap", "--model", text(&model), "--log", text(a), "--log", text(b), "--holdout", text(c), "--out", text(&out)]).done();
-    // The logs' folder has a random name, which may hold any letters.
-    let page = std::fs::read_to_string(out.join("report.html")).unwrap().replace(text(&folder.path("")), "");
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     (page, Diagnosis::read(&out.join("diagnosis.json")).unwrap())
 }
 
@@ -107,6 +106,10 @@ pub(crate) fn read(page: &str) -> String {
     let mut text = page.split("<script").next().unwrap().to_owned();
     while let Some((before, rest)) = text.split_once("<style>") {
         text = format!("{before}{}", rest.split_once("</style>").unwrap().1);
+    }
+    // Folders of tests have random names, which may hold any letters.
+    while let Some((before, rest)) = text.split_once("/.tmp") {
+        text = format!("{before}{}", rest.chars().skip(6).collect::<String>());
     }
     text
 }
