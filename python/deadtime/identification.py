@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from . import _native, models
 from ._native import Model, StateSpace
 from .logs import LogLike, as_logs
-from .results import FileResult
+from .results import PrintedResult
 
 if TYPE_CHECKING:
     import control
@@ -24,7 +24,7 @@ Identifier: TypeAlias = Literal["pbsidopt", "n4sid", "moesp"]
 _Array: TypeAlias = "NDArray[numpy.float64]"
 
 
-class Identified(FileResult):
+class Identified(PrintedResult):
     """A linear model of n states, m inputs and p outputs, with how sure it is; printed, it is what `deadtime identify` prints.
 
     Made by `identify`. Inputs and outputs are deviations from their means in the data, `operating`.
@@ -88,12 +88,6 @@ class Identified(FileResult):
         self.frequency_responses: list[dict[str, Any]] = data["frequency_responses"]
         self.fits: list[dict[str, Any]] = data["held_out"]["outputs"]
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Identified) and self._file == other._file
-
-    def __hash__(self) -> int:
-        return hash(self._file)
-
     @property
     def system(self) -> StateSpace:
         """The model as a system, its delays at the inputs."""
@@ -146,17 +140,6 @@ class Identified(FileResult):
             The operating system refused it.
         """
         self.model.write(path)
-
-    def to_json(self) -> str:
-        """The text of the file format `deadtime/identify@1`."""
-        return self._file
-
-    def to_text(self) -> str:
-        """What the command line prints."""
-        return self._text
-
-    def __repr__(self) -> str:
-        return self._text
 
 
 def identify(

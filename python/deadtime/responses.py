@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from . import _native
 from .logs import LogLike, as_logs
-from .results import FileResult
+from .results import PrintedResult
 
 if TYPE_CHECKING:
     import control
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 ResponseMethod: TypeAlias = Literal["lpm", "welch"]
 
 
-class FrequencyResponse(FileResult):
+class FrequencyResponse(PrintedResult):
     """Responses of p outputs to m inputs at N frequencies; printed, it is what `deadtime response` prints.
 
     Made by `frequency_response`. The response is that of samples: a zero-order hold at the input adds half a sample of delay.
@@ -76,12 +76,6 @@ class FrequencyResponse(FileResult):
         phases = [[[ends or unknown for ends in pairs[y, u]["phase_ci95_rad"]] for u in self.inputs] for y in self.outputs]
         self.phase_ci95_rad: NDArray[numpy.float64] = numpy.array(phases, dtype=float)
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, FrequencyResponse) and self._file == other._file
-
-    def __hash__(self) -> int:
-        return hash(self._file)
-
     @property
     def omega_rad_s(self) -> NDArray[numpy.float64]:
         """The frequencies, rad/s."""
@@ -105,17 +99,6 @@ class FrequencyResponse(FileResult):
         import control
 
         return control.FrequencyResponseData(self.response, self.omega_rad_s)
-
-    def to_json(self) -> str:
-        """The text of the file format `deadtime/response@1`."""
-        return self._file
-
-    def to_text(self) -> str:
-        """What the command line prints."""
-        return self._text
-
-    def __repr__(self) -> str:
-        return self._text
 
 
 def frequency_response(

@@ -45,3 +45,27 @@ class FileResult(Result):
             The operating system refused it.
         """
         _native._write_whole(path, (self.to_json() + "\n").encode())
+
+
+class PrintedResult(FileResult):
+    """One that prints as on the command line; two are equal where their files are."""
+
+    _file: str
+    _text: str
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and isinstance(other, PrintedResult) and self._file == other._file
+
+    def __hash__(self) -> int:
+        return hash(self._file)
+
+    def to_json(self) -> str:
+        """The text of the file."""
+        return self._file
+
+    def to_text(self) -> str:
+        """What the command line prints."""
+        return self._text
+
+    def __repr__(self) -> str:
+        return self._text

@@ -13,7 +13,7 @@ from ._native import Model
 from .identification import Identified
 from .logs import LogLike, as_logs
 from .models import ModelLike, as_model
-from .results import FileResult
+from .results import PrintedResult
 
 #: By what responses are compared.
 MatchNorm: TypeAlias = Literal["wls", "h2", "hinf", "nu-gap"]
@@ -59,7 +59,7 @@ def _pair(values: Sequence[float | None] | None) -> tuple[float, float] | None:
     return low, high
 
 
-class _Fitted(FileResult):
+class _Fitted(PrintedResult):
     def __init__(self, model: Model, file: str, text: str) -> None:
         self.model, self._file, self._text = model, file, text
         each = [
@@ -75,23 +75,6 @@ class _Fitted(FileResult):
 
     def __getitem__(self, name: str) -> float:
         return self.parameters[name].value
-
-    def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and isinstance(other, _Fitted) and self._file == other._file
-
-    def __hash__(self) -> int:
-        return hash(self._file)
-
-    def to_json(self) -> str:
-        """The text of the file format."""
-        return self._file
-
-    def to_text(self) -> str:
-        """What the command line prints."""
-        return self._text
-
-    def __repr__(self) -> str:
-        return self._text
 
 
 class StructuredFit(_Fitted):
