@@ -19,6 +19,10 @@ pub struct Draws {
     pub small: Vec<InnovationsModel>,
     /// Size of the small draws.
     pub step: f64,
+    /// Input delays of each whole draw, samples; empty: those of the model.
+    pub whole_delays: Vec<Vec<usize>>,
+    /// Input delays of each small draw, samples; empty: those of the model.
+    pub small_delays: Vec<Vec<usize>>,
 }
 
 /// A pole or zero of the sampled model and how well it is known.
@@ -192,8 +196,11 @@ pub(super) fn frequencies(ts: SampleTime, samples: usize, count: usize) -> Vec<f
 /// The response of every pair at these frequencies: input by input, output by output, with bands.
 pub(super) fn responses(nominal: &StateSpace<Sampled>, draws: &Draws, frequencies: &[f64]) -> Vec<Vec<Vec<Band>>> {
     let (ts, delays) = (nominal.sample_time(), nominal.input_delay());
-    let systems = |models: &[InnovationsModel]| models.iter().filter_map(|m| system(m, ts, delays).ok()).collect::<Vec<_>>();
-    let (whole, small) = (systems(&draws.whole), systems(&draws.small));
+    let systems = |models: &[InnovationsModel], own: &[Vec<usize>]| {
+        let one = |(i, m): (usize, &InnovationsModel)| system(m, ts, own.get(i).map_or(delays, Vec::as_slice)).ok();
+        models.iter().enumerate().filter_map(one).collect::<Vec<_>>()
+    };
+    let (whole, small) = (systems(&draws.whole, &draws.whole_delays), systems(&draws.small, &draws.small_delays));
     let (m, l) = (nominal.inputs(), nominal.outputs());
     let mut found = vec![vec![Vec::with_capacity(frequencies.len()); l]; m];
     for &omega in frequencies {
