@@ -71,6 +71,9 @@ pub(crate) struct Cloud {
     seed: u64,
 }
 
+/// A model of drawn numbers with its delays, samples.
+pub(crate) type Build<'a> = dyn Fn(&[f64]) -> Option<(InnovationsModel, Vec<usize>)> + Sync + 'a;
+
 /// Size of the small draws, of a whole one.
 const STEP: f64 = 1e-3;
 
@@ -95,7 +98,7 @@ impl Cloud {
     }
 
     /// Models of drawn numbers, each with its own delays.
-    pub(crate) fn models(&self, count: usize, build: &(dyn Fn(&[f64]) -> Option<(InnovationsModel, Vec<usize>)> + Sync)) -> Draws {
+    pub(crate) fn models(&self, count: usize, build: &Build<'_>) -> Draws {
         let all = |size: f64| -> (Vec<InnovationsModel>, Vec<Vec<usize>>) {
             (0..count)
                 .into_par_iter()

@@ -101,7 +101,10 @@ impl Report<'_> {
         if !p.guesses.is_empty() {
             text += &format!("first guesses of one lag, from the step response\n{}\n", guesses(p));
         }
-        text += &format!("poles (z plane, standard deviations in brackets)\n{}\n", poles(&m.poles()));
+        // The lags of a process model are among its numbers.
+        if p.continuous.is_none() {
+            text += &format!("poles (z plane, standard deviations in brackets)\n{}\n", poles(&m.poles()));
+        }
         text += &format!("on held-out data ({}, {} samples)\n{}", self.held_out, self.held_out_samples, self.fits());
         text += &self.about_fits();
         text

@@ -140,6 +140,9 @@ pub(super) fn system(model: &InnovationsModel, ts: SampleTime, delays: &[usize])
     StateSpace::sampled(model.a.clone(), model.b.clone(), model.c.clone(), model.d.clone(), ts)?.with_input_delay(delays.to_vec())
 }
 
+/// Roots closer than this share of their size are one.
+const COINCIDE: f64 = 1e-5;
+
 /// Roots of the model as `of` finds them, with their deviations over the small draws.
 pub(super) fn roots(nominal: &[Complex<f64>], drawn: &[Vec<Complex<f64>>], step: f64, ts: SampleTime) -> Vec<Root> {
     let matched: Vec<Vec<Complex<f64>>> = drawn.iter().filter_map(|d| matched(nominal, d)).collect();
@@ -148,6 +151,8 @@ pub(super) fn roots(nominal: &[Complex<f64>], drawn: &[Vec<Complex<f64>>], step:
         .iter()
         .enumerate()
         .map(|(i, &z)| {
+            // Roots that coincide have no derivative.
+            let known = known && !nominal.iter().enumerate().any(|(j, other)| j != i && (other - z).norm() < COINCIDE * z.norm());
             let mean = |f: &dyn Fn(Complex<f64>) -> f64| matched.iter().map(|d| f((d[i] - z) / step)).sum::<f64>() / matched.len() as f64;
             let (vr, vi, c) = (mean(&|d| d.re * d.re), mean(&|d| d.im * d.im), mean(&|d| d.re * d.im));
             let s = (z.norm() > 1e-6).then(|| z.ln() / ts.seconds());
