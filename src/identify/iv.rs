@@ -389,21 +389,36 @@ pub(crate) fn inverse(mut gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
     inverse.iter().all(|v| v.is_finite()).then_some(inverse)
 }
 
-/// The autoregression of what a model leaves, its order by Akaike's criterion among 1 to `most`, and the variance of its errors.
+/// The autoregression of what a model leaves.
+pub(crate) struct NoiseModel {
+    /// d₁ … of D = 1 + d₁q⁻¹ + …
+    pub(crate) d: Vec<f64>,
+    /// The variance of its errors.
+    pub(crate) variance: f64,
+    /// The covariance of d.
+    pub(crate) covariance: DMatrix<f64>,
+}
+
+/// The autoregression of signals, its order by Schwarz's criterion among 1 to `most`.
 ///
-/// Source: Akaike (1974), IEEE Trans. Autom. Control 19(6), 716-723, doi:10.1109/TAC.1974.1100705.
-pub(crate) fn noise_model(left: &[Vec<f64>], most: usize) -> Option<(Vec<f64>, f64)> {
+/// Source: Schwarz (1978), Ann. Statist. 6(2), 461-464, doi:10.1214/aos/1176344136.
+pub(crate) fn noise_model(left: &[Vec<f64>], most: usize) -> Option<NoiseModel> {
     let samples: usize = left.iter().map(Vec::len).sum();
     let most = most.min(samples / 20).max(1);
     let fit = |order: usize| {
         let rows = left.iter().map(|v| v.len().saturating_sub(order)).sum::<usize>().max(1) as f64;
         let (d, squares) = autoregression(left, order)?;
-        let variance = squares / (rows - order as f64).max(1.0);
-        let criterion = samples as f64 * (squares / rows).max(f64::MIN_POSITIVE).ln() + 2.0 * order as f64;
-        criterion.is_finite().then_some((criterion, d, variance))
+        let criterion = rows * (squares / rows).max(f64::MIN_POSITIVE).ln() + order as f64 * rows.ln();
+        criterion.is_finite().then_some((criterion / rows, d, squares / (rows - order as f64).max(1.0)))
     };
-    let best = (1..=most).filter_map(fit).min_by(|a, b| a.0.total_cmp(&b.0))?;
-    Some((best.1, best.2))
+    let (_, d, variance) = (1..=most).filter_map(fit).min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let order = d.len();
+    let mut products = DMatrix::zeros(order + 1, order + 1);
+    for v in left.iter().filter(|v| v.len() > order) {
+        products += lag_matrix(v, None, order, (order + 1, order + 1));
+    }
+    let covariance = inverse(products.view((1, 1), (order, order)).into_owned())? * variance;
+    Some(NoiseModel { d, variance, covariance })
 }
 
 #[cfg(test)]

@@ -43,5 +43,5 @@ pub(crate) use lag_products::{lag_matrix, lag_vector};
 pub(crate) use laguerre::{Laguerre, laguerre, laguerre_spectra};
 pub(crate) use many_zeros::ManyZeros;
 pub(crate) use oe::power;
-pub(crate) use parametric::{Cloud, given, sandwich, usable};
+pub(crate) use parametric::{Cloud, Coloured, coloured, given, usable};
 pub(crate) use polynomial::{filtered, largest_pole, prefiltered};

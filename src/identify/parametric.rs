@@ -1,6 +1,6 @@
 //! Models of a given structure: named numbers with their intervals, and models drawn from the numbers' covariance.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::IdentifyError;
-use super::iv::{inverse, noise_model};
-use super::polynomial::{filtered, reflected};
+use super::iv::{NoiseModel, inverse, noise_model, whitened};
+use super::polynomial::is_stable;
 use super::regression::dot;
 use super::subspace::{Draws, InnovationsModel, OrderChoice, Recordings, Sure};
 use crate::model::{Continuous, StateSpace};
@@ -136,12 +136,27 @@ pub(crate) fn usable(method: &'static str, recordings: &Recordings, needed: usiz
     Ok((Recordings { stretches, ..recordings.clone() }, said))
 }
 
-/// The covariance of numbers that were fitted by least squares under coloured noise, the noise's D and the variance of e = D·residual.
+/// What least squares under coloured noise come to once the noise is known.
+pub(crate) struct Coloured {
+    /// By how much the numbers move.
+    pub(crate) change: Vec<f64>,
+    /// The covariance of the moved numbers.
+    pub(crate) covariance: DMatrix<f64>,
+    /// d₁ … of the noise e/D.
+    pub(crate) d: Vec<f64>,
+    /// The variance of e.
+    pub(crate) variance: f64,
+    /// What is left, the change and levels taken off.
+    pub(crate) residual: Vec<f64>,
+}
+
+/// One step from least squares to the estimate that weighs by the noise's own autoregression, and its covariance σ²(JᵀDᵀDJ)⁻¹, the mean of it over
+/// what D may be; with `levels` a level of each record is fitted with it.
+/// A column of zeros is a number that is not known to move.
 ///
-/// Equation: (JᵀJ)⁻¹·JᵀRJ·(JᵀJ)⁻¹ with R = σ²HHᵀ, H the filter 1/D; JᵀRJ = σ²·(HᵀJ)ᵀ(HᵀJ), Hᵀ being the filter run backwards. A column of zeros is a number that is
-/// not known to move: its variance is 0.
-/// Source: Ljung (1999), "System Identification", 2nd ed., section 9.4 (output-error models under coloured noise); D as in [`noise_model`].
-pub(crate) fn sandwich(jacobian: &[Vec<f64>], residual: &[f64], lengths: &[usize]) -> Option<(DMatrix<f64>, Vec<f64>, f64)> {
+/// How it can be wrong: a step so long that the model is no straight line over it; the caller says which that is.
+/// Source: Ljung (1999), "System Identification", 2nd ed., sections 9.3 and 10.2: a step of Gauss and Newton from a consistent estimate is as good as the minimum.
+pub(crate) fn coloured(jacobian: &[Vec<f64>], residual: &[f64], lengths: &[usize], levels: bool) -> Option<Coloured> {
     let mut from = 0;
     let parts: Vec<std::ops::Range<usize>> = lengths
         .iter()
@@ -150,34 +165,55 @@ pub(crate) fn sandwich(jacobian: &[Vec<f64>], residual: &[f64], lengths: &[usize
             from - n..from
         })
         .collect();
-    let left: Vec<Vec<f64>> = parts.iter().map(|p| residual.get(p.clone()).map(<[f64]>::to_vec)).collect::<Option<_>>()?;
-    let (d, variance) = noise_model(&left, NOISE)?;
-    let d = reflected(&d)?;
     let moving: Vec<usize> = (0..jacobian.len()).filter(|i| jacobian[*i].iter().any(|v| *v != 0.0)).collect();
-    let k = moving.len();
-    let (mut gram, mut coloured) = (DMatrix::zeros(k, k), DMatrix::zeros(k, k));
-    for part in parts {
-        let columns: Vec<Vec<f64>> = moving.iter().map(|i| jacobian[*i].get(part.clone()).map(<[f64]>::to_vec)).collect::<Option<_>>()?;
-        let backwards = |c: &Vec<f64>| filtered(&c.iter().rev().copied().collect::<Vec<f64>>(), &d);
-        let through: Vec<Vec<f64>> = columns.iter().map(backwards).collect();
-        for i in 0..k {
-            for j in 0..k {
-                gram[(i, j)] += dot(&columns[i], &columns[j]);
-                coloured[(i, j)] += dot(&through[i], &through[j]);
-            }
-        }
+    let mut columns: Vec<Vec<f64>> = moving.iter().map(|i| jacobian[*i].clone()).collect();
+    columns.extend(parts.iter().filter(|_| levels).map(|p| (0..residual.len()).map(|t| f64::from(u8::from(p.contains(&t)))).collect()));
+    let (k, mut left) = (columns.len(), residual.to_vec());
+    let mut found = None;
+    // The first samples of each record lack what the filter would remember.
+    let white =
+        |x: &[f64], d: &[f64]| -> Vec<f64> { parts.iter().flat_map(|p| whitened(&x[p.clone()], d).into_iter().skip(d.len())).collect() };
+    let gram = |columns: &[Vec<f64>]| DMatrix::from_fn(k, k, |i, j| dot(&columns[i], &columns[j]));
+    for _ in 0..ROUNDS {
+        let own: Vec<Vec<f64>> = parts.iter().map(|p| left.get(p.clone()).map(<[f64]>::to_vec)).collect::<Option<_>>()?;
+        let noise = noise_model(&own, NOISE)?;
+        let (through, target) = (columns.iter().map(|c| white(c, &noise.d)).collect::<Vec<_>>(), white(residual, &noise.d));
+        let right = DVector::from_fn(k, |i, _| dot(&through[i], &target));
+        let change = inverse(gram(&through))? * right;
+        left = (0..residual.len()).map(|t| residual[t] - columns.iter().zip(change.iter()).map(|(c, w)| w * c[t]).sum::<f64>()).collect();
+        let freedom = residual.len() as f64 / (residual.len() as f64 - k as f64).max(1.0);
+        found = Some((change, noise, freedom));
     }
-    let inverse = inverse(gram)?;
-    let freedom = residual.len() as f64 / (residual.len() as f64 - k as f64).max(1.0);
-    let each = &inverse * coloured * &inverse * (variance * freedom);
-    let mut covariance = DMatrix::zeros(jacobian.len(), jacobian.len());
+    let (change, NoiseModel { d, variance, covariance }, freedom) = found?;
+    let variance = variance * freedom;
+    // Over what the noise may be: its slow part is what slow columns are told from, and it is known from few samples.
+    let cloud = Cloud::of(d.clone(), &covariance, 1)?;
+    let drawn = (0..NOISES).into_par_iter().map(|i| cloud.draw(i, 1.0)).filter(|d| is_stable(d) && 1.0 + d.iter().sum::<f64>() > SLOWEST);
+    let each: Vec<DMatrix<f64>> = drawn.filter_map(|d| inverse(gram(&columns.iter().map(|c| white(c, &d)).collect::<Vec<_>>()))).collect();
+    let through: Vec<Vec<f64>> = columns.iter().map(|c| white(c, &d)).collect();
+    let mean = if each.is_empty() { inverse(gram(&through))? } else { each.iter().sum::<DMatrix<f64>>() / each.len() as f64 };
+    let mut all = Coloured {
+        change: vec![0.0; jacobian.len()],
+        covariance: DMatrix::zeros(jacobian.len(), jacobian.len()),
+        d,
+        variance,
+        residual: left,
+    };
     for (i, row) in moving.iter().enumerate() {
+        all.change[*row] = change[i];
         for (j, column) in moving.iter().enumerate() {
-            covariance[(*row, *column)] = each[(i, j)];
+            all.covariance[(*row, *column)] = mean[(i, j)] * variance;
         }
     }
-    covariance.iter().all(|v| v.is_finite()).then_some((covariance, d, variance * freedom))
+    let finite = all.change.iter().chain(all.covariance.iter()).all(|v| v.is_finite());
+    finite.then_some(all)
 }
 
+/// Autoregressions drawn from what the residuals know of theirs.
+const NOISES: usize = 40;
+/// 1 + Σ d of noise that hardly forgets: it is no noise about a level.
+const SLOWEST: f64 = 0.02;
+/// Rounds of noise and step.
+const ROUNDS: usize = 4;
 /// Most poles of the noise.
 const NOISE: usize = 10;

@@ -31,7 +31,7 @@ pub struct Riv {
     pub nf: usize,
     /// Coefficients of B, for each input; default 2.
     pub nb: usize,
-    /// Coefficients of D, the noise's poles; `None`: by Akaike's criterion, at most 10.
+    /// Coefficients of D, the noise's poles; `None`: by Schwarz's criterion, at most 10.
     pub noise: Option<usize>,
     /// The lag of each input's first coefficient, samples; `None`: the best is searched.
     pub nk: Option<Vec<usize>>,
@@ -131,14 +131,14 @@ impl Identifier for Riv {
         let problem = data.problem(&found.lags, nb, &outputs);
         let left = rough.left(&problem, &found.fit);
         let orders = match (self.noise, noise_model(&left, NOISE)) {
-            (None, Some((d, _))) => RefinedIv { noise: d.len(), ..rough },
+            (None, Some(noise)) => RefinedIv { noise: noise.d.len(), ..rough },
             _ => rough,
         };
         let fit =
             orders.refine(&problem, found.fit.f.clone()).ok_or_else(|| failed("the rounds have no finite end; take smaller orders"))?;
         let rows: usize = outputs.iter().map(Vec::len).sum();
         let without = noise_model(&outputs.iter().map(|y| centred(y)).collect::<Vec<_>>(), orders.noise.max(ROUGH_NOISE));
-        let gain = rows as f64 * (without.map_or(f64::INFINITY, |w| w.1) / fit.loss.max(f64::MIN_POSITIVE)).ln();
+        let gain = rows as f64 * (without.map_or(f64::INFINITY, |w| w.variance) / fit.loss.max(f64::MIN_POSITIVE)).ln();
         let tries = (1 + longest) as f64;
         if gain < ChiSquared::new((nf + m * nb) as f64).map_or(0.0, |d| d.inverse_cdf(1.0 - BY_CHANCE / tries)) {
             return Err(failed("the output does not visibly follow the inputs; check the channels, or record with a stronger excitation"));

@@ -9,14 +9,16 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use super::chain::{Chain, Shape};
 use super::fit::{Found, Problem, answer, combine};
 use super::integrator::Integrator;
-use super::{EDGE, Fitted, Place, Poles, Process, posterior};
+use super::{EDGE, Fitted, Place, Poles, Process};
 use crate::delay::{DelayEstimate, Outcome};
 use crate::identify::subspace::{Identified, InnovationsModel, Recordings};
-use crate::identify::{Cloud, Guess, Identifier, IdentifyError, Initial, Parameter, Parametric, Record, fir, given, sandwich, usable};
+use crate::identify::{
+    Cloud, Coloured, Guess, Identifier, IdentifyError, Initial, Parameter, Parametric, Record, coloured, fir, given, usable,
+};
 use crate::model::c2d::{Conversion, ZeroOrderHold};
 use crate::model::{Continuous, StateSpace};
 use crate::progress::HowFar;
-use crate::signal::stats::NORMAL_95_EXACT;
+use crate::signal::stats::{NORMAL_95_EXACT, interval95};
 use crate::stop::Stop;
 use crate::time::SampleTime;
 
@@ -59,8 +61,8 @@ impl Default for ProcessOptions {
 ///
 /// Inputs: u, held between its samples, and y, on one even grid; every record has a level of its own. Output: K, T₁, T₂, T_z, s, and the dead time, s, each with its
 /// standard deviation and interval, and the model in continuous time.
-/// Intervals: of the dead time the estimator's likelihood ratio ([`Process`]), of the integrating ones and of all other numbers 95 % of draws from the covariance of least
-/// squares under the autoregression that the residuals are fitted with.
+/// Estimate: least squares over all places of the dead time, then one step of Gauss and Newton under the autoregression that the residuals are fitted with.
+/// Intervals: 95 % of draws from that step's covariance; that of the dead time is no narrower than the estimator's likelihood ratio ([`Process`]).
 /// Assumes: open loop, noise that does not depend on the input, a plant of this structure.
 /// Fails when: the plant has more poles (their lag is called dead time; a note says so where what is left follows the input); the record ends before the response
 /// settles (K and T₁ become one number, their intervals say so); under feedback (biased).
@@ -90,6 +92,8 @@ pub(super) struct Solved {
     pub(super) lengths: Vec<usize>,
     /// The 95 % interval of the delay, where it is not that of the covariance.
     pub(super) delay: Option<[f64; 2]>,
+    /// The noise, and the covariance under it; absent where the numbers cannot be told apart.
+    pub(super) noise: Option<Coloured>,
     /// Input and output of the operating point.
     pub(super) operating: [f64; 2],
     pub(super) notes: Vec<String>,
@@ -106,6 +110,38 @@ struct Numbers {
     /// What the operating input is off the one that the record was centred by.
     offset: f64,
 }
+
+/// A step of a logarithm or a sample of delay that is too long to be a straight line.
+const LONG: f64 = 0.5;
+
+impl Solved {
+    /// One step on to the estimate under the noise's own colour, unless it is too long for one; the covariance in any case. `levels`: the derivatives have none of each record's level.
+    pub(super) fn weigh(&mut self, poles: usize, levels: bool) {
+        self.noise = coloured(&self.jacobian, &self.residual, &self.lengths, levels);
+        let Some(noise) = &self.noise else { return };
+        if noise.change.iter().take(poles + 1).all(|v| v.abs() < LONG) {
+            let moved = self.values[poles];
+            for (value, change) in self.values.iter_mut().zip(&noise.change) {
+                *value += change;
+            }
+            self.values[poles] = self.values[poles].max(0.0);
+            // Where the delay may be moves with it, and is no narrower than what the covariance says.
+            let (delay, std) = (self.values[poles], noise.covariance[(poles, poles)].max(0.0).sqrt());
+            let [low, high] = interval95(delay, std);
+            self.delay = self.delay.map(|[from, to]| [(from + delay - moved).min(low).max(0.0), (to + delay - moved).max(high)]);
+            self.residual.clone_from(&noise.residual);
+        }
+    }
+}
+
+/// A record may begin at rest: its input stands still through the longest delay, or it is a test of a few steps.
+fn may_rest(r: &Record, max_delay: usize) -> bool {
+    let moves = |u: &[f64]| u.windows(2).filter(|w| w[0] != w[1]).count();
+    moves(&r.u) <= STEPS || moves(r.u.get(..max_delay.min(r.len())).unwrap_or_default()) == 0
+}
+
+/// Most changes of the input in a test by steps.
+const STEPS: usize = 4;
 
 impl Structure {
     fn shape(self) -> Shape {
@@ -254,14 +290,17 @@ impl ProcessOptions {
         far.at(0.1, &"fitting the process model");
         let solved = loop {
             let solved = self.solve(structure, &records, max_delay, scales.inputs[0].0, method)?;
-            let at_edge = solved.values.get(structure.poles).is_some_and(|d| *d >= max_delay as f64 - EDGE);
+            let last = solved.delay.map_or(solved.values[structure.poles], |[_, to]| to.max(solved.values[structure.poles]));
+            let at_edge = last >= max_delay as f64 - EDGE;
             let wider = 2 * max_delay;
             if at_edge && asked.is_none() && wider + numbers <= shortest && wider <= longest / 2 {
                 max_delay = wider;
                 continue;
             }
             break if at_edge {
-                let note = "the dead time is the longest that was searched: set a longer max_delay_s, or record longer".to_owned();
+                let note =
+                    "the interval of the dead time ends at the longest that was searched: set a longer max_delay_s, or record longer"
+                        .to_owned();
                 Solved { notes: solved.notes.into_iter().chain([note]).collect(), ..solved }
             } else {
                 solved
@@ -270,9 +309,8 @@ impl ProcessOptions {
         far.at(0.8, &"drawing models for the intervals");
         let mut scales = scales;
         (scales.inputs[0].0, scales.outputs[0].0) = (solved.operating[0], solved.operating[1]);
-        let covariance = sandwich(&solved.jacobian, &solved.residual, &solved.lengths);
         let failed = |reason: &str| IdentifyError::Unfit { method, reason: reason.to_owned() };
-        let Some((covariance, noise, variance)) = covariance else {
+        let Some(Coloured { covariance, d: noise, variance, .. }) = solved.noise else {
             return Err(failed("the numbers cannot be told apart; take a smaller model, or record with a stronger excitation"));
         };
         let count = solved.values.len();
@@ -388,13 +426,15 @@ impl ProcessOptions {
         let (resting, moving) = (offset(&|r| r.u.first().copied().unwrap_or(0.0)), offset(&|_| mean));
         let guess = guesses(records, SampleTime::new(1.0).map_err(|e| unfit(e.to_string()))?, max_delay).first().map(|g| g.dead_time_s);
         let fit = |initial, own| self.fit(structure.shape(), initial, own, max_delay, guess);
-        let rest = (self.start != Beginning::Estimated).then(|| fit(Initial::Zero, &resting));
+        let still = self.start == Beginning::Rest || self.start == Beginning::Auto && records.iter().all(|r| may_rest(r, max_delay));
         let started = (self.start != Beginning::Rest).then(|| fit(Initial::Estimated, &moving));
+        let rest = (still || matches!(&started, Some(Err(_))) && self.start == Beginning::Auto).then(|| fit(Initial::Zero, &resting));
         let (fitted, own, initial) = match (rest, started) {
             (Some(Ok(rest)), Some(Ok(started))) => {
                 let better =
                     started.knowledge.counting * (late(&rest, records, max_delay) / started.knowledge.floored(started.best.cost)).ln();
-                if better > posterior::visible_gain(started.problem.parameters(), 1) {
+                // A start left out is a bias, one too many a little scatter: Akaike's price.
+                if better > 2.0 * started.problem.parameters() as f64 {
                     (started, &moving, Initial::Estimated)
                 } else {
                     (rest, &resting, Initial::Zero)
@@ -411,6 +451,7 @@ impl ProcessOptions {
         };
         let mut solved = finished(structure, fitted, own, initial, max_delay)
             .ok_or_else(|| unfit("the model cannot be evaluated at its minimum".to_owned()))?;
+        solved.weigh(structure.poles, true);
         solved.operating[0] = mean;
         // A level belongs to the input that its record was centred by.
         let levels: Vec<f64> = levels(structure.shape(), &solved, own, initial, max_delay)
@@ -500,6 +541,7 @@ fn finished(structure: Structure, fitted: Fitted<'_>, records: &[Record], initia
         residual: counted(&signals.residual),
         lengths: records.iter().map(|r| r.len().saturating_sub(skip)).collect(),
         delay: Some(delay),
+        noise: None,
         operating: [0.0; 2],
         notes: left.then(|| note.to_owned()).into_iter().collect(),
     })
@@ -557,7 +599,13 @@ impl Units<'_> {
         match name {
             "zeta" => None,
             "K" => {
-                let ratio = format!("({})/({})", self.output?, self.input?);
+                let own = |unit: &str| {
+                    if unit.chars().all(|c| c.is_alphanumeric() || c == '°' || c == '%') { unit.to_owned() } else { format!("({unit})") }
+                };
+                let ratio = match self.input? {
+                    "1" => own(self.output?),
+                    input => format!("{}/{}", own(self.output?), own(input)),
+                };
                 Some(if self.integrates { format!("{ratio}/s") } else { ratio })
             }
             "u0" => self.input.map(str::to_owned),

@@ -91,15 +91,20 @@ impl Integrator<'_> {
         }
         let level =
             self.records.iter().flat_map(|r| r.y.iter()).sum::<f64>() / self.records.iter().map(Record::len).sum::<usize>().max(1) as f64;
-        Ok(Solved {
+        let mut solved = Solved {
             values,
             jacobian,
             residual: signals.residual,
             lengths: self.records.iter().map(|r| r.len() - self.first(r)).collect(),
             delay: None,
-            operating: [self.mean - slope / k, level],
+            noise: None,
+            operating: [self.mean, level],
             notes,
-        })
+        };
+        let poles = usize::from(self.lag);
+        solved.weigh(poles, false);
+        solved.operating[0] -= solved.values[poles + 2] / solved.values[poles + 1];
+        Ok(solved)
     }
 
     /// The first sample that counts: where the input moves within the longest delay, what it was before the record matters until then.
