@@ -139,8 +139,10 @@ impl Identifier for Riv {
         let rows: usize = outputs.iter().map(Vec::len).sum();
         let without = noise_model(&outputs.iter().map(|y| centred(y)).collect::<Vec<_>>(), orders.noise.max(ROUGH_NOISE));
         let gain = rows as f64 * (without.map_or(f64::INFINITY, |w| w.variance) / fit.loss.max(f64::MIN_POSITIVE)).ln();
-        let tries = (1 + longest) as f64;
-        if gain < ChiSquared::new((nf + m * nb) as f64).map_or(0.0, |d| d.inverse_cdf(1.0 - BY_CHANCE / tries)) {
+        // Poles may settle on any of N/2 frequencies, where a lag is but a phase; and the starts are free beside the model without inputs, too.
+        let tries = (1 + longest) as f64 * (rows as f64 / 2.0).max(1.0);
+        let free = nf + m * nb + used.stretches.len() * starts;
+        if gain < ChiSquared::new(free as f64).map_or(0.0, |d| d.inverse_cdf(1.0 - BY_CHANCE / tries)) {
             return Err(failed("the output does not visibly follow the inputs; check the channels, or record with a stronger excitation"));
         }
         let covariance = orders.covariance(&problem, &fit);
