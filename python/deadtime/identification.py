@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import scipy.signal
 
 #: How a model is identified.
-Identifier: TypeAlias = Literal["pbsidopt", "n4sid", "moesp"]
+Identifier: TypeAlias = Literal["pbsidopt", "n4sid", "moesp", "riv", "p1d", "p1dz", "p2d", "p2dz", "p0di", "p1di"]
 
 _Array: TypeAlias = "NDArray[numpy.float64]"
 
@@ -51,7 +51,7 @@ class Identified(PrintedResult):
     inputs, outputs : list of str
         Their names.
     input_delay_s : dict of str to float
-        The dead time of each input that was taken out first, s.
+        The dead time of each input that was taken out first, s; of transfer functions and process models the whole samples of the one that they found.
     operating : dict of str to float
         The mean of each input and output in the data.
     order : int
@@ -64,6 +64,12 @@ class Identified(PrintedResult):
         For each input and output the response with its 95 % bands.
     fits : list of dict
         For each output, on data that the model has not seen: `one_step` and `simulation` fits and the tests of the errors.
+    structure : str or None
+        The formula of a transfer function or process model; None of states alone.
+    parameters : list of dict
+        Its numbers, each with `name` (`K`, `T1`, `dead_time`, `b0`, ...), `value`, `unit`, `std`, `ci95` and, where it belongs to one, `input`; empty of states alone.
+    first_guesses : list of dict
+        Of a process model, read from a step response `by` areas and tangent: `gain`, `lag_s`, `dead_time_s`.
     """
 
     def __init__(self, model: Model, file: str, text: str) -> None:
@@ -87,6 +93,9 @@ class Identified(PrintedResult):
         self.zeros: list[dict[str, Any]] = data["zeros"]
         self.frequency_responses: list[dict[str, Any]] = data["frequency_responses"]
         self.fits: list[dict[str, Any]] = data["held_out"]["outputs"]
+        self.structure: str | None = data.get("structure")
+        self.parameters: list[dict[str, Any]] = data.get("parameters", [])
+        self.first_guesses: list[dict[str, Any]] = data.get("first_guesses", [])
 
     @property
     def system(self) -> StateSpace:
@@ -167,18 +176,19 @@ def identify(
         A `Log`, the path of a CSV file, a frame, a dict of arrays with a key `time`; several are records of one machine on one even grid.
     inputs, outputs : str or sequence of str
         Channels: commands and responses.
-    method : {"pbsidopt", "n4sid", "moesp"}
-        `pbsidopt` also under feedback and for unstable plants.
+    method : {"pbsidopt", "n4sid", "moesp", "riv", "p1d", "p1dz", "p2d", "p2dz", "p0di", "p1di"}
+        States by `pbsidopt` (also under feedback and for unstable plants), `n4sid` or `moesp`; a transfer function of one output by `riv`; a process model of one input
+        and one output with one or two lags, with a zero (z) or behind an integrator (i).
     order : int, optional
-        Number of states; default by Schwarz's criterion.
+        Number of states; default by Schwarz's criterion. Of `riv` the number of poles; default 2.
     past : int, optional
-        Samples of the past that predict; default by Akaike's criterion.
+        Samples of the past that predict; default by Akaike's criterion. Of states only.
     delay : "auto", "none" or dict of str to float
-        Dead times that are taken out first: estimated, none, or by input, s.
+        Dead times that are taken out first: estimated, none, or by input, s. `riv` and process models find them themselves.
     direct : bool
-        Estimate D too: the input acts within the sample.
+        Estimate D too: the input acts within the sample. Not of process models.
     continuous : bool
-        The model is the continuous one behind a zero-order hold; the matrices stay those of the sampled one.
+        The model is the continuous one behind a zero-order hold; the matrices stay those of the sampled one. Of process models it always is.
     holdout : log-like, or several, optional
         Logs to judge the model on, which take no part in the fit; default the last part of each log.
     learn : float
@@ -208,6 +218,9 @@ def identify(
     >>> found = deadtime.identify("examples/two_inputs.csv", ["heater", "fan"], "temperature", order=2, delay="none")
     >>> found.A.shape, found.B.shape, found.order
     ((2, 2), (2, 2), 2)
+    >>> found = deadtime.identify("examples/two_inputs.csv", "heater", "temperature", method="p1d")
+    >>> [p["name"] for p in found.parameters]
+    ['K', 'T1', 'dead_time']
     """
     if not 0.0 < learn < 1.0:
         raise ValueError(f"learn is {learn}; it must be between 0 and 1")

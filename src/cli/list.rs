@@ -7,11 +7,10 @@ use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
 use super::Out;
-use crate::delay::{METHODS, Method};
+use crate::delay::{IDENTIFIERS, METHODS, Method};
 use crate::diagnose::Criteria;
 use crate::effect;
 use crate::export::TARGETS;
-use crate::identify::IDENTIFIERS;
 use crate::identify::response::RESPONSES;
 use crate::log::READERS;
 use crate::model::ModelDocument;

@@ -12,6 +12,7 @@ mod experiment;
 mod feedback;
 mod frequency;
 mod higher_order;
+mod identifiers;
 mod job;
 mod laguerre;
 mod method;
@@ -42,13 +43,14 @@ pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use feedback::{InLoop, held_for, in_loop, lead, open_part};
 pub use frequency::{Arxdap, Firdap, Oedap, PhaseSlope};
 pub use higher_order::Bispectrum;
+pub use identifiers::{IDENTIFIERS, identifier};
 pub use job::{EventsJob, Expected, Feedback, Job, Ready, STEP_METHODS, chosen};
 pub use laguerre::{Fischer, Lagudap};
 pub use method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start, method};
 pub use parametric::{
     Armaxstruc, Arxstruc, Center, Cost, Delayest, Elnaggar, Ivstruc, Met1struc, OePosterior, Oestruc, Others, SamplingZero, TwoStep,
 };
-pub use process::{Misfit, P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessModel, Slopes};
+pub use process::{Beginning, Misfit, P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessFit, ProcessModel, ProcessOptions, Slopes};
 pub use response::{BodePhase, RESPONSE_METHODS, Rational, ResponseEstimator, ResponseJob, ResponseMethod, ResponseSearch};
 pub use richness::{Richness, richness};
 pub use states::{Coefficients, Selection, StateLeastSquares};

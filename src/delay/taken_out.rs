@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 
-use super::{DelayError, Job, Scope, chosen};
+use super::{DelayError, Job, Scope, chosen, identifier, in_loop};
 use crate::error::Result;
-use crate::identify::subspace::{Identified, Recordings, identifier};
+use crate::identify::subspace::{Identified, IdentifierLine, Recordings};
+use crate::identify::{IdentifyError, Record};
 use crate::log::Log;
 use crate::progress::HowFar;
 use crate::stop::Stop;
@@ -38,6 +39,8 @@ const DELAYS: f64 = 0.4;
 const METHODS: [&str; 3] = ["arxstruc", "oestruc", "threshold"];
 /// A delay that misses a whole sample by less than this is that whole sample.
 const NEARLY_WHOLE: f64 = 0.1;
+/// Lags over which a loop is looked for.
+const LOOP: usize = 35;
 /// A delay stays unless the model behind it is worse by this much in twice the log-likelihood.
 const WORSE: f64 = 6.0;
 
@@ -55,6 +58,15 @@ pub fn identify_behind_delays(
 ) -> Result<BehindDelays> {
     let line = identifier(method)?;
     let whole = line.entry.with(options.clone())?;
+    if line.finds_delays {
+        if let TakenOut::Given(_) = taken_out {
+            return Err(IdentifyError::OwnDelays { method: line.entry.name }.into());
+        }
+        let mut model = whole.identify(learnt, far)?;
+        model.notes.extend(feedback(line, learnt));
+        let delays = model.parametric.as_ref().map_or_else(|| vec![0; learnt.inputs.len()], |p| p.delays.clone());
+        return Ok(BehindDelays { model, delays, notes: Vec::new() });
+    }
     let none = vec![0; learnt.inputs.len()];
     let (delays, mut notes) = match taken_out {
         TakenOut::Estimated => estimated(learnt, logs, (stop, &far.part(0.0, DELAYS)))?,
@@ -85,6 +97,27 @@ pub fn identify_behind_delays(
         stop.check()?;
     }
     Ok(BehindDelays { model: whole.identify(&learnt.behind_delays(&delays)?, &far.part(0.6, 1.0))?, delays, notes })
+}
+
+/// What records show of a loop that the method does not bear, for each input and output.
+fn feedback(line: &IdentifierLine, learnt: &Recordings) -> Vec<String> {
+    let mut notes = Vec::new();
+    for (j, input) in learnt.inputs.iter().enumerate().filter(|_| line.open_loop) {
+        for (i, output) in learnt.outputs.iter().enumerate() {
+            let row = |m: &nalgebra::DMatrix<f64>, i: usize| {
+                let mean = m.row(i).mean();
+                m.row(i).iter().map(|v| v - mean).collect::<Vec<f64>>()
+            };
+            let records: Vec<Record<'_>> = learnt.stretches.iter().map(|s| Record::new(row(&s.u, j), row(&s.y, i))).collect();
+            if let Some(found) = in_loop(&records, LOOP, 1).finding() {
+                notes.push(format!(
+                    "{} depends on {} ({}): a controller; {} is biased then, use pbsidopt",
+                    input.name, output.name, found.evidence, line.entry.name
+                ));
+            }
+        }
+    }
+    notes
 }
 
 fn whole_samples(learnt: &Recordings, given: &[(String, f64)]) -> Result<(Vec<usize>, Vec<String>)> {

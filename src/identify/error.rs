@@ -127,6 +127,38 @@ pub enum IdentifyError {
         /// What it must be.
         rule: &'static str,
     },
+    /// A method of one output and several outputs.
+    #[error("{method} makes a model of one output, and {outputs} are named; run it once for each of them, or use pbsidopt")]
+    Outputs {
+        /// The method.
+        method: &'static str,
+        /// Outputs named.
+        outputs: usize,
+    },
+    /// A method of one input and several inputs.
+    #[error("{method} makes a model of one input, and {inputs} are named; riv takes several (common poles), and so does pbsidopt")]
+    Inputs {
+        /// The method.
+        method: &'static str,
+        /// Inputs named.
+        inputs: usize,
+    },
+    /// A delay given to a method that finds the delays itself.
+    #[error(
+        "{method} finds the dead times itself, so none is taken out first: leave --delay out; of riv `nk=[LAG,…]` in samples says what is known"
+    )]
+    OwnDelays {
+        /// The method.
+        method: &'static str,
+    },
+    /// No model of the structure fits.
+    #[error("{method}: {reason}")]
+    Unfit {
+        /// The method.
+        method: &'static str,
+        /// Why, and what to do.
+        reason: String,
+    },
     /// The inputs explain nothing, or a decomposition failed.
     #[error("{method}: {reason}")]
     Numeric {

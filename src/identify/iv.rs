@@ -1,5 +1,7 @@
 //! Models y = B(q)/F(q) u(t − nk) + e/D(q) by refined instrumental variables, for many delays.
 
+use std::borrow::Cow;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::lag_products::lag_matrix;
@@ -63,7 +65,7 @@ fn through(x: &[f64], f: &[f64]) -> Vec<f64> {
 }
 
 /// D x, x being zero before the record.
-fn whitened(x: &[f64], d: &[f64]) -> Vec<f64> {
+pub(crate) fn whitened(x: &[f64], d: &[f64]) -> Vec<f64> {
     if let &[d1, d2, d3, d4] = d {
         let padded = [&[0.0; 4], x].concat();
         return padded.windows(5).map(|w| w[4] + d1 * w[3] + d2 * w[2] + d3 * w[1] + d4 * w[0]).collect();
@@ -101,34 +103,81 @@ fn autoregression(signals: &[Vec<f64>], order: usize) -> Option<(Vec<f64>, f64)>
     Some((d, loss))
 }
 
-/// A record with F given: the output, and the input divided by F.
-struct Filtered<'a> {
-    y: &'a [f64],
-    uf: Vec<f64>,
+/// One input of a model: its samples by record (`None`: zero throughout), the lag of its first coefficient and how many there are.
+pub(crate) struct IvInput<'a> {
+    pub(crate) samples: Vec<Option<Cow<'a, [f64]>>>,
+    pub(crate) lag: usize,
+    pub(crate) count: usize,
 }
 
-/// And with D given: both through it, the input divided by F before.
+/// What is fitted to what: every input, and the outputs by record.
+pub(crate) struct IvProblem<'a> {
+    pub(crate) inputs: Vec<IvInput<'a>>,
+    pub(crate) outputs: Vec<&'a [f64]>,
+}
+
+impl<'a> IvProblem<'a> {
+    fn single(records: &'a [Record], lag: usize, count: usize) -> Self {
+        let samples = records.iter().map(|r| Some(Cow::Borrowed(&r.u[..r.len()]))).collect();
+        Self { inputs: vec![IvInput { samples, lag, count }], outputs: records.iter().map(|r| &r.y[..r.len()]).collect() }
+    }
+
+    /// Input and lag of every coefficient.
+    fn places(&self) -> Vec<(usize, usize)> {
+        self.inputs.iter().enumerate().flat_map(|(j, input)| (0..input.count).map(move |i| (j, input.lag + i))).collect()
+    }
+
+    /// Every record with its inputs divided by F.
+    fn filtered(&self, f: &[f64]) -> Vec<Filtered<'_>> {
+        let one = |(r, y): (usize, &&'a [f64])| {
+            let uf = self.inputs.iter().map(|input| input.samples.get(r)?.as_ref().map(|u| through(u, f))).collect();
+            Filtered { y, uf }
+        };
+        self.outputs.iter().enumerate().map(one).collect()
+    }
+}
+
+/// A record with F given: the output, and the inputs divided by F.
+struct Filtered<'a> {
+    y: &'a [f64],
+    uf: Vec<Option<Vec<f64>>>,
+}
+
+/// And with D given: all through it, the inputs divided by F before.
 struct White {
-    u: Vec<f64>,
+    u: Vec<Option<Vec<f64>>>,
     y: Vec<f64>,
+}
+
+/// Inputs, output and the simulated output that stands in for it as an instrument, all through the same filter.
+struct Regressors {
+    u: Vec<Option<Vec<f64>>>,
+    y: Vec<f64>,
+    x: Vec<f64>,
 }
 
 impl Filtered<'_> {
     fn white(&self, d: &[f64]) -> White {
-        White { u: whitened(&self.uf, d), y: whitened(self.y, d) }
-    }
-
-    /// B/F u.
-    fn simulated(&self, nk: usize, b: &[f64]) -> Vec<f64> {
-        combined(&self.uf, nk, b)
+        White { u: self.uf.iter().map(|u| u.as_ref().map(|u| whitened(u, d))).collect(), y: whitened(self.y, d) }
     }
 }
 
-/// B x(t − nk), x being zero before the record.
-fn combined(x: &[f64], nk: usize, b: &[f64]) -> Vec<f64> {
-    let mut out = vec![0.0; x.len()];
-    for (i, b) in b.iter().enumerate() {
-        for (o, x) in out.iter_mut().skip(nk + i).zip(x) {
+impl White {
+    /// All by D/F: the inputs are already.
+    fn regressors(self, f: &[f64], places: &[(usize, usize)], b: &[f64]) -> Regressors {
+        let Self { u, y } = self;
+        let simulated = combined(&u, places, b, y.len());
+        let (mut yf, mut xf) = (vec![0.0; y.len()], vec![0.0; y.len()]);
+        filter_both([&y, &simulated], f, [&mut yf, &mut xf]);
+        Regressors { u, y: yf, x: xf }
+    }
+}
+
+/// Σ b·u(t − lag) over all coefficients, the inputs being zero before the record.
+fn combined(u: &[Option<Vec<f64>>], places: &[(usize, usize)], b: &[f64], samples: usize) -> Vec<f64> {
+    let mut out = vec![0.0; samples];
+    for ((input, lag), b) in places.iter().zip(b) {
+        for (o, x) in out.iter_mut().skip(*lag).zip(u[*input].iter().flatten()) {
             *o += b * x;
         }
     }
@@ -160,7 +209,7 @@ impl RefinedIv {
                     if known.is_some_and(|k| k.f.iter().zip(&start).all(|(a, b)| (a - b).abs() <= 1e-3)) {
                         continue;
                     }
-                    if let Some(fit) = self.refine(records, nk, start)
+                    if let Some(fit) = self.refine(&IvProblem::single(records, nk, self.nb), start)
                         && known.is_none_or(|k| fit.loss < k.loss)
                     {
                         fits[nk] = Some(fit);
@@ -175,57 +224,81 @@ impl RefinedIv {
     #[must_use]
     pub fn loss_without_input(&self, records: &[Record]) -> Option<f64> {
         let y: Vec<Vec<f64>> = records.iter().map(|r| r.y[..r.len()].to_vec()).collect();
-        Some(autoregression(&y, self.noise)?.1 / self.rows(records))
+        Some(autoregression(&y, self.noise)?.1 / self.rows(y.iter().map(Vec::len)))
     }
 
-    fn rows(&self, records: &[Record]) -> f64 {
-        let rows: usize = records.iter().map(|r| r.len().saturating_sub(self.noise)).sum();
+    fn rows(&self, lengths: impl Iterator<Item = usize>) -> f64 {
+        let rows: usize = lengths.map(|n| n.saturating_sub(self.noise)).sum();
 
         rows.max(1) as f64
     }
 
-    /// F and B with the given instruments in the place of the past outputs.
-    fn instrumental(&self, signals: &[[Vec<f64>; 3]], nk: usize) -> Option<Vec<f64>> {
-        let (nf, k) = (self.nf, self.nf + self.nb);
+    /// Σ over rows of instruments times regressors, and of instruments times the output; with `symmetric` the instruments stand in for the regressors too.
+    fn products(&self, signals: &[Regressors], places: &[(usize, usize)], symmetric: bool) -> (DMatrix<f64>, DVector<f64>) {
+        let (nf, k) = (self.nf, self.nf + places.len());
         let (mut cross, mut right) = (DMatrix::zeros(k, k), DVector::zeros(k));
-        for [u, y, x] in signals {
+        for Regressors { u, y, x } in signals {
             // Signal, lag and sign of a column.
-            let column = |own, i: usize| if i < nf { (own, i + 1, -1.0) } else { (u, nk + i - nf, 1.0) };
+            let column = |own, i: usize| -> Option<(&Vec<f64>, usize, f64)> {
+                if i < nf {
+                    return Some((own, i + 1, -1.0));
+                }
+                let (input, lag) = places[i - nf];
+                Some((u[input].as_ref()?, lag, 1.0))
+            };
             for i in 0..k {
-                let (z, lag, sign): (&Vec<f64>, _, _) = column(x, i);
+                let Some((z, lag, sign)) = column(x, i) else { continue };
                 right[i] += sign * lagged(z, y, lag, 0);
                 for j in 0..k {
-                    let (past, other, own) = column(y, j);
-                    cross[(i, j)] += sign * own * lagged(z, past, lag, other);
+                    if let Some((past, other, own)) = column(if symmetric { x } else { y }, j) {
+                        cross[(i, j)] += sign * own * lagged(z, past, lag, other);
+                    }
                 }
             }
         }
-        Some(solve(cross, &right)?.iter().take(nf).copied().collect())
+        (cross, right)
+    }
+
+    /// F with the given instruments in the place of the past outputs.
+    fn instrumental(&self, signals: &[Regressors], places: &[(usize, usize)]) -> Option<Vec<f64>> {
+        let (cross, right) = self.products(signals, places, false);
+        Some(solve(cross, &right)?.iter().take(self.nf).copied().collect())
     }
 
     /// The start: least squares, the outputs being their own instruments.
     fn least_squares(&self, records: &[Record], nk: usize) -> Option<Vec<f64>> {
-        let signals: Vec<[Vec<f64>; 3]> =
-            records.iter().map(|r| [r.u[..r.len()].to_vec(), r.y[..r.len()].to_vec(), r.y[..r.len()].to_vec()]).collect();
-        self.instrumental(&signals, nk)
+        self.start(&IvProblem::single(records, nk, self.nb))
+    }
+
+    /// F by least squares, biased by coloured noise: a start for [`Self::refine`].
+    pub(crate) fn start(&self, problem: &IvProblem<'_>) -> Option<Vec<f64>> {
+        let signals: Vec<Regressors> =
+            problem.filtered(&[]).into_iter().map(|Filtered { y, uf }| Regressors { u: uf, y: y.to_vec(), x: y.to_vec() }).collect();
+        self.instrumental(&signals, &problem.places())
     }
 
     /// B for given F and D, by least squares on the whitened signals.
-    fn numerator(&self, white: &[White], nk: usize) -> Option<Vec<f64>> {
-        let (mut gram, mut right) = (DMatrix::zeros(self.nb, self.nb), DVector::zeros(self.nb));
+    fn numerator(white: &[White], places: &[(usize, usize)]) -> Option<Vec<f64>> {
+        let k = places.len();
+        let (mut gram, mut right) = (DMatrix::zeros(k, k), DVector::zeros(k));
         for White { u, y } in white {
-            for i in 0..self.nb {
-                right[i] += lagged(u, y, nk + i, 0);
-                for j in 0..self.nb {
-                    gram[(i, j)] += lagged(u, u, nk + i, nk + j);
+            for (i, (one, lag)) in places.iter().enumerate() {
+                let Some(first) = &u[*one] else { continue };
+                right[i] += lagged(first, y, *lag, 0);
+                for (j, (other, late)) in places.iter().enumerate() {
+                    if let Some(second) = &u[*other] {
+                        gram[(i, j)] += lagged(first, second, *lag, *late);
+                    }
                 }
             }
         }
         Some(solve(gram, &right)?.iter().copied().collect())
     }
 
-    fn refine(&self, records: &[Record], nk: usize, start: Vec<f64>) -> Option<IvFit> {
-        let rows = self.rows(records);
+    /// The model of one set of lags, from F as it is before the first round; its b are those of all inputs, one after the other.
+    pub(crate) fn refine(&self, problem: &IvProblem<'_>, start: Vec<f64>) -> Option<IvFit> {
+        let rows = self.rows(problem.outputs.iter().map(|y| y.len()));
+        let places = problem.places();
         let mut f = start;
         let mut d = Vec::new();
         let mut best: Option<IvFit> = None;
@@ -235,25 +308,18 @@ impl RefinedIv {
                 Some(f) => f,
                 None => break,
             };
-            let filtered: Vec<Filtered> = records
-                .iter()
-                .map(|r| {
-                    let (u, y) = (&r.u[..r.len()], &r.y[..r.len()]);
-                    Filtered { y, uf: through(u, &f) }
-                })
-                .collect();
+            let filtered = problem.filtered(&f);
             let whitened_by = |d: &[f64]| filtered.iter().map(|r| r.white(d)).collect::<Vec<White>>();
-            let Some(first) = self.numerator(&whitened_by(&d), nk) else { break };
-            let left = |r: &Filtered| -> Vec<f64> { r.y.iter().zip(r.simulated(nk, &first)).map(|(y, x)| y - x).collect() };
-            let rest: Vec<Vec<f64>> = filtered.iter().map(left).collect();
+            let Some(first) = Self::numerator(&whitened_by(&d), &places) else { break };
+            let rest: Vec<Vec<f64>> = filtered.iter().map(|r| r.left(&places, &first)).collect();
             let Some((noise, _)) = autoregression(&rest, self.noise) else { break };
             d = noise;
             // B again, under the noise just found.
             let white = whitened_by(&d);
-            let Some(b) = self.numerator(&white, nk) else { break };
+            let Some(b) = Self::numerator(&white, &places) else { break };
             let errors = white.iter().filter(|w| w.y.len() > self.noise).map(|w| {
                 // D(y − B/F u).
-                let e: Vec<f64> = w.y.iter().zip(combined(&w.u, nk, &b)).map(|(y, x)| y - x).collect();
+                let e: Vec<f64> = w.y.iter().zip(combined(&w.u, &places, &b, w.y.len())).map(|(y, x)| y - x).collect();
                 dot(&e[self.noise..], &e[self.noise..])
             });
             let loss = errors.sum::<f64>() / rows;
@@ -268,23 +334,91 @@ impl RefinedIv {
                 break;
             }
             last = loss;
-            // All by D/F: the input is already.
-            let signals: Vec<[Vec<f64>; 3]> = white
-                .into_iter()
-                .map(|White { u, y }| {
-                    let simulated = combined(&u, nk, &b);
-                    let (mut yf, mut xf) = (vec![0.0; y.len()], vec![0.0; y.len()]);
-                    filter_both([&y, &simulated], &f, [&mut yf, &mut xf]);
-                    [u, yf, xf]
-                })
-                .collect();
-            let Some(next) = self.instrumental(&signals, nk) else { break };
+            let signals: Vec<Regressors> = white.into_iter().map(|w| w.regressors(&f, &places, &b)).collect();
+            let Some(next) = self.instrumental(&signals, &places) else { break };
             let change = next.iter().zip(&f).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             settled = change <= SETTLED;
             f = next;
         }
         best.map(|fit| IvFit { converged: settled, ..fit })
     }
+
+    /// The asymptotic covariance of f₁ … f_nf and then of all b: σ²·(Σ φ̂φ̂ᵀ)⁻¹, φ̂ the regressors with the simulated output in the place of the measured one, through
+    /// D/F, and σ² with as many degrees of freedom as are left. It holds where the autoregression is the noise's own.
+    ///
+    /// Source: Jakeman and Young (1979), Int. J. Control 29(4), 621-644, doi:10.1080/00207177908922724; Young (2011), section 7.3.
+    pub(crate) fn covariance(&self, problem: &IvProblem<'_>, fit: &IvFit) -> Option<DMatrix<f64>> {
+        let places = problem.places();
+        let white = problem.filtered(&fit.f).into_iter().map(|r| r.white(&fit.d));
+        let signals: Vec<Regressors> = white.map(|w| w.regressors(&fit.f, &places, &fit.b)).collect();
+        let (gram, _) = self.products(&signals, &places, true);
+        let (k, rows) = (gram.nrows(), self.rows(problem.outputs.iter().map(|y| y.len())));
+        let freedom = (rows - (k + self.noise) as f64).max(1.0);
+        inverse(gram).map(|inverse| inverse * (fit.loss * rows / freedom))
+    }
+
+    /// What the model leaves of every output, y − B/F u.
+    pub(crate) fn left(&self, problem: &IvProblem<'_>, fit: &IvFit) -> Vec<Vec<f64>> {
+        let places = problem.places();
+        problem.filtered(&fit.f).iter().map(|r| r.left(&places, &fit.b)).collect()
+    }
+}
+
+impl Filtered<'_> {
+    /// y − B/F u.
+    fn left(&self, places: &[(usize, usize)], b: &[f64]) -> Vec<f64> {
+        self.y.iter().zip(combined(&self.uf, places, b, self.y.len())).map(|(y, x)| y - x).collect()
+    }
+}
+
+/// The inverse of a positive definite matrix whose columns may differ in size by many powers of ten.
+pub(crate) fn inverse(mut gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let size: Vec<f64> = gram.diagonal().iter().map(|v| v.max(f64::MIN_POSITIVE).sqrt()).collect();
+    for i in 0..gram.nrows() {
+        for j in 0..gram.ncols() {
+            gram[(i, j)] /= size[i] * size[j];
+        }
+        gram[(i, i)] += RIDGE;
+    }
+    let mut inverse = gram.cholesky()?.inverse();
+    for i in 0..inverse.nrows() {
+        for j in 0..inverse.ncols() {
+            inverse[(i, j)] /= size[i] * size[j];
+        }
+    }
+    inverse.iter().all(|v| v.is_finite()).then_some(inverse)
+}
+
+/// The autoregression of what a model leaves.
+pub(crate) struct NoiseModel {
+    /// d₁ … of D = 1 + d₁q⁻¹ + …
+    pub(crate) d: Vec<f64>,
+    /// The variance of its errors.
+    pub(crate) variance: f64,
+    /// The covariance of d.
+    pub(crate) covariance: DMatrix<f64>,
+}
+
+/// The autoregression of signals, its order by Schwarz's criterion among 1 to `most`.
+///
+/// Source: Schwarz (1978), Ann. Statist. 6(2), 461-464, doi:10.1214/aos/1176344136.
+pub(crate) fn noise_model(left: &[Vec<f64>], most: usize) -> Option<NoiseModel> {
+    let samples: usize = left.iter().map(Vec::len).sum();
+    let most = most.min(samples / 20).max(1);
+    let fit = |order: usize| {
+        let rows = left.iter().map(|v| v.len().saturating_sub(order)).sum::<usize>().max(1) as f64;
+        let (d, squares) = autoregression(left, order)?;
+        let criterion = rows * (squares / rows).max(f64::MIN_POSITIVE).ln() + order as f64 * rows.ln();
+        criterion.is_finite().then_some((criterion / rows, d, squares / (rows - order as f64).max(1.0)))
+    };
+    let (_, d, variance) = (1..=most).filter_map(fit).min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let order = d.len();
+    let mut products = DMatrix::zeros(order + 1, order + 1);
+    for v in left.iter().filter(|v| v.len() > order) {
+        products += lag_matrix(v, None, order, (order + 1, order + 1));
+    }
+    let covariance = inverse(products.view((1, 1), (order, order)).into_owned())? * variance;
+    Some(NoiseModel { d, variance, covariance })
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::text::Table;
+use crate::identify::Parametric;
 use crate::identify::subspace::{Fit, Identified, OutputCheck, Response, Root, Test};
 
 /// Frequencies of every response.
@@ -35,7 +36,7 @@ impl Report<'_> {
         let m = self.model;
         let responses: Vec<Response> = m.responses(self.delays, FREQUENCIES)?;
         let rows = |m: &nalgebra::DMatrix<f64>| m.row_iter().map(|r| r.iter().copied().collect::<Vec<_>>()).collect::<Vec<_>>();
-        Ok(json!({
+        let mut data = json!({
             "format": "deadtime/identify@1", "logs": self.logs, "method": m.method, "sample_time_s": m.sample_time.seconds(),
             "inputs": m.inputs, "outputs": m.outputs, "past": m.past, "rows": m.rows, "order": m.order,
             "input_delay_s": self.delays.iter().map(|d| m.sample_time.to_seconds(*d as f64)).collect::<Vec<_>>(), "delay_notes": self.delay_notes,
@@ -45,7 +46,14 @@ impl Report<'_> {
                        "deviations": m.deviations() },
             "poles": m.poles(), "zeros": m.zeros(), "frequency_responses": responses,
             "held_out": { "data": self.held_out, "samples": self.held_out_samples, "outputs": self.checks }, "notes": m.notes,
-        }))
+        });
+        if let (Some(p), Some(object)) = (&m.parametric, data.as_object_mut()) {
+            object.insert("structure".to_owned(), json!(p.structure));
+            object.insert("parameters".to_owned(), json!(p.parameters));
+            object.insert("noise".to_owned(), json!({ "d": p.noise }));
+            object.insert("first_guesses".to_owned(), json!(p.guesses));
+        }
+        Ok(data)
     }
 
     /// For a terminal.
@@ -53,6 +61,9 @@ impl Report<'_> {
     pub fn text(&self) -> String {
         let m = self.model;
         let order = &m.order;
+        if let Some(p) = &m.parametric {
+            return self.text_of(p);
+        }
         let mut text = format!(
             "{}: order {} ({}), past window {} samples, {} rows, sample time {}\n",
             m.method,
@@ -74,6 +85,26 @@ impl Report<'_> {
         );
         text += &format!("{}\n", self.orders());
         text += &format!("poles (z plane, standard deviations in brackets)\n{}\n", poles(&m.poles()));
+        text += &format!("on held-out data ({}, {} samples)\n{}", self.held_out, self.held_out_samples, self.fits());
+        text += &self.about_fits();
+        text
+    }
+
+    /// For a terminal, of a model whose structure was given.
+    fn text_of(&self, p: &Parametric) -> String {
+        let m = self.model;
+        let mut text = format!("{}: {}\n  {} rows, sample time {}\n", m.method, p.structure, m.rows, seconds(m.sample_time.seconds()));
+        for note in self.delay_notes.iter().chain(&m.notes) {
+            text += &format!("  note: {note}\n");
+        }
+        text += &format!("\n{}\n", parameters(p));
+        if !p.guesses.is_empty() {
+            text += &format!("first guesses of one lag, from the step response\n{}\n", guesses(p));
+        }
+        // The lags of a process model are among its numbers.
+        if p.continuous.is_none() {
+            text += &format!("poles (z plane, standard deviations in brackets)\n{}\n", poles(&m.poles()));
+        }
         text += &format!("on held-out data ({}, {} samples)\n{}", self.held_out, self.held_out_samples, self.fits());
         text += &self.about_fits();
         text
@@ -114,6 +145,37 @@ impl Report<'_> {
         let unstable = self.checks.iter().all(|c| c.simulation.is_none());
         let note = if unstable { "VAF and nrmse are those of one-step predictions: there is no free run to compare.\n" } else { "" };
         format!("{note}A p below 0.01 says that the one-step errors still contain something that a larger model could explain.\n")
+    }
+}
+
+/// Every number with its standard deviation and interval.
+pub(super) fn parameters(p: &Parametric) -> Table {
+    let mut table = Table::new(&["parameter", "value", "std", "95 % from", "to", "unit"], &[0, 5]);
+    let number = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), digits);
+    for q in &p.parameters {
+        let name = q.input.as_ref().map_or_else(|| q.name.clone(), |input| format!("{} {input}", q.name));
+        let unit = q.unit.clone().unwrap_or_default();
+        table.row(vec![name, digits(q.value), number(q.std), number(q.ci95.map(|c| c[0])), number(q.ci95.map(|c| c[1])), unit]);
+    }
+    table
+}
+
+/// First guesses of a process model.
+fn guesses(p: &Parametric) -> Table {
+    let mut table = Table::new(&["by", "K", "T1, s", "dead time, s"], &[0]);
+    for g in &p.guesses {
+        table.row(vec![g.by.to_owned(), digits(g.gain), digits(g.lag_s), digits(g.dead_time_s)]);
+    }
+    table
+}
+
+/// Five digits of any number.
+fn digits(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e6).contains(&value.abs()) {
+        let decimals = 4 - value.abs().max(1e-3).log10().floor() as i32;
+        format!("{value:.*}", usize::try_from(decimals.clamp(0, 7)).unwrap_or(0))
+    } else {
+        format!("{value:.4e}")
     }
 }
 

@@ -47,6 +47,61 @@ fn the_model_of_a_log_simulates_the_log() {
     assert!(nrmse < 0.15, "{said}");
 }
 
+/// The simulated output of `model` on `data`, as `simulate` writes it.
+fn simulated(folder: &Folder, model: &Path, data: &Path) -> Vec<f64> {
+    let out = folder.path("simulated.csv");
+    deadtime(&["simulate", text(model), text(data), "--out", text(&out)]).done();
+    let csv = std::fs::read_to_string(&out).unwrap();
+    let mut lines = csv.lines();
+    let at = lines.next().unwrap().split(',').position(|name| name.starts_with('y')).unwrap();
+    lines.map(|line| line.split(',').nth(at).unwrap().parse().unwrap()).collect()
+}
+
+#[test]
+fn process_models_and_transfer_functions_make_files_that_simulate_the_machine() {
+    let folder = Folder::new();
+    // K = 2, T = 3 s, a dead time of 0.73 s, every 0.1 s, in closed form; at rest at 4 V and 20 m, stepped and stepped back.
+    let step = |t: f64| if t < 0.73 { 0.0 } else { 2.0 * (1.0 - (-(t - 0.73) / 3.0).exp()) };
+    let mut csv = String::from("time,u [V],y [m]\n");
+    let mut machine = Vec::new();
+    for k in 0..600 {
+        let t = f64::from(k) / 10.0;
+        machine.push(20.0 + 1.5 * step(t - 3.0) - 2.5 * step(t - 20.0) + 1.75 * step(t - 31.0));
+        let u = 4.0 + [(3.0, 1.5), (20.0, -2.5), (31.0, 1.75)].iter().filter(|(at, _)| t >= *at).map(|(_, jump)| jump).sum::<f64>();
+        writeln!(csv, "{t},{u},{:.12}", machine[k as usize]).unwrap();
+    }
+    let data = folder.write("log.csv", &csv);
+    let (model, json, page) = (folder.path("model.toml"), folder.path("model.json"), folder.path("page.html"));
+    let both = ["--input", "u", "--output", "y", "--out", text(&model), "--json", text(&json), "--html", text(&page)];
+    for (method, most) in [("p1d", 1e-3), ("p2d", 1e-2), ("riv", 0.05)] {
+        let said = identify(&data, &[&both[..], &["--method", method]].concat()).done();
+        assert!(said.contains("on held-out data") && !said.contains("order 1"), "{said}");
+        let found: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+        assert_eq!(found["format"], "deadtime/identify@1");
+        assert!(!found["parameters"].as_array().unwrap().is_empty() && found["structure"].is_string(), "{found}");
+        assert!(std::fs::read_to_string(&page).unwrap().contains("Its numbers"));
+        let y = simulated(&folder, &model, &data);
+        // The file starts at its operating point, which is the mean, and not at rest: after ten time constants that is forgotten.
+        let far = y.iter().zip(&machine).skip(350).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(far < most, "{method}: {far}");
+        if method == "p1d" {
+            let value =
+                |name: &str| found["parameters"].as_array().unwrap().iter().find(|p| p["name"] == name).unwrap()["value"].as_f64().unwrap();
+            assert!(
+                (value("K") - 2.0).abs() < 1e-4 && (value("T1") - 3.0).abs() < 1e-3 && (value("dead_time") - 0.73).abs() < 1e-3,
+                "{found}"
+            );
+            assert_eq!(found["parameters"][0]["unit"], "m/V");
+        }
+    }
+    let with = |more: &[&str]| identify(&data, &[&both[..6], more].concat());
+    with(&["--method", "p1d", "--delay", "u=0.5"]).refused(&["p1d finds the dead times itself", "--delay"]);
+    with(&["--method", "riv", "--past", "9"]).refused(&["past", "nf"]);
+    with(&["--method", "p0di"]).refused(&["p0di"]);
+    let listed = deadtime(&["list", "identifiers"]).done();
+    assert!(["riv", "p1d", "p1dz", "p2d", "p2dz", "p0di", "p1di"].iter().all(|name| listed.contains(&format!("{name}\n"))), "{listed}");
+}
+
 #[test]
 fn what_cannot_be_identified_is_refused_with_a_remedy_and_no_file() {
     let folder = Folder::new();

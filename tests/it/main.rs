@@ -118,6 +118,7 @@ mod several_inputs;
 mod simulator_program;
 #[cfg(feature = "cli")]
 mod structured;
+mod structures;
 mod study;
 mod study_bjorklund;
 #[cfg(all(feature = "cli", feature = "tables"))]

@@ -50,6 +50,30 @@ def test_it_is_a_file_and_a_system_of_other_packages(found: deadtime.Identified,
         assert numpy.allclose(numpy.asarray(control.evalfr(theirs, z)), mine, atol=1e-9)
 
 
+def test_process_models_and_transfer_functions_have_their_numbers(tmp_path: Path) -> None:
+    signal = pytest.importorskip("scipy.signal")
+    generator = numpy.random.default_rng(5)
+    u = numpy.repeat(generator.choice([-1.0, 1.0], 200), 6)
+    # 2/(1 + 3 s) behind a hold of 0.1 s and 7 samples, by scipy.
+    numerator, denominator, _ = signal.cont2discrete(([2.0], [3.0, 1.0]), 0.1, method="zoh")
+    y = signal.lfilter(numerator.ravel(), denominator, numpy.concatenate([numpy.zeros(7), u[:-7]]))
+    log = {"time": 0.1 * numpy.arange(1200), "u": u, "y": y + 0.02 * generator.standard_normal(1200)}
+    process = deadtime.identify(log, "u", "y", method="p1d")
+    truth = {"K": 2.0, "T1": 3.0, "dead_time": 0.7}
+    assert process.structure is not None and {p["name"] for p in process.parameters} == set(truth)
+    for number in process.parameters:
+        assert abs(number["value"] - truth[number["name"]]) < 4 * number["std"] + 1e-9, number
+        assert number["ci95"][0] < number["value"] < number["ci95"][1]
+    assert [g["by"] for g in process.first_guesses] == ["area", "tangent"]
+    transfer = deadtime.identify(log, "u", "y", method="riv", options={"nf": 1, "nb": 1})
+    numbers = {p["name"]: p for p in transfer.parameters}
+    assert numbers["nk"]["value"] == 8 and transfer.input_delay_s == {"u": pytest.approx(0.7)}
+    for name, value in (("f1", denominator[1]), ("b0", numerator.ravel()[1])):
+        assert abs(numbers[name]["value"] - value) < 4 * numbers[name]["std"], (name, numbers[name], value)
+    process.save(tmp_path / "process.toml")
+    assert deadtime.Model.read(tmp_path / "process.toml") == process.model
+
+
 def test_what_cannot_be_is_said(examples: Path) -> None:
     log = examples / "two_inputs.csv"
     with pytest.raises(ValueError, match="learn is 1.5"):

@@ -92,13 +92,13 @@ pub(super) struct Signals {
     pub(super) residual: Vec<f64>,
     pub(super) model: Vec<f64>,
     /// What is linear: the numerator's signals, then the starts record by record.
-    linear: Vec<Vec<f64>>,
+    pub(super) linear: Vec<Vec<f64>>,
     /// Derivatives of the model by the poles, then by g.
-    slopes: Vec<Vec<f64>>,
+    pub(super) slopes: Vec<Vec<f64>>,
     /// (linearᵀ·linear)⁻¹.
-    inverse: DMatrix<f64>,
+    pub(super) inverse: DMatrix<f64>,
     /// The weights of `linear`.
-    coefficients: DVector<f64>,
+    pub(super) coefficients: DVector<f64>,
 }
 
 impl<'a> Problem<'a> {
@@ -634,7 +634,7 @@ fn count(n: usize) -> f64 {
 }
 
 /// A model's answer to an input, from rest; `coefficients` of its numerator.
-fn answer(shape: Shape, theta: &[f64], place: Place, coefficients: &[f64], u: &[f64]) -> Vec<f64> {
+pub(super) fn answer(shape: Shape, theta: &[f64], place: Place, coefficients: &[f64], u: &[f64]) -> Vec<f64> {
     let chain = Chain::new(shape, &theta[..shape.denominator().min(theta.len())]);
     let states = chain.states(u, &[]);
     let mut response = vec![0.0; u.len()];
@@ -685,7 +685,7 @@ fn ridged(mut gram: DMatrix<f64>) -> Option<nalgebra::Cholesky<f64, nalgebra::Dy
 }
 
 /// Least squares on the columns.
-fn project(columns: &[Vec<f64>], y: &[f64]) -> Option<(DMatrix<f64>, DVector<f64>)> {
+pub(super) fn project(columns: &[Vec<f64>], y: &[f64]) -> Option<(DMatrix<f64>, DVector<f64>)> {
     let k = columns.len();
     let mut gram = DMatrix::zeros(k, k);
     for i in 0..k {

@@ -4,12 +4,15 @@
 
 mod chain;
 mod fit;
+mod identified;
+mod integrator;
 mod model;
 mod orders;
 mod shares;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
+pub use self::identified::{Beginning, ProcessFit, ProcessOptions};
 pub use self::model::{ProcessModel, Slopes};
 pub use self::orders::Misfit;
 pub(super) use self::orders::judge_orders;

@@ -1,4 +1,4 @@
-//! State-space models from records of several inputs and outputs: one file a method, one line each in [`IDENTIFIERS`].
+//! State-space models from records of several inputs and outputs: one file a method, one line each in [`crate::delay::IDENTIFIERS`].
 //!
 //! Every method finds states as combinations of the past; A, B, C, D and K follow by two regressions (`innovations`).
 
@@ -27,7 +27,8 @@ pub use uncertainty::{Band, Draws, Ellipse, Response, Root};
 pub use validation::{Fit, InputTest, OutputCheck, Test};
 
 use super::IdentifyError;
-use crate::model::{Channel, ModelError, ModelFile, Operating, Sampled, StateSpace, d2c};
+use super::parametric::Parametric;
+use crate::model::{Channel, ModelError, ModelFile, Operating, Sampled, State, StateSpace, d2c};
 use crate::progress::HowFar;
 use crate::registry::{Entry, entry};
 use crate::time::SampleTime;
@@ -51,40 +52,40 @@ pub struct IdentifierLine {
     pub entry: Entry<dyn Identifier>,
     /// What the data must be like.
     pub needs: &'static str,
+    /// It finds the dead times itself, so that none are taken out first.
+    pub finds_delays: bool,
+    /// It is biased where the inputs depend on the outputs.
+    pub open_loop: bool,
 }
 
-/// Every method.
-pub const IDENTIFIERS: &[IdentifierLine] = &[
-    IdentifierLine {
-        entry: entry!("pbsidopt", "predictor-based subspace identification, with standard deviations", Pbsidopt, dyn Identifier),
-        needs: "rich inputs, a past window that outlasts the predictor's memory; open or closed loop, stable or unstable",
-    },
-    IdentifierLine {
-        entry: entry!("n4sid", "subspace identification by oblique projection", N4sid, dyn Identifier),
-        needs: "rich inputs that do not depend on the outputs (no feedback)",
-    },
-    IdentifierLine {
-        entry: entry!(
-            "moesp",
-            "subspace identification by orthogonal projection, past inputs and outputs as instruments",
-            Moesp,
-            dyn Identifier
-        ),
-        needs: "rich inputs that do not depend on the outputs (no feedback)",
-    },
-];
+/// The line of [`Pbsidopt`].
+pub const PBSIDOPT: IdentifierLine = IdentifierLine {
+    entry: entry!("pbsidopt", "predictor-based subspace identification, with standard deviations", Pbsidopt, dyn Identifier),
+    needs: "rich inputs, a past window that outlasts the predictor's memory; open or closed loop, stable or unstable",
+    finds_delays: false,
+    open_loop: false,
+};
 
-/// The line called `name`.
-///
-/// # Errors
-/// [`crate::registry::RegistryError::Unknown`], with the names there are.
-pub fn identifier(name: &str) -> Result<&'static IdentifierLine, crate::registry::RegistryError> {
-    IDENTIFIERS.iter().find(|line| line.entry.name == name).ok_or_else(|| crate::registry::RegistryError::Unknown {
-        kind: "identification method",
-        name: name.to_owned(),
-        known: IDENTIFIERS.iter().map(|line| line.entry.name).collect(),
-    })
-}
+/// The line of [`N4sid`].
+pub const N4SID: IdentifierLine = IdentifierLine {
+    entry: entry!("n4sid", "subspace identification by oblique projection", N4sid, dyn Identifier),
+    needs: "rich inputs that do not depend on the outputs (no feedback)",
+    finds_delays: false,
+    open_loop: true,
+};
+
+/// The line of [`Moesp`].
+pub const MOESP: IdentifierLine = IdentifierLine {
+    entry: entry!(
+        "moesp",
+        "subspace identification by orthogonal projection, past inputs and outputs as instruments",
+        Moesp,
+        dyn Identifier
+    ),
+    needs: "rich inputs that do not depend on the outputs (no feedback)",
+    finds_delays: false,
+    open_loop: true,
+};
 
 /// What all subspace methods are told.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -185,6 +186,8 @@ pub struct Identified {
     pub draws: Draws,
     /// What a user should know.
     pub notes: Vec<String>,
+    /// The numbers of a model whose structure is given; absent for one that is states alone.
+    pub parametric: Option<Parametric>,
 }
 
 /// How much of the work is done when the past window is chosen, when the states are found, and when the orders are tried.
@@ -317,6 +320,7 @@ impl Settings {
             draws,
             notes,
             scales,
+            parametric: None,
         })
     }
 
@@ -338,7 +342,7 @@ impl Settings {
             innovations::of_states(factor, &y, &states.map(&predictions, order), self.direct).0.in_units(scales)
         };
         let all = |size: f64| (0..self.draws).into_par_iter().map(|i| draw(i, size)).filter(InnovationsModel::is_finite).collect();
-        Draws { whole: all(1.0), small: all(STEP), step: STEP }
+        Draws { whole: all(1.0), small: all(STEP), step: STEP, ..Draws::default() }
     }
 
     /// Models of replicates of a block bootstrap, in the states of the model.
@@ -362,7 +366,7 @@ impl Settings {
             Some(innovations::of_states(factor, &factor.y(), &states.map(&predictions, order), self.direct).0.in_units(scales))
         };
         let whole: Vec<_> = (0..self.bootstrap).into_par_iter().filter_map(one).filter(InnovationsModel::is_finite).collect();
-        Draws { small: whole.clone(), whole, step: 1.0 }
+        Draws { small: whole.clone(), whole, step: 1.0, ..Draws::default() }
     }
 }
 
@@ -419,11 +423,14 @@ impl Identified {
     #[must_use]
     pub fn check(&self, recordings: &Recordings) -> Vec<OutputCheck> {
         let centred: Vec<Stretch> = recordings.stretches.iter().map(|s| self.scales.centred(s)).collect();
-        let stable = self.poles().iter().all(|p| p.re.hypot(p.im) < 1.0);
-        validation::check(&self.model, &centred, self.past, (&self.inputs, &self.outputs), stable)
+        // An integrator runs freely too: its start is estimated.
+        let edge = if self.parametric.is_some() { 1.0 + 1e-9 } else { 1.0 };
+        let runs = self.poles().iter().all(|p| p.re.hypot(p.im) < edge);
+        let noise = self.parametric.as_ref().map(|p| p.noise.as_slice());
+        validation::check((&self.model, noise), &centred, self.past, (&self.inputs, &self.outputs), runs)
     }
 
-    /// The model file: sampled, or the continuous model behind a zero-order hold.
+    /// The model file: sampled, or the continuous model behind a zero-order hold; always the continuous one where the structure is that.
     ///
     /// # Errors
     /// [`ModelError::NoLogarithm`] where a sampled pole has no continuous counterpart, [`ModelError::Count`].
@@ -432,10 +439,13 @@ impl Identified {
             |named: &Named, mean: f64| Channel { operating: Operating::Value(mean), ..Channel::plain(&named.name, named.unit.as_deref()) };
         let channels = |names: &[Named], scales: &[(f64, f64)]| names.iter().zip(scales).map(|(n, s)| channel(n, s.0)).collect::<Vec<_>>();
         let (inputs, outputs) = (channels(&self.inputs, &self.scales.inputs), channels(&self.outputs, &self.scales.outputs));
+        let states = |order: usize| (1..=order).map(|i| State { name: format!("x{i}"), unit: None }).collect();
+        if let Some(own) = self.parametric.as_ref().and_then(|p| p.continuous.as_ref()) {
+            return ModelFile::from_continuous(name, own, inputs, states(own.order()), outputs);
+        }
         let system = self.system(delays)?;
         if continuous {
-            let states = (1..=self.model.order()).map(|i| crate::model::State { name: format!("x{i}"), unit: None }).collect();
-            ModelFile::from_continuous(name, &d2c(&system)?, inputs, states, outputs)
+            ModelFile::from_continuous(name, &d2c(&system)?, inputs, states(self.model.order()), outputs)
         } else {
             ModelFile::from_sampled(name, &system, inputs, Vec::new(), outputs)
         }

@@ -229,7 +229,7 @@ pub struct Scales {
 }
 
 impl Scales {
-    pub(super) fn scaled(&self, s: &Stretch) -> Stretch {
+    pub(in crate::identify) fn scaled(&self, s: &Stretch) -> Stretch {
         let scaled = |m: &DMatrix<f64>, by: &[(f64, f64)]| DMatrix::from_fn(m.nrows(), m.ncols(), |i, k| (m[(i, k)] - by[i].0) / by[i].1);
         Stretch { u: scaled(&s.u, &self.inputs), y: scaled(&s.y, &self.outputs) }
     }

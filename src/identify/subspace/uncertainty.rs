@@ -19,6 +19,10 @@ pub struct Draws {
     pub small: Vec<InnovationsModel>,
     /// Size of the small draws.
     pub step: f64,
+    /// Input delays of each whole draw, samples; empty: those of the model.
+    pub whole_delays: Vec<Vec<usize>>,
+    /// Input delays of each small draw, samples; empty: those of the model.
+    pub small_delays: Vec<Vec<usize>>,
 }
 
 /// A pole or zero of the sampled model and how well it is known.
@@ -136,6 +140,9 @@ pub(super) fn system(model: &InnovationsModel, ts: SampleTime, delays: &[usize])
     StateSpace::sampled(model.a.clone(), model.b.clone(), model.c.clone(), model.d.clone(), ts)?.with_input_delay(delays.to_vec())
 }
 
+/// Roots closer than this share of their size are one.
+const COINCIDE: f64 = 1e-5;
+
 /// Roots of the model as `of` finds them, with their deviations over the small draws.
 pub(super) fn roots(nominal: &[Complex<f64>], drawn: &[Vec<Complex<f64>>], step: f64, ts: SampleTime) -> Vec<Root> {
     let matched: Vec<Vec<Complex<f64>>> = drawn.iter().filter_map(|d| matched(nominal, d)).collect();
@@ -144,6 +151,8 @@ pub(super) fn roots(nominal: &[Complex<f64>], drawn: &[Vec<Complex<f64>>], step:
         .iter()
         .enumerate()
         .map(|(i, &z)| {
+            // Roots that coincide have no derivative.
+            let known = known && !nominal.iter().enumerate().any(|(j, other)| j != i && (other - z).norm() < COINCIDE * z.norm());
             let mean = |f: &dyn Fn(Complex<f64>) -> f64| matched.iter().map(|d| f((d[i] - z) / step)).sum::<f64>() / matched.len() as f64;
             let (vr, vi, c) = (mean(&|d| d.re * d.re), mean(&|d| d.im * d.im), mean(&|d| d.re * d.im));
             let s = (z.norm() > 1e-6).then(|| z.ln() / ts.seconds());
@@ -192,8 +201,11 @@ pub(super) fn frequencies(ts: SampleTime, samples: usize, count: usize) -> Vec<f
 /// The response of every pair at these frequencies: input by input, output by output, with bands.
 pub(super) fn responses(nominal: &StateSpace<Sampled>, draws: &Draws, frequencies: &[f64]) -> Vec<Vec<Vec<Band>>> {
     let (ts, delays) = (nominal.sample_time(), nominal.input_delay());
-    let systems = |models: &[InnovationsModel]| models.iter().filter_map(|m| system(m, ts, delays).ok()).collect::<Vec<_>>();
-    let (whole, small) = (systems(&draws.whole), systems(&draws.small));
+    let systems = |models: &[InnovationsModel], own: &[Vec<usize>]| {
+        let one = |(i, m): (usize, &InnovationsModel)| system(m, ts, own.get(i).map_or(delays, Vec::as_slice)).ok();
+        models.iter().enumerate().filter_map(one).collect::<Vec<_>>()
+    };
+    let (whole, small) = (systems(&draws.whole, &draws.whole_delays), systems(&draws.small, &draws.small_delays));
     let (m, l) = (nominal.inputs(), nominal.outputs());
     let mut found = vec![vec![Vec::with_capacity(frequencies.len()); l]; m];
     for &omega in frequencies {

@@ -6,6 +6,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::innovations::InnovationsModel;
 use super::recordings::{Named, Stretch};
+use crate::identify::iv::whitened;
 
 /// How one output is met.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -61,17 +62,26 @@ pub struct InputTest {
 /// Lags that the tests look at.
 const LAGS: usize = 25;
 
-/// Every output of deviations `s` (centred, the channels' units), the first `skip` samples of each stretch left out of one-step errors.
+/// Every output of deviations `s` (centred, the channels' units), the first `skip` samples of each stretch left out of one-step errors. With a noise polynomial D the
+/// one-step errors are D times those of a free run, else those of the model's own predictor.
 pub(super) fn check(
-    model: &InnovationsModel,
+    (model, noise): (&InnovationsModel, Option<&[f64]>),
     stretches: &[Stretch],
     skip: usize,
     (inputs, outputs): (&[Named], &[Named]),
     stable: bool,
 ) -> Vec<OutputCheck> {
     let used: Vec<&Stretch> = stretches.iter().filter(|s| s.len() > skip + LAGS + 2).collect();
-    let errors: Vec<DMatrix<f64>> = used.iter().map(|s| model.innovations(s)).collect();
     let free: Vec<DMatrix<f64>> = if stable { used.iter().map(|s| model.free_run(s)).collect() } else { Vec::new() };
+    let error = |(i, s): (usize, &&Stretch)| match (noise, free.get(i)) {
+        (Some(d), Some(y)) => {
+            let left = &s.y - y;
+            let rows: Vec<_> = left.row_iter().map(|r| whitened(&r.iter().copied().collect::<Vec<f64>>(), d)).collect();
+            DMatrix::from_fn(left.nrows(), left.ncols(), |i, t| rows[i][t])
+        }
+        _ => model.innovations(s),
+    };
+    let errors: Vec<DMatrix<f64>> = used.iter().enumerate().map(error).collect();
     outputs
         .iter()
         .enumerate()

@@ -8,7 +8,7 @@ use super::bode::{self, Curve};
 use super::{Cell, figure, given, made_by, number, page, quoted, sorted};
 use crate::identify::subspace::{Band, Response, Root};
 use crate::model::ModelError;
-use crate::report::identify::{FREQUENCIES, Report, poles, seconds};
+use crate::report::identify::{FREQUENCIES, Report, parameters, poles, seconds};
 use crate::signal::stats::NORMAL_95;
 
 /// The page.
@@ -22,10 +22,16 @@ pub fn identify(report: &Report<'_>) -> Result<String, ModelError> {
     let step_s = m.sample_time.seconds();
     let body = html! {
         h1 { "Model of " (report.logs.join(", ")) }
-        p .verdict { "Order " strong { (m.order.order) } " (" (m.order.sure) "), by " (m.method) "." }
-        p .faint { "Past window " (m.past) " samples, " (m.rows) " rows, sample time " (seconds(step_s)) "." }
-        @for (input, delay) in m.inputs.iter().zip(report.delays) {
-            p { "Dead time of " code { (input.name) } ", taken out first: " strong { (seconds(m.sample_time.to_seconds(*delay as f64))) } "." }
+        @if let Some(own) = &m.parametric {
+            p .verdict { (own.structure) ", by " (m.method) "." }
+            p .faint { (m.rows) " rows, sample time " (seconds(step_s)) "." }
+            (given("Its numbers, with 95 % intervals", &parameters(own)))
+        } @else {
+            p .verdict { "Order " strong { (m.order.order) } " (" (m.order.sure) "), by " (m.method) "." }
+            p .faint { "Past window " (m.past) " samples, " (m.rows) " rows, sample time " (seconds(step_s)) "." }
+            @for (input, delay) in m.inputs.iter().zip(report.delays) {
+                p { "Dead time of " code { (input.name) } ", taken out first: " strong { (seconds(m.sample_time.to_seconds(*delay as f64))) } "." }
+            }
         }
         @for note in report.delay_notes.iter().chain(&m.notes) { p { (quoted(note)) } }
         h2 { "On data that it has not seen" }
@@ -39,7 +45,7 @@ pub fn identify(report: &Report<'_>) -> Result<String, ModelError> {
         p { "Poles are crosses, zeros are rings; inside the circle a pole decays. Ellipses, and bars of real ones, hold 95 %." }
         (plane(&roots, &zeros))
         (given("Poles in the z plane, standard deviations in brackets", &poles(&roots)))
-        (order(report))
+        @if m.parametric.is_none() { (order(report)) }
         (made_by())
     };
     let data = json!({ "kind": "identify", "figures": figures(&responses) });
