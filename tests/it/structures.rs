@@ -319,8 +319,8 @@ fn what_makes_a_model_impossible_is_said() {
     let given = TakenOut::Given(vec![("u1".to_owned(), 1.0)]);
     let error = identify_behind_delays(&data, &[], "riv", &json!({}), &given, (&Stop::default(), &HowFar::default())).err().unwrap();
     assert!(error.to_string().contains("finds the dead times itself"), "{error}");
-    // Of an integrating machine a stable model drifts, and the remedy is said.
+    // Of an integrating machine a stable model has too little, and that is said.
     let ramp = recordings(&[(vec![u.clone()], response(&u, 2.1, integrator(0.0)))]);
     let said = identify("p1d", json!({ "draws": 0 }), &ramp).map_or_else(|e| e.to_string(), |found| found.notes.join(" "));
-    assert!(said.contains("p0di"), "{said}");
+    assert!(said.contains("p0di") || said.contains("still follows the input"), "{said}");
 }

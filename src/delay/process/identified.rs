@@ -444,7 +444,8 @@ impl ProcessOptions {
             (Some(Ok(rest)), _) => (rest, &resting, Initial::Zero),
             (Some(Err(said)), _) | (_, Some(Err(said))) => {
                 let why = said.note.unwrap_or_else(|| "no model fits".to_owned());
-                let remedy = if said.outcome == Outcome::NotConverged { "; p0di and p1di integrate" } else { "" };
+                let integrates = matches!(said.outcome, Outcome::NotConverged | Outcome::NotVisible);
+                let remedy = if integrates { "; if the plant integrates, use p0di or p1di" } else { "" };
                 return Err(unfit(format!("{why}{remedy}")));
             }
             (None, None) => return Err(unfit("no start is allowed".to_owned())),
