@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::text::Table;
+use super::text::{Table, estimate};
 use crate::identify::Parametric;
 use crate::identify::subspace::{Fit, Identified, OutputCheck, Response, Root, Test};
 
@@ -155,7 +155,9 @@ pub(super) fn parameters(p: &Parametric) -> Table {
     for q in &p.parameters {
         let name = q.input.as_ref().map_or_else(|| q.name.clone(), |input| format!("{} {input}", q.name));
         let unit = q.unit.clone().unwrap_or_default();
-        table.row(vec![name, digits(q.value), number(q.std), number(q.ci95.map(|c| c[0])), number(q.ci95.map(|c| c[1])), unit]);
+        let (value, ends) = q.ci95.map_or_else(|| (digits(q.value), None), |ends| estimate(q.value, Some(ends)));
+        let [from, to] = ends.unwrap_or_else(|| ["-".to_owned(), "-".to_owned()]);
+        table.row(vec![name, value, number(q.std), from, to, unit]);
     }
     table
 }

@@ -1,6 +1,6 @@
 //! A match by frequency as text.
 
-use super::structured::{digits, not_had, standing};
+use super::structured::{digits, fitted, not_had, standing};
 use super::text::Table;
 use crate::identify::matching::{Gain, Matched};
 use crate::identify::structured::Standing;
@@ -11,12 +11,13 @@ pub fn text(found: &Matched) -> String {
     let mut text = format!("{} to {} {}.\n\n", found.structure, found.identified, how(found));
     let mut table = Table::new(&["parameter", "unit", "file", "found", "95 % interval", "standing"], &[0, 1, 5]);
     for p in &found.parameters {
+        let (value, ends) = fitted(p.value, p.interval);
         table.row(vec![
             p.name.clone(),
             p.unit.clone().unwrap_or_default(),
             digits(p.nominal),
-            digits(p.value),
-            p.interval.map_or_else(|| "-".to_owned(), |[from, to]| format!("{} to {}", digits(from), digits(to))),
+            value,
+            ends.map_or_else(|| "-".to_owned(), |ends| ends.join(" to ")),
             standing(p.standing).to_owned(),
         ]);
     }

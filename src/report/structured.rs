@@ -1,6 +1,6 @@
 //! A structured fit as text.
 
-use super::text::Table;
+use super::text::{Table, estimate};
 use crate::identify::structured::{GroupScore, Standing, StructuredFit, Unseen};
 use crate::signal::stats::NORMAL_95;
 
@@ -48,6 +48,14 @@ pub(super) fn digits(value: f64) -> String {
     if (-4.0..5.0).contains(&exponent) { format!("{value:.*}", (3.0 - exponent).max(0.0) as usize) } else { format!("{value:.3e}") }
 }
 
+/// A value and the ends of its interval with the digits that the interval allows.
+pub(super) fn fitted(value: f64, interval: Option<[f64; 2]>) -> (String, Option<[String; 2]>) {
+    match interval.filter(|ends| ends.iter().all(|v| v.is_finite()) && ends[1] > ends[0]) {
+        Some(ends) => estimate(value, Some(ends)),
+        None => (digits(value), interval.map(|ends| ends.map(digits))),
+    }
+}
+
 /// What a standing means that some parameter has and that a reader must know.
 pub(super) fn meaning(found: &StructuredFit, standing: Standing) -> Option<&'static str> {
     let said = match standing {
@@ -91,12 +99,13 @@ pub fn text(found: &StructuredFit) -> String {
     );
     let mut table = Table::new(&["parameter", "unit", "file", "found", "95 % interval", "one step ahead", "standing"], &[0, 1, 6]);
     for p in &found.parameters {
+        let (value, ends) = fitted(p.value, Some(p.interval));
         table.row(vec![
             p.name.clone(),
             p.unit.clone().unwrap_or_default(),
             digits(p.nominal),
-            digits(p.value),
-            format!("{} to {}", digits(p.interval[0]), digits(p.interval[1])),
+            value,
+            ends.map_or_else(|| "-".to_owned(), |ends| ends.join(" to ")),
             p.one_step.map_or(String::new(), |[v, s]| format!("{} ± {}", digits(v), digits(NORMAL_95 * s))),
             standing(p.standing).to_owned(),
         ]);

@@ -190,7 +190,7 @@ impl ModelDocument {
             let itself =
                 (0..sys.order()).all(|k| sys.c()[(i, k)] == f64::from(u8::from(k == j))) && sys.d().row(i).iter().all(|d| *d == 0.0);
             if itself {
-                return Ok(outputs[i]);
+                return Ok(outputs.get(i).copied().unwrap_or(0.0));
             }
             Err(ModelError::Unmatched {
                 path: file.name.clone().into(),

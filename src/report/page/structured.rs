@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::bars::{bar, dot, stretch};
 use super::{Cell, figure, made_by, page, quoted, sorted};
 use crate::identify::structured::{FreeParameter, GroupScore, Standing, StructuredFit, Unseen};
-use crate::report::structured::{digits, how_unseen, meaning, standing};
+use crate::report::structured::{digits, fitted, how_unseen, meaning, standing};
 use crate::report::terminal::Axis;
 use crate::signal::stats::NORMAL_95;
 
@@ -69,7 +69,8 @@ pub(super) struct Drawn {
 pub(super) fn parameters(all: &[Drawn], single: bool) -> Markup {
     let Some(axis) = Axis::over(std::iter::once(TIMES), usize::MAX) else { return html! {} };
     let row = |p: &Drawn| {
-        let interval = p.interval.map_or_else(|| "–".to_owned(), |[low, high]| format!("{} to {}", digits(low), digits(high)));
+        let (value, ends) = fitted(p.value, p.interval);
+        let interval = ends.map_or_else(|| "–".to_owned(), |ends| ends.join(" to "));
         let drawn = html! {
             @if p.nominal != 0.0 && p.nominal.is_finite() {
                 @if let Some(ends) = p.interval {
@@ -84,9 +85,9 @@ pub(super) fn parameters(all: &[Drawn], single: bool) -> Markup {
             Cell::Words(p.name.clone()),
             Cell::Words(p.unit.clone().unwrap_or_default()),
             Cell::Number(digits(p.nominal)),
-            Cell::Number(digits(p.value)),
+            Cell::Number(value.clone()),
             Cell::Number(interval.clone()),
-            Cell::Drawn(bar(&format!("{} in the file, {} found, 95 %: {interval}", digits(p.nominal), digits(p.value)), &drawn)),
+            Cell::Drawn(bar(&format!("{} in the file, {value} found, 95 %: {interval}", digits(p.nominal)), &drawn)),
         ];
         if single {
             let one = p.one_step.map_or_else(|| "–".to_owned(), |[v, s]| format!("{} ± {}", digits(v), digits(NORMAL_95 * s)));
