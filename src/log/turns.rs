@@ -2,12 +2,16 @@
 //!
 //! How it can be wrong: where the machine turns by more than half a turn between two samples, or while samples are missing, it is taken for the shorter way.
 
+use std::collections::VecDeque;
+
 use super::{Channel, Log, LogError, Output};
 
 /// Jumps that miss a whole turn by less than this share of it are taken for one,
 const NEARLY: f64 = 0.1;
-/// where all other steps are below this share of it.
+/// where all other steps are below this share of it,
 const SMALL: f64 = 0.25;
+/// and so many steps before half of the jumps or more lead the other way: a command that steps by a whole turn stands still before.
+const BEFORE: usize = 5;
 
 impl Log {
     /// The log with the whole turns taken out of an angle: each sample is within half a turn of the one measured before it.
@@ -59,10 +63,20 @@ impl Log {
         let Ok(channel) = self.channel(name) else { return 0 };
         let angle = channel.samples();
         let there: Vec<f64> = (0..self.len()).filter_map(|k| angle.get(k)).collect();
-        let steps = super::neighbours(&there).map(|(a, b)| ((b - a) / turn).abs());
-        let (jumps, rest): (Vec<f64>, Vec<f64>) = steps.partition(|s| *s > 1.0 - NEARLY);
-        let whole = jumps.iter().all(|s| *s < 1.0 + NEARLY) && rest.iter().all(|s| *s < SMALL);
-        if whole { jumps.len() } else { 0 }
+        let (mut jumps, mut led, mut before) = (0, 0, VecDeque::from([0.0; BEFORE]));
+        for step in super::neighbours(&there).map(|(a, b)| (b - a) / turn) {
+            if step.abs() > 1.0 - NEARLY {
+                jumps += 1;
+                led += usize::from(before.iter().sum::<f64>() * step < 0.0);
+            } else {
+                before.pop_front();
+                before.push_back(step);
+            }
+            if step.abs() >= 1.0 + NEARLY || (SMALL..=1.0 - NEARLY).contains(&step.abs()) {
+                return 0;
+            }
+        }
+        if 2 * led >= jumps { jumps } else { 0 }
     }
 
     /// The log with other values of some channels, one per time stamp.
@@ -114,9 +128,11 @@ mod tests {
     #[test]
     fn what_jumps_by_other_sizes_does_not_wrap() {
         let square: Vec<f64> = (0..100).map(|k| if k / 10 % 2 == 0 { 0.0 } else { 7.5 }).collect();
+        // A joint that is commanded a whole turn on and back.
+        let command: Vec<f64> = (0..100).map(|k| if k / 10 % 2 == 0 { 0.0 } else { TAU }).collect();
         let fast: Vec<f64> = (0..100).map(|k| f64::from(k * k % 17)).collect();
-        let log = log(&[("square", square), ("fast", fast)]);
-        assert_eq!((log.whole_turns("square", TAU), log.whole_turns("fast", TAU), log.whole_turns("none", TAU)), (0, 0, 0));
+        let log = log(&[("square", square), ("command", command), ("fast", fast)]);
+        assert!(["square", "command", "fast", "none"].iter().all(|name| log.whole_turns(name, TAU) == 0));
     }
 
     #[test]
