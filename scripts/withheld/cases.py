@@ -325,7 +325,10 @@ class Case:
         return found if len(found) != 1 else found[0]
 
     def _order_by_share(self) -> None:
-        """Shares: what the squared error rises by without an effect, all else true; normalised. Errors of all nominal parameters count as one."""
+        """Shares: what the squared error, relative to each output's spread within logs, rises by without an effect, all else true; normalised.
+
+        Errors of all nominal parameters count as one.
+        """
         truth, problem = self.effects, self.problem((0, 1), False)
         left = self._energy(problem, truth)
         whole = self._energy(problem, [])
@@ -341,7 +344,11 @@ class Case:
 
     @staticmethod
     def _energy(problem: Problem, effects: list[dict]) -> float:
-        return sum(float(np.sum(problem.raw(r, effects, problem.best_start(r, effects)) ** 2)) for r in problem.records)
+        left = [problem.raw(r, effects, problem.best_start(r, effects)) * problem.sigma for r in problem.records]
+        moves = np.mean([np.nanvar(r.y, axis=0) for r in problem.records], axis=0, keepdims=True)
+        if np.any(moves == 0.0):
+            raise Inadequate("an output stands still throughout the logs")
+        return sum(float(np.sum(residual**2 / moves)) for residual in left)
 
     def _draw_none(self) -> None:
         self.effects = self.hidden

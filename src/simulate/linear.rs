@@ -9,10 +9,12 @@ use crate::model::exp;
 
 /// Two lengths of step that differ by less than this, relatively, are one: time stamps such as 0.3 − 0.2 carry rounding.
 const SAME: f64 = 1e-9;
-/// Transitions that are kept.
-const KEPT: usize = 16;
-/// Above this norm of A·h the dense exponential is cheaper than Taylor's series.
-const SERIES_LIMIT: f64 = 8.0;
+/// Transitions that are kept: stamps that a clock rounds have some ten lengths of step, with delays between them a few times as many.
+const KEPT: usize = 32;
+/// An exponential costs as much as some ten steps in parts.
+const OFTEN: usize = 8;
+/// Below this norm of A·h Taylor's series needs nine terms; half a length costs a step of its own, and saves a term or two.
+const SERIES_LIMIT: f64 = 0.125;
 
 /// x(t + h) = Φ x + Γ v + Δ v′ for one h; matrices by columns.
 struct Transition {
@@ -64,7 +66,10 @@ pub(super) struct Linear {
     later: Vec<Law>,
     ramps: bool,
     kept: Vec<Transition>,
-    seen: Vec<f64>,
+    /// Other lengths, and how often each came.
+    seen: Vec<(f64, usize)>,
+    /// Over powers of two.
+    powers: Vec<Transition>,
     x: Vec<f64>,
     next: Vec<f64>,
     /// What level signals and the constant add over a step.
@@ -88,6 +93,7 @@ impl Linear {
             ramps,
             kept: Vec::new(),
             seen: Vec::new(),
+            powers: Vec::new(),
             x: assembly.start.clone(),
             next: vec![0.0; n],
             forced: vec![0.0; n],
@@ -102,26 +108,30 @@ impl Linear {
         &self.x
     }
 
-    /// The transition over h, if this length is worth one: from its second use on.
+    /// The transition over h, if this length comes often enough to be worth one.
     fn transition(&mut self, h: f64) -> Option<usize> {
         let same = |other: f64| (other - h).abs() <= SAME * h;
         if let Some(at) = self.kept.iter().position(|t| same(t.h)) {
             return Some(at);
         }
-        if !self.seen.iter().any(|&s| same(s)) && self.law.norm * h <= SERIES_LIMIT {
-            if self.seen.len() == KEPT {
-                self.seen.remove(0);
-            }
-            self.seen.push(h);
+        if self.kept.len() == KEPT {
             return None;
         }
-        if self.kept.len() == KEPT {
-            self.kept.remove(0);
-            self.forced_by = None;
+        match self.seen.iter_mut().find(|(length, _)| same(*length)) {
+            Some((_, times)) if *times < OFTEN => *times += 1,
+            Some(_) => {
+                let transition = self.dense(h);
+                self.kept.push(transition);
+                return Some(self.kept.len() - 1);
+            }
+            None => {
+                if self.seen.len() == KEPT {
+                    self.seen.clear();
+                }
+                self.seen.push((h, 1));
+            }
         }
-        let transition = self.dense(h);
-        self.kept.push(transition);
-        Some(self.kept.len() - 1)
+        None
     }
 
     fn dense(&self, h: f64) -> Transition {
@@ -156,56 +166,101 @@ impl Linear {
         if level && self.forced_by == Some(at) && self.levels.iter().zip(&drive.pieces).all(|(level, piece)| *level == piece.value) {
             return;
         }
-        let n = self.states;
-        let transition = &self.kept[at];
-        let (signals, constant) = transition.held.split_at(n * self.signals);
-        self.forced.copy_from_slice(constant);
-        for (column, piece) in signals.chunks_exact(n).zip(&drive.pieces) {
-            axpy(&mut self.forced, piece.at(from_s), column);
-        }
-        for (column, piece) in transition.ramp.chunks_exact(n).zip(&drive.pieces) {
-            axpy(&mut self.forced, piece.slope, column);
-        }
+        self.kept[at].force(&mut self.forced, from_s, drive);
         self.forced_by = level.then_some(at);
         for (level, piece) in self.levels.iter_mut().zip(&drive.pieces) {
             *level = piece.value;
         }
     }
 
-    /// Taylor's series of exp(M h) applied to the state (Al-Mohy and Higham 2011, SIAM J. Sci. Comput. 33(2), 488-511, doi:10.1137/100788860): for
-    /// lengths that come once. The derivative of the signals enters with the second term.
+    /// A length that comes once: powers of two, each a step that is kept, and a short rest.
+    fn in_parts(&mut self, from_s: f64, h: f64, drive: &Drive) {
+        let (mut at, mut rest) = (from_s, h);
+        while self.law.norm * rest > SERIES_LIMIT {
+            let part = rest.log2().floor().exp2();
+            let number = self.powers.iter().position(|t| t.h == part).unwrap_or_else(|| {
+                let transition = self.dense(part);
+                self.powers.push(transition);
+                self.powers.len() - 1
+            });
+            let transition = &self.powers[number];
+            transition.force(&mut self.forced, at, drive);
+            transition.step(&self.forced, &mut self.x, &mut self.next);
+            at += part;
+            rest -= part;
+        }
+        self.forced_by = None;
+        if rest > 0.0 {
+            self.by_series(at, rest, drive);
+        }
+    }
+
+    /// Taylor's series of exp(M h) applied to the state (Al-Mohy and Higham 2011, SIAM J. Sci. Comput. 33(2), 488-511, doi:10.1137/100788860). The
+    /// derivative of the signals enters with the second term.
     fn by_series(&mut self, from_s: f64, h: f64, drive: &Drive) {
         let n = self.states;
-        let parts = (self.law.norm * h).ceil().max(1.0) as usize;
-        let step = h / parts as f64;
-        for part in 0..parts {
-            let at = from_s + step * part as f64;
-            let [term, other] = &mut self.series;
-            // M·(x; v; 1)·h
-            multiply(term, &self.law.derivative[..n * n], &self.x, step);
-            for (j, piece) in drive.pieces.iter().enumerate() {
-                axpy(term, step * piece.at(at), &self.law.derivative[(n + j) * n..(n + j + 1) * n]);
+        let [term, other] = &mut self.series;
+        // M·(x; v; 1)·h
+        multiply(term, &self.law.derivative[..n * n], &self.x, h);
+        for (j, piece) in drive.pieces.iter().enumerate() {
+            axpy(term, h * piece.at(from_s), &self.law.derivative[(n + j) * n..(n + j + 1) * n]);
+        }
+        axpy(term, h, &self.law.derivative[(n + self.signals) * n..]);
+        let mut order = 1.0;
+        loop {
+            let (mut size, mut total) = (0.0_f64, f64::MIN_POSITIVE);
+            for (x, term) in self.x.iter_mut().zip(term.iter()) {
+                *x += term;
+                size = size.max(term.abs());
+                total = total.max(x.abs());
             }
-            axpy(term, step, &self.law.derivative[(n + self.signals) * n..]);
-            let mut order = 1.0;
-            loop {
-                let (mut size, mut total) = (0.0_f64, f64::MIN_POSITIVE);
-                for (x, term) in self.x.iter_mut().zip(term.iter()) {
-                    *x += term;
-                    size = size.max(term.abs());
-                    total = total.max(x.abs());
+            if order > 1.0 && size <= 1e-17 * total || order > 40.0 {
+                break;
+            }
+            order += 1.0;
+            multiply(other, &self.law.derivative[..n * n], term, h / order);
+            if order == 2.0 {
+                for (j, piece) in drive.pieces.iter().enumerate() {
+                    axpy(other, 0.5 * h * h * piece.slope, &self.law.derivative[(n + j) * n..(n + j + 1) * n]);
                 }
-                if order > 1.0 && size <= 1e-17 * total || order > 40.0 {
-                    break;
+            }
+            std::mem::swap(term, other);
+        }
+    }
+}
+
+impl Transition {
+    /// What signals and the constant add.
+    fn force(&self, forced: &mut [f64], from_s: f64, drive: &Drive) {
+        let n = forced.len();
+        let (signals, constant) = self.held.split_at(self.held.len() - n);
+        forced.copy_from_slice(constant);
+        for (column, piece) in signals.chunks_exact(n).zip(&drive.pieces) {
+            axpy(forced, piece.at(from_s), column);
+        }
+        for (column, piece) in self.ramp.chunks_exact(n).zip(&drive.pieces) {
+            axpy(forced, piece.slope, column);
+        }
+    }
+
+    /// x ← forced + Φ x; `next` is overwritten.
+    fn step(&self, forced: &[f64], x: &mut Vec<f64>, next: &mut Vec<f64>) {
+        // A number of states that the compiler knows keeps them in registers.
+        match x.len() {
+            1 => step::<1>(&self.phi, forced, x),
+            2 => step::<2>(&self.phi, forced, x),
+            3 => step::<3>(&self.phi, forced, x),
+            4 => step::<4>(&self.phi, forced, x),
+            5 => step::<5>(&self.phi, forced, x),
+            6 => step::<6>(&self.phi, forced, x),
+            7 => step::<7>(&self.phi, forced, x),
+            8 => step::<8>(&self.phi, forced, x),
+            n => {
+                next.copy_from_slice(forced);
+                for (column, value) in self.phi.chunks_exact(n.max(1)).zip(x.iter()) {
+                    axpy(next, *value, column);
                 }
-                order += 1.0;
-                multiply(other, &self.law.derivative[..n * n], term, step / order);
-                if order == 2.0 {
-                    for (j, piece) in drive.pieces.iter().enumerate() {
-                        axpy(other, 0.5 * step * step * piece.slope, &self.law.derivative[(n + j) * n..(n + j + 1) * n]);
-                    }
-                }
-                std::mem::swap(term, other);
+                std::mem::swap(x, next);
             }
         }
     }
@@ -243,34 +298,15 @@ fn axpy(to: &mut [f64], scale: f64, column: &[f64]) {
 impl Stepper for Linear {
     fn advance(&mut self, from_s: f64, to_s: f64, drive: &Drive) -> Result<(), SimulateError> {
         let h = to_s - from_s;
-        let n = self.states;
-        if n == 0 {
+        if self.states == 0 {
             return Ok(());
         }
         let Some(at) = self.transition(h) else {
-            self.by_series(from_s, h, drive);
+            self.in_parts(from_s, h, drive);
             return Ok(());
         };
         self.force(at, from_s, drive);
-        let phi = &self.kept[at].phi;
-        // A number of states that the compiler knows keeps them in registers.
-        match n {
-            1 => step::<1>(phi, &self.forced, &mut self.x),
-            2 => step::<2>(phi, &self.forced, &mut self.x),
-            3 => step::<3>(phi, &self.forced, &mut self.x),
-            4 => step::<4>(phi, &self.forced, &mut self.x),
-            5 => step::<5>(phi, &self.forced, &mut self.x),
-            6 => step::<6>(phi, &self.forced, &mut self.x),
-            7 => step::<7>(phi, &self.forced, &mut self.x),
-            8 => step::<8>(phi, &self.forced, &mut self.x),
-            _ => {
-                self.next.copy_from_slice(&self.forced);
-                for (column, value) in phi.chunks_exact(n).zip(&self.x) {
-                    axpy(&mut self.next, *value, column);
-                }
-                std::mem::swap(&mut self.x, &mut self.next);
-            }
-        }
+        self.kept[at].step(&self.forced, &mut self.x, &mut self.next);
         Ok(())
     }
 
@@ -288,7 +324,7 @@ impl Stepper for Linear {
     fn switch(&mut self, number: usize) {
         if let Some(law) = self.later.get_mut(number) {
             std::mem::swap(&mut self.law, law);
-            (self.kept, self.seen, self.forced_by) = (Vec::new(), Vec::new(), None);
+            (self.kept, self.seen, self.powers, self.forced_by) = (Vec::new(), Vec::new(), Vec::new(), None);
         }
     }
 
