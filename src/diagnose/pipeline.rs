@@ -108,7 +108,9 @@ pub fn diagnose<'a>(
         let simulator = Simulator::of(subject, &parts.logs, &options.stop)?;
         let mut found = in_stages(subject, &simulator, &parts.logs, &parts.holdout, options, progress)?;
         let later = match (subject, &found.model, found.diagnosis.prediction.mode) {
-            (Subject::Model(nominal), Some(model), Mode::Simulation) => later_rows(&parts.cut, nominal, model, &found.diagnosis.nuisances, &options.criteria),
+            (Subject::Model(nominal), Some(model), Mode::Simulation) => {
+                later_rows(&parts.cut, nominal, model, &found.diagnosis.nuisances, &options.criteria)
+            }
             _ => Vec::new(),
         };
         found.caveats.splice(0..0, whole_turns(subject, &parts.logs).into_iter().chain(parts.caveats).chain(later));

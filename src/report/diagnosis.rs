@@ -1,8 +1,8 @@
 //! The diagnosis in plain sentences.
 
 use crate::diagnose::{
-    CheckKind, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, HorizonError, Mode, NuisanceEstimate, RankedPair, RankingRow, Recalibration,
-    Share, Strength,
+    CheckKind, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, HorizonError, Mode, NuisanceEstimate, RankedPair,
+    RankingRow, Recalibration, Share, Strength,
 };
 use crate::report::text::{Table, estimate};
 use crate::text::plus_minus;
@@ -153,7 +153,13 @@ pub(super) fn nuisances(d: &Diagnosis) -> Option<String> {
         let same = |before: &NuisanceEstimate| before.effect == n.effect && before.channel == n.channel;
         let begins = at == 0 || !d.nuisances.get(at - 1).is_some_and(same);
         let name = if begins { format!("{}:{} = ", n.effect, n.channel) } else { String::new() };
-        let apart = if at == 0 { "" } else if begins { "; " } else { ", " };
+        let apart = if at == 0 {
+            ""
+        } else if begins {
+            "; "
+        } else {
+            ", "
+        };
         format!("{apart}{name}{}{unit} in {}", plus_minus(n.value, n.std), n.log)
     };
     (!d.nuisances.is_empty()).then(|| d.nuisances.iter().enumerate().map(one).collect())

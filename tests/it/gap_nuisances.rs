@@ -63,7 +63,11 @@ fn trims_that_are_declared_hide_no_cause_and_are_told_log_by_log() {
     assert!(d.nuisances.iter().all(|n| n.unit == "V" && n.prior_std == 0.5 && n.parameter == "offset"));
     assert!(d.shrink.of_explainable.unwrap() > 0.95, "{:?}", d.shrink);
     assert!(d.cause.not_tried.iter().any(|n| n.effect == "input_offset" && n.why.contains("a nuisance of the model file")));
-    assert!(!with.caveats.iter().any(|c| matches!(c, Caveat::NuisanceBeyondPrior { .. } | Caveat::NuisanceAlike { .. })), "{:?}", with.caveats);
+    assert!(
+        !with.caveats.iter().any(|c| matches!(c, Caveat::NuisanceBeyondPrior { .. } | Caveat::NuisanceAlike { .. })),
+        "{:?}",
+        with.caveats
+    );
     // The text, the file and its schema, and the model that is handed over.
     let summary = summary(&with);
     assert!(summary.contains("Nuisances: input_offset:u = 0.") && summary.contains(" V in log6101.csv, "), "{summary}");
@@ -140,7 +144,12 @@ fn an_estimate_that_its_prior_contradicts_and_one_that_is_alike_are_told() {
     let alike = logs(("input_offset", "u"), &[0.3; 3], None, 6410);
     let swallowed = found(&declared(&[("input_offset", "u", 10.0)]), &alike[..2], &alike[2..]);
     let told = swallowed.caveats.iter().find(|c| matches!(c, Caveat::NuisanceAlike { .. }));
-    assert!(told.is_some_and(|c| c.to_string().contains("alike in all logs")), "{:?} {:?}", swallowed.caveats, swallowed.diagnosis.nuisances);
+    assert!(
+        told.is_some_and(|c| c.to_string().contains("alike in all logs")),
+        "{:?} {:?}",
+        swallowed.caveats,
+        swallowed.diagnosis.nuisances
+    );
 }
 
 /// An integrator whose start is not known: an offset of its sensor is the same as another start.
@@ -161,8 +170,11 @@ D = [[0.0], [0.0]]
 "#;
     let plain = document(text);
     let model = document(&format!("{text}{}", nuisance("sensor_bias", "angle", 0.5)));
-    let logs: Vec<Log> =
-        [0.5, -0.3].iter().zip(6500..).map(|(own, seed)| log(&plain, &[("sensor_bias", "angle", &[*own])], 900, seed, &[0.0, 0.0])).collect();
+    let logs: Vec<Log> = [0.5, -0.3]
+        .iter()
+        .zip(6500..)
+        .map(|(own, seed)| log(&plain, &[("sensor_bias", "angle", &[*own])], 900, seed, &[0.0, 0.0]))
+        .collect();
     let options = GapOptions { prediction: Some(deadtime::diagnose::Mode::Simulation), ..GapOptions::default() };
     let d = diagnose(&model, &logs, &[], &options, &|_| ()).unwrap().diagnosis;
     assert_eq!(d.cause.verdict, "none", "{:?}", d.cause.contributions);
@@ -177,7 +189,8 @@ fn a_constant_that_was_found_says_how_it_is_declared_and_whether_it_is_a_trim() 
     for (values, differs) in [([0.5, 0.9, 0.7], true), ([0.6, 0.6, 0.6], false)] {
         let all = logs(("input_offset", "u"), &values, None, 6600);
         let d = found(&declared(&[]), &all[..2], &all[2..]);
-        let constant = d.caveats.iter().find(|c| matches!(c, Caveat::Constant { .. })).unwrap_or_else(|| panic!("{:?}", keys(&d.diagnosis)));
+        let constant =
+            d.caveats.iter().find(|c| matches!(c, Caveat::Constant { .. })).unwrap_or_else(|| panic!("{:?}", keys(&d.diagnosis)));
         let text = constant.to_string();
         assert!(text.contains("`[[nuisances]]` with `effect = \"") && text.contains("its `std`"), "{text}");
         let Caveat::Constant { constancy, .. } = constant else { unreachable!() };

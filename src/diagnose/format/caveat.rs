@@ -249,7 +249,9 @@ pub enum Caveat {
         std: String,
     },
     /// A nuisance that is alike in all logs.
-    #[error("the nuisance `{nuisance}` is {value}, alike in all logs: so it may be a cause, and takes no part in the gap; take the entry out to have it judged")]
+    #[error(
+        "the nuisance `{nuisance}` is {value}, alike in all logs: so it may be a cause, and takes no part in the gap; take the entry out to have it judged"
+    )]
     NuisanceAlike {
         /// The nuisance.
         nuisance: String,

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::active_effects::ActiveEffects;
+use super::active_effects::{ActiveEffects, NO_EFFECT};
 use super::gaussian::Likelihood;
 use super::nuisances::Responses;
 use crate::effect::Applied;
@@ -29,9 +29,22 @@ impl Likelihood<'_> {
         effects.iter().cloned().chain(own).collect()
     }
 
-    /// Predicted outputs with constants at these deviations.
-    fn predict_with(&self, record: usize, active: ActiveEffects<'_>, deviations: &[f64]) -> Option<DMatrix<f64>> {
-        self.predict(record, active.with(&self.with_constants(active.effects, deviations)))
+    /// The outputs of a real run with constants at these deviations.
+    fn run_with(&self, record: usize, active: ActiveEffects<'_>, deviations: &[f64]) -> Option<DMatrix<f64>> {
+        self.run(record, active.with(&self.with_constants(active.effects, deviations)))
+    }
+
+    /// The responses about the constants that fit the model as it came best, and what a run with those is beside a run without any and the straight responses; `None`
+    /// without constants, and where they cannot be found.
+    pub(super) fn about_own_constants(&self, record: usize) -> Option<(Vec<DMatrix<f64>>, DMatrix<f64>)> {
+        self.declared.first()?;
+        let own = self.constants_of(record, NO_EFFECT)?.deviations;
+        let responses = self.declared_responses(record, NO_EFFECT, own.as_slice())?;
+        let mut bend = self.run_with(record, NO_EFFECT, own.as_slice())? - self.run(record, NO_EFFECT)?;
+        for (response, by) in responses.iter().zip(own.iter()) {
+            bend -= response * *by;
+        }
+        Some((responses, bend))
     }
 
     /// Responses of the outputs per unit of each constant, straight between half a standard deviation to either side of these deviations.
@@ -39,7 +52,7 @@ impl Likelihood<'_> {
         let response = |(at, std): (usize, f64)| {
             let moved = |by: f64| {
                 let there: Vec<f64> = deviations.iter().enumerate().map(|(i, d)| if i == at { d + by } else { *d }).collect();
-                self.predict_with(record, active, &there)
+                self.run_with(record, active, &there)
             };
             let response = (moved(0.5 * std)? - moved(-0.5 * std)?) / std;
             response.iter().all(|v| v.is_finite()).then_some(response)
@@ -58,7 +71,7 @@ impl Likelihood<'_> {
             let responses = Responses { declared, ..own.clone() };
             let w = responses.whitened(log, Some(span), noise);
             let factor = (w.tr_mul(&w) + responses.precision(&self.prior)).cholesky()?;
-            let left = self.residual(record, &self.predict_with(record, active, deviations.as_slice())?);
+            let left = self.residual(record, &self.run_with(record, active, deviations.as_slice())?);
             let left = DVector::from_column_slice(noise.whiten(log, Some(span), &left).as_slice());
             let gain = factor.solve(&w.transpose()).rows(first, count).into_owned();
             let there = &gain * (left + w.columns(first, count) * &deviations);

@@ -58,6 +58,8 @@ pub(in crate::diagnose) struct Likelihood<'a> {
     pub(super) prior: Vec<f64>,
     pub(super) noise: Vec<Noise>,
     pub(super) nuisances: Vec<Nuisances>,
+    /// Per record, what the constants that it has of its own do beyond their straight responses; nothing where they do nothing.
+    bends: Vec<Option<DMatrix<f64>>>,
     /// Integration steps allowed, per record.
     step_limits: Vec<usize>,
     /// Per output of a black box, what is no more than rounding.
@@ -104,6 +106,7 @@ impl<'a> Likelihood<'a> {
             prior,
             noise,
             nuisances: Vec::new(),
+            bends: Vec::new(),
             step_limits: Vec::new(),
             resolution,
             shrinkage: None,
@@ -130,6 +133,12 @@ impl<'a> Likelihood<'a> {
             raw.declared = alone.ok_or_else(|| GapError::Nominal { log: record.name.clone(), why: why.to_owned() })?;
             raw.declared_std = nuisances.iter().map(|n| n.std).collect();
             likelihood.nuisances.push(Nuisances::new(raw, record, &likelihood.noise[at], &likelihood.prior));
+            if let Some((declared, bend)) = likelihood.about_own_constants(at) {
+                let raw = Responses { declared, ..likelihood.nuisances[at].raw().clone() };
+                likelihood.nuisances[at] = Nuisances::new(raw, record, &likelihood.noise[at], &likelihood.prior);
+                likelihood.bends.resize(at, None);
+                likelihood.bends.push(Some(bend));
+            }
         }
         Ok(likelihood)
     }
@@ -235,7 +244,20 @@ impl<'a> Likelihood<'a> {
         Some(plan)
     }
 
+    /// The outputs of a real run, as long as the record: nothing in it is a straight line.
+    pub(super) fn run(&self, record: usize, active: ActiveEffects<'_>) -> Option<DMatrix<f64>> {
+        self.run_samples(record, active, &self.records[record].inputs, usize::MAX)
+    }
+
     fn predict_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
+        let y = self.run_samples(record, active, inputs, samples)?;
+        Some(match self.bends.get(record) {
+            Some(Some(bend)) => y + bend,
+            _ => y,
+        })
+    }
+
+    fn run_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
         let log = &self.records[record];
         let simulate = || {
             let plan = self.plan_on(record, active, samples)?;

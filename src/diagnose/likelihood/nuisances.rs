@@ -2,9 +2,10 @@
 //! (constants of which every log has its own, each with its prior), and commands that react to the noise of their own sample.
 //!
 //! How declared ones can be wrong:
-//! - The response to one is that of the nominal model, straight between half a standard deviation to either side. A clock that is off by much of the time in
-//!   which outputs move is not straight, nor is a push on a nonlinear model; what bends beyond it stays in every residual alike. So what is told and what is
-//!   scored on held-out data comes of real simulations (`constants.rs`, `best_start.rs`), and only the comparison of rivals rests on the straight line.
+//! - The response to one is a straight line: that of the model as it came, between half a standard deviation to either side of the value that fits this model best.
+//!   A clock that is off by much of the time in which outputs move bends, and so does a push on a nonlinear model. What the line misses at that best value is added
+//!   to every rival's predictions, so without a cause nothing is missing; a cause that moves the value by much leaves what bends in between. What is told and what
+//!   is scored on held-out data comes of real simulations (`constants.rs`, `best_start.rs`).
 //! - It swallows a cause: with a wide prior a constant that is the same in all logs costs next to nothing, log by log. What is alike in all logs beyond
 //!   chance is told as such, and so is an estimate that its prior contradicts.
 //! - It does what the start does: an offset of a sensor beside an integrating state whose start is unknown. The two share the difference by their priors; the sum is

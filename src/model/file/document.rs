@@ -4,7 +4,9 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{CandidateEntry, Channel, EffectEntry, EquationsFile, GroupEntry, GroupKind, ModelFile, NuisanceEntry, Operating, Syntax, read_text};
+use super::{
+    CandidateEntry, Channel, EffectEntry, EquationsFile, GroupEntry, GroupKind, ModelFile, NuisanceEntry, Operating, Syntax, read_text,
+};
 use crate::error::Result;
 use crate::log::{Log, LogError};
 use crate::model::ModelError;

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize, Serializer};
 use super::nuisance::check_nuisances;
 use super::table::{self, Table};
 use super::{
-    CandidateEntry, Candidates, Channel, ChannelKind, EffectEntry, FORMAT, NuisanceEntry, Operating, Sign, Syntax, parse_text, read_text, syntax,
-    write_text,
+    CandidateEntry, Candidates, Channel, ChannelKind, EffectEntry, FORMAT, NuisanceEntry, Operating, Sign, Syntax, parse_text, read_text,
+    syntax, write_text,
 };
 use crate::error::Result;
 use crate::model::{Definition, EquationError, Equations, ModelError, OutputVariable, Parameter, StateVariable, Symbol};

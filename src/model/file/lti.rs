@@ -5,11 +5,11 @@ use std::path::Path;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    CandidateEntry, Channel, EffectEntry, EquationsFile, FORMAT, NuisanceEntry, Operating, ParameterEntry, Sign, StateEntry, Syntax, parse_text,
-    read_text, syntax, write_text,
-};
 use super::nuisance::check_nuisances;
+use super::{
+    CandidateEntry, Channel, EffectEntry, EquationsFile, FORMAT, NuisanceEntry, Operating, ParameterEntry, Sign, StateEntry, Syntax,
+    parse_text, read_text, syntax, write_text,
+};
 use crate::error::Result;
 use crate::model::c2d::Conversion;
 use crate::model::{Continuous, ModelError, Sampled, StateSpace};
