@@ -223,8 +223,8 @@ pub enum Caveat {
     },
     /// A constant among what was found, which no log need share.
     #[error(
-        "`{effect}:{channel}` is a constant{}. Where it may be another in every log, and no cause, declare it in the model file: an entry of `[[nuisances]]` \
-         with `effect = \"{effect}\"`, `channel = \"{channel}\"` and its `std` from log to log", constancy.words()
+        "`{effect}:{channel}` is a constant{}. If it may differ from log to log, declare it in the model file: `[[nuisances]]` with `effect = \"{effect}\"`, \
+         `channel = \"{channel}\"` and its `std`", constancy.words()
     )]
     Constant {
         /// The effect.
