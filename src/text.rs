@@ -39,6 +39,20 @@ pub fn shown(text: &str) -> String {
     cut(text, LONGEST)
 }
 
+/// A number with its standard deviation, both with two digits of that: `1.30 ± 0.21`.
+///
+/// ```
+/// use deadtime::text::plus_minus;
+/// assert_eq!(plus_minus(1.3042, 0.213), "1.30 ± 0.21");
+/// assert_eq!(plus_minus(-412.3, 17.0), "-412 ± 17");
+/// ```
+#[must_use]
+pub fn plus_minus(value: f64, std: f64) -> String {
+    let place = if std > 0.0 && std.is_finite() { std.log10().floor() } else { 0.0 };
+    let digits = (1.0 - place).clamp(0.0, 15.0) as usize;
+    if digits <= 8 { format!("{value:.digits$} ± {std:.digits$}") } else { format!("{value:e} ± {std:.1e}") }
+}
+
 /// A message as one paragraph: line breaks stay, blank lines go, other control characters are shown as their escapes, and long lines are cut.
 #[must_use]
 pub fn message(text: &str) -> String {

@@ -68,6 +68,22 @@ class FoundEffect(TypedDict):
     parameters: list[Parameter]
 
 
+class Nuisance(TypedDict):
+    """A nuisance of the model file in one log."""
+
+    effect: str
+    channel: str
+    log: str
+    parameter: str
+    unit: str
+    #: Beside what was found.
+    value: float
+    #: Standard deviation.
+    std: float
+    #: Standard deviation of its prior.
+    prior_std: float
+
+
 class NotTried(TypedDict):
     """A candidate that was left out, and why."""
 
@@ -206,6 +222,12 @@ class Diagnosis(Result):
         """How far the gap shrinks on held-out data: `before`, `after`, `floor`, `fraction`, `of_explainable`, `ci95`, `outputs`."""
         shrink: dict[str, Any] = self._data["shrink"]
         return shrink
+
+    @property
+    def nuisances(self) -> list[Nuisance]:
+        """What the model file declares as unknown anew in every log, one entry per log; empty where it declares nothing."""
+        nuisances: list[Nuisance] = self._data.get("nuisances", [])
+        return nuisances
 
     @property
     def caveats(self) -> list[str]:

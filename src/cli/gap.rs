@@ -7,7 +7,8 @@ use super::criteria::Thresholds;
 use super::progress::Bar;
 use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
-use crate::diagnose::{GapOptions, Mode, diagnose, isolability};
+use crate::diagnose::{GapError, GapOptions, Mode, diagnose, isolability};
+use crate::error::Error;
 use crate::log::Log;
 use crate::model::CandidateEntry;
 use crate::report::diagnosis::{ranking, summary};
@@ -112,7 +113,7 @@ impl Gap {
         };
         let Some(out) = self.out.as_deref().filter(|_| !self.isolability) else {
             let bar = Bar::new(to);
-            let found = isolability(&subject, &logs, &options, bar.far())?;
+            let found = isolability(&subject, &logs, &options, bar.far()).map_err(|e| self.in_file(e))?;
             drop(bar);
             to.json(&found)?;
             say!(to, "{}", isolability_text(&found).trim_end());
@@ -121,7 +122,7 @@ impl Gap {
         let bar = Bar::new(to);
         let found = diagnose(&subject, &logs, &holdout, &options, &|stage| bar.far().at(stage.begins_at(), &stage));
         drop(bar);
-        let found = found?;
+        let found = found.map_err(|e| self.in_file(e))?;
         let written = save(&found, out)?;
         to.json(&found.diagnosis)?;
         if self.brief {
@@ -138,5 +139,12 @@ impl Gap {
         }
         say!(to, "\nWritten to {}: {}.", out.display(), written.join(", "));
         Ok(())
+    }
+    /// An error with the file that it stands in.
+    fn in_file(&self, error: Error) -> anyhow::Error {
+        match (&error, &self.model) {
+            (Error::Gap(GapError::Nuisance { .. }), Some(path)) => anyhow::Error::from(error).context(path.display().to_string()),
+            _ => error.into(),
+        }
     }
 }

@@ -33,7 +33,7 @@ pub use answer::isolability::{Class, EffectVisibility, Isolability, IsolabilityF
 pub use answer::traces::{CommandTrace, Trace};
 pub use checks::inspection::{ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect};
 pub use checks::topics::{ClockOffset, LogClocks, TopicClock, clocks};
-pub use format::caveat::Caveat;
+pub use format::caveat::{Caveat, Constancy};
 pub use format::contributions::{Contribution, Description, Explained, Recalibration, Remainder, Share, Strength};
 pub use format::diagnosis::{
     Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, Gap, GapOutput, Holdout, HorizonError, Metric, Mode, NotTried,
@@ -41,6 +41,7 @@ pub use format::diagnosis::{
 };
 pub use format::error::GapError;
 pub use format::found::{FoundEffect, FoundParameter};
+pub use format::nuisance::NuisanceEstimate;
 pub use format::place::{Band, Regime, TimeSpan, Where, WhereOutput};
 pub use format::progress::Stage;
 pub use input::criteria::Criteria;

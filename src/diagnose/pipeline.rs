@@ -19,7 +19,9 @@ use crate::diagnose::answer::later_rows::later_rows;
 use crate::diagnose::answer::location::{locate, output_shares};
 use crate::diagnose::answer::missing_force::describe;
 use crate::diagnose::answer::nominal::nominal_caveats;
+use crate::diagnose::answer::nuisances::{nuisance_caveats, nuisance_estimates};
 use crate::diagnose::answer::traces::{CommandTrace, Trace, command_traces, traces};
+use crate::diagnose::answer::trims::constant_caveats;
 use crate::diagnose::baseline::motion::Motion;
 use crate::diagnose::baseline::predictor::Predictor;
 use crate::diagnose::baseline::runaway::must_not_explode;
@@ -106,7 +108,9 @@ pub fn diagnose<'a>(
         let simulator = Simulator::of(subject, &parts.logs, &options.stop)?;
         let mut found = in_stages(subject, &simulator, &parts.logs, &parts.holdout, options, progress)?;
         let later = match (subject, &found.model, found.diagnosis.prediction.mode) {
-            (Subject::Model(nominal), Some(model), Mode::Simulation) => later_rows(&parts.cut, nominal, model, &options.criteria),
+            (Subject::Model(nominal), Some(model), Mode::Simulation) => {
+                later_rows(&parts.cut, nominal, model, &found.diagnosis.nuisances, &options.criteria)
+            }
             _ => Vec::new(),
         };
         found.caveats.splice(0..0, whole_turns(subject, &parts.logs).into_iter().chain(parts.caveats).chain(later));
@@ -141,7 +145,7 @@ pub fn isolability<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], options: &
         let likelihood = baseline.likelihood(&simulator, &inputs, options)?;
         let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
         let mut scales = baseline.motion.scales(&simulator.system, &inputs.records, &before, inputs.longest_delay_s);
-        let candidates = catalogue(&simulator.system, inputs.probed.as_ref(), &scales).candidates;
+        let candidates = catalogue(&simulator.system, &inputs.nuisances, inputs.probed.as_ref(), &scales).candidates;
         scales.scanned = typical(&simulator.system, &candidates, &scales);
         let names = Names { model: subject.name(), logs: logs.iter().map(|l| l.source().to_owned()).collect() };
         isolability_of::isolability(&likelihood, candidates, &scales, &baseline.noise_std, names, far)
@@ -180,6 +184,7 @@ impl Baseline {
             records: &inputs.records,
             predictor: &self.predictor,
             model_effects: inputs.model_effects.clone(),
+            nuisances: &inputs.nuisances,
             prior: self.motion.prior(system),
             noise_std: &self.noise_std,
             resolution: inputs.probed.as_ref().map(|p| p.resolution.clone()).unwrap_or_default(),
@@ -238,7 +243,7 @@ fn in_stages(
 
     let chosen = Predictor::of(system, &inputs.records, &inputs.poles, inputs.probed.as_ref(), None, &options.criteria);
     let checked = checks(system, &inputs.model_effects, &inputs.records, chosen, &HowFar::default());
-    let Catalogue { candidates, left_out } = catalogue(system, inputs.probed.as_ref(), &scales);
+    let Catalogue { candidates, left_out } = catalogue(system, &inputs.nuisances, inputs.probed.as_ref(), &scales);
     scales.scanned = scanned(&likelihood, &candidates, &scales);
     let Searched { likelihood, found } =
         search(likelihood, candidates.clone(), &checked.remedies, &scales, &baseline.motion.smallest, progress)
@@ -330,11 +335,17 @@ impl Answer<'_> {
                 ..cause
             },
             shrink: improvement(likelihood, [&run_before, &run_after], decoded.as_deref(), &floor.floor, seed),
+            nuisances: nuisance_estimates(likelihood, composed.hypothesis.as_ref(), self.scales),
         };
         let effects: Vec<Applied> = composed.hypothesis.iter().flat_map(|e| e.effects.clone()).collect();
         let traces = traces(likelihood, Some(active).filter(|_| !effects.is_empty()), &floor.floor);
-        let mut caveats = nominal_caveats(system, records, &self.motion.predicted, &diagnosis);
+        let mut caveats = match self.with_nuisances() {
+            Some(predicted) => nominal_caveats(system, records, &predicted, &diagnosis),
+            None => nominal_caveats(system, records, &self.motion.predicted, &diagnosis),
+        };
         caveats.extend(self.caveats(&composed.judged));
+        caveats.extend(nuisance_caveats(likelihood, &diagnosis.nuisances));
+        caveats.extend(constant_caveats(likelihood, composed.hypothesis.as_ref(), self.scales, &self.motion.smallest));
         caveats.extend(handed.caveat);
         let model = self.subject.with(handed.effects.iter().map(Applied::to_entry), logs);
         let commands = command_traces(likelihood);
@@ -349,6 +360,14 @@ impl Answer<'_> {
             caveats,
             calls: None,
         })
+    }
+
+    /// What the model as it came predicts with what every log has of its own; `None` without nuisances of the model file.
+    fn with_nuisances(&self) -> Option<Vec<DMatrix<f64>>> {
+        let likelihood = self.likelihood;
+        let predicted = |(at, record): (usize, &LogRecord)| likelihood.predict_from_posterior(at, NO_EFFECT, record.estimated_from()?);
+        likelihood.declared.first()?;
+        likelihood.records.iter().enumerate().map(predicted).collect()
     }
 
     fn cause(&self, judgement: &Judgement) -> Cause {

@@ -233,6 +233,10 @@ pub trait Effect: Sync {
     fn corrects_model(&self) -> bool {
         false
     }
+    /// It adds a constant and does nothing else, in proportion to its one parameter: what may be another in every log, as a trim is.
+    fn is_constant(&self) -> bool {
+        false
+    }
     /// The effect of which it is a more elaborate form: the same on a channel at some of its parameters, or as near as many logs can show.
     fn elaborates(&self) -> Option<&'static str> {
         None

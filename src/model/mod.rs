@@ -24,7 +24,7 @@ pub use equations::{
 };
 pub use file::{
     Candidate, CandidateEntry, CandidateParameter, Candidates, Channel, ChannelKind, EffectEntry, EquationsFile, GroupEntry, GroupKind,
-    ModelDocument, ModelFile, Operating, ParameterEntry, State, StateEntry, whole_turn,
+    ModelDocument, ModelFile, NuisanceEntry, Operating, ParameterEntry, State, StateEntry, whole_turn,
 };
 pub use hinf::Peak;
 pub use nu_gap::{NuGap, nu_gap};
@@ -268,6 +268,16 @@ pub enum ModelError {
     Candidate {
         /// What it is called, or its text.
         candidate: String,
+        /// What is wrong, and the remedy.
+        why: String,
+    },
+    /// A nuisance that is none.
+    #[error("{path}: the nuisance `{nuisance}`: {why}", path = path.display())]
+    Nuisance {
+        /// The file.
+        path: std::path::PathBuf,
+        /// The entry, as `effect:channel`.
+        nuisance: String,
         /// What is wrong, and the remedy.
         why: String,
     },

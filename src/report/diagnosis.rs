@@ -1,19 +1,22 @@
 //! The diagnosis in plain sentences.
 
 use crate::diagnose::{
-    CheckKind, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, HorizonError, Mode, RankedPair, RankingRow, Recalibration,
-    Share, Strength,
+    CheckKind, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, HorizonError, Mode, NuisanceEstimate, RankedPair,
+    RankingRow, Recalibration, Share, Strength,
 };
 use crate::report::text::{Table, estimate};
+use crate::text::plus_minus;
 
 /// First, what the checks say of signs, axes, units and clocks where one fails: no dynamics has to be named for what a remedy at the log or the model settles.
 /// Five sentences: how big the gap is, where it sits, what causes it and how sure that is, what else it could be, how far it shrinks; and one more where
-/// several effects contribute or something stays: how much each takes. What stays is described in a sentence of its own where that is more than chance.
+/// several effects contribute or something stays: how much each takes. What stays is described in a sentence of its own where that is more than chance, and so
+/// are the nuisances that the model file declares.
 #[must_use]
 pub fn summary(found: &Diagnosed) -> String {
     let d = &found.diagnosis;
     let rest = described(d).map(|sentence| format!("Rest: {sentence}."));
-    let lines = [first(found), Some(size(d)), Some(place(d)), Some(cause(d)), budget(d), rest, Some(rivals(d)), Some(shrink(d))];
+    let own = nuisances(d).map(|each| format!("Nuisances: {each}."));
+    let lines = [first(found), Some(size(d)), Some(place(d)), Some(cause(d)), budget(d), rest, own, Some(rivals(d)), Some(shrink(d))];
     lines.into_iter().flatten().collect::<Vec<_>>().join("\n")
 }
 
@@ -141,6 +144,25 @@ fn budget(d: &Diagnosis) -> Option<String> {
 /// What stays, as a missing force.
 pub(super) fn described(d: &Diagnosis) -> Option<&str> {
     Some(d.cause.remainder.as_ref()?.description.as_ref()?.sentence.as_str())
+}
+
+/// What every log has of its own, as `input_offset:u = 1.30 ± 0.21 V in a.csv, …`; `None` without nuisances.
+pub(super) fn nuisances(d: &Diagnosis) -> Option<String> {
+    let one = |(at, n): (usize, &NuisanceEstimate)| {
+        let unit = if n.unit == "1" { String::new() } else { format!(" {}", n.unit) };
+        let same = |before: &NuisanceEstimate| before.effect == n.effect && before.channel == n.channel;
+        let begins = at == 0 || !d.nuisances.get(at - 1).is_some_and(same);
+        let name = if begins { format!("{}:{} = ", n.effect, n.channel) } else { String::new() };
+        let apart = if at == 0 {
+            ""
+        } else if begins {
+            "; "
+        } else {
+            ", "
+        };
+        format!("{apart}{name}{}{unit} in {}", plus_minus(n.value, n.std), n.log)
+    };
+    (!d.nuisances.is_empty()).then(|| d.nuisances.iter().enumerate().map(one).collect())
 }
 
 /// The probability of the verdict.

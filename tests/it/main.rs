@@ -69,6 +69,7 @@ mod gap_mixture;
 #[cfg(feature = "cli")]
 mod gap_moving;
 mod gap_nominal;
+mod gap_nuisances;
 mod gap_rest;
 mod gap_stepping;
 mod gate;

@@ -72,5 +72,5 @@ fn every_example_of_the_page_on_model_files_is_read() {
         let model = read(block.split("```").next().unwrap()).unwrap();
         kinds.push(model.name().to_owned());
     }
-    assert_eq!(kinds, ["cart", "heater", "pendulum", "two heaters"]);
+    assert_eq!(kinds, ["cart", "heater", "pendulum", "two heaters", "heater in a room"]);
 }

@@ -3,23 +3,30 @@
 use std::ops::Range;
 
 use crate::diagnose::format::caveat::Caveat;
+use crate::diagnose::format::nuisance::NuisanceEstimate;
 use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::likelihood::errors::overall;
 use crate::effect::OnLog;
 use crate::log::Log;
-use crate::model::{Channel, ModelDocument};
+use crate::model::{Channel, EffectEntry, ModelDocument};
 use crate::signal::stats;
 use crate::simulate::Response;
 
-/// How far what was found holds in the later rows of every log of which so many were looked at; of a model that cannot be run over a log nothing is said.
+/// How far what was found, with the log's own nuisances, holds in the later rows of every log of which so many were looked at; of a model that cannot be run over a log nothing is said.
 pub(in crate::diagnose) fn later_rows(
     cut: &[(&Log, usize)],
     nominal: &ModelDocument,
     found: &ModelDocument,
+    nuisances: &[NuisanceEstimate],
     criteria: &Criteria,
 ) -> Vec<Caveat> {
     let of = |(log, used): &(&Log, usize)| {
-        let run = |model| OnLog::new(model, log).ok()?.response().ok();
+        let own: Vec<EffectEntry> = nuisances.iter().filter(|n| n.log == log.source()).map(NuisanceEstimate::to_entry).collect();
+        let run = |model: &ModelDocument| {
+            let mut model = model.clone();
+            model.effects_mut().extend(own.iter().cloned());
+            OnLog::new(&model, log).ok()?.response().ok()
+        };
         let (as_it_came, with_found) = (run(nominal)?, run(found)?);
         let later = *used..log.len();
         let before = nrmse(nominal.outputs(), log, &as_it_came, later.clone())?;

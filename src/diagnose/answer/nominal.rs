@@ -18,7 +18,7 @@ const CONSTANT: f64 = 1.0;
 /// What was found mends the model where it takes half of the error.
 const MENDED: f64 = 0.5;
 
-/// All that has to be said. `predicted`: by the model as it came, from its own start; a predictor follows every level.
+/// All that has to be said. `predicted`: by the model as it came, from its own start or with what is a log's own; a predictor follows every level.
 pub(in crate::diagnose) fn nominal_caveats(
     system: &System,
     records: &[LogRecord],

@@ -64,7 +64,7 @@ pub(in crate::diagnose) fn command_traces(likelihood: &Likelihood<'_>) -> Vec<Co
 pub(in crate::diagnose) fn traces(likelihood: &Likelihood<'_>, found: Option<ActiveEffects<'_>>, floor: &[f64]) -> Vec<Trace> {
     let predictions = |active: ActiveEffects<'_>| -> Option<Vec<DMatrix<f64>>> {
         let records = likelihood.records.iter().enumerate();
-        records.map(|(at, record)| likelihood.predict_from_posterior(at, active, record.train.or(record.held)?)).collect()
+        records.map(|(at, record)| likelihood.predict_from_posterior(at, active, record.estimated_from()?)).collect()
     };
     let Some(before) = predictions(NO_EFFECT) else { return Vec::new() };
     let after = found.and_then(predictions);

@@ -212,6 +212,7 @@ mod tests {
                 states: Vec::new(),
                 context: Vec::new(),
                 train: Some(Span { from_s, to_s: 30.0 }),
+                anew: None,
                 held: None,
             };
             let mut all_there = record.clone();

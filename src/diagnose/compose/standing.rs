@@ -3,8 +3,9 @@
 use nalgebra::DMatrix;
 
 use crate::diagnose::hypothesis::effects::Hypothesis;
+use crate::diagnose::hypothesis::slopes::information;
 use crate::diagnose::likelihood::errors::Errors;
-use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
+use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::effect::Scales;
 
@@ -53,15 +54,6 @@ impl Standing {
     pub(super) fn better_by_t(&self, than: &Self) -> f64 {
         t_of(&than.blocks.iter().zip(&self.blocks).map(|(theirs, own)| theirs - own).collect::<Vec<_>>())
     }
-}
-
-fn information(likelihood: &Likelihood<'_>, columns: &[Whitened], prior: &[(f64, f64)]) -> DMatrix<f64> {
-    let all: Vec<&Whitened> = columns.iter().collect();
-    let mut information = likelihood.inner_of_all(&all);
-    for (at, (precision, _)) in prior.iter().enumerate() {
-        information[(at, at)] += precision;
-    }
-    information
 }
 
 /// Student's t of a mean of 0; 0 where nothing differs.

@@ -221,12 +221,73 @@ pub enum Caveat {
         /// What was found.
         effects: String,
     },
+    /// A constant among what was found, which no log need share.
+    #[error(
+        "`{effect}:{channel}` is a constant{}. If it may differ from log to log, declare it in the model file: `[[nuisances]]` with `effect = \"{effect}\"`, \
+         `channel = \"{channel}\"` and its `std`", constancy.words()
+    )]
+    Constant {
+        /// The effect.
+        effect: String,
+        /// Where it acts.
+        channel: String,
+        /// Whether it is one in all logs.
+        constancy: Constancy,
+    },
+    /// A nuisance whose value its prior contradicts.
+    #[error(
+        "the nuisance `{nuisance}` is {value} in {log}, more than three times its `std` of {std}: widen that, or take the entry out to have it judged as a cause"
+    )]
+    NuisanceBeyondPrior {
+        /// The nuisance.
+        nuisance: String,
+        /// Value and standard deviation.
+        value: String,
+        /// The log.
+        log: String,
+        /// The standard deviation of its prior.
+        std: String,
+    },
+    /// A nuisance that is alike in all logs.
+    #[error(
+        "the nuisance `{nuisance}` is {value}, alike in all logs: so it may be a cause, and takes no part in the gap; take the entry out to have it judged"
+    )]
+    NuisanceAlike {
+        /// The nuisance.
+        nuisance: String,
+        /// Value and standard deviation over all logs.
+        value: String,
+    },
     /// An output without a sample in what is held out.
     #[error("`{output}` has no sample in what is held out: how far its gap shrinks is not known")]
     NothingHeldOut {
         /// The output.
         output: String,
     },
+}
+
+/// Whether a constant is one in all logs that were learnt from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Constancy {
+    /// There is one log, or none that shows it.
+    NotKnown,
+    /// The logs differ by no more than chance.
+    Alike,
+    /// They differ by more.
+    Differs {
+        /// The value in each.
+        values: String,
+    },
+}
+
+impl Constancy {
+    fn words(&self) -> String {
+        match self {
+            Self::NotKnown => String::new(),
+            Self::Alike => ", alike in all logs within chance".to_owned(),
+            Self::Differs { values } => format!(": {values}. It is another in every log, so a trim rather than a cause"),
+        }
+    }
 }
 
 impl Caveat {

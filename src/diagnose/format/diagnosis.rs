@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::contributions::{Contribution, Explained, Recalibration, Remainder};
 use super::found::FoundEffect;
+use super::nuisance::NuisanceEstimate;
 use super::place::Where;
 use crate::error::Result;
 use crate::file::{read_text, write_atomic};
@@ -72,6 +73,9 @@ pub struct Diagnosis {
     pub cause: Cause,
     /// How far the gap shrinks on the held-out data.
     pub shrink: Shrink,
+    /// The nuisances of the model file in every log; empty where it has none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub nuisances: Vec<NuisanceEstimate>,
 }
 
 /// A part of a log that was held back.

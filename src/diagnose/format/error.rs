@@ -122,6 +122,16 @@ pub enum GapError {
         /// The most.
         most: usize,
     },
+    /// A nuisance that is none.
+    #[error("model {model}, the nuisance `{nuisance}`: {why}")]
+    Nuisance {
+        /// The model.
+        model: String,
+        /// The entry, as `effect:channel`.
+        nuisance: String,
+        /// What is wrong, and the remedy.
+        why: String,
+    },
     /// The nominal model cannot follow the log.
     #[error("{log}: the model cannot be simulated on it: {why}")]
     Nominal {

@@ -5,5 +5,6 @@ pub(in crate::diagnose) mod contributions;
 pub(in crate::diagnose) mod diagnosis;
 pub(in crate::diagnose) mod error;
 pub(in crate::diagnose) mod found;
+pub(in crate::diagnose) mod nuisance;
 pub(in crate::diagnose) mod place;
 pub(in crate::diagnose) mod progress;

@@ -273,7 +273,7 @@ fn responses(likelihood: &Likelihood<'_>, others: &[Applied], input: usize) -> O
 /// The equations of one record about the delays that are at work.
 fn linear(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, at: usize, input: usize, g: &DMatrix<f64>) -> Option<Linear> {
     let record = &likelihood.records[at];
-    let span = record.train.or(record.held)?;
+    let span = record.estimated_from()?;
     let residual = likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?);
     let e = match record.train.is_some() {
         true => likelihood.whiten_in(at, &residual, span),

@@ -66,7 +66,7 @@ fn decode_input(likelihood: &Likelihood<'_>, others: &[Applied], lost: &mut Drop
     // Losses whose end does not show.
     let mut cut: Vec<Wait> = Vec::new();
     let decode = |(at, record): (usize, &LogRecord)| {
-        let span = record.train.or(record.held)?;
+        let span = record.estimated_from()?;
         let active = ActiveEffects { effects: others, lost: Some(&lost.sequences) };
         let residual = likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?);
         let plan = likelihood.plan(others, Chance::Mean)?;

@@ -1,5 +1,6 @@
 //! Derivatives of whitened residuals by parameters.
 
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::direction::difference;
@@ -71,3 +72,13 @@ pub(in crate::diagnose) fn slopes(
 const SHOWS: f64 = 0.3;
 /// The same in units of what rounding does.
 const ABOVE_ROUNDING: f64 = 30.0;
+
+/// The information matrix of parameters whose derivatives these are; `prior`: as [`Hypothesis::prior`].
+pub(in crate::diagnose) fn information(likelihood: &Likelihood<'_>, columns: &[Whitened], prior: &[(f64, f64)]) -> DMatrix<f64> {
+    let all: Vec<&Whitened> = columns.iter().collect();
+    let mut information = likelihood.inner_of_all(&all);
+    for (at, (precision, _)) in prior.iter().enumerate() {
+        information[(at, at)] += precision;
+    }
+    information
+}

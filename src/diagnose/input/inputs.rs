@@ -4,11 +4,12 @@ use std::num::NonZeroUsize;
 use std::sync::Arc;
 
 use super::black_box::{Probed, probe, remembering};
+use super::nuisance::{Nuisance, nuisances};
 use super::options::GapOptions;
 use super::poles::Poles;
 use super::record::LogRecord;
 use super::restart::restart;
-use super::spans::{longest_delay, set_spans};
+use super::spans::{Divide, longest_delay};
 use super::subject::Subject;
 use crate::diagnose::format::diagnosis::{Holdout, Mode};
 use crate::diagnose::format::error::GapError;
@@ -39,6 +40,8 @@ impl Simulator {
 pub(in crate::diagnose) struct Inputs {
     /// Effects that belong to the simulator.
     pub(in crate::diagnose) model_effects: Vec<Applied>,
+    /// What is unknown anew in every log.
+    pub(in crate::diagnose) nuisances: Vec<Nuisance>,
     /// Training logs, then those held out.
     pub(in crate::diagnose) records: Vec<LogRecord>,
     /// What was found out about a simulator that can only be called.
@@ -72,6 +75,7 @@ impl Inputs {
             return Err(GapError::NoPredictor.into());
         }
         let model_effects = model_effects(subject, system)?;
+        let nuisances = nuisances(subject, system)?;
         let mut records = logs.iter().chain(holdout).map(|log| LogRecord::new(log, system)).collect::<Result<Vec<_>>>()?;
         let horizon = horizon(options, &records)?;
         let restarted = restart(system, &mut records)?;
@@ -82,14 +86,28 @@ impl Inputs {
         if !(0.0..limit_s).contains(&longest_delay_s) {
             return Err(GapError::LongestDelay { given_s: longest_delay_s, limit_s }.into());
         }
-        let holdouts = set_spans(&mut records, logs.len(), !holdout.is_empty(), longest_delay_s, poles.settling_s, system.is_black_box());
-        Ok(Self { model_effects, records, probed, poles, holdouts, longest_delay_s, limit_s, horizon })
+        let divide = Divide {
+            held_out: !holdout.is_empty(),
+            anew: !nuisances.is_empty(),
+            start_s: longest_delay_s,
+            settling_s: poles.settling_s,
+            black_box: system.is_black_box(),
+        };
+        let holdouts = divide.set_spans(&mut records, logs.len());
+        Ok(Self { model_effects, nuisances, records, probed, poles, holdouts, longest_delay_s, limit_s, horizon })
     }
 
     /// All logs are learnt from, and nothing is held back.
     pub(in crate::diagnose) fn learn_from_all(&mut self, system: &System) {
         let logs = self.records.len();
-        set_spans(&mut self.records, logs, true, self.longest_delay_s, self.poles.settling_s, system.is_black_box());
+        let divide = Divide {
+            held_out: true,
+            anew: false,
+            start_s: self.longest_delay_s,
+            settling_s: self.poles.settling_s,
+            black_box: system.is_black_box(),
+        };
+        divide.set_spans(&mut self.records, logs);
     }
 }
 

@@ -6,6 +6,7 @@ pub(in crate::diagnose) mod criteria;
 pub(in crate::diagnose) mod first_part;
 pub(in crate::diagnose) mod inputs;
 pub(in crate::diagnose) mod log_caveats;
+pub(in crate::diagnose) mod nuisance;
 pub(in crate::diagnose) mod options;
 pub(in crate::diagnose) mod poles;
 pub(in crate::diagnose) mod record;

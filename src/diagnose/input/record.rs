@@ -36,6 +36,8 @@ pub(in crate::diagnose) struct LogRecord {
     pub(in crate::diagnose) context: Vec<(String, Vec<f64>)>,
     /// What parameters are fitted to.
     pub(in crate::diagnose) train: Option<Span>,
+    /// Of a held-out log, what its start and its nuisances are estimated from, where that is not what the shrink is measured on.
+    pub(in crate::diagnose) anew: Option<Span>,
     /// What the shrink is measured on.
     pub(in crate::diagnose) held: Option<Span>,
 }
@@ -81,6 +83,7 @@ impl LogRecord {
             states: logged_states(log, system)?,
             context: log.channels().filter(|c| !known(c.name())).map(further).collect(),
             train: None,
+            anew: None,
             held: None,
         })
     }
@@ -95,6 +98,11 @@ impl LogRecord {
 
     pub(in crate::diagnose) fn duration_s(&self) -> f64 {
         self.time_s.last().copied().unwrap_or(0.0)
+    }
+
+    /// What its start and its nuisances are estimated from.
+    pub(in crate::diagnose) fn estimated_from(&self) -> Option<Span> {
+        self.train.or(self.anew).or(self.held)
     }
 
     /// Samples up to the end of the training span.

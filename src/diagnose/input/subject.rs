@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use super::record::channels_fit;
 use crate::error::Result;
 use crate::log::{Log, LogError};
-use crate::model::{EffectEntry, ModelDocument, Operating};
+use crate::model::{EffectEntry, ModelDocument, NuisanceEntry, Operating};
 use crate::simulate::{Port, System};
 
 /// What is held against the logs.
@@ -68,6 +68,14 @@ impl<'a> Subject<'a> {
     pub(in crate::diagnose) fn effects(self) -> &'a [EffectEntry] {
         match self {
             Self::Model(document) => document.effects(),
+            Self::Simulator(_) => &[],
+        }
+    }
+
+    /// What is unknown anew in every log and no cause of a gap.
+    pub(in crate::diagnose) fn nuisances(self) -> &'a [NuisanceEntry] {
+        match self {
+            Self::Model(document) => document.nuisances(),
             Self::Simulator(_) => &[],
         }
     }

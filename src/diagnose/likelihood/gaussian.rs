@@ -1,4 +1,4 @@
-//! The likelihood that all rivals share: predictions, the initial state as a nuisance, whitened residuals.
+//! The likelihood that all rivals share: predictions, what is a nuisance, whitened residuals.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use nalgebra::{Const, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 use super::active_effects::{ActiveEffects, NO_EFFECT};
-use super::nuisances::{Common, Nuisances};
+use super::nuisances::{Common, Nuisances, Responses};
 use super::simulated::{Key, Simulated};
 use crate::diagnose::baseline::feedback;
 use crate::diagnose::baseline::noise::Noise;
@@ -14,9 +14,9 @@ use crate::diagnose::baseline::predictor::Predictor;
 use crate::diagnose::format::error::GapError;
 use crate::diagnose::input::budget::{Allowance, Budget};
 use crate::diagnose::input::criteria::Criteria;
+use crate::diagnose::input::nuisance::Nuisance;
 use crate::diagnose::input::record::{LogRecord, Span};
 use crate::effect::{Applied, Chance, Scales, Site};
-use crate::signal::stats;
 use crate::simulate::plan::Tolerance;
 use crate::simulate::{Commands, Correction, Plan, SimulateError, System, Wanted};
 use crate::stop::Stop;
@@ -28,6 +28,8 @@ pub(in crate::diagnose) struct Terms<'a> {
     pub(in crate::diagnose) predictor: &'a Predictor,
     /// Effects that belong to the simulator.
     pub(in crate::diagnose) model_effects: Vec<Applied>,
+    /// What is unknown anew in every log.
+    pub(in crate::diagnose) nuisances: &'a [Nuisance],
     /// Prior standard deviations of the start; 0: exactly known.
     pub(in crate::diagnose) prior: Vec<f64>,
     /// Standard deviation of every output's noise.
@@ -50,10 +52,14 @@ pub(in crate::diagnose) struct Likelihood<'a> {
     pub(in crate::diagnose) budget: &'static Budget,
     /// Effects that belong to the simulator.
     model_effects: Vec<Applied>,
+    /// What the model file declares as unknown anew in every log.
+    pub(in crate::diagnose) declared: &'a [Nuisance],
     /// Prior standard deviations of the start; 0: exactly known.
-    prior: Vec<f64>,
-    noise: Vec<Noise>,
-    nuisances: Vec<Nuisances>,
+    pub(super) prior: Vec<f64>,
+    pub(super) noise: Vec<Noise>,
+    pub(super) nuisances: Vec<Nuisances>,
+    /// Per record, what the constants that it has of its own do beyond their straight responses; nothing where they do nothing.
+    bends: Vec<Option<DMatrix<f64>>>,
     /// Integration steps allowed, per record.
     step_limits: Vec<usize>,
     /// Per output of a black box, what is no more than rounding.
@@ -83,7 +89,7 @@ impl<'a> Likelihood<'a> {
     /// # Errors
     /// [`GapError::Nominal`] where the nominal model cannot be simulated, [`crate::Error::Stopped`].
     pub(in crate::diagnose) fn new(terms: Terms<'a>) -> crate::Result<Self> {
-        let Terms { system, records, predictor, model_effects, prior, noise_std, resolution, criteria, stop } = terms;
+        let Terms { system, records, predictor, model_effects, nuisances, prior, noise_std, resolution, criteria, stop } = terms;
         let budget = Budget::of(system);
         let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
         let prior_states = prior.len().max(1);
@@ -96,9 +102,11 @@ impl<'a> Likelihood<'a> {
             criteria,
             budget,
             model_effects,
+            declared: nuisances,
             prior,
             noise,
             nuisances: Vec::new(),
+            bends: Vec::new(),
             step_limits: Vec::new(),
             resolution,
             shrinkage: None,
@@ -115,11 +123,22 @@ impl<'a> Likelihood<'a> {
             let shape = (record.time_s.len(), system.outputs.len());
             // Of a simulator that is started again every start is a nuisance of its own, window by window.
             let starts: Vec<usize> = (0..all.ncols()).filter(|c| free.contains(&(c % prior_states))).collect();
-            let mut raw: Vec<_> = starts.iter().map(|&j| DMatrix::from_column_slice(shape.0, shape.1, all.column(j).as_slice())).collect();
+            let column = |j: &usize| DMatrix::from_column_slice(shape.0, shape.1, all.column(*j).as_slice());
+            let mut raw = Responses { starts: starts.iter().map(column).collect(), ..Responses::default() };
             if let Some(predicted) = likelihood.predict(at, NO_EFFECT) {
-                raw.extend(feedback::regressors(record, &likelihood.residual(at, &predicted), &likelihood.criteria));
+                raw.feedback = feedback::regressors(record, &likelihood.residual(at, &predicted), &likelihood.criteria);
             }
-            likelihood.nuisances.push(Nuisances::new(raw, starts.len(), record, &likelihood.noise[at], &likelihood.prior));
+            let alone = likelihood.declared_responses(at, NO_EFFECT, &vec![0.0; nuisances.len()]);
+            let why = "what it does with a nuisance at half a standard deviation to either side is not finite; lower its `std`";
+            raw.declared = alone.ok_or_else(|| GapError::Nominal { log: record.name.clone(), why: why.to_owned() })?;
+            raw.declared_std = nuisances.iter().map(|n| n.std).collect();
+            likelihood.nuisances.push(Nuisances::new(raw, record, &likelihood.noise[at], &likelihood.prior));
+            if let Some((declared, bend)) = likelihood.about_own_constants(at) {
+                let raw = Responses { declared, ..likelihood.nuisances[at].raw().clone() };
+                likelihood.nuisances[at] = Nuisances::new(raw, record, &likelihood.noise[at], &likelihood.prior);
+                likelihood.bends.resize(at, None);
+                likelihood.bends.push(Some(bend));
+            }
         }
         Ok(likelihood)
     }
@@ -213,7 +232,7 @@ impl<'a> Likelihood<'a> {
     }
 
     /// The plan of a run over one record.
-    fn plan_on(&self, record: usize, active: ActiveEffects<'_>, samples: usize) -> Option<Plan> {
+    pub(super) fn plan_on(&self, record: usize, active: ActiveEffects<'_>, samples: usize) -> Option<Plan> {
         if self.stop.is_set() {
             return None;
         }
@@ -225,7 +244,20 @@ impl<'a> Likelihood<'a> {
         Some(plan)
     }
 
+    /// The outputs of a real run, as long as the record: nothing in it is a straight line.
+    pub(super) fn run(&self, record: usize, active: ActiveEffects<'_>) -> Option<DMatrix<f64>> {
+        self.run_samples(record, active, &self.records[record].inputs, usize::MAX)
+    }
+
     fn predict_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
+        let y = self.run_samples(record, active, inputs, samples)?;
+        Some(match self.bends.get(record) {
+            Some(Some(bend)) => y + bend,
+            _ => y,
+        })
+    }
+
+    fn run_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
         let log = &self.records[record];
         let simulate = || {
             let plan = self.plan_on(record, active, samples)?;
@@ -358,26 +390,6 @@ impl<'a> Likelihood<'a> {
         self.moved_to_posterior(record, y, self.records[record].train?)
     }
 
-    /// Predicted outputs from the start that fits best, simulated from there: what whoever runs the model gets, and not what the nominal model's response to a start says.
-    ///
-    /// Best is what leaves the least of the samples in `span`, every output over its own spread, beside the prior of the start. A simulator that can only be called is not asked so often.
-    pub(in crate::diagnose) fn predict_from_best_start<'e>(
-        &self,
-        record: usize,
-        active: impl Into<ActiveEffects<'e>>,
-        span: Span,
-    ) -> Option<DMatrix<f64>> {
-        let active = active.into();
-        let free: Vec<usize> = (0..self.prior.len()).filter(|&j| self.prior[j] > 0.0).collect();
-        if free.is_empty() || self.system.is_black_box() {
-            return self.predict_from_posterior(record, active, span);
-        }
-        let plan = self.plan_on(record, active, usize::MAX)?;
-        let log = &self.records[record];
-        let start = Start { likelihood: self, record, plan, rows: spread_rows(log, span), free };
-        start.best()
-    }
-
     fn moved_to_posterior(&self, record: usize, mut y: DMatrix<f64>, span: Span) -> Option<DMatrix<f64>> {
         let nuisances = &self.nuisances[record];
         if nuisances.is_empty() {
@@ -388,7 +400,7 @@ impl<'a> Likelihood<'a> {
         let e = DVector::from_column_slice(whitened.as_slice());
         let deviation =
             if log.train == Some(span) { nuisances.posterior(&e)? } else { nuisances.posterior_in(span, &e, log, noise, &self.prior)? };
-        nuisances.add_starts(&mut y, &deviation);
+        nuisances.add_to(&mut y, &deviation);
         Some(y)
     }
 
@@ -412,88 +424,5 @@ impl<'a> Likelihood<'a> {
         };
 
         self.records.iter().map(here).sum::<usize>() as f64
-    }
-}
-
-/// The samples of a span that an output has, each with the output's spread there; outputs that stand still are left out.
-fn spread_rows(record: &LogRecord, span: Span) -> Vec<(usize, usize, f64)> {
-    let mut rows = Vec::new();
-    for output in 0..record.measured.len() {
-        let inside: Vec<(usize, f64)> =
-            (0..record.time_s.len()).filter_map(|k| Some((k, record.measured_in(Some(span), output, k)?))).collect();
-        let values: Vec<f64> = inside.iter().map(|(_, y)| *y).collect();
-        let spread = stats::deviation(&values).unwrap_or(0.0);
-        rows.extend(inside.into_iter().filter(|_| spread > 0.0).map(|(k, _)| (k, output, spread)));
-    }
-    rows
-}
-
-/// A search for the start of one record.
-struct Start<'l, 'a> {
-    likelihood: &'l Likelihood<'a>,
-    record: usize,
-    plan: Plan,
-    rows: Vec<(usize, usize, f64)>,
-    free: Vec<usize>,
-}
-
-/// Steps of that search, and the part of the error from which another one is worth it.
-const START_STEPS: usize = 8;
-const START_GAIN: f64 = 1e-6;
-
-impl Start<'_, '_> {
-    fn at(&self, deviation: &DVector<f64>) -> Vec<f64> {
-        let mut start = self.likelihood.system.initial.clone();
-        self.free.iter().zip(deviation.iter()).for_each(|(j, by)| start[*j] += by);
-        start
-    }
-
-    /// The outputs from a start, and what they leave of each row over its output's spread.
-    fn run(&self, deviation: &DVector<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
-        let (likelihood, log) = (self.likelihood, &self.likelihood.records[self.record]);
-        let run = likelihood.system.simulate(&self.plan, log.commands(), &self.at(deviation), likelihood.correction(self.record)).ok()?;
-        let left = self.rows.iter().map(|&(k, i, spread)| log.measured[i].get(k).map_or(0.0, |y| (y - run.y[(k, i)]) / spread));
-        let left = DVector::from_iterator(self.rows.len(), left);
-        Some((run.y, left)).filter(|(_, left)| left.iter().all(|v| v.is_finite()))
-    }
-
-    /// ∂(outputs over their spreads)/∂start.
-    fn slopes(&self, deviation: &DVector<f64>) -> Option<DMatrix<f64>> {
-        let (likelihood, log) = (self.likelihood, &self.likelihood.records[self.record]);
-        let scale: Vec<f64> = likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
-        let correction = likelihood.correction(self.record);
-        let all = likelihood.system.sensitivity(&self.plan, log.commands(), &self.at(deviation), &scale, correction).ok()?;
-        let samples = log.time_s.len();
-        Some(DMatrix::from_fn(self.rows.len(), self.free.len(), |row, column| {
-            let (k, i, spread) = self.rows[row];
-            all[(i * samples + k, self.free[column])] / spread
-        }))
-    }
-
-    /// Gauss-Newton steps from the model's own start.
-    fn best(&self) -> Option<DMatrix<f64>> {
-        let precision = DVector::from_iterator(self.free.len(), self.free.iter().map(|&j| self.likelihood.prior[j].powi(-2)));
-        let count = self.rows.len().max(1) as f64;
-        let mut deviation = DVector::zeros(self.free.len());
-        let (mut y, mut left) = self.run(&deviation)?;
-        for _ in 0..START_STEPS {
-            let variance = left.norm_squared() / count;
-            let Some(slopes) = self.slopes(&deviation).filter(|s| variance > 0.0 && s.iter().all(|v| v.is_finite())) else { break };
-            let cost = |left: &DVector<f64>, at: &DVector<f64>| left.norm_squared() / variance + at.component_mul(at).dot(&precision);
-            let towards = slopes.tr_mul(&left) / variance - deviation.component_mul(&precision);
-            let information = slopes.tr_mul(&slopes) / variance + DMatrix::from_diagonal(&precision);
-            let Some(step) = information.cholesky().map(|c| c.solve(&towards)) else { break };
-            let now = cost(&left, &deviation);
-            if step.dot(&towards) < START_GAIN * now {
-                break;
-            }
-            let better = [1.0, 0.3, 0.1].into_iter().find_map(|part| {
-                let there = &deviation + part * &step;
-                self.run(&there).filter(|(_, left)| cost(left, &there) < now).map(|(y, left)| (there, y, left))
-            });
-            let Some(better) = better else { break };
-            (deviation, y, left) = better;
-        }
-        Some(y)
     }
 }

@@ -1,6 +1,8 @@
 //! How well effects at work describe the logs: whitened residuals with the nuisances integrated out.
 
 pub(in crate::diagnose) mod active_effects;
+mod best_start;
+pub(in crate::diagnose) mod constants;
 mod cross_validation;
 pub(in crate::diagnose) mod errors;
 pub(in crate::diagnose) mod gaussian;

@@ -13,7 +13,7 @@ pub(in crate::diagnose) fn residuals<'e>(likelihood: &Likelihood<'_>, active: im
         .into_par_iter()
         .map(|at| {
             let record = &likelihood.records[at];
-            let span = record.train.or(record.held)?;
+            let span = record.estimated_from()?;
             Some(likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?))
         })
         .collect()
@@ -26,7 +26,7 @@ pub(in crate::diagnose) fn simulated<'e>(likelihood: &Likelihood<'_>, active: im
         .into_par_iter()
         .map(|at| {
             let record = &likelihood.records[at];
-            let span = record.train.or(record.held)?;
+            let span = record.estimated_from()?;
             Some(likelihood.residual(at, &likelihood.predict_from_best_start(at, active, span)?))
         })
         .collect()

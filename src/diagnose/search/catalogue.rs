@@ -2,6 +2,7 @@
 
 use crate::diagnose::format::diagnosis::NotTried;
 use crate::diagnose::input::black_box::Probed;
+use crate::diagnose::input::nuisance::Nuisance;
 use crate::effect::{Applied, EFFECTS, Effect, Scales, Site};
 use crate::simulate::System;
 
@@ -12,7 +13,7 @@ pub(in crate::diagnose) struct Catalogue {
 }
 
 /// All candidates of a system, with the reasons for those that cannot act.
-pub(in crate::diagnose) fn catalogue(system: &System, probed: Option<&Probed>, scales: &Scales) -> Catalogue {
+pub(in crate::diagnose) fn catalogue(system: &System, nuisances: &[Nuisance], probed: Option<&Probed>, scales: &Scales) -> Catalogue {
     let (mut all, mut left_out) = (Vec::new(), Vec::new());
     for effect in EFFECTS {
         if effect.is_declared() && effect.channels(system).is_empty() {
@@ -48,6 +49,9 @@ pub(in crate::diagnose) fn catalogue(system: &System, probed: Option<&Probed>, s
         for channel in channels.extract_if(.., |channel| idle.contains(channel)) {
             let what = if effect.site() == Site::Input { "input" } else { "parameter" };
             left_out.push(not_tried(effect, format!("no output of the simulator depends on the {what} `{channel}`")));
+        }
+        for channel in channels.extract_if(.., |channel| nuisances.iter().any(|n| n.is(effect, channel))) {
+            left_out.push(not_tried(effect, format!("a nuisance of the model file on `{channel}`")));
         }
         let on = |channel: &String| Some(Applied::nominal(system, effect, channel).ok()?.shown_by(system, scales));
         all.extend(channels.iter().filter_map(on));

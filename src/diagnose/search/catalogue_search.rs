@@ -1,5 +1,6 @@
 //! The search through the catalogue: candidates screened, the promising ones fitted in full, pairs built on them, all compared under one noise model.
 
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::elaborations::held_back;
@@ -125,6 +126,11 @@ impl SearchResult {
 pub(in crate::diagnose) fn noise_of(likelihood: &Likelihood<'_>, hypothesis: Option<&Hypothesis>, smallest: &[f64]) -> Option<Vec<Noise>> {
     let residuals = residuals(likelihood, hypothesis.map_or(NO_EFFECT, ActiveEffects::from))?;
     let larger = hypothesis.map_or(1.0, |e| e.noise_over_left(likelihood));
+    Some(noise_in(likelihood, &residuals, larger, smallest))
+}
+
+/// The noise of residuals, so many times as large, per record; records of one sample time share it.
+pub(in crate::diagnose) fn noise_in(likelihood: &Likelihood<'_>, residuals: &[DMatrix<f64>], larger: f64, smallest: &[f64]) -> Vec<Noise> {
     let same = |a: f64, b: f64| (a - b).abs() <= 0.02 * b;
     let noise = |ts: f64| {
         let members: Vec<usize> = (0..residuals.len())
@@ -137,7 +143,7 @@ pub(in crate::diagnose) fn noise_of(likelihood: &Likelihood<'_>, hypothesis: Opt
         let residuals: Vec<_> = members.iter().map(|&i| &residuals[i]).collect();
         Noise::fit(&records, &residuals, smallest, &likelihood.criteria).times(larger)
     };
-    Some(likelihood.records.iter().map(|r| noise(r.sample_time_s)).collect())
+    likelihood.records.iter().map(|r| noise(r.sample_time_s)).collect()
 }
 
 /// Members of the best pair of a black box as hypotheses of their own, from where they stand in it: one that few calls were spent on may lead alone.

@@ -308,6 +308,7 @@ D = [[0.0], [0.0]]
             records: &inputs.records,
             predictor: &predictor,
             model_effects: Vec::new(),
+            nuisances: &[],
             prior: motion.prior(system),
             noise_std: &noise_std,
             resolution: Vec::new(),

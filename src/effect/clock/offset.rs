@@ -43,6 +43,10 @@ impl Effect for ClockOffset {
         channel::delays(scales).into_iter().flat_map(|t| [t.clone(), vec![-t[0]]]).collect()
     }
 
+    fn is_constant(&self) -> bool {
+        true
+    }
+
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
         let _ = (system, channel);
         plan.clock.offset_s += values[0];

@@ -43,6 +43,10 @@ impl Effect for ConstantDisturbance {
         Some(Telling::OperatingPoint)
     }
 
+    fn is_constant(&self) -> bool {
+        true
+    }
+
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
         plan.terms.push(Term::Constant { to: channel::state(self, system, channel)?, level: values[0] });
         Ok(())

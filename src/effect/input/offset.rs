@@ -47,6 +47,10 @@ impl Effect for InputOffset {
         Some(Telling::OperatingPoint)
     }
 
+    fn is_constant(&self) -> bool {
+        true
+    }
+
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
         let offset = values[0];
         plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(move |signal| signal.map(|p| (p.value + offset, p.slope))));

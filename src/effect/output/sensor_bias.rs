@@ -45,6 +45,10 @@ impl Effect for SensorBias {
         Some(Telling::OperatingPoint)
     }
 
+    fn is_constant(&self) -> bool {
+        true
+    }
+
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
         let offset = values[0];
         plan.outputs[channel::output(self, system, channel)?].maps.push(Arc::new(move |_, y| y + offset));

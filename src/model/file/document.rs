@@ -4,7 +4,9 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{CandidateEntry, Channel, EffectEntry, EquationsFile, GroupEntry, GroupKind, ModelFile, Operating, Syntax, read_text};
+use super::{
+    CandidateEntry, Channel, EffectEntry, EquationsFile, GroupEntry, GroupKind, ModelFile, NuisanceEntry, Operating, Syntax, read_text,
+};
 use crate::error::Result;
 use crate::log::{Log, LogError};
 use crate::model::ModelError;
@@ -234,6 +236,15 @@ impl ModelDocument {
         match self {
             Self::Lti(file) => &mut file.effects,
             Self::Equations(file) => &mut file.effects,
+        }
+    }
+
+    /// What is unknown anew in every log and no cause of a gap.
+    #[must_use]
+    pub fn nuisances(&self) -> &[NuisanceEntry] {
+        match self {
+            Self::Lti(file) => &file.nuisances,
+            Self::Equations(file) => &file.nuisances,
         }
     }
 

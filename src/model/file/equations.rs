@@ -4,10 +4,11 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize, Serializer};
 
+use super::nuisance::check_nuisances;
 use super::table::{self, Table};
 use super::{
-    CandidateEntry, Candidates, Channel, ChannelKind, EffectEntry, FORMAT, Operating, Sign, Syntax, parse_text, read_text, syntax,
-    write_text,
+    CandidateEntry, Candidates, Channel, ChannelKind, EffectEntry, FORMAT, NuisanceEntry, Operating, Sign, Syntax, parse_text, read_text,
+    syntax, write_text,
 };
 use crate::error::Result;
 use crate::model::{Definition, EquationError, Equations, ModelError, OutputVariable, Parameter, StateVariable, Symbol};
@@ -106,6 +107,9 @@ pub struct EquationsFile {
     /// Terms that are suspected to be missing.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub candidates: Vec<CandidateEntry>,
+    /// What is unknown anew in every log and no cause of a gap.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub nuisances: Vec<NuisanceEntry>,
 }
 
 /// Channels without the operating point, which only linear models have.
@@ -177,6 +181,7 @@ impl EquationsFile {
             groups: Vec::new(),
             effects: Vec::new(),
             candidates: Vec::new(),
+            nuisances: Vec::new(),
         }
     }
 
@@ -202,6 +207,7 @@ impl EquationsFile {
     fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
         super::check_sizes(path, [self.inputs.len(), self.states.len(), self.parameters.len(), self.outputs.len()])?;
         super::check_channels(path, &self.inputs, &self.outputs)?;
+        check_nuisances(path, &self.nuisances)?;
         super::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;
         let number = |key, value, rule| Err(ModelError::Number { path: path.to_owned(), key, value, rule });
         if self.sample_time_s != 0.0 {

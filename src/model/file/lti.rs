@@ -5,9 +5,10 @@ use std::path::Path;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
+use super::nuisance::check_nuisances;
 use super::{
-    CandidateEntry, Channel, EffectEntry, EquationsFile, FORMAT, Operating, ParameterEntry, Sign, StateEntry, Syntax, parse_text,
-    read_text, syntax, write_text,
+    CandidateEntry, Channel, EffectEntry, EquationsFile, FORMAT, NuisanceEntry, Operating, ParameterEntry, Sign, StateEntry, Syntax,
+    parse_text, read_text, syntax, write_text,
 };
 use crate::error::Result;
 use crate::model::c2d::Conversion;
@@ -65,6 +66,9 @@ pub struct ModelFile {
     /// Terms that are suspected to be missing: with one, the model is simulated as equations.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub candidates: Vec<CandidateEntry>,
+    /// What is unknown anew in every log and no cause of a gap.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub nuisances: Vec<NuisanceEntry>,
 }
 
 impl ModelFile {
@@ -95,6 +99,7 @@ impl ModelFile {
         super::check_sizes(path, [self.inputs.len(), states.len(), 0, self.outputs.len()])?;
         super::check_channels(path, &self.inputs, &self.outputs)?;
         super::check_names(path, "state", &states)?;
+        check_nuisances(path, &self.nuisances)?;
         super::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;
         super::check_list(path, "initial", &self.initial, states.len(), Sign::Any)?;
         super::check_list(path, "initial_std", &self.initial_std, states.len(), Sign::NotNegative)?;
@@ -176,6 +181,9 @@ impl ModelFile {
         if sampled.order() == self.states.len() && conversion.keeps_states() {
             (result.initial, result.initial_std) = (self.initial.clone(), self.initial_std.clone());
         }
+        if pair.is_none() {
+            result.nuisances.clone_from(&self.nuisances);
+        }
         Ok(result)
     }
 
@@ -211,6 +219,7 @@ impl ModelFile {
             d: rows(d),
             effects: Vec::new(),
             candidates: Vec::new(),
+            nuisances: Vec::new(),
         })
     }
 
@@ -269,6 +278,7 @@ impl ModelFile {
             output_equations: self.outputs.iter().enumerate().map(output).collect(),
             effects: self.effects.clone(),
             candidates: self.candidates.clone(),
+            nuisances: self.nuisances.clone(),
             ..EquationsFile::empty(&self.name)
         })
     }

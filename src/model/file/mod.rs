@@ -6,6 +6,7 @@ mod candidate;
 mod document;
 mod equations;
 mod lti;
+mod nuisance;
 mod table;
 mod transfer;
 
@@ -22,6 +23,7 @@ pub use candidate::{Candidate, CandidateEntry, CandidateParameter, Candidates};
 pub use document::ModelDocument;
 pub use equations::{EquationsFile, GroupEntry, GroupKind, ParameterEntry, StateEntry};
 pub use lti::{ModelFile, State};
+pub use nuisance::NuisanceEntry;
 
 const FORMAT: &str = "deadtime/model@1";
 /// What `kind` may say.

@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::{Complex, DMatrix};
 use serde::Deserialize;
 
-use super::{Channel, EffectEntry, ModelFile, State, Syntax, parse_text};
+use super::{Channel, EffectEntry, ModelFile, NuisanceEntry, State, Syntax, parse_text};
 use crate::model::{Continuous, ModelError, Sampled, StateSpace, TimeDomain, TransferFunction};
 use crate::time::SampleTime;
 
@@ -27,6 +27,8 @@ struct TransferFile {
     transfer: Vec<Transfer>,
     #[serde(default)]
     effects: Vec<EffectEntry>,
+    #[serde(default)]
+    nuisances: Vec<NuisanceEntry>,
 }
 
 /// From one input to one output; names may be left out where there is only one.
@@ -81,6 +83,7 @@ pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<ModelFile
     let mut model =
         ModelFile::from_matrices(&file.name, file.sample_time_s, [a, b, c, d], file.input_delay_s, (file.inputs, states, file.outputs))?;
     model.effects = file.effects;
+    model.nuisances = file.nuisances;
     model.check(path)?;
     Ok(model)
 }

@@ -2,7 +2,7 @@
 
 use super::axis::share as bar;
 use crate::diagnose::{Diagnosed, Diagnosis, FoundParameter, RankingRow, Share, Strength};
-use crate::report::diagnosis::{by_horizon, described, first, percent, probability, shared};
+use crate::report::diagnosis::{by_horizon, described, first, nuisances, percent, probability, shared};
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns};
 use crate::report::text::estimate;
 use crate::text::shown;
@@ -37,6 +37,9 @@ pub fn diagnosis(found: &Diagnosed, rows: usize) -> Styled {
     }
     if let Some(rest) = described(d) {
         text.sentence((Role::Doubt, "Rest: "), &format!("{rest}."), WIDTH, 2);
+    }
+    if let Some(own) = nuisances(d) {
+        text.sentence((Role::Label, "Nuisances: "), &format!("{own}."), WIDTH, 2);
     }
     for caveat in found.caveats.iter().filter(|c| !c.comes_first()) {
         text.sentence((Role::Doubt, "Caveat: "), &format!("{caveat}."), WIDTH, 2);
