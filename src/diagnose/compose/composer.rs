@@ -20,6 +20,7 @@ use crate::diagnose::baseline::spectrum::peaks_hz;
 use crate::diagnose::format::progress::Stage;
 use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
 use crate::diagnose::hypothesis::effects::Hypothesis;
+use crate::diagnose::hypothesis::slopes::Still;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::gaussian::Likelihood;
@@ -105,6 +106,9 @@ impl<'a> Composer<'_, 'a> {
         {
             composition = self.forward(other, &original, progress);
         }
+        if let Some(other) = self.elaborated(&composition, &original) {
+            composition = self.forward(other, &original, progress);
+        }
         if composition.hypothesis.effects.is_empty()
             && let Some(pair) = self.together(&original)
         {
@@ -113,9 +117,9 @@ impl<'a> Composer<'_, 'a> {
         if !self.likelihood.system.is_black_box()
             && let Some((released, size)) = self.recalibrated(&composition, &original)
         {
-            self.shrinkage = Some(size);
+            self.shrinkage = size;
             composition = self.forward(released, &original, progress);
-            composition.recalibration = Some(size);
+            composition.recalibration = size;
         }
         Some(composition)
     }
@@ -216,25 +220,35 @@ impl<'a> Composer<'_, 'a> {
     ) -> Vec<Hypothesis> {
         promising.truncate(counts[0]);
         let cost = self.cost(likelihood);
-        let fits = |hypotheses: Vec<Hypothesis>, steps: usize| -> Vec<Hypothesis> {
-            let refit = |e: Hypothesis| Hypothesis::refit(likelihood, e, &self.scales, cost, steps);
+        let trials = promising.into_iter().map(|candidate| to_be_fitted(from, Some(candidate), None)).collect();
+        let limited = |e: Hypothesis| e.with_missing_limits(likelihood, &self.scales, cost, likelihood.budget.steps);
+        self.most_gainful(likelihood, from, trials, counts[1]).into_par_iter().map(limited).collect()
+    }
+
+    /// Hypotheses near one that is fitted: those that gain most in a few steps, fitted to the end.
+    fn most_gainful(&self, likelihood: &Likelihood<'_>, near: &Hypothesis, trials: Vec<Hypothesis>, count: usize) -> Vec<Hypothesis> {
+        let cost = self.cost(likelihood);
+        let Some(still) = Still::of(near, likelihood, &self.scales) else { return Vec::new() };
+        let fits = |hypotheses: Vec<Hypothesis>, steps: (usize, &Still)| -> Vec<Hypothesis> {
+            let refit = |e: Hypothesis| Hypothesis::refit_beside(likelihood, e, &self.scales, cost, steps);
             let mut fitted: Vec<Hypothesis> = hypotheses.into_par_iter().filter_map(refit).collect();
             fitted.sort_by(|a, b| b.gain.total_cmp(&a.gain));
             fitted
         };
-        let mut fitted = fits(promising.into_iter().map(|candidate| to_be_fitted(from, Some(candidate), None)).collect(), TRIAL);
-        fitted.truncate(counts[1]);
-        let limited = |e: Hypothesis| e.with_missing_limits(likelihood, &self.scales, cost, likelihood.budget.steps);
-        fits(fitted, likelihood.budget.steps).into_par_iter().map(limited).collect()
+        let mut fitted = fits(trials, (TRIAL, &still));
+        fitted.truncate(count);
+        fits(fitted, (likelihood.budget.steps, &Still::NONE))
     }
 
     /// The fall of the cost that a candidate promises, and the guess that gave it.
     pub(super) fn promise(&self, likelihood: &Likelihood<'_>, beside: &Beside, candidate: &Applied) -> Option<(f64, Applied)> {
-        let shares: &[f64] = if has_limit(candidate) { &[1.0] } else { &[NEAR, 1.0] };
+        // A single number that only says how much has the same signature wherever it is taken.
+        let one_signature = matches!(&candidate.parameters[..], [p] if !p.role.is_shape()) && !has_limit(candidate);
         let mut best: Option<(f64, Applied)> = None;
-        for guess in self.guesses(likelihood, candidate) {
-            for share in shares {
-                let there = with(candidate, &between(candidate, &guess, *share));
+        for (at, guess) in self.guesses(likelihood, candidate).into_iter().enumerate() {
+            let near = !has_limit(candidate) && (at == 0 || !one_signature);
+            for share in [NEAR, 1.0].into_iter().filter(|share| near || *share > NEAR) {
+                let there = with(candidate, &between(candidate, &guess, share));
                 let effects: Vec<Applied> = beside.first.effects.iter().cloned().chain([there]).collect();
                 let Some(moved) = likelihood.whitened(&effects) else { continue };
                 let along = beside.promise(likelihood, &difference(&beside.residual, &moved, 1.0));
@@ -362,6 +376,30 @@ impl<'a> Composer<'_, 'a> {
         Some(self.backward(&likelihood, composition, best.clone(), earlier, original))
     }
 
+    /// The same with a plain effect in its elaborate form (a friction that falls with speed), where that does beside the plain one what a further cause must. Taken alone
+    /// the form begins far from there: here what both have in common begins as it was fitted.
+    fn elaborated(&self, composition: &Composition, original: &Original) -> Option<Composition> {
+        let (likelihood, present) = self.renewed(&composition.hypothesis).filter(|_| !self.likelihood.system.is_black_box())?;
+        let plain = present.hypothesis.effects.iter().filter(|a| !self.in_block(a));
+        let forms = plain.flat_map(|old| {
+            let elaborates = |a: &&Applied| a.effect.elaborates() == Some(old.effect.name()) && a.channel == old.channel;
+            self.candidates.iter().filter(elaborates).map(move |form| (old, form))
+        });
+        let trials: Vec<Hypothesis> = forms
+            .flat_map(|(old, form)| {
+                let begun = |guess: Vec<f64>| with(form, &in_common(old, form, guess));
+                let guesses = likelihood.first_guesses(form, &self.scales).into_iter().map(begun);
+                guesses.map(|form| to_be_fitted(&present.hypothesis, Some(form), Some(old))).collect::<Vec<_>>()
+            })
+            .collect();
+        let fitted = self.most_gainful(&likelihood, &present.hypothesis, trials, SWAPPED[1]);
+        let standings: Vec<Standing> = fitted.into_iter().filter_map(|e| Standing::of(&likelihood, e, &self.scales)).collect();
+        let accepted = standings.iter().filter(|after| self.gate.accepts(&present, after, original));
+        let best = accepted.min_by(|a, b| a.error().total_cmp(&b.error()))?;
+        let form = newest(&present.hypothesis, &best.hypothesis)?;
+        Some(composition.with(&best.hypothesis, &form, Vec::new()))
+    }
+
     /// Whether a composition that was found without some of another's effects takes that one's place: it explains as much with fewer numbers, or more, and more for
     /// every further number.
     pub(in crate::diagnose) fn prefers(&self, present: &Composition, other: &Composition) -> bool {
@@ -420,6 +458,16 @@ impl Composition {
 pub(super) fn to_be_fitted(present: &Hypothesis, more: Option<Applied>, less: Option<&Applied>) -> Hypothesis {
     let kept = present.effects.iter().filter(|a| less.is_none_or(|l| l.key() != a.key())).cloned();
     Hypothesis { effects: in_order(kept.chain(more)), free: Vec::new(), gain: 0.0, fitted: false, lost: None }
+}
+
+/// A guess of an elaborate form, what it has in common with the plain one as it is there.
+fn in_common(plain: &Applied, form: &Applied, mut guess: Vec<f64>) -> Vec<f64> {
+    for (value, p) in guess.iter_mut().zip(&form.parameters) {
+        if let Some(at) = plain.parameters.iter().position(|q| q.name == p.name) {
+            *value = plain.values[at].clamp(p.lower, p.upper);
+        }
+    }
+    guess
 }
 
 /// Effects in the order of the table.

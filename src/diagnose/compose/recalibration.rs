@@ -26,8 +26,9 @@ const FEWEST: usize = 2;
 const MOVED: f64 = 1.0;
 
 impl Composer<'_, '_> {
-    /// The composition with the model's numbers freed as a block, where the gate lets it in; and the size of the block.
-    pub(super) fn recalibrated(&self, composition: &Composition, original: &Original) -> Option<(Composition, f64)> {
+    /// The composition with the model's numbers freed as a block, where the gate lets it in; and the size of the block. `None` for the size: one of the numbers
+    /// is as good as the block, and is an effect like any other.
+    pub(super) fn recalibrated(&self, composition: &Composition, original: &Original) -> Option<(Composition, Option<f64>)> {
         if composition.hypothesis.effects.is_empty() {
             return None;
         }
@@ -51,7 +52,31 @@ impl Composer<'_, '_> {
             && self.gate.holds_out(&before, &after);
         let accepted =
             (takes_place && as_good) || (others(&after) < others(&before) && better) || self.gate.accepts(&before, &after, original);
-        (numbers(&after) >= FEWEST && accepted).then_some((released, size))
+        if numbers(&after) < FEWEST || !accepted {
+            return None;
+        }
+        Some(match self.one_number(&likelihood, &after) {
+            Some(one) => (released.without(&one), None),
+            None => (released, Some(size)),
+        })
+    }
+
+    /// The same with the number alone that moved furthest for what the data leave open of it, where all the others hardly help: each is a little off as those of
+    /// every model are, and this one is off by more than the block's size has room for.
+    fn one_number(&self, likelihood: &Likelihood<'_>, block: &Standing) -> Option<Hypothesis> {
+        let (hypothesis, spread) = (&block.hypothesis, block.spread()?);
+        let moved = |at: usize| {
+            let (e, i) = hypothesis.free[at];
+            let applied = &hypothesis.effects[e];
+            applied.effect.corrects_model().then(|| ((applied.values[i] - applied.parameters[i].nominal).abs() / spread[at], applied.key()))
+        };
+        let (_, furthest) = (0..spread.len()).filter_map(moved).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let kept = hypothesis.effects.iter().filter(|a| !a.effect.corrects_model() || a.key() == furthest).cloned();
+        let one = to_be_fitted(&Hypothesis { effects: kept.collect(), ..hypothesis.clone() }, None, None);
+        let one = self.fitted(likelihood, one)?;
+        let criteria = &self.gate.criteria;
+        let helped = Gate::fall(&one, block) >= criteria.added_falls && block.better_by_t(&one) >= criteria.added_t;
+        (!helped && self.gate.holds_out(block, &one)).then_some(one.hypothesis)
     }
 
     /// Without the effects that only stood in for the model's numbers.

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::effects::Hypothesis;
-use super::slopes::{Slopes, slopes};
+use super::slopes::{Slopes, Still, slopes};
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::effect::{Applied, Scales};
@@ -35,11 +35,27 @@ impl Hypothesis {
         nominal_cost: f64,
         iterations: usize,
     ) -> Option<Self> {
-        let (effects, lost) = (&from.effects, from.lost.as_ref());
-        let free: Vec<(usize, usize)> = (effects.iter().enumerate())
-            .filter(|(_, a)| (lost.is_none() || !a.effect.loses_commands()) && !a.effect.leaves_residual())
+        Self::refit_beside(likelihood, from, scales, nominal_cost, (iterations, &Still::NONE))
+    }
+
+    /// What a fit is free to change.
+    pub(in crate::diagnose) fn parameters_to_fit(&self) -> Vec<(usize, usize)> {
+        (self.effects.iter().enumerate())
+            .filter(|(_, a)| (self.lost.is_none() || !a.effect.loses_commands()) && !a.effect.leaves_residual())
             .flat_map(|(e, a)| (0..a.values.len()).filter(|&i| a.values[i].is_finite()).map(move |i| (e, i)))
-            .collect();
+            .collect()
+    }
+
+    /// The same with derivatives that stand still: a first approach of few simulations.
+    pub(in crate::diagnose) fn refit_beside(
+        likelihood: &Likelihood<'_>,
+        from: Self,
+        scales: &Scales,
+        nominal_cost: f64,
+        (iterations, still): (usize, &Still),
+    ) -> Option<Self> {
+        let free = from.parameters_to_fit();
+        let (effects, lost) = (&from.effects, from.lost.as_ref());
         let priced = |cost: f64| nominal_cost - cost - lost.map_or(0.0, |l| l.price);
         if free.is_empty() {
             let there = likelihood.whitened(&from)?;
@@ -72,7 +88,7 @@ impl Hypothesis {
                 let k = free.len();
                 return Some(Normal { cost, gradient: DVector::zeros(k), information: DMatrix::zeros(k, k) });
             }
-            let mut normal = normal(likelihood, &slopes(likelihood, active, residual, &free, scales, &mut steps)?);
+            let mut normal = normal(likelihood, &slopes(likelihood, active, residual, &free, scales, (still, &mut steps))?);
             add_prior(likelihood, &there, &free, &mut normal);
             lowest = cost;
             Some(in_own_units(normal, &unit))

@@ -7,7 +7,7 @@ use super::direction::difference;
 use super::effects::Hypothesis;
 use crate::diagnose::likelihood::active_effects::ActiveEffects;
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
-use crate::effect::Scales;
+use crate::effect::{Applied, Scales};
 
 /// Whitened residuals and their derivatives by the free parameters, at one set of parameters.
 pub(in crate::diagnose) struct Slopes {
@@ -19,7 +19,27 @@ impl Hypothesis {
     /// Residual and derivatives at the present values.
     pub(in crate::diagnose) fn slopes(&self, likelihood: &Likelihood<'_>, scales: &Scales) -> Option<Slopes> {
         let active = ActiveEffects::from(self);
-        slopes(likelihood, active, likelihood.whitened(active)?, &self.free, scales, &mut vec![None; self.free.len()])
+        slopes(likelihood, active, likelihood.whitened(active)?, &self.free, scales, (&Still::NONE, &mut vec![None; self.free.len()]))
+    }
+}
+
+/// Derivatives by an effect's parameters that stand still: taken once, near where many hypotheses are fitted.
+pub(in crate::diagnose) struct Still(Vec<(String, usize, Whitened)>);
+
+impl Still {
+    /// None: all are taken anew.
+    pub(in crate::diagnose) const NONE: Self = Self(Vec::new());
+
+    /// Those of a hypothesis, whether it was fitted or not; `None` where it cannot be simulated.
+    pub(in crate::diagnose) fn of(hypothesis: &Hypothesis, likelihood: &Likelihood<'_>, scales: &Scales) -> Option<Self> {
+        let hypothesis = Hypothesis { free: hypothesis.parameters_to_fit(), ..hypothesis.clone() };
+        let columns = hypothesis.slopes(likelihood, scales)?.columns;
+        let place = |((e, i), column): (&(usize, usize), Whitened)| (hypothesis.effects[*e].key(), *i, column);
+        Some(Self(hypothesis.free.iter().zip(columns).map(place).collect()))
+    }
+
+    fn by(&self, applied: &Applied, parameter: usize) -> Option<&Whitened> {
+        self.0.iter().find(|(key, i, _)| *i == parameter && *key == applied.key()).map(|(.., column)| column)
     }
 }
 
@@ -30,7 +50,7 @@ pub(in crate::diagnose) fn slopes(
     residual: Whitened,
     free: &[(usize, usize)],
     scales: &Scales,
-    steps: &mut [Option<f64>],
+    (still, steps): (&Still, &mut [Option<f64>]),
 ) -> Option<Slopes> {
     let effects = active.effects;
     let column_of = |(e, i): (usize, usize), h: f64| {
@@ -40,7 +60,8 @@ pub(in crate::diagnose) fn slopes(
     };
     let plain = |(e, i): (usize, usize)| column_of((e, i), effects[e].parameters[i].derivative_step(effects[e].values[i], scales));
     if !effects.iter().any(|a| likelihood.calls(a)) {
-        let columns = free.par_iter().map(|&at| plain(at)).collect::<Option<Vec<_>>>()?;
+        let known = |(e, i): (usize, usize)| still.by(&effects[e], i).cloned();
+        let columns = free.par_iter().map(|&at| known(at).or_else(|| plain(at))).collect::<Option<Vec<_>>>()?;
         return Some(Slopes { residual, columns });
     }
     let mut columns = Vec::with_capacity(free.len());
