@@ -336,3 +336,53 @@ impl Stepper for Linear {
         &mut self.x[..self.plant]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::DVector;
+    use rand::RngExt;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
+
+    use super::*;
+    use crate::simulate::piecewise::Piece;
+
+    /// A slow oscillation beside a pole at −2000 per second, one signal that runs straight: steps whose lengths never come twice go as far as one exponential each.
+    #[test]
+    fn steps_that_come_once_are_those_of_one_exponential_each() {
+        let rows = vec![vec![0.0, 1.0, 0.0, 0.0, 0.1], vec![-4.0, -0.3, 2.0, 1.0, 0.0], vec![0.0, 0.0, -2000.0, 2000.0, 0.0]];
+        let assembly = Assembly {
+            plant: 3,
+            states: 3,
+            signals: 1,
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+            derivatives: rows.clone(),
+            start: vec![0.2, -0.1, 0.5],
+            memories: Vec::new(),
+        };
+        let mut system = Linear::new(&assembly, &[], true);
+        let piece = Piece { start_s: 0.0, value: 0.3, slope: -0.7 };
+        let drive = Drive { pieces: vec![piece], alone_until_s: None };
+        // States, signal, its slope, 1.
+        let mut block = DMatrix::zeros(6, 6);
+        for (i, row) in rows.iter().enumerate() {
+            for (to, from) in [0, 1, 2, 3, 5].into_iter().zip(row) {
+                block[(i, to)] = *from;
+            }
+        }
+        block[(3, 4)] = 1.0;
+        let mut expected = DVector::from_vec(vec![0.2, -0.1, 0.5, 0.3, -0.7, 1.0]);
+        let (mut rng, mut now) = (ChaCha8Rng::seed_from_u64(5), 0.0);
+        for _ in 0..300 {
+            let h = rng.random_range(1e-6..0.03);
+            system.advance(now, now + h, &drive).unwrap();
+            expected = (&block * ((now + h) - now)).exp() * expected;
+            now += h;
+            for (x, e) in system.state().iter().zip(expected.iter()) {
+                assert!((x - e).abs() < 1e-11, "{:?} at {now} s is not {expected}", system.state());
+            }
+        }
+        assert!(system.kept.is_empty() && system.powers.len() < 20);
+    }
+}

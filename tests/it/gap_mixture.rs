@@ -52,6 +52,18 @@ fn three_causes_are_found_together_with_their_values() {
     assert!(d.shrink.of_explainable.unwrap() > 0.98, "{:?}", d.shrink);
 }
 
+/// Beside a gain and a lag, the friction of one level takes most of what one that falls with speed does, and is fitted first.
+#[test]
+fn a_friction_that_falls_with_speed_takes_the_place_of_a_plain_one() {
+    let truth: [(&str, &str, &[f64]); 3] =
+        [("input_gain", "u", &[1.35]), ("output_delay", "rate", &[0.08]), ("stribeck_friction", "v", &[0.5, 0.6, 0.3])];
+    let d = run(&truth, 1000, 60);
+    adds_up(&d);
+    let mut found: Vec<String> = d.cause.contributions.iter().map(key).collect();
+    found.sort();
+    assert_eq!(found, ["input_gain:u", "output_delay:rate", "stribeck_friction:v"]);
+}
+
 #[test]
 fn a_small_certain_cause_is_named_as_weak_and_nothing_is_named_where_nothing_acts() {
     // A fifth of a sample: the error hardly falls.
