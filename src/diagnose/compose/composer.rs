@@ -35,7 +35,7 @@ const REFITTED: [usize; 2] = [14, 8];
 const SWAPPED: [usize; 2] = [6, 3];
 /// Steps of the first fits.
 const TRIAL: usize = 4;
-/// Pairs that may begin where no single effect is accepted.
+/// Pairs that may begin where no single effect is accepted, and that may join what is found.
 const PAIRS: usize = 5;
 /// So many of the most promising candidates of every step are tried in the place of earlier effects.
 const SHORTLIST: usize = 20;
@@ -220,9 +220,28 @@ impl<'a> Composer<'_, 'a> {
     ) -> Vec<Hypothesis> {
         promising.truncate(counts[0]);
         let cost = self.cost(likelihood);
-        let trials = promising.into_iter().map(|candidate| to_be_fitted(from, Some(candidate), None)).collect();
+        let paired = self.as_paired(from);
+        let trials = promising.into_iter().map(|candidate| to_be_fitted(from, Some(candidate), None)).chain(paired).collect();
         let limited = |e: Hypothesis| e.with_missing_limits(likelihood, &self.scales, cost, likelihood.budget.steps);
         self.most_gainful(likelihood, from, trials, counts[1]).into_par_iter().map(limited).collect()
+    }
+
+    /// A hypothesis with one effect more that the search fitted as a pair with one of its own, both as they were there: beside its partner an effect may be far from
+    /// what it is without.
+    fn as_paired<'s>(&'s self, from: &'s Hypothesis) -> impl Iterator<Item = Hypothesis> + 's {
+        let known = |a: &Applied| self.candidates.iter().any(|c| c.key() == a.key());
+        let present = |a: &Applied| from.effects.iter().any(|e| e.key() == a.key());
+        let apart = move |pair: &'s Hypothesis| match &pair.effects[..] {
+            [a, b] if pair.fitted && present(a) && !present(b) && known(b) => Some((a, b)),
+            [a, b] if pair.fitted && present(b) && !present(a) && known(a) => Some((b, a)),
+            _ => None,
+        };
+        let joined = |(own, new): (&Applied, &Applied)| {
+            let mut joined = to_be_fitted(from, Some(new.clone()), Some(own));
+            joined.effects = in_order(joined.effects.into_iter().chain([own.clone()]));
+            joined
+        };
+        self.pairs.iter().filter_map(apart).take(PAIRS).map(joined)
     }
 
     /// Hypotheses near one that is fitted: those that gain most in a few steps, fitted to the end.
@@ -422,16 +441,13 @@ impl<'a> Composer<'_, 'a> {
         }
         let more = other.hypothesis.free.len().saturating_sub(present.hypothesis.free.len());
         let enough = self.gate.criteria.added_falls * (1 + more) as f64;
-        Gate::fall(&present, &other) > enough
-            && other.better_by_t(&present) >= self.gate.criteria.added_t
-            && other.held.over(&present.held) <= 1.0
+        Gate::fall(&present, &other) > enough && self.gate.better(&present, &other) && other.held.over(&present.held) <= 1.0
     }
 
     /// Whether a composition takes the place of another: it explains more, with hardly more parameters, on held-out data too.
     fn replaces(&self, present: &Standing, other: &Standing) -> bool {
         let simple = other.hypothesis.free.len() <= present.hypothesis.free.len() + 1;
-        let better =
-            Gate::fall(present, other) > self.gate.criteria.added_equals && other.better_by_t(present) >= self.gate.criteria.added_t;
+        let better = Gate::fall(present, other) > self.gate.criteria.added_equals && self.gate.better(present, other);
         simple && better && other.held.over(&present.held) <= 1.0
     }
 }

@@ -32,11 +32,17 @@ impl Gate {
         let held = 1.0 - after.held.over(&before.held);
         let taken = [(&before.train, &after.train, &original.train), (&before.held, &after.held, &original.held)];
         fall >= limits.added_falls
-            && (mostly || after.better_by_t(before) >= limits.added_t || fall.min(held) >= limits.added_plainly)
+            && (mostly || self.better(before, after))
             && before.train.log_ratio(&after.train) >= limits.added_gains
             && held >= limits.added_held_out.max(limits.added_generalises * fall)
             && (taken.iter().all(|(before, after, original)| before.over(original) - after.over(original) >= limits.added_matters)
                 || (fall.min(held) >= limits.added_of_rest && taken.iter().all(|(before, after, _)| self.shows(before, after))))
+    }
+
+    /// Better in most blocks, or plainly better over all of them and on held-out data: a limit acts in few blocks, and the start of a log is in one.
+    pub(super) fn better(&self, before: &Standing, after: &Standing) -> bool {
+        let falls = [Self::fall(before, after), 1.0 - after.held.over(&before.held)];
+        after.better_by_t(before) >= self.criteria.added_t || falls.iter().all(|fall| *fall >= self.criteria.added_plainly)
     }
 
     /// What is taken is seen in the outputs, however large the gap is of which it is a part.
