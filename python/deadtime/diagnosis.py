@@ -69,7 +69,7 @@ class FoundEffect(TypedDict):
 
 
 class Nuisance(TypedDict):
-    """A nuisance of the model file in one log."""
+    """A nuisance of the model file in one log, or the level of an output whose operating point is `"mean"`."""
 
     effect: str
     channel: str
@@ -225,7 +225,7 @@ class Diagnosis(Result):
 
     @property
     def nuisances(self) -> list[Nuisance]:
-        """What the model file declares as unknown anew in every log, one entry per log; empty where it declares nothing."""
+        """What the model file leaves unknown anew in every log, one entry per log: its nuisances, and levels of outputs whose operating point is `"mean"`."""
         nuisances: list[Nuisance] = self._data.get("nuisances", [])
         return nuisances
 

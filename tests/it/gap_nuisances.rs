@@ -184,6 +184,53 @@ D = [[0.0], [0.0]]
     }
 }
 
+/// A stable linear plant about a point at which its first output is 30 rad, or the logs' mean.
+fn about_a_point(operating: &str) -> ModelDocument {
+    document(&format!(
+        r#"
+format = "deadtime/model@1"
+name = "heated plant"
+kind = "lti"
+inputs = [{{ name = "u", unit = "V" }}]
+outputs = [{{ name = "angle", unit = "rad", operating = {operating} }}, {{ name = "rate", unit = "rad/s" }}]
+states = [{{ name = "a", unit = "rad" }}, {{ name = "b", unit = "rad/s" }}]
+initial = [0.0, 0.0]
+initial_std = [0.02, 0.02]
+A = [[-0.8, 0.3], [0.0, -2.0]]
+B = [[1.0], [1.5]]
+C = [[1.0, 0.0], [0.0, 1.0]]
+D = [[0.0], [0.0]]
+"#
+    ))
+}
+
+/// A mean holds what the commands did on average: a constant on that output is no cause, and what is one is found beside it.
+#[test]
+fn the_level_of_an_output_whose_operating_point_is_the_mean_is_a_nuisance() {
+    let (machine, model) = (about_a_point("30.0"), about_a_point("\"mean\""));
+    let runs = |acting: &[(&str, &str, &[f64])], seed: u64| -> Vec<Log> {
+        (0..3).map(|i| log(&machine, acting, 900, seed + i, &[0.01, -0.01])).collect()
+    };
+    let clean = runs(&[], 6900);
+    let samples: Vec<f64> = clean[..2].iter().flat_map(|l| (0..l.len()).map(|k| l.output("angle").unwrap().get(k).unwrap())).collect();
+    let mean = samples.iter().sum::<f64>() / samples.len() as f64;
+    let d = found(&model, &clean[..2], &clean[2..]).diagnosis;
+    assert_eq!((d.cause.verdict.as_str(), keys(&d).len()), ("none", 0), "{:?}", d.cause.contributions);
+    recovered(&d.nuisances, &[30.0 - mean; 3], 0.02);
+    assert!((30.0 - mean).abs() > 10.0 * d.nuisances[0].std, "the test has a level to tell: {mean}");
+    let why = d.cause.not_tried.iter().find(|n| n.why.contains("`angle` is the mean of the logs")).unwrap();
+    assert_eq!(why.effect, "sensor_bias");
+
+    let late = runs(&[DELAY], 6950);
+    let with = found(&model, &late[..2], &late[2..]);
+    assert_eq!(keys(&with.diagnosis), ["input_delay:u"], "{:?}", with.diagnosis.cause.contributions);
+    assert!(with.diagnosis.shrink.of_explainable.unwrap() > 0.95, "{:?}", with.diagnosis.shrink);
+    assert!(!with.caveats.iter().any(|c| matches!(c, Caveat::NuisanceAlike { .. })), "{:?}", with.caveats);
+    // On a channel of its own a constant is a cause as before.
+    let off = runs(&[("sensor_bias", "rate", &[0.5])], 6970);
+    assert_eq!(keys(&found(&model, &off[..2], &off[2..]).diagnosis), ["sensor_bias:rate"]);
+}
+
 #[test]
 fn a_constant_that_was_found_says_how_it_is_declared_and_whether_it_is_a_trim() {
     for (values, differs) in [([0.5, 0.9, 0.7], true), ([0.6, 0.6, 0.6], false)] {

@@ -440,6 +440,42 @@ def test_a_function_may_diagnose_within_a_diagnosis() -> None:
     assert inner == ["begun", "sensor_bias"]
 
 
+def test_nuisances_of_a_model_file_have_a_value_in_every_log(tmp_path: Path) -> None:
+    model = tmp_path / "servo.toml"
+    model.write_text("""
+format = "deadtime/model@1"
+name = "servo"
+kind = "lti"
+inputs = [{ name = "u", unit = "V" }]
+outputs = [{ name = "angle", unit = "rad" }, { name = "rate", unit = "rad/s" }]
+states = [{ name = "x", unit = "rad" }, { name = "v", unit = "rad/s" }]
+initial = [0.0, 0.0]
+initial_std = [0.02, 0.02]
+A = [[0.0, 1.0], [-9.0, -2.4]]
+B = [[0.0], [9.0]]
+C = [[1.0, 0.0], [0.0, 1.0]]
+D = [[0.0], [0.0]]
+
+[[nuisances]]
+effect = "sensor_bias"
+channel = "angle"
+std = 0.3
+""")
+    offsets = [0.2, -0.3]
+
+    def off(by: float) -> Callable[[Array, Array, Array], Array]:
+        return lambda u, time, x0: servo(u, time, x0, NOMINAL) + [by, 0.0]
+
+    logs = [record(f"log{i}", 900 + i, off(by)) for i, by in enumerate(offsets)]
+    found = deadtime.gap(str(model), logs)
+    assert found.verdict == "none" and not found.contributions
+    assert [(n["effect"], n["channel"], n["log"], n["unit"]) for n in found.nuisances] == [
+        ("sensor_bias", "angle", f"log{i}", "rad") for i in range(2)
+    ]
+    for nuisance, by in zip(found.nuisances, offsets, strict=True):
+        assert abs(nuisance["value"] - by) < 3 * nuisance["std"] < 0.05 and nuisance["prior_std"] == 0.3
+
+
 def test_calls_come_one_at_a_time_from_one_thread() -> None:
     threads: set[int] = set()
     inside = threading.Lock()

@@ -110,5 +110,5 @@ pub(in crate::diagnose) fn nuisance_caveats(likelihood: &Likelihood<'_>, estimat
             .map(|common| Caveat::NuisanceAlike { nuisance: key, value: plus_minus(about + common.value, common.std) });
         [beyond, alike].into_iter().flatten().collect::<Vec<_>>()
     };
-    likelihood.declared.iter().flat_map(of).collect()
+    likelihood.declared.iter().filter(|n| n.declared).flat_map(of).collect()
 }

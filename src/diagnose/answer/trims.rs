@@ -19,14 +19,14 @@ use crate::diagnose::search::catalogue_search::noise_in;
 use crate::effect::{Applied, Scales};
 use crate::text::plus_minus;
 
-/// What has to be said of each constant that was found.
+/// What has to be said of each constant that was found; nothing of a simulator that can only be called, which has no model file to declare it in.
 pub(in crate::diagnose) fn constant_caveats(
     likelihood: &Likelihood<'_>,
     found: Option<&Hypothesis>,
     scales: &Scales,
     smallest: &[f64],
 ) -> Vec<Caveat> {
-    let Some(found) = found else { return Vec::new() };
+    let Some(found) = found.filter(|_| !likelihood.system.is_black_box()) else { return Vec::new() };
     let of = |(place, applied): (usize, &Applied)| {
         let (effect, channel) = (applied.effect.name().to_owned(), applied.channel.clone());
         let constancy = Trims { likelihood, found, place, scales }.constancy(smallest);

@@ -75,7 +75,7 @@ impl Inputs {
             return Err(GapError::NoPredictor.into());
         }
         let model_effects = model_effects(subject, system)?;
-        let nuisances = nuisances(subject, system)?;
+        let nuisances = nuisances(subject, system, logs)?;
         let mut records = logs.iter().chain(holdout).map(|log| LogRecord::new(log, system)).collect::<Result<Vec<_>>>()?;
         let horizon = horizon(options, &records)?;
         let restarted = restart(system, &mut records)?;

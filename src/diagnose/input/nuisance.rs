@@ -2,7 +2,8 @@
 
 use super::subject::Subject;
 use crate::diagnose::format::error::GapError;
-use crate::effect::{Applied, EFFECTS, Effect, EffectError, find};
+use crate::effect::{Applied, EFFECTS, Effect, EffectError, Site, find};
+use crate::log::Log;
 use crate::model::NuisanceEntry;
 use crate::simulate::System;
 
@@ -13,6 +14,8 @@ pub(in crate::diagnose) struct Nuisance {
     applied: Applied,
     /// Standard deviation of its prior.
     pub(in crate::diagnose) std: f64,
+    /// The model file says that it is one; else it is the level of an output of which the file says only that it is the logs' mean.
+    pub(in crate::diagnose) declared: bool,
 }
 
 impl Nuisance {
@@ -20,7 +23,7 @@ impl Nuisance {
         let effect = find(&entry.effect).ok().filter(|effect| effect.is_constant());
         let Some(effect) = effect else { return Err(format!("{}; take one of: {}", not_constant(&entry.effect), constants().join(", "))) };
         let remedy = |e: EffectError| format!("{e}; correct its `channel`, or leave it out");
-        Ok(Self { applied: Applied::nominal(system, effect, &entry.channel).map_err(remedy)?, std: entry.std })
+        Ok(Self { applied: Applied::nominal(system, effect, &entry.channel).map_err(remedy)?, std: entry.std, declared: true })
     }
 
     /// So far from the value at which it does nothing.
@@ -28,6 +31,15 @@ impl Nuisance {
         let mut applied = self.applied.clone();
         applied.values.iter_mut().for_each(|value| *value += deviation);
         applied
+    }
+
+    /// Why it is no candidate for a cause.
+    pub(in crate::diagnose) fn why_not_tried(&self) -> String {
+        let channel = &self.applied.channel;
+        match self.declared {
+            true => format!("a nuisance of the model file on `{channel}`"),
+            false => format!("the operating point of `{channel}` is the mean of the logs, which takes a constant up"),
+        }
     }
 
     /// It is what this candidate is.
@@ -47,11 +59,22 @@ fn not_constant(name: &str) -> String {
     }
 }
 
-/// The nuisances of a subject.
+/// The nuisances of a subject: those of the model file, then the levels of outputs whose operating point is `"mean"`.
+///
+/// A mean holds the noise and what the model does about its operating point, so the level is known to no better than the output's spread, which is its prior.
 ///
 /// # Errors
 /// [`GapError::Nuisance`]: an effect or channel that there is none, an effect that is no constant.
-pub(in crate::diagnose) fn nuisances(subject: Subject<'_>, system: &System) -> Result<Vec<Nuisance>, GapError> {
+pub(in crate::diagnose) fn nuisances(subject: Subject<'_>, system: &System, logs: &[Log]) -> Result<Vec<Nuisance>, GapError> {
     let wrong = |entry: &NuisanceEntry, why| GapError::Nuisance { model: subject.name().to_owned(), nuisance: entry.key(), why };
-    subject.nuisances().iter().map(|entry| Nuisance::of(entry, system).map_err(|why| wrong(entry, why))).collect()
+    let declared = subject.nuisances().iter().map(|entry| Nuisance::of(entry, system).map_err(|why| wrong(entry, why)));
+    let mut nuisances = declared.collect::<Result<Vec<_>, _>>()?;
+    for (channel, std) in subject.unknown_levels(logs) {
+        let level = EFFECTS.into_iter().find(|e| e.is_constant() && e.site() == Site::Output);
+        let Some(applied) = level.and_then(|effect| Applied::nominal(system, effect, &channel).ok()) else { continue };
+        if !nuisances.iter().any(|n| n.is(applied.effect, &channel)) {
+            nuisances.push(Nuisance { applied, std, declared: false });
+        }
+    }
+    Ok(nuisances)
 }

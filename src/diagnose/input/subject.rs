@@ -6,6 +6,7 @@ use super::record::channels_fit;
 use crate::error::Result;
 use crate::log::{Log, LogError};
 use crate::model::{EffectEntry, ModelDocument, NuisanceEntry, Operating};
+use crate::signal::stats;
 use crate::simulate::{Port, System};
 
 /// What is held against the logs.
@@ -80,6 +81,14 @@ impl<'a> Subject<'a> {
         }
     }
 
+    /// Outputs of which the model file says only that their operating point is the mean of the logs, with the spread of their samples.
+    pub(in crate::diagnose) fn unknown_levels(self, logs: &[Log]) -> Vec<(String, f64)> {
+        let Self::Model(document) = self else { return Vec::new() };
+        let mean = document.outputs().iter().filter(|c| matches!(c.operating, Operating::Mean(_)));
+        let spread = |name: &str| stats::deviation(&samples(logs, name).ok()?).filter(|s| *s > 0.0);
+        mean.filter_map(|c| Some((c.name.clone(), spread(&c.name)?))).collect()
+    }
+
     /// The simulator, its operating points `"mean"` taken over the training logs.
     pub(in crate::diagnose) fn system(self, logs: &[Log]) -> Result<System> {
         match self {
@@ -125,13 +134,15 @@ pub(in crate::diagnose) fn system(document: &ModelDocument, logs: &[Log]) -> Res
 
 /// The mean of a channel over all its samples; 0 where there is none.
 fn mean_over(logs: &[Log], name: &str) -> std::result::Result<f64, LogError> {
-    let (mut sum, mut count) = (0.0, 0.0);
+    Ok(stats::mean(samples(logs, name)?).unwrap_or(0.0))
+}
+
+/// All samples of a channel.
+fn samples(logs: &[Log], name: &str) -> std::result::Result<Vec<f64>, LogError> {
+    let mut all = Vec::new();
     for log in logs {
         let output = log.output(name)?;
-        for value in (0..log.len()).filter_map(|k| output.get(k)) {
-            sum += value;
-            count += 1.0;
-        }
+        all.extend((0..log.len()).filter_map(|k| output.get(k)));
     }
-    Ok(if count > 0.0 { sum / count } else { 0.0 })
+    Ok(all)
 }

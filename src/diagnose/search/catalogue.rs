@@ -50,8 +50,8 @@ pub(in crate::diagnose) fn catalogue(system: &System, nuisances: &[Nuisance], pr
             let what = if effect.site() == Site::Input { "input" } else { "parameter" };
             left_out.push(not_tried(effect, format!("no output of the simulator depends on the {what} `{channel}`")));
         }
-        for channel in channels.extract_if(.., |channel| nuisances.iter().any(|n| n.is(effect, channel))) {
-            left_out.push(not_tried(effect, format!("a nuisance of the model file on `{channel}`")));
+        for nuisance in nuisances {
+            left_out.extend(channels.extract_if(.., |c| nuisance.is(effect, c)).map(|_| not_tried(effect, nuisance.why_not_tried())));
         }
         let on = |channel: &String| Some(Applied::nominal(system, effect, channel).ok()?.shown_by(system, scales));
         all.extend(channels.iter().filter_map(on));
