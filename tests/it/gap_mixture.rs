@@ -64,6 +64,45 @@ fn a_friction_that_falls_with_speed_takes_the_place_of_a_plain_one() {
     assert_eq!(found, ["input_gain:u", "output_delay:rate", "stribeck_friction:v"]);
 }
 
+/// Beside a friction and a gain, a delay of the command, one of all outputs and a clock that is off do the same: whichever is named, the others stand beside it.
+#[test]
+fn what_cannot_be_told_apart_from_a_cause_is_told_beside_it() {
+    let truth: [(&str, &str, &[f64]); 3] =
+        [("clock_offset", "*", &[0.12]), ("input_gain", "u", &[1.35]), ("coulomb_friction", "v", &[0.6])];
+    let d = run(&truth, 1000, 80);
+    assert_eq!(d.cause.contributions.len(), 3, "{:?}", d.cause.contributions);
+    let delays = ["input_delay:u", "output_delay:*", "clock_offset:*"];
+    let found = d.cause.contributions.iter().find(|c| delays.contains(&key(c).as_str())).unwrap();
+    let told: Vec<&str> = found.class.iter().map(String::as_str).collect();
+    assert!(delays.iter().all(|name| key(found) == *name || told.contains(name)), "{}: {told:?}", key(found));
+    let unique: std::collections::BTreeSet<&&str> = told.iter().collect();
+    assert_eq!(unique.len(), told.len(), "{told:?}");
+}
+
+/// One number of the model that is off is told as that number, not as a block of all of them.
+#[test]
+fn one_wrong_number_beside_other_causes_is_no_block() {
+    let truth: [(&str, &str, &[f64]); 3] =
+        [("parameter_error", "damping", &[3.6]), ("output_delay", "rate", &[0.1]), ("coulomb_friction", "v", &[0.5])];
+    let d = run(&truth, 1000, 85);
+    adds_up(&d);
+    let mut found: Vec<String> = d.cause.contributions.iter().map(key).collect();
+    found.sort();
+    assert_eq!(found, ["coulomb_friction:v", "output_delay:rate", "parameter_error:damping"]);
+    assert!(!d.cause.recalibration.as_ref().unwrap().accepted, "{:?}", d.cause.recalibration);
+}
+
+/// An offset of a sensor, a gain and a play: alone an offset of the command takes more than any of the three.
+#[test]
+fn three_causes_of_which_a_fourth_takes_most_are_found() {
+    let truth: [(&str, &str, &[f64]); 3] = [("sensor_bias", "angle", &[0.25]), ("input_gain", "u", &[1.25]), ("backlash", "u", &[0.3])];
+    let d = run(&truth, 1000, 90);
+    adds_up(&d);
+    let mut found: Vec<String> = d.cause.contributions.iter().map(key).collect();
+    found.sort();
+    assert_eq!(found, ["backlash:u", "input_gain:u", "sensor_bias:angle"]);
+}
+
 #[test]
 fn a_small_certain_cause_is_named_as_weak_and_nothing_is_named_where_nothing_acts() {
     // A fifth of a sample: the error hardly falls.
@@ -131,6 +170,7 @@ D = [[0.0], [0.0]]
     let block = d.cause.recalibration.as_ref().unwrap();
     assert!(block.accepted && block.size >= 0.05, "{block:?} {:?}", d.cause.contributions);
     let delay = d.cause.contributions.iter().find(|c| ["input_delay:u", "output_delay:*", "clock_offset:*"].contains(&key(c).as_str()));
+    assert!(delay.is_some(), "{block:?} {:?}", d.cause.contributions);
     assert!((delay.unwrap().parameters[0].value.unwrap().abs() - 0.1).abs() < 0.02, "{:?}", d.cause.contributions);
     assert!(d.cause.contributions.iter().all(|c| c.effect != "parameter_error"), "{:?}", d.cause.contributions);
     // The prior draws a number towards the value that came, so an interval may end short of the truth on that side, and on that side only.

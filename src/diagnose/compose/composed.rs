@@ -283,8 +283,8 @@ impl Compose<'_, '_> {
         }
     }
 
-    /// The same, or a better one that begins elsewhere. Laws of many numbers (a resonance) take the shape of several plain ones together: so all is done again without
-    /// any of them. And where something is left above the noise, what explains most may stand in the way of others: so all is done again without that, then without
+    /// The same, or a better one that begins elsewhere: with a pair that leaves less than all of this does. Laws of many numbers (a resonance) take the shape of several
+    /// plain ones together: so all is done again without any of them. And where something is left above the noise, what explains most may stand in the way of others: so all is done again without that, then without
     /// what explains most of the better composition.
     fn begun_elsewhere(&self, mut best: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
         if self.likelihood.system.is_black_box() || best.hypothesis.effects.is_empty() {
@@ -298,6 +298,7 @@ impl Compose<'_, '_> {
                 .filter(|a| !in_block(of.recalibration, a))
                 .collect()
         };
+        best = self.with_the_best_pair(best, judged, progress);
         if singly(&best).iter().any(is_elaborate) && best.hypothesis.effects.len() > 2 {
             best = self.without_some(best, judged, progress, is_elaborate);
         }
@@ -308,6 +309,22 @@ impl Compose<'_, '_> {
             doubted.push(next);
         }
         best
+    }
+
+    /// A composition, or a better one that begins with the pair of the search that leaves least, where that is less than the composition does: two effects that help
+    /// only together are not reached one at a time.
+    fn with_the_best_pair(&self, best: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
+        let mut composer = self.composer(true, Some(judged));
+        let plain = |e: &&Hypothesis| e.fitted && e.lost.is_none() && e.effects.iter().all(|a| !a.effect.leaves_residual());
+        let pairs: Vec<(f64, &Hypothesis)> =
+            self.found.pairs.par_iter().filter(plain).filter_map(|pair| Some((self.error_of(pair)?, pair))).collect();
+        let least = pairs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+        let (Some((error, pair)), Some(present)) = (least, self.error_of(&best.hypothesis)) else { return best };
+        if error >= present {
+            return best;
+        }
+        let other = composer.compose(&pair.effects, progress);
+        other.filter(|other| composer.prefers(&best, other)).unwrap_or(best)
     }
 
     /// A composition, or a better one without some effects, that begins with the best that the search found without them.

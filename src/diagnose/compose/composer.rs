@@ -30,19 +30,21 @@ use crate::diagnose::search::catalogue_search::noise_of;
 use crate::effect::{Applied, Scales, row};
 
 /// Candidates that are refitted together with everything else at a step; and how many of them to the end.
-const REFITTED: [usize; 2] = [14, 8];
+pub(super) const REFITTED: [usize; 2] = [14, 8];
 /// The same in the place of an earlier effect.
-const SWAPPED: [usize; 2] = [6, 3];
+pub(super) const SWAPPED: [usize; 2] = [6, 3];
+/// And so many at most, where more of them promise about what the best does: what cannot be told apart from an effect is told beside it.
+const ALIKE: [usize; 2] = [12, 6];
+/// What promises this part of the best promises about as much.
+const AS_MUCH: f64 = 0.95;
 /// Steps of the first fits.
-const TRIAL: usize = 4;
+pub(super) const TRIAL: usize = 4;
 /// Pairs that may begin where no single effect is accepted, and that may join what is found.
-const PAIRS: usize = 5;
+pub(super) const PAIRS: usize = 5;
 /// So many of the most promising candidates of every step are tried in the place of earlier effects.
 const SHORTLIST: usize = 20;
 /// First guesses of a candidate that are looked at beside what is found already.
 const GUESSES: usize = 12;
-/// So many of what could stand in the place of an effect are tried together with those of another.
-const EXCHANGED: usize = 2;
 
 /// Effects that together explain, and what could stand in the place of each.
 #[derive(Debug, Clone)]
@@ -121,6 +123,9 @@ impl<'a> Composer<'_, 'a> {
             composition = self.forward(released, &original, progress);
             composition.recalibration = size;
         }
+        if let Some(other) = self.merged(&composition) {
+            composition = self.forward(other, &original, progress);
+        }
         Some(composition)
     }
 
@@ -148,7 +153,7 @@ impl<'a> Composer<'_, 'a> {
             self.scales.peaks_hz = peaks_hz(likelihood.records, &before.residuals, likelihood.system.outputs.len());
             let all: Vec<&Applied> = self.candidates.iter().collect();
             let promising = self.promising(&likelihood, &before.hypothesis, &all);
-            let listed = promising.iter().take(SHORTLIST).map(Applied::key).filter(|key| !self.shortlist.contains(key));
+            let listed = promising.iter().take(SHORTLIST).map(|(_, a)| a.key()).filter(|key| !self.shortlist.contains(key));
             self.shortlist.extend(listed.collect::<Vec<_>>());
             let Some((next, stand_ins)) = self.best(&likelihood, &before, &before.hypothesis, (promising, REFITTED), original) else {
                 break;
@@ -172,7 +177,7 @@ impl<'a> Composer<'_, 'a> {
         hypothesis.effects.iter().filter(|a| !self.in_block(a)).count()
     }
 
-    fn in_block(&self, applied: &Applied) -> bool {
+    pub(super) fn in_block(&self, applied: &Applied) -> bool {
         self.shrinkage.is_some() && applied.effect.corrects_model()
     }
 
@@ -196,8 +201,9 @@ impl<'a> Composer<'_, 'a> {
         likelihood.whitened(NO_EFFECT).map_or(0.0, |w| likelihood.inner(&w, &w))
     }
 
-    /// Candidates that promise something beside a hypothesis, each with its best guess; those that promise most first.
-    fn promising(&self, likelihood: &Likelihood<'_>, present: &Hypothesis, candidates: &[&Applied]) -> Vec<Applied> {
+    /// Candidates that promise something beside a hypothesis, each with how much and with its best guess; those that promise most first. An elaborate form that promises
+    /// hardly more than its plain one waits until that is in.
+    fn promising(&self, likelihood: &Likelihood<'_>, present: &Hypothesis, candidates: &[&Applied]) -> Vec<(f64, Applied)> {
         let Some(beside) = Beside::new(likelihood, present, &self.scales) else { return Vec::new() };
         let keys: Vec<String> = present.effects.iter().map(Applied::key).collect();
         let mut promising: Vec<(f64, Applied)> = candidates
@@ -207,7 +213,13 @@ impl<'a> Composer<'_, 'a> {
             .filter(|(promise, _)| *promise > self.gate.criteria.added_falls * beside.cost)
             .collect();
         promising.sort_by(|a, b| b.0.total_cmp(&a.0));
-        promising.into_iter().map(|(_, candidate)| candidate).collect()
+        let plain: Vec<(String, f64)> = promising.iter().map(|(promise, a)| (a.key(), *promise)).collect();
+        promising.retain(|(promise, a)| {
+            let as_plain = |name: &str| format!("{name}:{}", a.channel);
+            let own = a.effect.elaborates().and_then(|name| plain.iter().find(|(key, _)| *key == as_plain(name)));
+            own.is_none_or(|(_, plain)| *plain < AS_MUCH * promise)
+        });
+        promising
     }
 
     /// Joint fits of a hypothesis with each of the candidates that promise most beside it.
@@ -215,43 +227,38 @@ impl<'a> Composer<'_, 'a> {
         &self,
         likelihood: &Likelihood<'_>,
         from: &Hypothesis,
-        mut promising: Vec<Applied>,
+        mut promising: Vec<(f64, Applied)>,
         counts: [usize; 2],
     ) -> Vec<Hypothesis> {
         promising.truncate(counts[0]);
         let cost = self.cost(likelihood);
         let paired = self.as_paired(from);
-        let trials = promising.into_iter().map(|candidate| to_be_fitted(from, Some(candidate), None)).chain(paired).collect();
+        let trials = promising.into_iter().map(|(_, candidate)| to_be_fitted(from, Some(candidate), None)).chain(paired).collect();
         let limited = |e: Hypothesis| e.with_missing_limits(likelihood, &self.scales, cost, likelihood.budget.steps);
         self.most_gainful(likelihood, from, trials, counts[1]).into_par_iter().map(limited).collect()
     }
 
-    /// A hypothesis with one effect more that the search fitted as a pair with one of its own, both as they were there: beside its partner an effect may be far from
-    /// what it is without.
-    fn as_paired<'s>(&'s self, from: &'s Hypothesis) -> impl Iterator<Item = Hypothesis> + 's {
-        let known = |a: &Applied| self.candidates.iter().any(|c| c.key() == a.key());
-        let present = |a: &Applied| from.effects.iter().any(|e| e.key() == a.key());
-        let apart = move |pair: &'s Hypothesis| match &pair.effects[..] {
-            [a, b] if pair.fitted && present(a) && !present(b) && known(b) => Some((a, b)),
-            [a, b] if pair.fitted && present(b) && !present(a) && known(a) => Some((b, a)),
-            _ => None,
-        };
-        let joined = |(own, new): (&Applied, &Applied)| {
-            let mut joined = to_be_fitted(from, Some(new.clone()), Some(own));
-            joined.effects = in_order(joined.effects.into_iter().chain([own.clone()]));
-            joined
-        };
-        self.pairs.iter().filter_map(apart).take(PAIRS).map(joined)
-    }
-
     /// Hypotheses near one that is fitted: those that gain most in a few steps, fitted to the end.
-    fn most_gainful(&self, likelihood: &Likelihood<'_>, near: &Hypothesis, trials: Vec<Hypothesis>, count: usize) -> Vec<Hypothesis> {
+    pub(super) fn most_gainful(
+        &self,
+        likelihood: &Likelihood<'_>,
+        near: &Hypothesis,
+        trials: Vec<Hypothesis>,
+        count: usize,
+    ) -> Vec<Hypothesis> {
         let cost = self.cost(likelihood);
         let Some(still) = Still::of(near, likelihood, &self.scales) else { return Vec::new() };
         let fits = |hypotheses: Vec<Hypothesis>, steps: (usize, &Still)| -> Vec<Hypothesis> {
             let refit = |e: Hypothesis| Hypothesis::refit_beside(likelihood, e, &self.scales, cost, steps);
             let mut fitted: Vec<Hypothesis> = hypotheses.into_par_iter().filter_map(refit).collect();
             fitted.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+            let mut known = Vec::new();
+            fitted.retain(|e| {
+                !known.contains(&e.key()) && {
+                    known.push(e.key());
+                    true
+                }
+            });
             fitted
         };
         let mut fitted = fits(trials, (TRIAL, &still));
@@ -296,7 +303,7 @@ impl<'a> Composer<'_, 'a> {
         likelihood: &Likelihood<'_>,
         before: &Standing,
         from: &Hypothesis,
-        (promising, counts): (Vec<Applied>, [usize; 2]),
+        (promising, counts): (Vec<(f64, Applied)>, [usize; 2]),
         original: &Original,
     ) -> Option<(Standing, Vec<Applied>)> {
         let trials = self.additions(likelihood, from, promising, counts);
@@ -315,7 +322,7 @@ impl<'a> Composer<'_, 'a> {
     }
 
     /// Takes out every earlier effect that is needless now, or puts in its place what explains more beside the others, or as much with fewer parameters.
-    fn backward(
+    pub(super) fn backward(
         &self,
         likelihood: &Likelihood<'_>,
         mut composition: Composition,
@@ -337,8 +344,14 @@ impl<'a> Composer<'_, 'a> {
             // What could explain as much was among the most promising at some step.
             let listed: Vec<&Applied> =
                 self.candidates.iter().filter(|a| self.shortlist.contains(&a.key()) || a.key() == old.key()).collect();
-            let promising = self.promising(likelihood, &without.hypothesis, &listed);
-            let Some((swapped, stand_ins)) = self.best(likelihood, &without, &others, (promising, SWAPPED), original) else { continue };
+            let mut promising = self.promising(likelihood, &without.hypothesis, &listed);
+            // One number of the same unit and kind (a delay elsewhere, a clock) is tried as it is.
+            let begun: Vec<(f64, Applied)> = listed.iter().filter_map(|a| Some((promising.first()?.0, begun_as(&old, a)?))).collect();
+            promising.retain(|(_, a)| begun.iter().all(|(_, b)| b.key() != a.key()));
+            promising.splice(0..0, begun);
+            let alike = promising.iter().filter(|(promise, _)| *promise >= AS_MUCH * promising[0].0).count();
+            let counts = [0, 1].map(|of| alike.clamp(SWAPPED[of], ALIKE[of]));
+            let Some((swapped, stand_ins)) = self.best(likelihood, &without, &others, (promising, counts), original) else { continue };
             let Some(instead) = newest(&without.hypothesis, &swapped.hypothesis) else { continue };
             if instead.key() == old.key() {
                 composition = composition.with(&present.hypothesis, &old, stand_ins);
@@ -356,67 +369,11 @@ impl<'a> Composer<'_, 'a> {
         }
         composition
     }
-}
 
-/// Two effects that stand in for two others, each of which helps only beside its own partner: no exchange of one leads from there to the truth.
-impl<'a> Composer<'_, 'a> {
-    /// Any two effects replaced by what could stand in their places, where that explains more than the composition, or as much with fewer parameters.
-    fn rearranged(&self, composition: &Composition, original: &Original) -> Option<Composition> {
-        let (likelihood, present) = self.renewed(&composition.hypothesis)?;
-        let cost = self.cost(&likelihood);
-        let effects: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| !self.in_block(a)).cloned().collect();
-        let others = |a: &Applied| composition.stand_ins_of(a).into_iter().take(EXCHANGED).collect::<Vec<_>>();
-        let pairs = effects.iter().enumerate().flat_map(|(i, a)| effects[i + 1..].iter().map(move |b| (a, b)));
-        let exchanged = pairs.flat_map(|(a, b)| {
-            let (for_a, for_b) = (others(a), others(b));
-            let both = for_a.into_iter().flat_map(move |x| for_b.clone().into_iter().map(move |y| (x.clone(), y)));
-            both.filter(|(x, y)| x.key() != y.key()).map(move |(x, y)| [a.clone(), b.clone(), x, y]).collect::<Vec<_>>()
-        });
-        let known: Vec<String> = effects.iter().map(Applied::key).collect();
-        let trials: Vec<[Applied; 4]> = exchanged.filter(|[.., x, y]| !known.contains(&x.key()) && !known.contains(&y.key())).collect();
-        let trial = |[a, b, x, y]: [Applied; 4]| {
-            let kept = present.hypothesis.effects.iter().filter(|e| e.key() != a.key() && e.key() != b.key()).cloned();
-            let hypothesis = Hypothesis { effects: in_order(kept.chain([x, y])), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
-            Hypothesis::refit(&likelihood, hypothesis, &self.scales, cost, TRIAL)
-        };
-        let mut fitted: Vec<Hypothesis> = trials.into_par_iter().filter_map(trial).collect();
-        fitted.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        fitted.truncate(REFITTED[1]);
-        let to_the_end = |e: Hypothesis| Hypothesis::refit(&likelihood, e, &self.scales, cost, likelihood.budget.steps);
-        let standings = fitted.into_par_iter().filter_map(to_the_end).filter_map(|e| Standing::of(&likelihood, e, &self.scales));
-        let standings: Vec<Standing> = standings.collect();
-        let better = |s: &&Standing| self.replaces(&present, s);
-        let best = standings.iter().filter(better).min_by(|a, b| a.error().total_cmp(&b.error()))?;
-        let known = |a: &Applied| composition.hypothesis.effects.iter().any(|e| e.key() == a.key());
-        let stand_ins = best.hypothesis.effects.iter().map(|a| if known(a) { composition.stand_ins_of(a) } else { Vec::new() }).collect();
-        let composition = Composition { hypothesis: best.hypothesis.clone(), stand_ins, ..*composition };
-        // What came in together may be more than is needed, or a law of many numbers.
-        let earlier = best.hypothesis.effects.iter().filter(|a| !self.in_block(a)).cloned().collect();
-        Some(self.backward(&likelihood, composition, best.clone(), earlier, original))
-    }
-
-    /// The same with a plain effect in its elaborate form (a friction that falls with speed), where that does beside the plain one what a further cause must. Taken alone
-    /// the form begins far from there: here what both have in common begins as it was fitted.
-    fn elaborated(&self, composition: &Composition, original: &Original) -> Option<Composition> {
-        let (likelihood, present) = self.renewed(&composition.hypothesis).filter(|_| !self.likelihood.system.is_black_box())?;
-        let plain = present.hypothesis.effects.iter().filter(|a| !self.in_block(a));
-        let forms = plain.flat_map(|old| {
-            let elaborates = |a: &&Applied| a.effect.elaborates() == Some(old.effect.name()) && a.channel == old.channel;
-            self.candidates.iter().filter(elaborates).map(move |form| (old, form))
-        });
-        let trials: Vec<Hypothesis> = forms
-            .flat_map(|(old, form)| {
-                let begun = |guess: Vec<f64>| with(form, &in_common(old, form, guess));
-                let guesses = likelihood.first_guesses(form, &self.scales).into_iter().map(begun);
-                guesses.map(|form| to_be_fitted(&present.hypothesis, Some(form), Some(old))).collect::<Vec<_>>()
-            })
-            .collect();
-        let fitted = self.most_gainful(&likelihood, &present.hypothesis, trials, SWAPPED[1]);
-        let standings: Vec<Standing> = fitted.into_iter().filter_map(|e| Standing::of(&likelihood, e, &self.scales)).collect();
-        let accepted = standings.iter().filter(|after| self.gate.accepts(&present, after, original));
-        let best = accepted.min_by(|a, b| a.error().total_cmp(&b.error()))?;
-        let form = newest(&present.hypothesis, &best.hypothesis)?;
-        Some(composition.with(&best.hypothesis, &form, Vec::new()))
+    /// Not plainly worse over the blocks, and hardly worse on held-out data.
+    pub(super) fn as_good(&self, present: &Standing, other: &Standing) -> bool {
+        let worse = Gate::fall(other, present) > self.gate.criteria.added_falls && present.better_by_t(other) >= self.gate.criteria.added_t;
+        !worse && self.gate.holds_out(present, other)
     }
 
     /// Whether a composition that was found without some of another's effects takes that one's place: it explains as much with fewer numbers, or more, and more for
@@ -434,10 +391,7 @@ impl<'a> Composer<'_, 'a> {
         };
         let Some((present, other)) = compared() else { return false };
         if other.hypothesis.free.len() < present.hypothesis.free.len() {
-            // With fewer numbers: as good, on held-out data too.
-            let fall = self.gate.criteria.added_falls;
-            let worse = Gate::fall(&other, &present) > fall && present.better_by_t(&other) >= self.gate.criteria.added_t;
-            return !worse && self.gate.holds_out(&present, &other);
+            return self.as_good(&present, &other);
         }
         let more = other.hypothesis.free.len().saturating_sub(present.hypothesis.free.len());
         let enough = self.gate.criteria.added_falls * (1 + more) as f64;
@@ -445,7 +399,7 @@ impl<'a> Composer<'_, 'a> {
     }
 
     /// Whether a composition takes the place of another: it explains more, with hardly more parameters, on held-out data too.
-    fn replaces(&self, present: &Standing, other: &Standing) -> bool {
+    pub(super) fn replaces(&self, present: &Standing, other: &Standing) -> bool {
         let simple = other.hypothesis.free.len() <= present.hypothesis.free.len() + 1;
         let better = Gate::fall(present, other) > self.gate.criteria.added_equals && self.gate.better(present, other);
         simple && better && other.held.over(&present.held) <= 1.0
@@ -454,7 +408,7 @@ impl<'a> Composer<'_, 'a> {
 
 impl Composition {
     /// Another hypothesis, with what could stand in the place of its newest effect; the others keep theirs.
-    fn with(&self, hypothesis: &Hypothesis, newest: &Applied, stand_ins: Vec<Applied>) -> Self {
+    pub(super) fn with(&self, hypothesis: &Hypothesis, newest: &Applied, stand_ins: Vec<Applied>) -> Self {
         let of = |a: &Applied| if a.key() == newest.key() { stand_ins.clone() } else { self.stand_ins_of(a) };
         Self { stand_ins: hypothesis.effects.iter().map(of).collect(), hypothesis: hypothesis.clone(), ..*self }
     }
@@ -476,14 +430,11 @@ pub(super) fn to_be_fitted(present: &Hypothesis, more: Option<Applied>, less: Op
     Hypothesis { effects: in_order(kept.chain(more)), free: Vec::new(), gain: 0.0, fitted: false, lost: None }
 }
 
-/// A guess of an elaborate form, what it has in common with the plain one as it is there.
-fn in_common(plain: &Applied, form: &Applied, mut guess: Vec<f64>) -> Vec<f64> {
-    for (value, p) in guess.iter_mut().zip(&form.parameters) {
-        if let Some(at) = plain.parameters.iter().position(|q| q.name == p.name) {
-            *value = plain.values[at].clamp(p.lower, p.upper);
-        }
-    }
-    guess
+/// An effect of one number with that of another, where both numbers are of one unit and kind.
+pub(super) fn begun_as(other: &Applied, applied: &Applied) -> Option<Applied> {
+    let ([theirs], [own]) = (&other.parameters[..], &applied.parameters[..]) else { return None };
+    let alike = own.unit == theirs.unit && (own.role == theirs.role || (own.role.is_time() && theirs.role.is_time()));
+    (alike && applied.key() != other.key()).then(|| with(applied, &[other.values[0].clamp(own.lower, own.upper)]))
 }
 
 /// Effects in the order of the table.
@@ -494,6 +445,6 @@ pub(super) fn in_order(effects: impl Iterator<Item = Applied>) -> Vec<Applied> {
 }
 
 /// The effect that one hypothesis has and another has not.
-fn newest(before: &Hypothesis, after: &Hypothesis) -> Option<Applied> {
+pub(super) fn newest(before: &Hypothesis, after: &Hypothesis) -> Option<Applied> {
     after.effects.iter().find(|a| before.effects.iter().all(|b| b.key() != a.key())).cloned()
 }

@@ -41,8 +41,14 @@ impl Gate {
 
     /// Better in most blocks, or plainly better over all of them and on held-out data: a limit acts in few blocks, and the start of a log is in one.
     pub(super) fn better(&self, before: &Standing, after: &Standing) -> bool {
-        let falls = [Self::fall(before, after), 1.0 - after.held.over(&before.held)];
-        after.better_by_t(before) >= self.criteria.added_t || falls.iter().all(|fall| *fall >= self.criteria.added_plainly)
+        after.better_by_t(before) >= self.criteria.added_t || self.plainly(before, after)
+    }
+
+    /// Plainly better over all blocks and held-out data together (the geometric mean of their errors), and better on each.
+    fn plainly(&self, before: &Standing, after: &Standing) -> bool {
+        let ratios = [after.error() / before.error(), after.held.over(&before.held)];
+        let each = ratios.iter().all(|ratio| 1.0 - ratio >= self.criteria.added_falls);
+        each && (ratios[0] * ratios[1]).sqrt() <= 1.0 - self.criteria.added_plainly
     }
 
     /// What is taken is seen in the outputs, however large the gap is of which it is a part.
@@ -63,8 +69,9 @@ impl Gate {
         after.held.over(&before.held) <= 1.0 / (1.0 - self.criteria.added_falls)
     }
 
-    /// An earlier effect is needless where the blocks are hardly worse without it.
+    /// An earlier effect is needless where the blocks are hardly worse without it, unless all of them together are worse and held-out data plainly so.
     pub(super) fn needless(&self, without: &Standing, with: &Standing) -> bool {
-        with.better_by_t(without) < self.criteria.dropped_t
+        let asked_for = Self::fall(without, with) > 0.0 && 1.0 - with.held.over(&without.held) >= self.criteria.added_plainly;
+        with.better_by_t(without) < self.criteria.dropped_t && !asked_for
     }
 }

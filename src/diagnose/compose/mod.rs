@@ -2,6 +2,7 @@
 
 pub(in crate::diagnose) mod composed;
 mod composer;
+mod exchange;
 mod gate;
 mod recalibration;
 mod standing;

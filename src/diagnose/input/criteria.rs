@@ -98,7 +98,7 @@ pub struct Criteria {
     pub added_t: f64,
     /// Where the logarithms of the blocks' errors are compared instead, this part of the blocks must improve: friction acts at times only; 1. Chosen.
     pub added_blocks: f64,
-    /// A cause that lowers both, over the blocks and on held-out data, by this part need not do so in most blocks: a limit acts in few of them; 1. Chosen.
+    /// A cause that lowers both, over the blocks and on held-out data, and by this part in the mean need not do so in most blocks: a limit acts in few of them; 1. Chosen.
     pub added_plainly: f64,
     /// Twice the log-likelihood that a further cause must gain. Null: as `selection_penalty`.
     pub added_gains: f64,

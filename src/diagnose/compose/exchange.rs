@@ -1,0 +1,144 @@
+//! Exchanges of more than one effect at a time: two for two others, several that are alike for one, a plain law for its elaborate form, an effect with the partner that the search gave it.
+//!
+//! How it can be wrong: each begins from what is found already, so what needs three exchanges at once is not reached; and only a few of each are tried.
+
+use rayon::prelude::*;
+
+use super::composer::{Composer, Composition, PAIRS, REFITTED, SWAPPED, TRIAL, begun_as, in_order, newest, to_be_fitted};
+use super::gate::Original;
+use super::standing::Standing;
+use crate::diagnose::hypothesis::direction::with;
+use crate::diagnose::hypothesis::effects::Hypothesis;
+use crate::effect::Applied;
+
+/// So many of what could stand in the place of an effect are tried together with those of another.
+const EXCHANGED: usize = 2;
+/// Numbers that are apart by this part of the larger one may be one number: each was fitted beside the other.
+const APART: f64 = 0.5;
+
+impl Composer<'_, '_> {
+    /// Any two effects replaced by what could stand in their places, where that explains more than the composition, or as much with fewer parameters.
+    pub(super) fn rearranged(&self, composition: &Composition, original: &Original) -> Option<Composition> {
+        let (likelihood, present) = self.renewed(&composition.hypothesis)?;
+        let cost = self.cost(&likelihood);
+        let effects: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| !self.in_block(a)).cloned().collect();
+        let others = |a: &Applied| composition.stand_ins_of(a).into_iter().take(EXCHANGED).collect::<Vec<_>>();
+        let pairs = effects.iter().enumerate().flat_map(|(i, a)| effects[i + 1..].iter().map(move |b| (a, b)));
+        let exchanged = pairs.flat_map(|(a, b)| {
+            let (for_a, for_b) = (others(a), others(b));
+            let both = for_a.into_iter().flat_map(move |x| for_b.clone().into_iter().map(move |y| (x.clone(), y)));
+            both.filter(|(x, y)| x.key() != y.key()).map(move |(x, y)| [a.clone(), b.clone(), x, y]).collect::<Vec<_>>()
+        });
+        let known: Vec<String> = effects.iter().map(Applied::key).collect();
+        let trials: Vec<[Applied; 4]> = exchanged.filter(|[.., x, y]| !known.contains(&x.key()) && !known.contains(&y.key())).collect();
+        let trial = |[a, b, x, y]: [Applied; 4]| {
+            let kept = present.hypothesis.effects.iter().filter(|e| e.key() != a.key() && e.key() != b.key()).cloned();
+            let hypothesis = Hypothesis { effects: in_order(kept.chain([x, y])), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
+            Hypothesis::refit(&likelihood, hypothesis, &self.scales, cost, TRIAL)
+        };
+        let mut fitted: Vec<Hypothesis> = trials.into_par_iter().filter_map(trial).collect();
+        fitted.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        fitted.truncate(REFITTED[1]);
+        let to_the_end = |e: Hypothesis| Hypothesis::refit(&likelihood, e, &self.scales, cost, likelihood.budget.steps);
+        let standings = fitted.into_par_iter().filter_map(to_the_end).filter_map(|e| Standing::of(&likelihood, e, &self.scales));
+        let standings: Vec<Standing> = standings.collect();
+        let better = |s: &&Standing| self.replaces(&present, s);
+        let best = standings.iter().filter(better).min_by(|a, b| a.error().total_cmp(&b.error()))?;
+        let known = |a: &Applied| composition.hypothesis.effects.iter().any(|e| e.key() == a.key());
+        let stand_ins = best.hypothesis.effects.iter().map(|a| if known(a) { composition.stand_ins_of(a) } else { Vec::new() }).collect();
+        let composition = Composition { hypothesis: best.hypothesis.clone(), stand_ins, ..*composition };
+        // What came in together may be more than is needed, or a law of many numbers.
+        let earlier = best.hypothesis.effects.iter().filter(|a| !self.in_block(a)).cloned().collect();
+        Some(self.backward(&likelihood, composition, best.clone(), earlier, original))
+    }
+
+    /// The same with a plain effect in its elaborate form (a friction that falls with speed), where that does beside the plain one what a further cause must. Taken alone
+    /// the form begins far from there: here what both have in common begins as it was fitted.
+    pub(super) fn elaborated(&self, composition: &Composition, original: &Original) -> Option<Composition> {
+        let (likelihood, present) = self.renewed(&composition.hypothesis).filter(|_| !self.likelihood.system.is_black_box())?;
+        let plain = present.hypothesis.effects.iter().filter(|a| !self.in_block(a));
+        let forms = plain.flat_map(|old| {
+            let elaborates = |a: &&Applied| a.effect.elaborates() == Some(old.effect.name()) && a.channel == old.channel;
+            self.candidates.iter().filter(elaborates).map(move |form| (old, form))
+        });
+        let trials: Vec<Hypothesis> = forms
+            .flat_map(|(old, form)| {
+                let begun = |guess: Vec<f64>| with(form, &in_common(old, form, guess));
+                let guesses = likelihood.first_guesses(form, &self.scales).into_iter().map(begun);
+                guesses.map(|form| to_be_fitted(&present.hypothesis, Some(form), Some(old))).collect::<Vec<_>>()
+            })
+            .collect();
+        let fitted = self.most_gainful(&likelihood, &present.hypothesis, trials, SWAPPED[1]);
+        let standings: Vec<Standing> = fitted.into_iter().filter_map(|e| Standing::of(&likelihood, e, &self.scales)).collect();
+        let accepted = standings.iter().filter(|after| self.gate.accepts(&present, after, original));
+        let best = accepted.min_by(|a, b| a.error().total_cmp(&b.error()))?;
+        let form = newest(&present.hypothesis, &best.hypothesis)?;
+        Some(composition.with(&best.hypothesis, &form, Vec::new()))
+    }
+
+    /// Effects of one number each, of one unit and kind and about as large, replaced by one, where that is as good: what makes every output late is one delay.
+    pub(super) fn merged(&self, composition: &Composition) -> Option<Composition> {
+        let effects = &composition.hypothesis.effects;
+        let like = |a: &Applied| effects.iter().filter(|b| b.key() == a.key() || about_as_large(a, b)).cloned().collect::<Vec<_>>();
+        let mut groups: Vec<Vec<Applied>> =
+            effects.iter().filter(|a| !self.in_block(a)).map(like).filter(|group| group.len() > 1).collect();
+        groups.dedup_by_key(|group| group.iter().map(Applied::key).collect::<Vec<_>>());
+        if groups.is_empty() {
+            return None;
+        }
+        let (likelihood, present) = self.renewed(&composition.hypothesis)?;
+        let cost = self.cost(&likelihood);
+        let trials = groups.iter().flat_map(|group| {
+            let kept: Vec<Applied> = effects.iter().filter(|e| group.iter().all(|g| g.key() != e.key())).cloned().collect();
+            let free = |c: &&Applied| effects.iter().all(|e| e.key() != c.key());
+            let ones = self.candidates.iter().filter(free).filter_map(|c| begun_as(&group[0], c)).collect::<Vec<_>>();
+            ones.into_iter().map(move |one| in_order(kept.clone().into_iter().chain([one])))
+        });
+        let trials: Vec<Hypothesis> =
+            trials.map(|effects| Hypothesis { effects, ..to_be_fitted(&present.hypothesis, None, None) }).collect();
+        let fit = |e: Hypothesis| {
+            Standing::of(&likelihood, Hypothesis::refit(&likelihood, e, &self.scales, cost, likelihood.budget.steps)?, &self.scales)
+        };
+        let standings: Vec<Standing> = trials.into_par_iter().filter_map(fit).filter(|s| self.as_good(&present, s)).collect();
+        let best = standings.iter().min_by(|a, b| a.error().total_cmp(&b.error()))?;
+        let others = standings.iter().filter(|s| s.hypothesis.key() != best.hypothesis.key() && self.as_good(best, s));
+        let one = newest(&present.hypothesis, &best.hypothesis)?;
+        let stand_ins = others.filter_map(|s| newest(&present.hypothesis, &s.hypothesis)).collect();
+        Some(composition.with(&best.hypothesis, &one, stand_ins))
+    }
+
+    /// A hypothesis with one effect more that the search fitted as a pair with one of its own, both as they were there: beside its partner an effect may be far from
+    /// what it is without.
+    pub(super) fn as_paired<'s>(&'s self, from: &'s Hypothesis) -> impl Iterator<Item = Hypothesis> + 's {
+        let known = |a: &Applied| self.candidates.iter().any(|c| c.key() == a.key());
+        let present = |a: &Applied| from.effects.iter().any(|e| e.key() == a.key());
+        let apart = move |pair: &'s Hypothesis| match &pair.effects[..] {
+            [a, b] if pair.fitted && present(a) && !present(b) && known(b) => Some((a, b)),
+            [a, b] if pair.fitted && present(b) && !present(a) && known(a) => Some((b, a)),
+            _ => None,
+        };
+        let joined = |(own, new): (&Applied, &Applied)| {
+            let mut joined = to_be_fitted(from, Some(new.clone()), Some(own));
+            joined.effects = in_order(joined.effects.into_iter().chain([own.clone()]));
+            joined
+        };
+        self.pairs.iter().filter_map(apart).take(PAIRS).map(joined)
+    }
+}
+
+/// Two effects of one number each, of one unit and kind, that are as large but for a part.
+fn about_as_large(a: &Applied, b: &Applied) -> bool {
+    let size = |e: &Applied| e.values[0] - e.parameters[0].nominal;
+    let alike = || (size(a) - size(b)).abs() <= APART * size(a).abs().max(size(b).abs());
+    begun_as(a, b).is_some() && alike()
+}
+
+/// A guess of an elaborate form, what it has in common with the plain one as it is there.
+fn in_common(plain: &Applied, form: &Applied, mut guess: Vec<f64>) -> Vec<f64> {
+    for (value, p) in guess.iter_mut().zip(&form.parameters) {
+        if let Some(at) = plain.parameters.iter().position(|q| q.name == p.name) {
+            *value = plain.values[at].clamp(p.lower, p.upper);
+        }
+    }
+    guess
+}
