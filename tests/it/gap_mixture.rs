@@ -92,9 +92,8 @@ fn one_wrong_number_beside_other_causes_is_no_block() {
     assert!(!d.cause.recalibration.as_ref().unwrap().accepted, "{:?}", d.cause.recalibration);
 }
 
-/// An offset of a sensor, a gain and a play: alone an offset of the command takes more than any of the three.
 #[test]
-fn three_causes_of_which_a_fourth_takes_most_are_found() {
+fn an_offset_a_gain_and_a_play_are_found_together() {
     let truth: [(&str, &str, &[f64]); 3] = [("sensor_bias", "angle", &[0.25]), ("input_gain", "u", &[1.25]), ("backlash", "u", &[0.3])];
     let d = run(&truth, 1000, 90);
     adds_up(&d);

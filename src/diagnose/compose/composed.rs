@@ -284,8 +284,8 @@ impl Compose<'_, '_> {
     }
 
     /// The same, or a better one that begins elsewhere: with a pair that leaves less than all of this does. Laws of many numbers (a resonance) take the shape of several
-    /// plain ones together: so all is done again without any of them. And where something is left above the noise, what explains most may stand in the way of others: so all is done again without that, then without
-    /// what explains most of the better composition.
+    /// plain ones together: so all is done again without any of them. And where something is left above the noise, what explains most may stand in the way of others:
+    /// so all is done again without that, then without what explains most of the better composition.
     fn begun_elsewhere(&self, mut best: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
         if self.likelihood.system.is_black_box() || best.hypothesis.effects.is_empty() {
             return best;

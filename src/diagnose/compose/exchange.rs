@@ -79,9 +79,9 @@ impl Composer<'_, '_> {
     /// Effects of one number each, of one unit and kind and about as large, replaced by one, where that is as good: what makes every output late is one delay.
     pub(super) fn merged(&self, composition: &Composition) -> Option<Composition> {
         let effects = &composition.hypothesis.effects;
-        let like = |a: &Applied| effects.iter().filter(|b| b.key() == a.key() || about_as_large(a, b)).cloned().collect::<Vec<_>>();
-        let mut groups: Vec<Vec<Applied>> =
-            effects.iter().filter(|a| !self.in_block(a)).map(like).filter(|group| group.len() > 1).collect();
+        let singly = || effects.iter().filter(|a| !self.in_block(a));
+        let like = |a: &Applied| singly().filter(|b| b.key() == a.key() || about_as_large(a, b)).cloned().collect::<Vec<_>>();
+        let mut groups: Vec<Vec<Applied>> = singly().map(like).filter(|group| group.len() > 1).collect();
         groups.dedup_by_key(|group| group.iter().map(Applied::key).collect::<Vec<_>>());
         if groups.is_empty() {
             return None;
