@@ -46,8 +46,7 @@ impl Likelihood<'_> {
     /// and nuisances fitted to the other blocks: one Gauss-Newton step from a fit to all. `columns`: derivatives of the whitened residual by the shared
     /// parameters; `precision`: of the prior of each about its present value, and how far from the prior's mean it stands, in units of the parameter.
     pub(in crate::diagnose) fn left_out(&self, residual: &Whitened, columns: &[Whitened], prior: &[(f64, f64)]) -> Option<Vec<f64>> {
-        let length: Vec<f64> =
-            columns.iter().map(|c| c.iter().map(DVector::norm_squared).sum::<f64>().sqrt().max(f64::MIN_POSITIVE)).collect();
+        let length: Vec<f64> = columns.iter().map(|c| unit_of(c.iter().map(DVector::norm_squared).sum())).collect();
         let trained = |at: usize| if self.records[at].train.is_some() { self.nuisances_of(at).ncols() } else { 0 };
         let layout = Layout { shared: columns.len(), nuisances: (0..self.records.len()).map(trained).collect() };
         let blocks = self.blocks(residual, columns, &length, &layout);
@@ -104,6 +103,11 @@ impl Likelihood<'_> {
     }
 }
 
+/// The length of a column that is its unit: of one that the data do not see at all (how long a jump takes between two samples), 1.
+fn unit_of(squared: f64) -> f64 {
+    if squared.is_normal() { squared.sqrt() } else { 1.0 }
+}
+
 /// Adds a block's part of the normal equations, or takes it out.
 fn add(information: &mut DMatrix<f64>, gradient: &mut DVector<f64>, block: &Block, layout: &Layout, sign: f64) {
     let (g, b) = (block.derivatives.tr_mul(&block.derivatives), block.derivatives.tr_mul(&block.residual));
@@ -112,5 +116,24 @@ fn add(information: &mut DMatrix<f64>, gradient: &mut DVector<f64>, block: &Bloc
         for d in 0..g.ncols() {
             information[(layout.place(block, c), layout.place(block, d))] += sign * g[(c, d)];
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::active_effects::NO_EFFECT;
+    use super::super::servo::beside;
+
+    /// How long a jump takes between two samples is seen by nobody: blocks are predicted as without that number.
+    #[test]
+    fn a_number_that_the_data_do_not_see_changes_nothing() {
+        beside(&[("input_delay", "u", &[0.06])], |likelihood, _| {
+            let residual = likelihood.whitened(NO_EFFECT).unwrap();
+            let seen: Vec<_> = residual.iter().map(|r| r.map(|v| v + 0.3)).collect();
+            let unseen: Vec<_> = residual.iter().map(|r| 0.0 * r).collect();
+            let alone = likelihood.left_out(&residual, std::slice::from_ref(&seen), &[(0.0, 0.0)]).unwrap();
+            let both = likelihood.left_out(&residual, &[seen, unseen], &[(0.0, 0.0), (0.0, 0.0)]).unwrap();
+            assert!(alone.iter().zip(&both).all(|(a, b)| (a / b - 1.0).abs() < 1e-9), "{alone:?} {both:?}");
+        });
     }
 }

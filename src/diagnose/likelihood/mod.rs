@@ -8,4 +8,6 @@ pub(in crate::diagnose) mod errors;
 pub(in crate::diagnose) mod gaussian;
 mod nuisances;
 pub(in crate::diagnose) mod residuals;
+#[cfg(test)]
+pub(in crate::diagnose) mod servo;
 mod simulated;

@@ -224,111 +224,29 @@ fn fitted(likelihood: &Likelihood<'_>, wanted: Vec<Vec<Applied>>, scales: &Scale
 
 #[cfg(test)]
 mod tests {
-    use rand::RngExt;
-    use rand_chacha::ChaCha8Rng;
-    use rand_chacha::rand_core::SeedableRng;
-    use rand_distr::StandardNormal;
-
     use super::super::screen::screen;
     use super::super::singles::fit_first;
     use super::*;
-    use crate::diagnose::baseline::motion::Motion;
-    use crate::diagnose::baseline::predictor::Predictor;
-    use crate::diagnose::input::inputs::{Inputs, Simulator};
-    use crate::diagnose::input::options::GapOptions;
-    use crate::diagnose::input::subject::Subject;
     use crate::diagnose::likelihood::active_effects::NO_EFFECT;
-    use crate::diagnose::likelihood::gaussian::Terms;
-    use crate::diagnose::likelihood::residuals::residuals;
-    use crate::effect::{Chance, find};
-    use crate::log::{Channel, Log};
-    use crate::model::ModelDocument;
-    use crate::simulate::{Commands, System};
-    use crate::stop::Stop;
-
-    const SERVO: &str = r#"
-format = "deadtime/model@1"
-name = "servo"
-kind = "lti"
-inputs = [{ name = "u" }]
-states = [{ name = "x" }, { name = "v" }]
-outputs = [{ name = "angle" }, { name = "rate" }]
-initial = [0.0, 0.0]
-initial_std = [0.0, 0.0]
-A = [[0.0, 1.0], [-9.0, -2.4]]
-B = [[0.0], [9.0]]
-C = [[1.0, 0.0], [0.0, 1.0]]
-D = [[0.0], [0.0]]
-"#;
-
-    /// What a servo with these effects logs, under commands that change every 5 to 30 samples of 20 ms.
-    fn log(system: &System, effects: &[Applied], seed: u64) -> Log {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let mut u: Vec<f64> = Vec::new();
-        while u.len() < 900 {
-            let level = rng.random_range(-1.0..1.0);
-            u.extend(std::iter::repeat_n(level, rng.random_range(5..30)));
-        }
-        let time_s: Vec<f64> = (0..u.len()).map(|k| 0.02 * k as f64).collect();
-        let plan = Applied::plan(system, effects, Chance::Seed(seed)).unwrap();
-        let commands = Commands { time_s: &time_s, inputs: std::slice::from_ref(&u) };
-        let y = system.simulate(&plan, commands, &[0.0, 0.0], None).unwrap().y;
-        let mut channels = vec![Channel::new("u", None, u.clone())];
-        for (i, (name, noise)) in [("angle", 0.01), ("rate", 0.02)].into_iter().enumerate() {
-            channels.push(Channel::new(name, None, y.column(i).iter().map(|v| v + noise * rng.sample::<f64, _>(StandardNormal)).collect()));
-        }
-        Log::new(format!("{seed}.csv"), time_s, channels).unwrap()
-    }
+    use crate::diagnose::likelihood::servo::{beside, nominal};
 
     /// The sequence of losses must outlive the last fit of a pair: with the mean of all sequences in its place, most of what the pair explains is gone.
     #[test]
     fn a_pair_keeps_the_lost_commands_that_were_found_for_it() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("servo.toml");
-        std::fs::write(&path, SERVO).unwrap();
-        let document = ModelDocument::read(&path).unwrap();
-        let subject = Subject::from(&document);
-        let nominal = |system: &System, (effect, channel): (&str, &str)| Applied::nominal(system, find(effect).unwrap(), channel).unwrap();
-        let machine = System::new(&document, |_| Ok(0.0)).unwrap();
-        let truth = [
-            with(&nominal(&machine, ("dropped_commands", "u")), &[0.3, f64::INFINITY]),
-            with(&nominal(&machine, ("sensor_bias", "angle")), &[0.3]),
-        ];
-        let logs = [log(&machine, &truth, 1), log(&machine, &truth, 2)];
+        beside(&[("dropped_commands", "u", &[0.3, f64::INFINITY]), ("sensor_bias", "angle", &[0.3])], |likelihood, scales| {
+            let candidates = [("dropped_commands", "u"), ("sensor_bias", "angle"), ("input_delay", "u")];
+            let candidates = candidates.map(|(effect, channel)| nominal(likelihood.system, effect, channel)).to_vec();
+            let whitened = likelihood.whitened(NO_EFFECT).unwrap();
+            let pool = screen(likelihood, candidates, scales, &whitened);
+            let singles = fit_first(likelihood, &pool, scales, &whitened);
+            let pairs = pairs(likelihood, &singles, &[], &pool, scales, &whitened);
 
-        let options = GapOptions::default();
-        let simulator = Simulator::of(subject, &logs, &Stop::default()).unwrap();
-        let inputs = Inputs::new(subject, &simulator, &logs, &[], &options).unwrap();
-        let system = &simulator.system;
-        let predictor = Predictor::of(system, &inputs.records, &inputs.poles, None, None, &options.criteria);
-        let motion = Motion::of(system, &[], &inputs.records, &predictor, None).unwrap();
-        let noise_std = motion.innovations(&inputs.records, &options.criteria);
-        let likelihood = Likelihood::new(Terms {
-            system,
-            records: &inputs.records,
-            predictor: &predictor,
-            model_effects: Vec::new(),
-            nuisances: &[],
-            prior: motion.prior(system),
-            noise_std: &noise_std,
-            resolution: Vec::new(),
-            criteria: options.criteria,
-            stop: Stop::default(),
-        })
-        .unwrap();
-        let scales = motion.scales(system, &inputs.records, &residuals(&likelihood, NO_EFFECT).unwrap(), inputs.longest_delay_s);
-        let candidates =
-            [("dropped_commands", "u"), ("sensor_bias", "angle"), ("input_delay", "u")].map(|name| nominal(system, name)).to_vec();
-        let whitened = likelihood.whitened(NO_EFFECT).unwrap();
-        let pool = screen(&likelihood, candidates, &scales, &whitened);
-        let singles = fit_first(&likelihood, &pool, &scales, &whitened);
-        let pairs = pairs(&likelihood, &singles, &[], &pool, &scales, &whitened);
-
-        let pair = pairs.iter().find(|p| p.key() == "dropped_commands:u + sensor_bias:angle").unwrap();
-        let cost = likelihood.inner(&whitened, &whitened);
-        let by_mean = Hypothesis::fit(&likelihood, &pair.effects, &scales, cost, likelihood.budget.steps).unwrap();
-        assert!(pair.lost.is_some());
-        assert!(pair.gain > by_mean.gain + 1000.0, "{} with its sequence, {} without", pair.gain, by_mean.gain);
-        assert_eq!(pairs[0].key(), pair.key());
+            let pair = pairs.iter().find(|p| p.key() == "dropped_commands:u + sensor_bias:angle").unwrap();
+            let cost = likelihood.inner(&whitened, &whitened);
+            let by_mean = Hypothesis::fit(likelihood, &pair.effects, scales, cost, likelihood.budget.steps).unwrap();
+            assert!(pair.lost.is_some());
+            assert!(pair.gain > by_mean.gain + 1000.0, "{} with its sequence, {} without", pair.gain, by_mean.gain);
+            assert_eq!(pairs[0].key(), pair.key());
+        });
     }
 }
