@@ -18,14 +18,12 @@ use super::standing::Standing;
 use crate::diagnose::baseline::noise::Noise;
 use crate::diagnose::baseline::spectrum::peaks_hz;
 use crate::diagnose::format::progress::Stage;
-use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
+use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::hypothesis::effects::Hypothesis;
-use crate::diagnose::hypothesis::slopes::Still;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
-use crate::diagnose::search::beside::Beside;
 use crate::diagnose::search::catalogue_search::noise_of;
 use crate::effect::{Applied, Scales, row};
 
@@ -36,15 +34,13 @@ pub(super) const SWAPPED: [usize; 2] = [6, 3];
 /// And so many at most, where more of them promise about what the best does: what cannot be told apart from an effect is told beside it.
 const ALIKE: [usize; 2] = [12, 6];
 /// What promises this part of the best promises about as much.
-const AS_MUCH: f64 = 0.95;
+pub(super) const AS_MUCH: f64 = 0.95;
 /// Steps of the first fits.
 pub(super) const TRIAL: usize = 4;
 /// Pairs that may begin where no single effect is accepted, and that may join what is found.
 pub(super) const PAIRS: usize = 5;
 /// So many of the most promising candidates of every step are tried in the place of earlier effects.
 const SHORTLIST: usize = 20;
-/// First guesses of a candidate that are looked at beside what is found already.
-const GUESSES: usize = 12;
 
 /// Effects that together explain, and what could stand in the place of each.
 #[derive(Debug, Clone)]
@@ -201,100 +197,6 @@ impl<'a> Composer<'_, 'a> {
         likelihood.whitened(NO_EFFECT).map_or(0.0, |w| likelihood.inner(&w, &w))
     }
 
-    /// Candidates that promise something beside a hypothesis, each with how much and with its best guess; those that promise most first. An elaborate form that promises
-    /// hardly more than its plain one waits until that is in.
-    fn promising(&self, likelihood: &Likelihood<'_>, present: &Hypothesis, candidates: &[&Applied]) -> Vec<(f64, Applied)> {
-        let Some(beside) = Beside::new(likelihood, present, &self.scales) else { return Vec::new() };
-        let keys: Vec<String> = present.effects.iter().map(Applied::key).collect();
-        let mut promising: Vec<(f64, Applied)> = candidates
-            .par_iter()
-            .filter(|a| !keys.contains(&a.key()))
-            .filter_map(|candidate| self.promise(likelihood, &beside, candidate))
-            .filter(|(promise, _)| *promise > self.gate.criteria.added_falls * beside.cost)
-            .collect();
-        promising.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let plain: Vec<(String, f64)> = promising.iter().map(|(promise, a)| (a.key(), *promise)).collect();
-        promising.retain(|(promise, a)| {
-            let as_plain = |name: &str| format!("{name}:{}", a.channel);
-            let own = a.effect.elaborates().and_then(|name| plain.iter().find(|(key, _)| *key == as_plain(name)));
-            own.is_none_or(|(_, plain)| *plain < AS_MUCH * promise)
-        });
-        promising
-    }
-
-    /// Joint fits of a hypothesis with each of the candidates that promise most beside it.
-    fn additions(
-        &self,
-        likelihood: &Likelihood<'_>,
-        from: &Hypothesis,
-        mut promising: Vec<(f64, Applied)>,
-        counts: [usize; 2],
-    ) -> Vec<Hypothesis> {
-        promising.truncate(counts[0]);
-        let cost = self.cost(likelihood);
-        let paired = self.as_paired(from);
-        let trials = promising.into_iter().map(|(_, candidate)| to_be_fitted(from, Some(candidate), None)).chain(paired).collect();
-        let limited = |e: Hypothesis| e.with_missing_limits(likelihood, &self.scales, cost, likelihood.budget.steps);
-        self.most_gainful(likelihood, from, trials, counts[1]).into_par_iter().map(limited).collect()
-    }
-
-    /// Hypotheses near one that is fitted: those that gain most in a few steps, fitted to the end.
-    pub(super) fn most_gainful(
-        &self,
-        likelihood: &Likelihood<'_>,
-        near: &Hypothesis,
-        trials: Vec<Hypothesis>,
-        count: usize,
-    ) -> Vec<Hypothesis> {
-        let cost = self.cost(likelihood);
-        let Some(still) = Still::of(near, likelihood, &self.scales) else { return Vec::new() };
-        let fits = |hypotheses: Vec<Hypothesis>, steps: (usize, &Still)| -> Vec<Hypothesis> {
-            let refit = |e: Hypothesis| Hypothesis::refit_beside(likelihood, e, &self.scales, cost, steps);
-            let mut fitted: Vec<Hypothesis> = hypotheses.into_par_iter().filter_map(refit).collect();
-            fitted.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-            let mut known = Vec::new();
-            fitted.retain(|e| {
-                !known.contains(&e.key()) && {
-                    known.push(e.key());
-                    true
-                }
-            });
-            fitted
-        };
-        let mut fitted = fits(trials, (TRIAL, &still));
-        fitted.truncate(count);
-        fits(fitted, (likelihood.budget.steps, &Still::NONE))
-    }
-
-    /// The fall of the cost that a candidate promises, and the guess that gave it.
-    pub(super) fn promise(&self, likelihood: &Likelihood<'_>, beside: &Beside, candidate: &Applied) -> Option<(f64, Applied)> {
-        // A single number that only says how much has the same signature wherever it is taken.
-        let one_signature = matches!(&candidate.parameters[..], [p] if !p.role.is_shape()) && !has_limit(candidate);
-        let mut best: Option<(f64, Applied)> = None;
-        for (at, guess) in self.guesses(likelihood, candidate).into_iter().enumerate() {
-            let near = !has_limit(candidate) && (at == 0 || !one_signature);
-            for share in [NEAR, 1.0].into_iter().filter(|share| near || *share > NEAR) {
-                let there = with(candidate, &between(candidate, &guess, share));
-                let effects: Vec<Applied> = beside.first.effects.iter().cloned().chain([there]).collect();
-                let Some(moved) = likelihood.whitened(&effects) else { continue };
-                let along = beside.promise(likelihood, &difference(&beside.residual, &moved, 1.0));
-                let promise = along.max(beside.cost - likelihood.inner(&moved, &moved));
-                if promise.is_finite() && best.as_ref().is_none_or(|(most, _)| promise > *most) {
-                    best = Some((promise, with(candidate, &guess)));
-                }
-            }
-        }
-        best
-    }
-
-    /// First guesses beside what is found already: what the candidate was fitted to alone, then its own.
-    fn guesses(&self, likelihood: &Likelihood<'_>, candidate: &Applied) -> Vec<Vec<f64>> {
-        let alone = self.singles.iter().find(|s| s.fitted && s.effects.len() == 1 && s.effects[0].key() == candidate.key());
-        let own = likelihood.first_guesses(candidate, &self.scales);
-        let every = own.len().div_ceil(GUESSES).max(1);
-        alone.map(|s| s.effects[0].values.clone()).into_iter().chain(own.into_iter().step_by(every)).collect()
-    }
-
     /// The best addition that is accepted, and what could stand in its place. What has fewer parameters leads where it could stand in the place of the best:
     /// a law of three numbers takes the shape of much that it is not. Of near equals the first in the table leads.
     /// Fits begin `from` the values of the others there.
@@ -365,6 +267,9 @@ impl<'a> Composer<'_, 'a> {
             if plainer || self.replaces(&present, &swapped) {
                 composition = composition.with(&swapped.hypothesis, &instead, stand_ins);
                 present = swapped;
+            } else if self.gate.stands_in(&without, &present, &swapped) {
+                let alike = [instead].into_iter().chain(stand_ins).filter(|a| a.key() != old.key()).collect();
+                composition = composition.with(&present.hypothesis, &old, alike);
             }
         }
         composition

@@ -1,5 +1,6 @@
 //! Several causes at once: effects added one at a time, everything refitted together.
 
+mod additions;
 pub(in crate::diagnose) mod composed;
 mod composer;
 mod exchange;
