@@ -298,9 +298,7 @@ impl<'a> Composer<'_, 'a> {
         if other.hypothesis.free.len() < present.hypothesis.free.len() {
             return self.as_good(&present, &other);
         }
-        let more = other.hypothesis.free.len().saturating_sub(present.hypothesis.free.len());
-        let enough = self.gate.criteria.added_falls * (1 + more) as f64;
-        Gate::fall(&present, &other) > enough && self.gate.better(&present, &other) && other.held.over(&present.held) <= 1.0
+        self.gate.pays(&present, &other) && self.gate.better(&present, &other) && other.held.over(&present.held) <= 1.0
     }
 
     /// Whether a composition takes the place of another: it explains more, with hardly more parameters, on held-out data too.

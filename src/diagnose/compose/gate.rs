@@ -39,6 +39,12 @@ impl Gate {
                 || (fall.min(held) >= limits.added_of_rest && taken.iter().all(|(before, after, _)| self.shows(before, after))))
     }
 
+    /// What takes another's place explains more, and more for every further number.
+    pub(super) fn pays(&self, before: &Standing, after: &Standing) -> bool {
+        let more = after.hypothesis.free.len().saturating_sub(before.hypothesis.free.len());
+        Self::fall(before, after) > self.criteria.added_falls * (1 + more) as f64
+    }
+
     /// Better in most blocks, or plainly better over all of them and on held-out data: a limit acts in few blocks, and the start of a log is in one.
     pub(super) fn better(&self, before: &Standing, after: &Standing) -> bool {
         after.better_by_t(before) >= self.criteria.added_t || self.plainly(before, after)
@@ -73,5 +79,59 @@ impl Gate {
     pub(super) fn needless(&self, without: &Standing, with: &Standing) -> bool {
         let asked_for = Self::fall(without, with) > 0.0 && 1.0 - with.held.over(&without.held) >= self.criteria.added_plainly;
         with.better_by_t(without) < self.criteria.dropped_t && !asked_for
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::input::options::GapOptions;
+
+    /// Ten blocks of squared error 1, of which the first is as said; a held-out error; and so many free numbers.
+    fn standing(first: f64, held: f64, numbers: usize) -> Standing {
+        let mut blocks = vec![1.0; 10];
+        blocks[0] = first;
+        Standing::judged(blocks, Errors::of_one(1.0, 100.0), Errors::of_one(held.sqrt(), 100.0), numbers)
+    }
+
+    fn gate() -> Gate {
+        Gate { criteria: GapOptions::default().criteria }
+    }
+
+    /// All of the fall is in one block, so no t says anything: 40 % of the blocks' error and 10 % of the held-out one are a quarter in the mean, 40 and 5 are not.
+    #[test]
+    fn plainly_better_is_a_quarter_in_the_mean_of_learnt_and_held_out() {
+        let before = standing(11.0, 1.0, 1);
+        let after = |held: f64| standing(3.0, held, 1);
+        assert!(after(0.9).better_by_t(&before) < gate().criteria.added_t);
+        assert!(gate().better(&before, &after(0.9)));
+        assert!(!gate().better(&before, &after(0.95)));
+        // Much better on what was learnt, and worse held out.
+        assert!(!gate().better(&before, &standing(0.0, 1.01, 1)));
+    }
+
+    /// Hardly better over the blocks: held-out data that are a quarter worse without it keep an effect, unless the blocks are better without it.
+    #[test]
+    fn held_out_data_keep_an_effect() {
+        let with = standing(1.0, 0.7, 2);
+        let without = |first: f64, held: f64| {
+            let mut without = standing(first, held, 1);
+            without.blocks[1] = 0.7;
+            without
+        };
+        assert!(with.better_by_t(&without(1.5, 0.9)) < gate().criteria.dropped_t);
+        assert!(gate().needless(&without(1.5, 0.9), &with));
+        assert!(!gate().needless(&without(1.5, 1.0), &with));
+        assert!(gate().needless(&without(0.5, 1.0), &with));
+    }
+
+    /// Of an error of 20 each further number has to take 0.4 more.
+    #[test]
+    fn every_further_number_is_paid_for() {
+        let before = standing(11.0, 1.0, 2);
+        let after = |fall: f64, numbers: usize| standing(11.0 - 20.0 * fall, 1.0, numbers);
+        assert!(gate().pays(&before, &after(0.03, 2)) && gate().pays(&before, &after(0.03, 1)));
+        assert!(!gate().pays(&before, &after(0.03, 3)) && gate().pays(&before, &after(0.05, 3)));
+        assert!(!gate().pays(&before, &after(0.09, 6)) && gate().pays(&before, &after(0.11, 6)));
     }
 }

@@ -47,9 +47,8 @@ impl Composer<'_, '_> {
         let plainer = others(&after) < others(&before) && after.hypothesis.free.len() <= before.hypothesis.free.len();
         let takes_place = plainer || numbers(&before) >= FEWEST && others(&after) == others(&before);
         let as_good = after.better_by_t(&before) >= -self.gate.criteria.dropped_t && self.gate.holds_out(&before, &after);
-        let more = after.hypothesis.free.len().saturating_sub(before.hypothesis.free.len());
         let better = after.better_by_t(&before) >= self.gate.criteria.added_t
-            && Gate::fall(&before, &after) > self.gate.criteria.added_falls * (1 + more) as f64
+            && self.gate.pays(&before, &after)
             && self.gate.holds_out(&before, &after);
         let accepted =
             (takes_place && as_good) || (others(&after) < others(&before) && better) || self.gate.accepts(&before, &after, original);

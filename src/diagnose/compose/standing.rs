@@ -34,6 +34,13 @@ impl Standing {
         Some(Self { hypothesis, residuals, blocks, train, held, information })
     }
 
+    /// With errors that are given, and so many free numbers.
+    #[cfg(test)]
+    pub(super) fn judged(blocks: Vec<f64>, train: Errors, held: Errors, numbers: usize) -> Self {
+        let hypothesis = Hypothesis { effects: Vec::new(), free: vec![(0, 0); numbers], gain: 0.0, fitted: true, lost: None };
+        Self { hypothesis, residuals: Vec::new(), blocks, train, held, information: DMatrix::zeros(numbers, numbers) }
+    }
+
     /// The squared error over all blocks.
     pub(super) fn error(&self) -> f64 {
         self.blocks.iter().sum()

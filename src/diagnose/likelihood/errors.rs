@@ -33,6 +33,12 @@ impl Errors {
         errors
     }
 
+    /// Of one output whose spread is 1.
+    #[cfg(test)]
+    pub(in crate::diagnose) fn of_one(rms: f64, count: f64) -> Self {
+        Self { squares: vec![count * rms * rms], deviations: vec![count], count: vec![count] }
+    }
+
     /// Of residuals so many times as large.
     pub(in crate::diagnose) fn times(mut self, factor: f64) -> Self {
         self.squares.iter_mut().for_each(|s| *s *= factor * factor);
