@@ -4,6 +4,7 @@
 //! effect and something stays above the noise, further effects pass the gate beside it; where it named none, the composition begins with nothing. What was
 //! decoded sample by sample (lost commands, a lattice) is no part of a sum and stays as it is.
 
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 use statrs::function::erf::erfc_inv;
 
@@ -15,6 +16,7 @@ use crate::diagnose::baseline::noise::Noise;
 use crate::diagnose::format::progress::Stage;
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::level::Level;
+use crate::diagnose::judge::floor::Floor;
 use crate::diagnose::judge::intervals::{self, Estimate};
 use crate::diagnose::judge::rule::{GapVerdict, Ruling};
 use crate::diagnose::judge::verdict::{Judged, ruled};
@@ -143,7 +145,7 @@ impl Compose<'_, '_> {
         let alone = self.likelihood.system.is_black_box() || (judged.left_over.is_none() && begin.effects.len() < 2 && all_taken());
         let enough = judged.verdict == GapVerdict::Effects && alone;
         if !decoded && !enough {
-            let composition = self.composition(&begin, &judged, progress)?;
+            let composition = self.composition(&begin, &judged.floor, progress)?;
             let composition = self.begun_elsewhere(composition, &judged, progress);
             // Where nothing changed, what was judged stays as it was fitted.
             if !composition.hypothesis.effects.is_empty() && composition.hypothesis.key() != begin.key() {
@@ -153,7 +155,7 @@ impl Compose<'_, '_> {
         }
         // A sequence that is decoded from the outputs can take the shape of much: where laws without chance explain as much, they are the reason.
         if begin.lost.is_some() && !self.likelihood.system.is_black_box() {
-            let plain = self.composition(&of(Vec::new()), &judged, progress)?;
+            let plain = self.composition(&of(Vec::new()), &judged.floor, progress)?;
             let errors = self.error_of(&plain.hypothesis).zip(self.error_of(&begin));
             let as_good = errors.is_some_and(|(plain, decoded)| plain <= SETTLED * decoded);
             if !plain.hypothesis.effects.is_empty() && (as_good || self.predicts_more(&plain.hypothesis, &begin)) {
@@ -254,7 +256,7 @@ impl Compose<'_, '_> {
         })
     }
 
-    fn composer(&self, white: bool, judged: Option<&Judged>) -> Composer<'_, '_> {
+    fn composer(&self, white: bool, floor: Option<&Floor>) -> Composer<'_, '_> {
         // Each trial of a simulator that can only be called is a call: only what was fitted already, and one effect of it.
         let called = self.likelihood.system.is_black_box();
         let fitted = self.found.singles.iter().filter(|e| e.fitted).flat_map(|e| e.effects.clone());
@@ -267,17 +269,17 @@ impl Compose<'_, '_> {
             scales: self.scales.clone(),
             smallest: self.smallest,
             gate: Gate { criteria: self.likelihood.criteria },
-            noise: judged.and_then(|j| self.noise_of(j)).unwrap_or(f64::INFINITY),
+            noise: floor.and_then(|f| self.noise_of(f)).unwrap_or(f64::INFINITY),
             white,
             shrinkage: None,
             shortlist: Vec::new(),
         }
     }
 
-    fn composition(&self, begin: &Hypothesis, judged: &Judged, progress: &dyn Fn(Stage)) -> Option<Composition> {
-        let composition = self.composer(true, Some(judged)).compose(&begin.effects, progress)?;
+    fn composition(&self, begin: &Hypothesis, floor: &Floor, progress: &dyn Fn(Stage)) -> Option<Composition> {
+        let composition = self.composer(true, Some(floor)).compose(&begin.effects, progress)?;
         if composition.hypothesis.effects.is_empty() && !self.likelihood.system.is_black_box() {
-            self.composer(false, Some(judged)).compose(&[], progress)
+            self.composer(false, Some(floor)).compose(&[], progress)
         } else {
             Some(composition)
         }
@@ -298,14 +300,16 @@ impl Compose<'_, '_> {
                 .filter(|a| !in_block(of.recalibration, a))
                 .collect()
         };
-        best = self.with_the_best_pair(best, judged, progress);
+        best = self.with_the_best_pair(best, &judged.floor, progress);
         if singly(&best).iter().any(is_elaborate) && best.hypothesis.effects.len() > 2 {
-            best = self.without_some(best, judged, progress, is_elaborate);
+            best = self.without_some(best, &judged.floor, progress, is_elaborate);
         }
+        // Where little of the gap was understood, its noise was not, either.
+        let floor = self.ruled_anew(judged, &best.hypothesis).map_or_else(|| judged.floor.clone(), |(_, floor, _)| floor);
         let mut doubted: Vec<String> = Vec::new();
-        while doubted.len() < DOUBTED && self.composer(true, Some(judged)).leaves_something(&best.hypothesis) {
+        while doubted.len() < DOUBTED && self.composer(true, Some(&floor)).leaves_something(&best.hypothesis) {
             let Some(next) = singly(&best).iter().map(Applied::key).find(|key| !doubted.contains(key)) else { break };
-            best = self.without_some(best, judged, progress, |a| a.key() == next);
+            best = self.without_some(best, &floor, progress, |a| a.key() == next);
             doubted.push(next);
         }
         best
@@ -313,8 +317,8 @@ impl Compose<'_, '_> {
 
     /// A composition, or a better one that begins with the pair of the search that leaves least, where that is less than the composition does: two effects that help
     /// only together are not reached one at a time.
-    fn with_the_best_pair(&self, best: Composition, judged: &Judged, progress: &dyn Fn(Stage)) -> Composition {
-        let mut composer = self.composer(true, Some(judged));
+    fn with_the_best_pair(&self, best: Composition, floor: &Floor, progress: &dyn Fn(Stage)) -> Composition {
+        let mut composer = self.composer(true, Some(floor));
         let plain = |e: &&Hypothesis| e.fitted && e.lost.is_none() && e.effects.iter().all(|a| !a.effect.leaves_residual());
         let pairs: Vec<(f64, &Hypothesis)> =
             self.found.pairs.par_iter().filter(plain).filter_map(|pair| Some((self.error_of(pair)?, pair))).collect();
@@ -328,14 +332,8 @@ impl Compose<'_, '_> {
     }
 
     /// A composition, or a better one without some effects, that begins with the best that the search found without them.
-    fn without_some(
-        &self,
-        best: Composition,
-        judged: &Judged,
-        progress: &dyn Fn(Stage),
-        doubted: impl Fn(&Applied) -> bool,
-    ) -> Composition {
-        let mut composer = self.composer(true, Some(judged));
+    fn without_some(&self, best: Composition, floor: &Floor, progress: &dyn Fn(Stage), doubted: impl Fn(&Applied) -> bool) -> Composition {
+        let mut composer = self.composer(true, Some(floor));
         composer.candidates.retain(|a| !doubted(a));
         let known = |a: &Applied| !a.effect.loses_commands() && composer.candidates.iter().any(|c| c.key() == a.key());
         let mut fitted = self.found.pairs.iter().chain(self.found.singles.iter().filter(|e| e.fitted));
@@ -345,8 +343,8 @@ impl Compose<'_, '_> {
     }
 
     /// The training nrmse of all outputs down to which something is left above the noise; `None` where no output moves.
-    fn noise_of(&self, judged: &Judged) -> Option<f64> {
-        let floor = overall(&Level::of(self.likelihood, None)?.train.relative(&judged.floor.floor))?;
+    fn noise_of(&self, floor: &Floor) -> Option<f64> {
+        let floor = overall(&Level::of(self.likelihood, None)?.train.relative(&floor.floor))?;
         Some(self.likelihood.criteria.above_floor * floor)
     }
 
@@ -365,11 +363,7 @@ impl Compose<'_, '_> {
         }
         let stand_ins = hypothesis.effects.iter().map(|a| composition.stand_ins_of(a)).collect();
 
-        let (nothing, best) = (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
-        let mut reached = judged.reached.clone();
-        reached.push(best.noise(self.likelihood));
-        let (floor, Ruling { verdict, unknown, left_over }) =
-            ruled(self.likelihood, [&nothing, &best], &reached, self.catalogue, self.scales, [true, false]);
+        let (reached, floor, Ruling { verdict, unknown, left_over }) = self.ruled_anew(&judged, &hypothesis)?;
         // Of a simulator that can only be called most laws cannot be tried: what explains all of it may stand in for one of them.
         let (verdict, unknown) = match self.likelihood.system.is_black_box() {
             true => (judged.verdict, judged.unknown),
@@ -396,6 +390,15 @@ impl Compose<'_, '_> {
             recalibration: composition.recalibration,
             estimate,
         })
+    }
+
+    /// The rules of the verdict beside what acts: what it leaves bounds the floor, too.
+    fn ruled_anew(&self, judged: &Judged, hypothesis: &Hypothesis) -> Option<(Vec<(Errors, Vec<DMatrix<f64>>)>, Floor, Ruling)> {
+        let (nothing, best) = (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(hypothesis))?);
+        let mut reached = judged.reached.clone();
+        reached.push(best.noise(self.likelihood));
+        let (floor, ruling) = ruled(self.likelihood, [&nothing, &best], &reached, self.catalogue, self.scales, [true, false]);
+        Some((reached, floor, ruling))
     }
 
     /// The last of the effects behind the first whose interval holds the value at which it does nothing: what the gate let in may be what others lack. Not one
