@@ -305,7 +305,7 @@ impl Compose<'_, '_> {
             best = self.without_some(best, &judged.floor, progress, is_elaborate);
         }
         // Where little of the gap was understood, its noise was not, either.
-        let floor = self.ruled_anew(judged, &best.hypothesis).map_or_else(|| judged.floor.clone(), |(_, floor, _)| floor);
+        let floor = self.ruled_anew(&mut judged.reached.clone(), &best.hypothesis).map_or_else(|| judged.floor.clone(), |(floor, _)| floor);
         let mut doubted: Vec<String> = Vec::new();
         while doubted.len() < DOUBTED && self.composer(true, Some(&floor)).leaves_something(&best.hypothesis) {
             let Some(next) = singly(&best).iter().map(Applied::key).find(|key| !doubted.contains(key)) else { break };
@@ -363,7 +363,8 @@ impl Compose<'_, '_> {
         }
         let stand_ins = hypothesis.effects.iter().map(|a| composition.stand_ins_of(a)).collect();
 
-        let (reached, floor, Ruling { verdict, unknown, left_over }) = self.ruled_anew(&judged, &hypothesis)?;
+        let mut reached = judged.reached.clone();
+        let (floor, Ruling { verdict, unknown, left_over }) = self.ruled_anew(&mut reached, &hypothesis)?;
         // Of a simulator that can only be called most laws cannot be tried: what explains all of it may stand in for one of them.
         let (verdict, unknown) = match self.likelihood.system.is_black_box() {
             true => (judged.verdict, judged.unknown),
@@ -392,13 +393,11 @@ impl Compose<'_, '_> {
         })
     }
 
-    /// The rules of the verdict beside what acts: what it leaves bounds the floor, too.
-    fn ruled_anew(&self, judged: &Judged, hypothesis: &Hypothesis) -> Option<(Vec<(Errors, Vec<DMatrix<f64>>)>, Floor, Ruling)> {
+    /// The rules of the verdict beside what acts, whose errors join those that were `reached`: they bound the floor, too.
+    fn ruled_anew(&self, reached: &mut Vec<(Errors, Vec<DMatrix<f64>>)>, hypothesis: &Hypothesis) -> Option<(Floor, Ruling)> {
         let (nothing, best) = (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(hypothesis))?);
-        let mut reached = judged.reached.clone();
         reached.push(best.noise(self.likelihood));
-        let (floor, ruling) = ruled(self.likelihood, [&nothing, &best], &reached, self.catalogue, self.scales, [true, false]);
-        Some((reached, floor, ruling))
+        Some(ruled(self.likelihood, [&nothing, &best], reached, self.catalogue, self.scales, [true, false]))
     }
 
     /// The last of the effects behind the first whose interval holds the value at which it does nothing: what the gate let in may be what others lack. Not one
