@@ -294,6 +294,15 @@ impl<'a> Composer<'_, 'a> {
             let (likelihood, _) = self.renewed(&present.hypothesis)?;
             Some((standing(&likelihood, present)?, standing(&likelihood, other)?))
         };
+        // Compared under the same weights, but handed over as it stands.
+        let held = |composition: &Composition| {
+            let left = residuals(self.likelihood, &composition.hypothesis)?;
+            Some(Errors::of(self.likelihood.records, &left, |r| r.held))
+        };
+        let holds_out = |(present, other): (Errors, Errors)| other.over(&present) <= 1.0 / (1.0 - self.gate.criteria.added_falls);
+        if !held(present).zip(held(other)).is_some_and(holds_out) {
+            return false;
+        }
         let Some((present, other)) = compared() else { return false };
         if other.hypothesis.free.len() < present.hypothesis.free.len() {
             return self.as_good(&present, &other);
