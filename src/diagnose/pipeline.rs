@@ -251,7 +251,7 @@ fn in_stages(
     let longer_s = f64::min(options.criteria.longer * inputs.longest_delay_s, 0.5 * inputs.limit_s);
     if options.longest_delay_s.is_none()
         && longer_s > options.criteria.longer_at_least * inputs.longest_delay_s
-        && found.wants_longer_delays(&scales, &options.criteria)
+        && found.wants_longer_delays(&likelihood, &scales, &options.criteria)
     {
         progress(Stage::Longer);
         let longer = GapOptions { longest_delay_s: Some(longer_s), ..options.clone() };

@@ -90,7 +90,7 @@ pub struct Criteria {
     pub longer: f64,
     /// Not unless the longer one is longer by this factor at least: near the limit that the logs set, nothing is gained; 1. Chosen.
     pub longer_at_least: f64,
-    /// A delay explains much where it gains this part of what the best effect gains; 1. Chosen.
+    /// A delay explains much where it gains this part of what the best effect gains, or takes this part of the squared error; 1. Chosen.
     pub much: f64,
     /// A further cause must lower the squared error over blocks of time left out in turn by this part; 1. Chosen.
     pub added_falls: f64,

@@ -4,6 +4,9 @@
 //! (Hoerl and Kennard 1970, doi:10.1080/00401706.1970.10488634) is no explanation, but what it predicts of a block of time that was left out (Stone 1974,
 //! doi:10.1111/j.2517-6161.1974.tb00994.x) is no noise either.
 //!
+//! What acts may hide all others: beside an output that is clipped to a constant, or a friction that sticks, no effect has a signature, and all that is left would
+//! pass for noise. So the signatures beside the model as it is are regressors, too, and its own prediction.
+//!
 //! A simulator that can only be called lacks the signatures of friction and all else that acts on equations; pushes on its inputs stand in for them, and what
 //! acts already may have made up for some of it, so its own parameters may move.
 //!
@@ -15,7 +18,7 @@ use rayon::prelude::*;
 use super::perturbations::{Commanded, perturbations};
 use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::input::record::LogRecord;
-use crate::diagnose::likelihood::active_effects::ActiveEffects;
+use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::{Applied, Scales};
 
@@ -50,13 +53,19 @@ pub(in crate::diagnose) fn shares(
         })
         .collect();
     let finite = |moved: DMatrix<f64>| moved.iter().all(|v| v.is_finite()).then_some(moved);
-    let mut columns: Vec<DMatrix<f64>> = tried
-        .par_iter()
-        .filter_map(|applied| {
-            let effects: Vec<Applied> = active.effects.iter().cloned().chain([applied.clone()]).collect();
-            finite(stacked(likelihood, active.with(&effects), None, &rows)? - &base)
-        })
-        .collect();
+    let signatures = |beside: ActiveEffects<'_>, without: &DMatrix<f64>| -> Vec<DMatrix<f64>> {
+        let signature = |applied: &Applied| {
+            let effects: Vec<Applied> = beside.effects.iter().cloned().chain([applied.clone()]).collect();
+            finite(stacked(likelihood, beside.with(&effects), None, &rows)? - without)
+        };
+        tried.par_iter().filter_map(signature).collect()
+    };
+    let mut columns = signatures(active, &base);
+    if !likelihood.system.is_black_box() && !active.effects.is_empty() {
+        let model = stacked(likelihood, NO_EFFECT, None, &rows);
+        columns.extend(model.iter().flat_map(|model| signatures(NO_EFFECT, model)));
+        columns.extend(model);
+    }
     if likelihood.system.is_black_box() {
         let own = own_directions(active);
         columns.par_extend(own.par_iter().filter_map(|e| finite(stacked(likelihood, active.with(e), None, &rows)? - &base)));
