@@ -157,7 +157,6 @@ mod tests {
             smallest: &[0.0, 0.0],
             gate: Gate { criteria: likelihood.criteria },
             noise: 0.0,
-            doubted: None,
             most: 5,
             white: true,
             shrinkage: None,

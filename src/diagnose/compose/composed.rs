@@ -271,7 +271,6 @@ impl Compose<'_, '_> {
             gate: Gate { criteria: self.likelihood.criteria },
             noise: floor.and_then(|f| self.noise_of(f)).unwrap_or(f64::INFINITY),
             white,
-            doubted: None,
             shrinkage: None,
             shortlist: Vec::new(),
         }
@@ -336,7 +335,6 @@ impl Compose<'_, '_> {
     fn without_some(&self, best: Composition, floor: &Floor, progress: &dyn Fn(Stage), doubted: impl Fn(&Applied) -> bool) -> Composition {
         let mut composer = self.composer(true, Some(floor));
         composer.candidates.retain(|a| !doubted(a));
-        composer.doubted = self.error_of(&best.hypothesis).map(|error| (best.hypothesis.free.len(), error));
         let known = |a: &Applied| !a.effect.loses_commands() && composer.candidates.iter().any(|c| c.key() == a.key());
         let mut fitted = self.found.pairs.iter().chain(self.found.singles.iter().filter(|e| e.fitted));
         let start = fitted.find(|e| e.effects.iter().all(known)).map(|e| e.effects.clone());

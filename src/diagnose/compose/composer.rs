@@ -10,6 +10,7 @@
 //!   as the present residual of each output; only where nothing is accepted they are tried beside the colour of the residual.
 //! - An effect outside the catalogue is taken by its nearest neighbour: its share says how much it predicts, never that it is the physics.
 
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::gate::{Gate, Original};
@@ -66,8 +67,6 @@ pub(in crate::diagnose) struct Composer<'c, 'a> {
     pub(in crate::diagnose) gate: Gate,
     /// The training nrmse of all outputs down to which something is left above the noise.
     pub(in crate::diagnose) noise: f64,
-    /// Numbers and training nrmse of what is doubted: with as many numbers, what leaves more is given up.
-    pub(in crate::diagnose) doubted: Option<(usize, f64)>,
     /// So many effects at most.
     pub(in crate::diagnose) most: usize,
     /// Under white weights, or beside the colour of what is left.
@@ -101,9 +100,6 @@ impl<'a> Composer<'_, 'a> {
             composition = self.backward(&likelihood, composition, present, earlier, &original);
         }
         composition = self.forward(composition, &original, progress);
-        if self.is_hopeless(&composition.hypothesis) {
-            return None;
-        }
         if self.leaves_something(&composition.hypothesis)
             && let Some(other) = self.rearranged(&composition, &original)
         {
@@ -147,7 +143,7 @@ impl<'a> Composer<'_, 'a> {
 
     /// Adds one effect after the other for as long as one is accepted.
     fn forward(&mut self, mut composition: Composition, original: &Original, progress: &dyn Fn(Stage)) -> Composition {
-        while self.effects_of(&composition.hypothesis) < self.most && !self.is_hopeless(&composition.hypothesis) {
+        while self.effects_of(&composition.hypothesis) < self.most {
             progress(Stage::Composing(self.effects_of(&composition.hypothesis)));
             let Some((likelihood, before)) = self.renewed(&composition.hypothesis) else { break };
             composition.hypothesis = before.hypothesis.clone();
@@ -171,18 +167,8 @@ impl<'a> Composer<'_, 'a> {
 
     /// Something is left above the noise of what was learnt from.
     pub(in crate::diagnose) fn leaves_something(&self, hypothesis: &Hypothesis) -> bool {
-        self.left(hypothesis).is_some_and(|after| after > self.noise)
-    }
-
-    /// What takes the place of another composition with more numbers must pay for them: with as many it is hardly behind.
-    fn is_hopeless(&self, hypothesis: &Hypothesis) -> bool {
-        self.doubted
-            .is_some_and(|(numbers, error)| hypothesis.free.len() >= numbers && self.left(hypothesis).is_some_and(|left| left > error))
-    }
-
-    /// The training nrmse of all outputs.
-    fn left(&self, hypothesis: &Hypothesis) -> Option<f64> {
-        overall(&Errors::of(self.likelihood.records, &residuals(self.likelihood, hypothesis)?, |r| r.train).nrmse())
+        let errors = |left: Vec<DMatrix<f64>>| overall(&Errors::of(self.likelihood.records, &left, |r| r.train).nrmse());
+        residuals(self.likelihood, hypothesis).and_then(errors).is_some_and(|after| after > self.noise)
     }
 
     /// Effects aside from the model's numbers where these are one block.
