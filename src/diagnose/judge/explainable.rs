@@ -201,9 +201,24 @@ fn missed_by_rows(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<f64
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::likelihood::residuals::residuals;
+    use crate::diagnose::likelihood::servo::{beside, nominal};
+    use crate::diagnose::search::catalogue::catalogue;
     use rand::RngExt;
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
+
+    /// Beside an angle that is clipped to a constant nothing moves it: all of the response is left, and none of it is noise.
+    #[test]
+    fn what_a_clipped_output_hides_is_no_noise() {
+        beside(&[("actuator_lag", "u", &[0.1])], |likelihood, scales| {
+            let clipped = [with(&nominal(likelihood.system, "sensor_saturation", "angle"), &[-0.01, 0.01])];
+            let left = residuals(likelihood, &clipped).unwrap();
+            let candidates = catalogue(likelihood.system, &[], None, scales).candidates;
+            let related = shares(likelihood, ActiveEffects::from(&clipped), &left, &candidates, scales);
+            assert!(related[0] > 0.95, "{related:?}");
+        });
+    }
 
     #[test]
     fn rows_and_columns_give_one_regression() {
