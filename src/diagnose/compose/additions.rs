@@ -17,21 +17,15 @@ use crate::effect::Applied;
 const GUESSES: usize = 12;
 
 impl Composer<'_, '_> {
-    /// Candidates that promise something beside a hypothesis, each with how much and with the best of its `guesses`; those that promise most first. An elaborate form that
-    /// promises hardly more than its plain one waits until that is in.
-    pub(super) fn promising(
-        &self,
-        likelihood: &Likelihood<'_>,
-        present: &Hypothesis,
-        candidates: &[&Applied],
-        guesses: impl Fn(&Applied) -> Vec<Vec<f64>> + Sync,
-    ) -> Vec<(f64, Applied)> {
+    /// Candidates that promise something beside a hypothesis, each with how much and with its best guess; those that promise most first. An elaborate form that promises
+    /// hardly more than its plain one waits until that is in.
+    pub(super) fn promising(&self, likelihood: &Likelihood<'_>, present: &Hypothesis, candidates: &[&Applied]) -> Vec<(f64, Applied)> {
         let Some(beside) = Beside::new(likelihood, present, &self.scales) else { return Vec::new() };
         let keys: Vec<String> = present.effects.iter().map(Applied::key).collect();
         let mut promising: Vec<(f64, Applied)> = candidates
             .par_iter()
             .filter(|a| !keys.contains(&a.key()))
-            .filter_map(|candidate| promise(likelihood, &beside, candidate, guesses(candidate)))
+            .filter_map(|candidate| self.promise(likelihood, &beside, candidate))
             .filter(|(promise, _)| *promise > self.gate.criteria.added_falls * beside.cost)
             .collect();
         promising.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -92,43 +86,34 @@ impl Composer<'_, '_> {
         fits(fitted, (likelihood.budget.steps, &Still::NONE))
     }
 
-    /// First guesses beside what is found already: what the candidate was fitted to alone, then its own.
-    pub(super) fn guesses(&self, likelihood: &Likelihood<'_>, candidate: &Applied) -> Vec<Vec<f64>> {
-        let own = likelihood.first_guesses(candidate, &self.scales);
-        let every = own.len().div_ceil(GUESSES).max(1);
-        self.alone(candidate).into_iter().chain(own.into_iter().step_by(every)).collect()
-    }
-
-    /// What a candidate was fitted to alone, and how it stands: where it was looked at before, its best guess.
-    pub(super) fn as_known(&self, candidate: &Applied) -> Vec<Vec<f64>> {
-        self.alone(candidate).into_iter().chain([candidate.values.clone()]).collect()
-    }
-
-    fn alone(&self, candidate: &Applied) -> Option<Vec<f64>> {
-        let single = self.singles.iter().find(|s| s.fitted && s.effects.len() == 1 && s.effects[0].key() == candidate.key());
-        single.map(|s| s.effects[0].values.clone())
-    }
-}
-
-/// The fall of the cost that a candidate promises, and the guess that gave it.
-pub(super) fn promise(likelihood: &Likelihood<'_>, beside: &Beside, candidate: &Applied, guesses: Vec<Vec<f64>>) -> Option<(f64, Applied)> {
-    // A single number that only says how much has the same signature wherever it is taken.
-    let one_signature = matches!(&candidate.parameters[..], [p] if !p.role.is_shape()) && !has_limit(candidate);
-    let mut best: Option<(f64, Applied)> = None;
-    for (at, guess) in guesses.into_iter().enumerate() {
-        let near = !has_limit(candidate) && (at == 0 || !one_signature);
-        for share in [NEAR, 1.0].into_iter().filter(|share| near || *share > NEAR) {
-            let there = with(candidate, &between(candidate, &guess, share));
-            let effects: Vec<Applied> = beside.first.effects.iter().cloned().chain([there]).collect();
-            let Some(moved) = likelihood.whitened(&effects) else { continue };
-            let along = beside.promise(likelihood, &difference(&beside.residual, &moved, 1.0));
-            let promise = along.max(beside.cost - likelihood.inner(&moved, &moved));
-            if promise.is_finite() && best.as_ref().is_none_or(|(most, _)| promise > *most) {
-                best = Some((promise, with(candidate, &guess)));
+    /// The fall of the cost that a candidate promises, and the guess that gave it.
+    pub(super) fn promise(&self, likelihood: &Likelihood<'_>, beside: &Beside, candidate: &Applied) -> Option<(f64, Applied)> {
+        // A single number that only says how much has the same signature wherever it is taken.
+        let one_signature = matches!(&candidate.parameters[..], [p] if !p.role.is_shape()) && !has_limit(candidate);
+        let mut best: Option<(f64, Applied)> = None;
+        for (at, guess) in self.guesses(likelihood, candidate).into_iter().enumerate() {
+            let near = !has_limit(candidate) && (at == 0 || !one_signature);
+            for share in [NEAR, 1.0].into_iter().filter(|share| near || *share > NEAR) {
+                let there = with(candidate, &between(candidate, &guess, share));
+                let effects: Vec<Applied> = beside.first.effects.iter().cloned().chain([there]).collect();
+                let Some(moved) = likelihood.whitened(&effects) else { continue };
+                let along = beside.promise(likelihood, &difference(&beside.residual, &moved, 1.0));
+                let promise = along.max(beside.cost - likelihood.inner(&moved, &moved));
+                if promise.is_finite() && best.as_ref().is_none_or(|(most, _)| promise > *most) {
+                    best = Some((promise, with(candidate, &guess)));
+                }
             }
         }
+        best
     }
-    best
+
+    /// First guesses beside what is found already: what the candidate was fitted to alone, then its own.
+    fn guesses(&self, likelihood: &Likelihood<'_>, candidate: &Applied) -> Vec<Vec<f64>> {
+        let alone = self.singles.iter().find(|s| s.fitted && s.effects.len() == 1 && s.effects[0].key() == candidate.key());
+        let own = likelihood.first_guesses(candidate, &self.scales);
+        let every = own.len().div_ceil(GUESSES).max(1);
+        alone.map(|s| s.effects[0].values.clone()).into_iter().chain(own.into_iter().step_by(every)).collect()
+    }
 }
 
 /// A candidate that hardly does anything yet, where its guess costs more than a hypothesis without it: from there the others would leave what they were fitted to (the
@@ -177,7 +162,7 @@ mod tests {
             let both = Hypothesis { effects: vec![friction, clock], ..nothing };
             let present = Hypothesis::refit(likelihood, both, scales, composer.cost(likelihood), likelihood.budget.steps).unwrap();
             let all: Vec<&Applied> = composer.candidates.iter().filter(|a| !has_limit(a)).collect();
-            let promising = composer.promising(likelihood, &present, &all, |a| composer.guesses(likelihood, a));
+            let promising = composer.promising(likelihood, &present, &all);
             assert!(promising.len() > 5, "{promising:?}");
             let fitted = composer.additions(likelihood, &present, promising, [usize::MAX; 2]);
             for more in &fitted {

@@ -73,8 +73,8 @@ pub(in crate::diagnose) struct Composer<'c, 'a> {
     pub(in crate::diagnose) white: bool,
     /// The relative size of the model's own errors, once its numbers are freed as one block.
     pub(in crate::diagnose) shrinkage: Option<f64>,
-    /// Candidates that were promising at some step, each with the guess that promised most at the last of them.
-    pub(in crate::diagnose) shortlist: Vec<Applied>,
+    /// Names of candidates that were promising at some step.
+    pub(in crate::diagnose) shortlist: Vec<String>,
 }
 
 impl<'a> Composer<'_, 'a> {
@@ -90,8 +90,7 @@ impl<'a> Composer<'_, 'a> {
         // What explains most alone may belong in the place of what was found before, once something else stands beside it.
         let mut alone: Vec<&Hypothesis> = self.singles.iter().filter(|s| s.fitted && s.effects.len() == 1).collect();
         alone.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        let known = |a: &Applied| self.candidates.iter().any(|c| c.key() == a.key());
-        self.shortlist = alone.iter().take(SHORTLIST).map(|s| s.effects[0].clone()).filter(known).collect();
+        self.shortlist = alone.iter().take(SHORTLIST).map(|s| s.key()).collect();
         // Of several that leave something each may be a stand-in; one alone, where it is a law of many numbers in the place of a plain one.
         let several = from.len() > 1 && self.leaves_something(&composition.hypothesis);
         if let Some((likelihood, present)) = self.renewed(&composition.hypothesis) {
@@ -149,11 +148,9 @@ impl<'a> Composer<'_, 'a> {
             composition.hypothesis = before.hypothesis.clone();
             self.scales.peaks_hz = peaks_hz(likelihood.records, &before.residuals, likelihood.system.outputs.len());
             let all: Vec<&Applied> = self.candidates.iter().collect();
-            let promising = self.promising(&likelihood, &before.hypothesis, &all, |a| self.guesses(&likelihood, a));
-            for (_, listed) in promising.iter().take(SHORTLIST) {
-                self.shortlist.retain(|a| a.key() != listed.key());
-                self.shortlist.push(listed.clone());
-            }
+            let promising = self.promising(&likelihood, &before.hypothesis, &all);
+            let listed = promising.iter().take(SHORTLIST).map(|(_, a)| a.key()).filter(|key| !self.shortlist.contains(key));
+            self.shortlist.extend(listed.collect::<Vec<_>>());
             let Some((next, stand_ins)) = self.best(&likelihood, &before, &before.hypothesis, (promising, REFITTED), original) else {
                 break;
             };
@@ -247,8 +244,9 @@ impl<'a> Composer<'_, 'a> {
                 continue;
             }
             // What could explain as much was among the most promising at some step.
-            let listed: Vec<&Applied> = self.shortlist.iter().filter(|a| a.key() != old.key()).chain([&old]).collect();
-            let mut promising = self.promising(likelihood, &without.hypothesis, &listed, |a| self.as_known(a));
+            let listed: Vec<&Applied> =
+                self.candidates.iter().filter(|a| self.shortlist.contains(&a.key()) || a.key() == old.key()).collect();
+            let mut promising = self.promising(likelihood, &without.hypothesis, &listed);
             // One number of the same unit and kind (a delay elsewhere, a clock) is tried as it is.
             let begun: Vec<(f64, Applied)> = listed.iter().filter_map(|a| Some((promising.first()?.0, begun_as(&old, a)?))).collect();
             promising.retain(|(_, a)| begun.iter().all(|(_, b)| b.key() != a.key()));

@@ -7,7 +7,6 @@
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use super::additions::promise;
 use super::composer::Composer;
 use super::standing::{Standing, t_of};
 use crate::diagnose::hypothesis::effects::Hypothesis;
@@ -62,7 +61,7 @@ pub(super) fn weak(likelihood: &Likelihood<'_>, found: &SearchResult, composer: 
     let flexible = |a: &Applied| a.parameters.iter().any(|p| p.role == crate::effect::Role::Frequency);
     let further = (composer.candidates.par_iter())
         .filter(|a| !flexible(a) && !a.effect.leaves_residual() && !a.effect.loses_commands() && a.key() != hypothesis.effects[0].key())
-        .filter_map(|a| promise(likelihood, &beside, a, composer.guesses(likelihood, a)))
+        .filter_map(|a| composer.promise(likelihood, &beside, a))
         .map(|(promise, _)| promise)
         .reduce(|| 0.0, f64::max);
     let still_there = residuals(likelihood, &hypothesis)?.iter().all(|r: &DMatrix<f64>| r.iter().all(|v| v.is_finite()));
