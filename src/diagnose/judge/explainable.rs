@@ -62,7 +62,7 @@ pub(in crate::diagnose) fn shares(
     };
     let mut columns = signatures(active, &base);
     if !likelihood.system.is_black_box() && !active.effects.is_empty() {
-        let model = stacked(likelihood, NO_EFFECT, None, &rows);
+        let model = stacked(likelihood, NO_EFFECT, None, &rows).and_then(finite);
         columns.extend(model.iter().flat_map(|model| signatures(NO_EFFECT, model)));
         columns.extend(model);
     }
