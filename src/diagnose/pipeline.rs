@@ -46,6 +46,7 @@ use crate::diagnose::likelihood::gaussian::{Likelihood, Terms};
 use crate::diagnose::likelihood::residuals::{residuals, simulated, trained};
 use crate::diagnose::search::catalogue::{Catalogue, catalogue};
 use crate::diagnose::search::catalogue_search::{SearchResult, Searched, search};
+use crate::diagnose::search::longer::shift_beyond;
 use crate::diagnose::search::moving::{scanned, typical};
 use crate::effect::{Applied, Scales};
 use crate::error::Result;
@@ -239,6 +240,19 @@ fn in_stages(
     let likelihood = baseline.likelihood(simulator, &inputs, options)?;
     let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.records))?;
     must_not_explode(system, &inputs.records, &before)?;
+    let longer_s = f64::min(options.criteria.longer * inputs.longest_delay_s, 0.5 * inputs.limit_s);
+    let may_be_longer = options.longest_delay_s.is_none() && longer_s > options.criteria.longer_at_least * inputs.longest_delay_s;
+    let once_more = |longer_s: f64| {
+        progress(Stage::Longer);
+        let longer = GapOptions { longest_delay_s: Some(longer_s), ..options.clone() };
+        in_stages(subject, simulator, logs, holdout, &longer, progress)
+    };
+    if may_be_longer && likelihood.predictor.mode == Mode::Simulation {
+        let (longest_s, limit_s) = (inputs.longest_delay_s, 0.5 * inputs.limit_s);
+        if let Some(shift_s) = shift_beyond(&inputs.records, &before, longest_s, limit_s, &options.criteria) {
+            return once_more(f64::min(f64::max(longer_s, 1.5 * shift_s), limit_s));
+        }
+    }
     let mut scales = baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);
 
     let chosen = Predictor::of(system, &inputs.records, &inputs.poles, inputs.probed.as_ref(), None, &options.criteria);
@@ -248,14 +262,8 @@ fn in_stages(
     let Searched { likelihood, found } =
         search(likelihood, candidates.clone(), &checked.remedies, &scales, &baseline.motion.smallest, progress)
             .ok_or_else(|| not_finite(&inputs.records))?;
-    let longer_s = f64::min(options.criteria.longer * inputs.longest_delay_s, 0.5 * inputs.limit_s);
-    if options.longest_delay_s.is_none()
-        && longer_s > options.criteria.longer_at_least * inputs.longest_delay_s
-        && found.wants_longer_delays(&likelihood, &scales, &options.criteria)
-    {
-        progress(Stage::Longer);
-        let longer = GapOptions { longest_delay_s: Some(longer_s), ..options.clone() };
-        return in_stages(subject, simulator, logs, holdout, &longer, progress);
+    if may_be_longer && found.wants_longer_delays(&likelihood, &scales, &options.criteria) {
+        return once_more(longer_s);
     }
 
     progress(Stage::Judging);

@@ -331,6 +331,16 @@ fn a_delay_longer_than_was_looked_for_at_first_is_still_found() {
 }
 
 #[test]
+fn a_clock_that_is_ahead_by_more_than_was_looked_for_at_first_is_still_found() {
+    let model = document(&servo(", initial_std = 0.02", ""));
+    let effects: &[(&str, &str, &[f64])] = &[("clock_offset", "*", &[-1.7])];
+    let logs = [log(&model, effects, 1500, 700, &[0.0, 0.0]), log(&model, effects, 1500, 701, &[0.0, 0.0])];
+    let d = diagnosed(&model, &logs, &[log(&model, effects, 1500, 702, &[0.0, 0.0])]);
+    assert_eq!(d.cause.verdict, "clock_offset");
+    assert_abs_diff_eq!(d.cause.effects[0].parameters[0].value.unwrap(), -1.7, epsilon = 0.005);
+}
+
+#[test]
 fn intervals_hold_the_truth_where_nominal_parameters_are_a_little_off() {
     // Stiffness and damping of the machine are 1.5 % off the file's, well below what the noise lets see beside the effect.
     let model = document(&servo(", initial_std = 0.02", ""));

@@ -12,13 +12,11 @@ use crate::diagnose::baseline::noise::Noise;
 use crate::diagnose::format::progress::Stage;
 use crate::diagnose::hypothesis::dropouts::decoded;
 use crate::diagnose::hypothesis::effects::Hypothesis;
-use crate::diagnose::hypothesis::level::Level;
 use crate::diagnose::hypothesis::penalised_gain::Penalties;
-use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::diagnose::likelihood::gaussian::{Likelihood, Whitened};
 use crate::diagnose::likelihood::residuals::residuals;
-use crate::effect::{Applied, Lateness, Role, Scales};
+use crate::effect::{Applied, Lateness, Scales};
 
 /// What a search found, best first.
 pub(in crate::diagnose) struct SearchResult {
@@ -104,27 +102,6 @@ fn give_up_what_breaks(likelihood: &Likelihood<'_>, hypotheses: &mut [Hypothesis
             (e.fitted, e.gain) = (false, f64::NEG_INFINITY);
         }
     });
-}
-
-impl SearchResult {
-    /// A delay that explains a good part of the gap stands at the longest that was looked for. Under noise of the gap's colour half a delay gains little, whatever
-    /// it takes from the error.
-    pub(in crate::diagnose) fn wants_longer_delays(&self, likelihood: &Likelihood<'_>, scales: &Scales, criteria: &Criteria) -> bool {
-        // A hidden sequence gains much by what it is free to do.
-        let best = self.singles.iter().filter(|e| e.fitted && e.lost.is_none()).map(|e| e.gain).fold(0.0, f64::max);
-        let at_edge = |e: &Hypothesis| {
-            e.free.iter().any(|&(at, i)| {
-                let p = &e.effects[at].parameters[i];
-                matches!(p.role, Role::Delay | Role::Period | Role::Clock)
-                    && e.effects[at].values[i] != p.nominal
-                    && e.at_bound((at, i), scales)
-            })
-        };
-        let nothing = Level::of(likelihood, None);
-        let takes = |e: &Hypothesis| Some(1.0 - Level::of(likelihood, Some(e))?.train.over(&nothing.as_ref()?.train));
-        let much = |e: &Hypothesis| e.gain > criteria.much * best || takes(e).is_some_and(|share| share > criteria.much);
-        self.singles.iter().any(|e| e.fitted && e.gain > criteria.selection_penalty && at_edge(e) && much(e))
-    }
 }
 
 /// The noise of the residuals that one hypothesis leaves, or the model as it is, per record; records of one sample time share it.

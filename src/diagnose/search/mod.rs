@@ -5,6 +5,7 @@ pub(in crate::diagnose) mod catalogue;
 pub(in crate::diagnose) mod catalogue_search;
 mod elaborations;
 pub(in crate::diagnose) mod late;
+pub(in crate::diagnose) mod longer;
 pub(in crate::diagnose) mod moving;
 pub(in crate::diagnose) mod screen;
 pub(in crate::diagnose) mod several;
