@@ -5,7 +5,7 @@
 //! doi:10.1111/j.2517-6161.1974.tb00994.x) is no noise either.
 //!
 //! What acts may hide all others: beside an output that is clipped to a constant, or a friction that sticks, no effect has a signature, and all that is left would
-//! pass for noise. So the signatures beside the model as it is are regressors, too, and its own prediction.
+//! pass for noise. So the signatures beside the model as it is are regressors, too, and its own prediction, as it is and later.
 //!
 //! A simulator that can only be called lacks the signatures of friction and all else that acts on equations; pushes on its inputs stand in for them, and what
 //! acts already may have made up for some of it, so its own parameters may move.
@@ -16,6 +16,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::perturbations::{Commanded, perturbations};
+use crate::diagnose::format::diagnosis::Mode;
 use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::input::record::LogRecord;
 use crate::diagnose::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
@@ -64,6 +65,10 @@ pub(in crate::diagnose) fn shares(
     if !likelihood.system.is_black_box() && !active.effects.is_empty() {
         let model = stacked(likelihood, NO_EFFECT, None, &rows).and_then(finite);
         columns.extend(model.iter().flat_map(|model| signatures(NO_EFFECT, model)));
+        // A predictor has the measured outputs in it, and with them their noise.
+        if likelihood.predictor.mode == Mode::Simulation {
+            columns.extend(later(likelihood, &rows, scales).into_iter().filter_map(finite));
+        }
         columns.extend(model);
     }
     if likelihood.system.is_black_box() {
@@ -83,6 +88,18 @@ pub(in crate::diagnose) fn shares(
             predicted(&left, regressors)
         })
         .collect()
+}
+
+/// The model's own prediction, later by delays an octave apart, up to the length of a block: a weighted sum of them responds as a machine with a memory of its own.
+fn later(likelihood: &Likelihood<'_>, rows: &[(usize, usize)], scales: &Scales) -> Vec<DMatrix<f64>> {
+    let Some(model) = trained(likelihood, NO_EFFECT, None) else { return Vec::new() };
+    let spans = likelihood.records.iter().filter_map(|r| r.train);
+    let block_s = spans.map(|span| span.to_s - span.from_s).fold(0.0, f64::max) / FOLDS as f64;
+    let delays = std::iter::successors(Some(scales.sample_time_s), |delay_s| Some(2.0 * delay_s));
+    let delays = delays.take_while(|delay_s| *delay_s > 0.0 && *delay_s <= block_s);
+    let before =
+        |(at, k): (usize, usize), delay_s: f64| (at, k.saturating_sub((delay_s / likelihood.records[at].sample_time_s).round() as usize));
+    delays.map(|delay_s| at_rows(&model, &rows.iter().map(|&row| before(row, delay_s)).collect::<Vec<_>>())).collect()
 }
 
 /// What acts with one parameter a little further from nominal.
@@ -116,13 +133,22 @@ fn stacked(
     commanded: Option<&Commanded>,
     rows: &[(usize, usize)],
 ) -> Option<DMatrix<f64>> {
-    let wanted = |at: usize| likelihood.records[at].train.is_some();
+    Some(at_rows(&trained(likelihood, active, commanded)?, rows))
+}
+
+/// Predictions of the training records; nothing of the others.
+fn trained(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, commanded: Option<&Commanded>) -> Option<Vec<Option<DMatrix<f64>>>> {
     let inputs = |at: usize| commanded.map_or(&likelihood.records[at].inputs, |c| &c[at]);
-    let all: Vec<Option<DMatrix<f64>>> = (0..likelihood.records.len())
-        .map(|at| if wanted(at) { likelihood.predict_trained(at, active, inputs(at)).map(Some) } else { Some(None) })
-        .collect::<Option<_>>()?;
-    let outputs = all.iter().flatten().map(DMatrix::ncols).next()?;
-    Some(DMatrix::from_fn(rows.len(), outputs, |r, i| all[rows[r].0].as_ref().map_or(0.0, |y| y[(rows[r].1, i)])))
+    let one = |at: usize| match likelihood.records[at].train {
+        Some(_) => likelihood.predict_trained(at, active, inputs(at)).map(Some),
+        None => Some(None),
+    };
+    (0..likelihood.records.len()).map(one).collect()
+}
+
+fn at_rows(predicted: &[Option<DMatrix<f64>>], rows: &[(usize, usize)]) -> DMatrix<f64> {
+    let outputs = predicted.iter().flatten().map(DMatrix::ncols).next().unwrap_or(0);
+    DMatrix::from_fn(rows.len(), outputs, |r, i| predicted[rows[r].0].as_ref().map_or(0.0, |y| y[(rows[r].1, i)]))
 }
 
 /// The share of the mean square of `left` that blocks predict of each other, at the best ridge.
@@ -216,6 +242,17 @@ mod tests {
             let left = residuals(likelihood, &clipped).unwrap();
             let candidates = catalogue(likelihood.system, &[], None, scales).candidates;
             let related = shares(likelihood, ActiveEffects::from(&clipped), &left, &candidates, scales);
+            assert!(related[0] > 0.95, "{related:?}");
+        });
+    }
+
+    /// Beside a friction that sticks no effect has a signature. A slower and later machine is a weighted sum of what the model predicted before.
+    #[test]
+    fn what_a_friction_that_sticks_hides_is_no_noise() {
+        beside(&[("actuator_lag", "u", &[0.5]), ("output_delay", "*", &[0.3])], |likelihood, scales| {
+            let stuck = [with(&nominal(likelihood.system, "coulomb_friction", "v"), &[1e4])];
+            let left = residuals(likelihood, &stuck).unwrap();
+            let related = shares(likelihood, ActiveEffects::from(&stuck), &left, &[], scales);
             assert!(related[0] > 0.95, "{related:?}");
         });
     }
