@@ -9,7 +9,7 @@ use super::gate::Original;
 use super::standing::Standing;
 use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::hypothesis::effects::Hypothesis;
-use crate::effect::Applied;
+use crate::effect::{Applied, Site};
 
 /// So many of what could stand in the place of an effect are tried together with those of another.
 const EXCHANGED: usize = 2;
@@ -76,35 +76,41 @@ impl Composer<'_, '_> {
         Some(composition.with(&best.hypothesis, &form, Vec::new()))
     }
 
-    /// Effects of one number each, of one unit and kind and about as large, replaced by one, where that is as good: what makes every output late is one delay.
+    /// Effects of one number each, of one unit and kind and about as large, replaced by one, where that is as good: what makes every output late is one delay. And
+    /// one law on several channels whose numbers are about as large replaced by the clocks: what makes every command later with time.
     pub(super) fn merged(&self, composition: &Composition) -> Option<Composition> {
         let effects = &composition.hypothesis.effects;
         let singly = || effects.iter().filter(|a| !self.in_block(a));
         let like = |a: &Applied| singly().filter(|b| b.key() == a.key() || about_as_large(a, b)).cloned().collect::<Vec<_>>();
         let mut groups: Vec<Vec<Applied>> = singly().map(like).filter(|group| group.len() > 1).collect();
         groups.dedup_by_key(|group| group.iter().map(Applied::key).collect::<Vec<_>>());
-        if groups.is_empty() {
+        let known = |a: &Applied| effects.iter().any(|e| e.key() == a.key());
+        let merged = groups.iter().flat_map(|group| {
+            let kept = effects.iter().filter(|e| group.iter().all(|g| g.key() != e.key()));
+            let free = || self.candidates.iter().filter(|c| !known(c));
+            let one = free().filter_map(|c| begun_as(&group[0], c)).map(|one| vec![one]);
+            let clocks: Vec<Applied> =
+                free().filter(|c| c.effect.site() == Site::Clock).filter_map(|c| begun_as_part(&group[0], c)).collect();
+            let several = (group[0].values.len() > 1 && clocks.len() == group[0].values.len()).then_some(clocks);
+            one.chain(several).map(move |new| in_order(kept.clone().cloned().chain(new))).collect::<Vec<_>>()
+        });
+        let trials: Vec<Hypothesis> =
+            merged.map(|effects| Hypothesis { effects, ..to_be_fitted(&composition.hypothesis, None, None) }).collect();
+        if trials.is_empty() {
             return None;
         }
         let (likelihood, present) = self.renewed(&composition.hypothesis)?;
         let cost = self.cost(&likelihood);
-        let trials = groups.iter().flat_map(|group| {
-            let kept: Vec<Applied> = effects.iter().filter(|e| group.iter().all(|g| g.key() != e.key())).cloned().collect();
-            let free = |c: &&Applied| effects.iter().all(|e| e.key() != c.key());
-            let ones = self.candidates.iter().filter(free).filter_map(|c| begun_as(&group[0], c)).collect::<Vec<_>>();
-            ones.into_iter().map(move |one| in_order(kept.clone().into_iter().chain([one])))
-        });
-        let trials: Vec<Hypothesis> =
-            trials.map(|effects| Hypothesis { effects, ..to_be_fitted(&present.hypothesis, None, None) }).collect();
         let fit = |e: Hypothesis| {
             Standing::of(&likelihood, Hypothesis::refit(&likelihood, e, &self.scales, cost, likelihood.budget.steps)?, &self.scales)
         };
         let standings: Vec<Standing> = trials.into_par_iter().filter_map(fit).filter(|s| self.as_good(&present, s)).collect();
         let best = standings.iter().min_by(|a, b| a.error().total_cmp(&b.error()))?;
         let others = standings.iter().filter(|s| s.hypothesis.key() != best.hypothesis.key() && self.as_good(best, s));
-        let one = newest(&present.hypothesis, &best.hypothesis)?;
-        let stand_ins = others.filter_map(|s| newest(&present.hypothesis, &s.hypothesis)).collect();
-        Some(composition.with(&best.hypothesis, &one, stand_ins))
+        let instead: Vec<Applied> = others.filter_map(|s| newest(&present.hypothesis, &s.hypothesis)).collect();
+        let stand_ins_of = |a| if known(a) { composition.stand_ins_of(a) } else { instead.clone() };
+        let stand_ins = best.hypothesis.effects.iter().map(stand_ins_of).collect();
+        Some(Composition { hypothesis: best.hypothesis.clone(), stand_ins, ..*composition })
     }
 
     /// A hypothesis with one effect more that the search fitted as a pair with one of its own, both as they were there: beside its partner an effect may be far from
@@ -126,11 +132,20 @@ impl Composer<'_, '_> {
     }
 }
 
-/// Two effects of one number each, of one unit and kind, that are as large but for a part.
+/// Two effects of one number each, of one unit and kind, or of one law, that are as large but for a part.
 fn about_as_large(a: &Applied, b: &Applied) -> bool {
-    let size = |e: &Applied| e.values[0] - e.parameters[0].nominal;
-    let alike = || (size(a) - size(b)).abs() <= APART * size(a).abs().max(size(b).abs());
-    begun_as(a, b).is_some() && alike()
+    let law = a.effect.name() == b.effect.name() && a.key() != b.key() && a.values.len() > 1;
+    let sizes = |e: &Applied| e.values.iter().zip(&e.parameters).map(|(value, p)| value - p.nominal).collect::<Vec<_>>();
+    let alike = |(a, b): (&f64, &f64)| (a - b).abs() <= APART * a.abs().max(b.abs());
+    (law || begun_as(a, b).is_some()) && sizes(a).iter().zip(&sizes(b)).all(alike)
+}
+
+/// An effect of one number with that number of another which is of its unit, as far from nominal.
+fn begun_as_part(other: &Applied, applied: &Applied) -> Option<Applied> {
+    let [own] = &applied.parameters[..] else { return None };
+    let at = other.parameters.iter().position(|p| p.unit == own.unit)?;
+    let value = own.nominal + other.values[at] - other.parameters[at].nominal;
+    value.is_finite().then(|| with(applied, &[value.clamp(own.lower, own.upper)]))
 }
 
 /// A guess of an elaborate form, what it has in common with the plain one as it is there.
