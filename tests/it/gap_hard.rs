@@ -73,11 +73,13 @@ pub(crate) fn log(machine: &ModelDocument, effects: &[(&str, &str, &[f64])], sam
         .collect();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let time_s: Vec<f64> = (0..samples).map(|k| TS * k as f64).collect();
-    let u = vec![commands(samples, &mut rng)];
+    let u: Vec<Vec<f64>> = system.inputs.iter().map(|_| commands(samples, &mut rng)).collect();
     let plan = Applied::plan(&system, &list, Chance::Seed(seed)).unwrap();
     let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &u }, x0, None).unwrap();
     let outputs: Vec<Vec<f64>> = run.y.column_iter().map(|y| noisy(y.iter().copied().collect(), &mut rng)).collect();
-    as_log(&format!("log{seed}.csv"), time_s, &u[0], &outputs)
+    let ports = system.inputs.iter().chain(&system.outputs).zip(u.into_iter().chain(outputs));
+    let channels = ports.map(|(port, samples)| Channel::new(&port.name, port.unit.as_deref(), samples)).collect();
+    Log::new(format!("log{seed}.csv"), time_s, channels).unwrap()
 }
 
 pub(crate) fn noisy(clean: Vec<f64>, rng: &mut ChaCha8Rng) -> Vec<f64> {

@@ -141,6 +141,37 @@ D = [[0.0], [0.0]]
     assert!((d.cause.effects[0].parameters[0].value.unwrap() / 0.3 - 1.0).abs() < 0.03, "{:?}", d.cause.effects);
 }
 
+/// Two clocks that are apart and run at different rates make every command later with time: that is told as the clocks, not input by input.
+#[test]
+fn clocks_that_part_are_not_told_as_a_delay_of_each_input() {
+    let text = r#"
+format = "deadtime/model@1"
+name = "two bodies, each heated"
+kind = "lti"
+inputs = [{ name = "u", unit = "V" }, { name = "w", unit = "V" }]
+outputs = [{ name = "angle", unit = "rad" }, { name = "rate", unit = "rad/s" }]
+states = [{ name = "a", unit = "K" }, { name = "b", unit = "K" }]
+initial = [0.0, 0.0]
+initial_std = [0.02, 0.02]
+A = [[-1.5, 0.0], [0.0, -2.0]]
+B = [[1.0, 0.0], [0.0, 1.5]]
+C = [[1.0, 0.0], [0.0, 1.0]]
+D = [[0.0, 0.0], [0.0, 0.0]]
+"#;
+    let machine = document(text);
+    let effects: &[(&str, &str, &[f64])] = &[("clock_offset", "*", &[0.3]), ("clock_skew", "*", &[1.014]), ("rate_limit", "u", &[4.0])];
+    let logged = |i: u64| log(&machine, effects, 1500, 90 + i, &[0.0; 2]);
+    let d = diagnosed(&machine, &[logged(0), logged(1)], &[logged(2)]);
+    let found = |keys: &[&str], value: f64, within: f64| {
+        let one = d.cause.contributions.iter().find(|c| keys.contains(&key(c).as_str()));
+        assert!(one.is_some_and(|c| (c.parameters[0].value.unwrap() - value).abs() < within), "{keys:?}: {:?}", d.cause.contributions);
+    };
+    // The outputs' delay beside a skew is the clock's offset over the ratio.
+    found(&["clock_offset:*", "output_delay:*"], 0.3, 0.01);
+    found(&["clock_skew:*"], 1.014, 5e-4);
+    found(&["rate_limit:u"], 4.0, 0.4);
+}
+
 #[test]
 fn numbers_of_the_model_that_are_off_are_told_as_a_set_beside_the_cause() {
     let text = r#"
