@@ -160,7 +160,7 @@ D = [[0.0, 0.0], [0.0, 0.0]]
 "#;
     let machine = document(text);
     let effects: &[(&str, &str, &[f64])] = &[("clock_offset", "*", &[0.3]), ("clock_skew", "*", &[1.014]), ("rate_limit", "u", &[4.0])];
-    let logged = |i: u64| log(&machine, effects, 1500, 90 + i, &[0.0; 2]);
+    let logged = |i: u64| log(&machine, effects, 1500, 190 + i, &[0.0; 2]);
     let d = diagnosed(&machine, &[logged(0), logged(1)], &[logged(2)]);
     let found = |keys: &[&str], value: f64, within: f64| {
         let one = d.cause.contributions.iter().find(|c| keys.contains(&key(c).as_str()));
