@@ -3,7 +3,8 @@
 //!
 //! How it can be wrong: slow motions of a few turns are alike at many shifts, and a wrong model is like nothing. So a shift beyond the limit counts only where it
 //! leaves much less of the motion than every shift within, and less than half. A periodic command is alike a period later, but never more so. Where too much is
-//! looked for, a longer part of each log's start carries no weight, and the search takes longer.
+//! looked for, a longer part of each log's start carries no weight, and the search takes longer. In long logs the shifts are coarse: fast motions are alike at none
+//! of them, and then only what the search finds at its limit tells.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
