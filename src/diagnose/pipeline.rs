@@ -250,7 +250,7 @@ fn in_stages(
     if may_be_longer && likelihood.predictor.mode == Mode::Simulation {
         let (longest_s, limit_s) = (inputs.longest_delay_s, 0.5 * inputs.limit_s);
         if let Some(shift_s) = shift_beyond(&inputs.records, &before, longest_s, limit_s, &options.criteria) {
-            return once_more(f64::min(f64::max(longer_s, 1.5 * shift_s), limit_s));
+            return once_more(f64::min(f64::max(longer_s, options.criteria.longer_than_moved * shift_s), limit_s));
         }
     }
     let mut scales = baseline.motion.scales(system, &inputs.records, &before, inputs.longest_delay_s);

@@ -5,16 +5,13 @@
 
 use rayon::prelude::*;
 
-use super::composer::{AS_MUCH, Composer, TRIAL, to_be_fitted};
+use super::composer::{Composer, to_be_fitted};
 use crate::diagnose::hypothesis::direction::{NEAR, between, difference, has_limit, with};
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::diagnose::hypothesis::slopes::Still;
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::search::beside::Beside;
 use crate::effect::Applied;
-
-/// First guesses of a candidate that are looked at beside what is found already.
-const GUESSES: usize = 12;
 
 impl Composer<'_, '_> {
     /// Candidates that promise something beside a hypothesis, each with how much and with its best guess; those that promise most first. An elaborate form that promises
@@ -33,7 +30,7 @@ impl Composer<'_, '_> {
         promising.retain(|(promise, a)| {
             let as_plain = |name: &str| format!("{name}:{}", a.channel);
             let own = a.effect.elaborates().and_then(|name| plain.iter().find(|(key, _)| *key == as_plain(name)));
-            own.is_none_or(|(_, plain)| *plain < AS_MUCH * promise)
+            own.is_none_or(|(_, plain)| *plain < self.gate.criteria.promises_as_much * promise)
         });
         promising
     }
@@ -81,7 +78,7 @@ impl Composer<'_, '_> {
             });
             fitted
         };
-        let mut fitted = fits(trials, (TRIAL, &still));
+        let mut fitted = fits(trials, (self.budget().trial_steps, &still));
         fitted.truncate(count);
         fits(fitted, (likelihood.budget.steps, &Still::NONE))
     }
@@ -111,7 +108,7 @@ impl Composer<'_, '_> {
     fn guesses(&self, likelihood: &Likelihood<'_>, candidate: &Applied) -> Vec<Vec<f64>> {
         let alone = self.singles.iter().find(|s| s.fitted && s.effects.len() == 1 && s.effects[0].key() == candidate.key());
         let own = likelihood.first_guesses(candidate, &self.scales);
-        let every = own.len().div_ceil(GUESSES).max(1);
+        let every = own.len().div_ceil(self.budget().guesses).max(1);
         alone.map(|s| s.effects[0].values.clone()).into_iter().chain(own.into_iter().step_by(every)).collect()
     }
 }

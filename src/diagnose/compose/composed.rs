@@ -28,15 +28,6 @@ use crate::diagnose::search::catalogue_search::{SearchResult, noise_of};
 use crate::effect::{Applied, Lateness, Scales};
 use crate::signal::stats::NORMAL_95;
 
-/// The error may rise by so much when parameters are fitted beside the noise's colour.
-const SETTLED: f64 = 1.02;
-
-/// Numbers of a law from which on it may take the shape of several plain ones.
-const ELABORATE: usize = 3;
-
-/// Effects that are doubted one after the other where something is left above the noise: each costs as much as the whole composition.
-const DOUBTED: usize = 3;
-
 /// What acts.
 pub(in crate::diagnose) struct Composed {
     /// The verdict, with all that was found.
@@ -100,11 +91,6 @@ fn by_chance_of_many(chance: f64, many: usize) -> f64 {
     erfc_inv(chance / many.max(1) as f64) * std::f64::consts::SQRT_2
 }
 
-/// It takes so many numbers that it may take the shape of several plain laws.
-fn is_elaborate(applied: &Applied) -> bool {
-    applied.parameters.len() >= ELABORATE
-}
-
 fn in_block(recalibration: Option<f64>, applied: &Applied) -> bool {
     recalibration.is_some() && applied.effect.corrects_model()
 }
@@ -157,7 +143,7 @@ impl Compose<'_, '_> {
         if begin.lost.is_some() && !self.likelihood.system.is_black_box() {
             let plain = self.composition(&of(Vec::new()), &judged.floor, progress)?;
             let errors = self.error_of(&plain.hypothesis).zip(self.error_of(&begin));
-            let as_good = errors.is_some_and(|(plain, decoded)| plain <= SETTLED * decoded);
+            let as_good = errors.is_some_and(|(plain, decoded)| plain <= self.likelihood.criteria.settled * decoded);
             if !plain.hypothesis.effects.is_empty() && (as_good || self.predicts_more(&plain.hypothesis, &begin)) {
                 return self.judged(judged, &plain);
             }
@@ -301,13 +287,15 @@ impl Compose<'_, '_> {
                 .collect()
         };
         best = self.with_the_best_pair(best, &judged.floor, progress);
+        let budget = self.likelihood.budget.composing;
+        let is_elaborate = |a: &Applied| a.parameters.len() >= budget.elaborate;
         if singly(&best).iter().any(is_elaborate) && best.hypothesis.effects.len() > 2 {
             best = self.without_some(best, &judged.floor, progress, is_elaborate);
         }
         // Where little of the gap was understood, its noise was not, either.
         let floor = self.ruled_anew(&mut judged.reached.clone(), &best.hypothesis).map_or_else(|| judged.floor.clone(), |(floor, _)| floor);
         let mut doubted: Vec<String> = Vec::new();
-        while doubted.len() < DOUBTED && self.composer(true, Some(&floor)).leaves_something(&best.hypothesis) {
+        while doubted.len() < budget.doubted && self.composer(true, Some(&floor)).leaves_something(&best.hypothesis) {
             let Some(next) = singly(&best).iter().map(Applied::key).find(|key| !doubted.contains(key)) else { break };
             best = self.without_some(best, &floor, progress, |a| a.key() == next);
             doubted.push(next);
@@ -452,7 +440,9 @@ impl Compose<'_, '_> {
     fn settled(&self, beside: &Likelihood<'_>, composed: Hypothesis) -> Option<Hypothesis> {
         let before = self.error_of(&composed)?;
         let refitted = Hypothesis::refit(beside, composed.clone(), self.scales, cost(beside)?, beside.budget.steps);
-        let mut settled = refitted.filter(|e| self.error_of(e).is_some_and(|after| after <= SETTLED * before)).unwrap_or(composed);
+        let mut settled = refitted
+            .filter(|e| self.error_of(e).is_some_and(|after| after <= self.likelihood.criteria.settled * before))
+            .unwrap_or(composed);
         // Compared with all others under their likelihood.
         settled.rescore(self.likelihood, cost(self.likelihood)?);
         Some(settled)

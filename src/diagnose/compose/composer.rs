@@ -20,27 +20,13 @@ use crate::diagnose::baseline::spectrum::peaks_hz;
 use crate::diagnose::format::progress::Stage;
 use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::hypothesis::effects::Hypothesis;
+use crate::diagnose::input::budget::Composing;
 use crate::diagnose::likelihood::active_effects::NO_EFFECT;
 use crate::diagnose::likelihood::errors::{Errors, overall};
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::diagnose::likelihood::residuals::residuals;
 use crate::diagnose::search::catalogue_search::noise_of;
 use crate::effect::{Applied, Scales, row};
-
-/// Candidates that are refitted together with everything else at a step; and how many of them to the end.
-pub(super) const REFITTED: [usize; 2] = [14, 8];
-/// The same in the place of an earlier effect.
-pub(super) const SWAPPED: [usize; 2] = [6, 3];
-/// And so many at most, where more of them promise about what the best does: what cannot be told apart from an effect is told beside it.
-const ALIKE: [usize; 2] = [12, 6];
-/// What promises this part of the best promises about as much.
-pub(super) const AS_MUCH: f64 = 0.95;
-/// Steps of the first fits.
-pub(super) const TRIAL: usize = 4;
-/// Pairs that may begin where no single effect is accepted, and that may join what is found.
-pub(super) const PAIRS: usize = 5;
-/// So many of the most promising candidates of every step are tried in the place of earlier effects.
-const SHORTLIST: usize = 20;
 
 /// Effects that together explain, and what could stand in the place of each.
 #[derive(Debug, Clone)]
@@ -90,7 +76,7 @@ impl<'a> Composer<'_, 'a> {
         // What explains most alone may belong in the place of what was found before, once something else stands beside it.
         let mut alone: Vec<&Hypothesis> = self.singles.iter().filter(|s| s.fitted && s.effects.len() == 1).collect();
         alone.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        self.shortlist = alone.iter().take(SHORTLIST).map(|s| s.key()).collect();
+        self.shortlist = alone.iter().take(self.budget().listed).map(|s| s.key()).collect();
         // Of several that leave something each may be a stand-in; one alone, where it is a law of many numbers in the place of a plain one.
         let several = from.len() > 1 && self.leaves_something(&composition.hypothesis);
         if let Some((likelihood, present)) = self.renewed(&composition.hypothesis) {
@@ -131,7 +117,7 @@ impl<'a> Composer<'_, 'a> {
         let (likelihood, before) = self.renewed(&nothing)?;
         let cost = self.cost(&likelihood);
         let known = |e: &&Hypothesis| e.effects.iter().all(|a| self.candidates.iter().any(|c| c.key() == a.key()));
-        let fitted = self.pairs.iter().filter(known).take(PAIRS).filter_map(|pair| {
+        let fitted = self.pairs.iter().filter(known).take(self.budget().pairs).filter_map(|pair| {
             let from = Hypothesis { lost: None, ..pair.clone() };
             let refitted = Hypothesis::refit(&likelihood, from, &self.scales, cost, likelihood.budget.steps)?;
             Standing::of(&likelihood, refitted, &self.scales).filter(|after| self.gate.accepts(&before, after, original))
@@ -149,9 +135,10 @@ impl<'a> Composer<'_, 'a> {
             self.scales.peaks_hz = peaks_hz(likelihood.records, &before.residuals, likelihood.system.outputs.len());
             let all: Vec<&Applied> = self.candidates.iter().collect();
             let promising = self.promising(&likelihood, &before.hypothesis, &all);
-            let listed = promising.iter().take(SHORTLIST).map(|(_, a)| a.key()).filter(|key| !self.shortlist.contains(key));
+            let listed = promising.iter().take(self.budget().listed).map(|(_, a)| a.key()).filter(|key| !self.shortlist.contains(key));
             self.shortlist.extend(listed.collect::<Vec<_>>());
-            let Some((next, stand_ins)) = self.best(&likelihood, &before, &before.hypothesis, (promising, REFITTED), original) else {
+            let Some((next, stand_ins)) = self.best(&likelihood, &before, &before.hypothesis, (promising, self.budget().added), original)
+            else {
                 break;
             };
             let Some(added) = newest(&before.hypothesis, &next.hypothesis) else { break };
@@ -171,6 +158,10 @@ impl<'a> Composer<'_, 'a> {
     /// Effects aside from the model's numbers where these are one block.
     fn effects_of(&self, hypothesis: &Hypothesis) -> usize {
         hypothesis.effects.iter().filter(|a| !self.in_block(a)).count()
+    }
+
+    pub(super) fn budget(&self) -> &'static Composing {
+        &self.likelihood.budget.composing
     }
 
     pub(super) fn in_block(&self, applied: &Applied) -> bool {
@@ -251,8 +242,8 @@ impl<'a> Composer<'_, 'a> {
             let begun: Vec<(f64, Applied)> = listed.iter().filter_map(|a| Some((promising.first()?.0, begun_as(&old, a)?))).collect();
             promising.retain(|(_, a)| begun.iter().all(|(_, b)| b.key() != a.key()));
             promising.splice(0..0, begun);
-            let alike = promising.iter().filter(|(promise, _)| *promise >= AS_MUCH * promising[0].0).count();
-            let counts = [0, 1].map(|of| alike.clamp(SWAPPED[of], ALIKE[of]));
+            let alike = promising.iter().filter(|(promise, _)| *promise >= self.gate.criteria.promises_as_much * promising[0].0).count();
+            let counts = [0, 1].map(|of| alike.clamp(self.budget().swapped[of], self.budget().alike[of]));
             let Some((swapped, stand_ins)) = self.best(likelihood, &without, &others, (promising, counts), original) else { continue };
             let Some(instead) = newest(&without.hypothesis, &swapped.hypothesis) else { continue };
             if instead.key() == old.key() {

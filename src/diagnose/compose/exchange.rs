@@ -4,17 +4,12 @@
 
 use rayon::prelude::*;
 
-use super::composer::{Composer, Composition, PAIRS, REFITTED, SWAPPED, TRIAL, begun_as, in_order, newest, to_be_fitted};
+use super::composer::{Composer, Composition, begun_as, in_order, newest, to_be_fitted};
 use super::gate::Original;
 use super::standing::Standing;
 use crate::diagnose::hypothesis::direction::with;
 use crate::diagnose::hypothesis::effects::Hypothesis;
 use crate::effect::{Applied, Site};
-
-/// So many of what could stand in the place of an effect are tried together with those of another.
-const EXCHANGED: usize = 2;
-/// Numbers that are apart by this part of the larger one may be one number: each was fitted beside the other.
-const APART: f64 = 0.5;
 
 impl Composer<'_, '_> {
     /// Any two effects replaced by what could stand in their places, where that explains more than the composition, or as much with fewer parameters.
@@ -22,7 +17,7 @@ impl Composer<'_, '_> {
         let (likelihood, present) = self.renewed(&composition.hypothesis)?;
         let cost = self.cost(&likelihood);
         let effects: Vec<Applied> = present.hypothesis.effects.iter().filter(|a| !self.in_block(a)).cloned().collect();
-        let others = |a: &Applied| composition.stand_ins_of(a).into_iter().take(EXCHANGED).collect::<Vec<_>>();
+        let others = |a: &Applied| composition.stand_ins_of(a).into_iter().take(self.budget().exchanged).collect::<Vec<_>>();
         let pairs = effects.iter().enumerate().flat_map(|(i, a)| effects[i + 1..].iter().map(move |b| (a, b)));
         let exchanged = pairs.flat_map(|(a, b)| {
             let (for_a, for_b) = (others(a), others(b));
@@ -34,11 +29,11 @@ impl Composer<'_, '_> {
         let trial = |[a, b, x, y]: [Applied; 4]| {
             let kept = present.hypothesis.effects.iter().filter(|e| e.key() != a.key() && e.key() != b.key()).cloned();
             let hypothesis = Hypothesis { effects: in_order(kept.chain([x, y])), free: Vec::new(), gain: 0.0, fitted: false, lost: None };
-            Hypothesis::refit(&likelihood, hypothesis, &self.scales, cost, TRIAL)
+            Hypothesis::refit(&likelihood, hypothesis, &self.scales, cost, self.budget().trial_steps)
         };
         let mut fitted: Vec<Hypothesis> = trials.into_par_iter().filter_map(trial).collect();
         fitted.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        fitted.truncate(REFITTED[1]);
+        fitted.truncate(self.budget().added[1]);
         let to_the_end = |e: Hypothesis| Hypothesis::refit(&likelihood, e, &self.scales, cost, likelihood.budget.steps);
         let standings = fitted.into_par_iter().filter_map(to_the_end).filter_map(|e| Standing::of(&likelihood, e, &self.scales));
         let standings: Vec<Standing> = standings.collect();
@@ -68,7 +63,7 @@ impl Composer<'_, '_> {
                 guesses.map(|form| to_be_fitted(&present.hypothesis, Some(form), Some(old))).collect::<Vec<_>>()
             })
             .collect();
-        let fitted = self.most_gainful(&likelihood, &present.hypothesis, trials, SWAPPED[1]);
+        let fitted = self.most_gainful(&likelihood, &present.hypothesis, trials, self.budget().swapped[1]);
         let standings: Vec<Standing> = fitted.into_iter().filter_map(|e| Standing::of(&likelihood, e, &self.scales)).collect();
         let accepted = standings.iter().filter(|after| self.gate.accepts(&present, after, original));
         let best = accepted.min_by(|a, b| a.error().total_cmp(&b.error()))?;
@@ -81,7 +76,9 @@ impl Composer<'_, '_> {
     pub(super) fn merged(&self, composition: &Composition) -> Option<Composition> {
         let effects = &composition.hypothesis.effects;
         let singly = || effects.iter().filter(|a| !self.in_block(a));
-        let like = |a: &Applied| singly().filter(|b| b.key() == a.key() || about_as_large(a, b)).cloned().collect::<Vec<_>>();
+        let like = |a: &Applied| {
+            singly().filter(|b| b.key() == a.key() || about_as_large(a, b, self.gate.criteria.one_number)).cloned().collect::<Vec<_>>()
+        };
         let mut groups: Vec<Vec<Applied>> = singly().map(like).filter(|group| group.len() > 1).collect();
         groups.dedup_by_key(|group| group.iter().map(Applied::key).collect::<Vec<_>>());
         let known = |a: &Applied| effects.iter().any(|e| e.key() == a.key());
@@ -128,15 +125,15 @@ impl Composer<'_, '_> {
             joined.effects = in_order(joined.effects.into_iter().chain([own.clone()]));
             joined
         };
-        self.pairs.iter().filter_map(apart).take(PAIRS).map(joined)
+        self.pairs.iter().filter_map(apart).take(self.budget().pairs).map(joined)
     }
 }
 
-/// Two effects of one number each, of one unit and kind, or of one law, that are as large but for a part.
-fn about_as_large(a: &Applied, b: &Applied) -> bool {
+/// Two effects of one number each, of one unit and kind, or of one law, that are as large but for a part of the larger.
+fn about_as_large(a: &Applied, b: &Applied, part: f64) -> bool {
     let law = a.effect.name() == b.effect.name() && a.key() != b.key() && a.values.len() > 1;
     let sizes = |e: &Applied| e.values.iter().zip(&e.parameters).map(|(value, p)| value - p.nominal).collect::<Vec<_>>();
-    let alike = |(a, b): (&f64, &f64)| (a - b).abs() <= APART * a.abs().max(b.abs());
+    let alike = |(a, b): (&f64, &f64)| (a - b).abs() <= part * a.abs().max(b.abs());
     (law || begun_as(a, b).is_some()) && sizes(a).iter().zip(&sizes(b)).all(alike)
 }
 

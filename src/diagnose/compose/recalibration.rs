@@ -16,14 +16,8 @@ use crate::effect::Applied;
 
 /// Relative standard deviations that are tried.
 const SIZES: [f64; 6] = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5];
-/// Up to this size numbers are a little off, as those of every model are: no evidence is needed that they are. Chosen.
-const A_LITTLE: f64 = 0.05;
-/// So many numbers at most: each is a simulation for every step of the fit.
-const MOST: usize = 40;
 /// One number is an effect like any other.
 const FEWEST: usize = 2;
-/// A number that moved by less than this many standard deviations of what the data leave open stays where it was.
-const MOVED: f64 = 1.0;
 
 impl Composer<'_, '_> {
     /// The composition with the model's numbers freed as a block, where the gate lets it in; and the size of the block. `None` for the size: one of the numbers
@@ -37,7 +31,7 @@ impl Composer<'_, '_> {
         let size = self.size(&likelihood, &freed)?;
         let shrunk = likelihood.with_shrinkage(size);
         let full = self.fitted(&shrunk, freed)?;
-        let block = self.fitted(&shrunk, moved(&full)?)?;
+        let block = self.fitted(&shrunk, moved(&full, self.gate.criteria.moved)?)?;
         let block = if block.better_by_t(&full) >= -self.gate.criteria.dropped_t { block } else { full };
         let (released, after) = self.pruned(&shrunk, composition.without(&block.hypothesis), block);
         let numbers = |standing: &Standing| standing.hypothesis.effects.iter().filter(|a| a.effect.corrects_model()).count();
@@ -112,7 +106,7 @@ impl Composer<'_, '_> {
             let prior: f64 = block.hypothesis.prior(&shrunk).iter().filter(|p| p.0 > 0.0).map(|p| p.0.ln()).sum();
             Some(block.hypothesis.gain - (block.log_information()? - prior))
         };
-        SIZES.into_iter().filter(|size| *size <= A_LITTLE).filter_map(of_size).max_by(f64::total_cmp)
+        SIZES.into_iter().filter(|size| *size <= self.gate.criteria.a_little_off).filter_map(of_size).max_by(f64::total_cmp)
     }
 
     /// The effects as they stand, and every other number among candidates at its nominal value.
@@ -120,7 +114,7 @@ impl Composer<'_, '_> {
         let present: Vec<String> = before.hypothesis.effects.iter().map(Applied::key).collect();
         let number = |a: &&Applied| a.effect.corrects_model() && a.parameters.iter().all(|p| p.nominal != 0.0 && p.nominal.is_finite());
         let mut others: Vec<Applied> = candidates.iter().filter(number).filter(|a| !present.contains(&a.key())).cloned().collect();
-        if others.is_empty() || others.len() > MOST {
+        if others.is_empty() || others.len() > self.budget().numbers {
             return None;
         }
         for applied in &mut others {
@@ -151,13 +145,13 @@ impl Composer<'_, '_> {
     }
 }
 
-/// Without the numbers that hardly moved.
-fn moved(full: &Standing) -> Option<Hypothesis> {
+/// Without the numbers that moved by fewer standard deviations.
+fn moved(full: &Standing, least: f64) -> Option<Hypothesis> {
     let spread = full.spread()?;
     let hypothesis = &full.hypothesis;
     let stays = |e: usize, a: &Applied| {
         let place = hypothesis.free.iter().position(|at| *at == (e, 0));
-        let far = |at: usize| (a.values[0] - a.parameters[0].nominal).abs() >= MOVED * spread[at];
+        let far = |at: usize| (a.values[0] - a.parameters[0].nominal).abs() >= least * spread[at];
         !a.effect.corrects_model() || place.is_some_and(far)
     };
     let effects = hypothesis.effects.iter().enumerate().filter(|(e, a)| stays(*e, a)).map(|(_, a)| a.clone()).collect();

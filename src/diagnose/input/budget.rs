@@ -22,6 +22,33 @@ pub(in crate::diagnose) struct Allowance {
     pub(in crate::diagnose) pairs: usize,
 }
 
+/// What the search for several causes may cost. Where two counts stand together: candidates that are fitted a few steps, and how many of them to the end.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::diagnose) struct Composing {
+    /// First guesses of a candidate that are looked at beside what is found already.
+    pub(in crate::diagnose) guesses: usize,
+    /// Candidates that are refitted together with everything else when one is added.
+    pub(in crate::diagnose) added: [usize; 2],
+    /// The same in the place of an earlier effect.
+    pub(in crate::diagnose) swapped: [usize; 2],
+    /// And so many at most, where more of them promise about what the best does: what cannot be told apart from an effect is told beside it.
+    pub(in crate::diagnose) alike: [usize; 2],
+    /// Steps of the first fits.
+    pub(in crate::diagnose) trial_steps: usize,
+    /// Pairs that may begin where no single effect is accepted, and that may join what is found.
+    pub(in crate::diagnose) pairs: usize,
+    /// So many of the most promising candidates of every step are tried in the place of earlier effects.
+    pub(in crate::diagnose) listed: usize,
+    /// So many of what could stand in the place of an effect are tried together with those of another.
+    pub(in crate::diagnose) exchanged: usize,
+    /// Numbers of a law from which on all is done again without it: it may take the shape of several plain ones.
+    pub(in crate::diagnose) elaborate: usize,
+    /// Effects that are doubted one after the other where something is left above the noise: each costs as much as the whole composition.
+    pub(in crate::diagnose) doubted: usize,
+    /// The model's own numbers that are freed together, at most: each is a simulation for every step of the fit.
+    pub(in crate::diagnose) numbers: usize,
+}
+
 /// All counts and limits of a search.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::diagnose) struct Budget {
@@ -29,6 +56,8 @@ pub(in crate::diagnose) struct Budget {
     pub(in crate::diagnose) plain: Allowance,
     /// What needs calls.
     pub(in crate::diagnose) called: Allowance,
+    /// The search for several causes.
+    pub(in crate::diagnose) composing: Composing,
     /// Runs come one after the other: calls in their order.
     pub(in crate::diagnose) one_by_one: bool,
     /// Starts of one candidate that are fitted.
@@ -77,6 +106,19 @@ pub(in crate::diagnose) const MODEL_FILE: Budget = {
     Budget {
         plain,
         called: plain,
+        composing: Composing {
+            guesses: 12,
+            added: [14, 8],
+            swapped: [6, 3],
+            alike: [12, 6],
+            trial_steps: 4,
+            pairs: 5,
+            listed: 20,
+            exchanged: 2,
+            elaborate: 3,
+            doubted: 3,
+            numbers: 40,
+        },
         one_by_one: false,
         starts: 2,
         on: 10,

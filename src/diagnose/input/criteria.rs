@@ -90,6 +90,10 @@ pub struct Criteria {
     pub longer: f64,
     /// Not unless the longer one is longer by this factor at least: near the limit that the logs set, nothing is gained; 1. Chosen.
     pub longer_at_least: f64,
+    /// The model's own prediction, only moved in time by more than the longest delay, must explain this part of an output's variance; 1. Chosen.
+    pub moved_explains: f64,
+    /// Then delays are looked for up to so many times that shift; 1. Chosen: the best of an interval must not stand at its end.
+    pub longer_than_moved: f64,
     /// A delay explains much where it gains this part of what the best effect gains, or takes this part of the squared error; 1. Chosen.
     pub much: f64,
     /// A further cause must lower the squared error over blocks of time left out in turn by this part; 1. Chosen.
@@ -119,6 +123,19 @@ pub struct Criteria {
     pub stands_in: f64,
     /// An earlier cause without which the blocks are worse by less than this t is dropped; 1. Chosen.
     pub dropped_t: f64,
+    /// What promises this part of what the best candidate does promises as much; 1. Chosen: a promise is that of a small step.
+    pub promises_as_much: f64,
+    /// Two numbers that differ by this part of the larger one may be one number: each was fitted beside the other; 1. Chosen.
+    pub one_number: f64,
+    /// The error may rise by this factor when parameters are fitted beside the noise's colour, or when laws without chance take a sequence's place; 1. Chosen.
+    pub settled: f64,
+    /// The model's own numbers, each off by this part of itself at most, are as exact as those of any model; 1. Chosen.
+    pub a_little_off: f64,
+    /// A number of a block that moved by less stays where it was, in standard deviations of what the data leave open. Chosen.
+    pub moved: f64,
+    /// Held-out data are quiet beside a plain effect where its squared error there is so many times the noise at most: nothing is there for its elaborate form to
+    /// explain. Chosen: well above what the chance of some hundred samples does to a mean square.
+    pub quiet: f64,
     /// So many causes at most. Chosen.
     pub most_causes: f64,
     /// A weak effect must gain this, in twice the log-likelihood under noise of the nominal residual's colour. Null: as `selection_penalty`, less what the next
@@ -178,6 +195,8 @@ impl Default for Criteria {
             prior_factor: 10.0,
             longer: 3.0,
             longer_at_least: 1.2,
+            moved_explains: 0.5,
+            longer_than_moved: 1.5,
             much: 0.25,
             added_falls: 0.02,
             added_t: 1.8,
@@ -192,6 +211,12 @@ impl Default for Criteria {
             added_equals: 0.01,
             stands_in: 0.7,
             dropped_t: 1.0,
+            promises_as_much: 0.95,
+            one_number: 0.5,
+            settled: 1.02,
+            a_little_off: 0.05,
+            moved: 1.0,
+            quiet: 1.1,
             most_causes: 5.0,
             weak_gains: 20.0,
             weak_held_out: 3.0,

@@ -14,10 +14,6 @@ use crate::diagnose::likelihood::errors::Errors;
 use crate::diagnose::likelihood::gaussian::Likelihood;
 use crate::effect::Applied;
 
-/// Held-out data are quiet beside a plain form where its squared error there is so many times the noise at most: they have nothing for the elaborate form to
-/// explain, a jump whose time finds the command at rest. Chosen: well above what the chance of some hundred samples does to a mean square.
-const QUIET: f64 = 1.1;
-
 /// Lets no elaborate form gain more than its plain one unless that matters; returns the keys of those that were held back.
 ///
 /// Nor does the plain form beside something else gain more, where the elaborate form alone explains as well: what did not matter as one effect is no second one.
@@ -77,7 +73,7 @@ fn is_more(likelihood: &Likelihood<'_>, original: &Level, before: &Level, after:
     let takes = |[before, after, original]: [&Errors; 3]| before.over(original) - after.over(original) >= criteria.added_matters;
     let learnt = takes([&before.train, &after.train, &original.train]);
     let ([noise, _], [_, held]) = (after.white, before.white);
-    if held <= QUIET * noise && after.held.over(&before.held) <= 1.0 {
+    if held <= criteria.quiet * noise && after.held.over(&before.held) <= 1.0 {
         return learnt || before.train.largest_fall(&after.train, None) > criteria.clear;
     }
     let held = takes([&before.held, &after.held, &original.held]);

@@ -2,7 +2,7 @@
 //! limit.
 //!
 //! How it can be wrong: slow motions of a few turns are alike at many shifts, and a wrong model is like nothing. So a shift beyond the limit counts only where it
-//! leaves much less of the motion than every shift within, and less than half. A periodic command is alike a period later, but never more so. Where too much is
+//! leaves much less of the motion than every shift within, and not too much of it. A periodic command is alike a period later, but never more so. Where too much is
 //! looked for, a longer part of each log's start carries no weight, and the search takes longer. In long logs the shifts are coarse: fast motions are alike at none
 //! of them, and then only what the search finds at its limit tells.
 
@@ -45,7 +45,7 @@ pub(in crate::diagnose) fn shift_beyond(
             those.map(|(shift_s, unlike)| (left(unlike), shift_s.abs())).min_by(|a, b| a.0.total_cmp(&b.0))
         };
         let ((within, _), (further, shift_s)) = (least(false)?, least(true)?);
-        (further < (1.0 - criteria.much) * within && further < 0.5).then_some(shift_s)
+        (further < (1.0 - criteria.much) * within && further < 1.0 - criteria.moved_explains).then_some(shift_s)
     };
     // A clock moves all outputs, a sensor one.
     let all = beyond(&|unlike| unlike.iter().sum::<f64>() / outputs as f64);
