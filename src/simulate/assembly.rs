@@ -1,12 +1,12 @@
 //! The plant with its hooks as one system: every signal on the way is a row over (states, signals, 1, the plant's own outputs).
 
 use super::plan::{Plan, Site, Source, Term};
-use super::system::{Dynamics, Matrices, System};
+use super::system::{Affine, System};
 
 /// Coefficients over (states, signals, 1, the plant's own outputs).
 type Row = Vec<f64>;
 
-/// The assembled system. For a linear plant the rows hold the plant too and the coefficients of its outputs are 0; for equations the plant's rows
+/// The assembled system. For an affine plant the rows hold the plant too and the coefficients of its outputs are 0; for equations the plant's rows
 /// hold only what is added to them.
 pub(super) struct Assembly {
     /// States of the plant, which come first.
@@ -28,10 +28,10 @@ pub(super) struct Assembly {
 }
 
 impl Assembly {
-    /// From the dynamics of the time, the signals' first values and, for equations, a function that gives the plant's outputs for its inputs at the start.
+    /// From the plant as it is at the time, where it is affine, the signals' first values and, where it is not, a function that gives its outputs for its inputs at the start.
     pub(super) fn new(
         system: &System,
-        (plan, dynamics): (&Plan, &Dynamics),
+        (plan, plant): (&Plan, Option<&Affine>),
         x0: &[f64],
         first: &[f64],
         own_outputs: impl FnOnce(&[f64]) -> Vec<f64>,
@@ -66,9 +66,9 @@ impl Assembly {
                 w
             })
             .collect();
-        let mut outputs: Vec<Row> = match dynamics {
-            Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => build.plant(matrices, &inputs, &system.output_operating),
-            Dynamics::Equations(..) | Dynamics::BlackBox(..) => {
+        let mut outputs: Vec<Row> = match plant {
+            Some(plant) => build.plant(plant, &inputs),
+            None => {
                 let received: Vec<f64> = inputs.iter().map(|row| build.value(row)).collect();
                 let own = own_outputs(&received);
                 build.now[one + 1..].copy_from_slice(&own);
@@ -213,8 +213,8 @@ impl Build {
         sine
     }
 
-    /// The rows of a linear plant; its outputs, with the operating points added.
-    fn plant(&mut self, matrices: &Matrices, inputs: &[Row], operating: &[f64]) -> Vec<Row> {
+    /// The rows of an affine plant; its outputs.
+    fn plant(&mut self, Affine { matrices, drift, level }: &Affine, inputs: &[Row]) -> Vec<Row> {
         let one = self.states + self.signals;
         let rows = |build: &Self, of_state: &nalgebra::DMatrix<f64>, of_input: &nalgebra::DMatrix<f64>, i: usize| {
             let mut row = build.zero();
@@ -226,13 +226,14 @@ impl Build {
             }
             row
         };
-        for i in 0..matrices.a.nrows() {
+        for (i, drift) in drift.iter().enumerate() {
             self.derivatives[i] = rows(self, &matrices.a, &matrices.b, i);
+            self.derivatives[i][one] += drift;
         }
         (0..matrices.c.nrows())
             .map(|i| {
                 let mut row = rows(self, &matrices.c, &matrices.d, i);
-                row[one] += operating[i];
+                row[one] += level[i];
                 row
             })
             .collect()

@@ -398,7 +398,7 @@ z = "rate^2 + u*angle"
         ];
         let plan = Applied::plan(&system, &effects, Chance::Mean).unwrap();
         let Dynamics::Equations(equations, parameters) = &plan.dynamics else { panic!("linear") };
-        let assembly = Assembly::new(&system, (&plan, &plan.dynamics), &system.initial, &[0.5, -0.7], |_| vec![0.1, 0.2]);
+        let assembly = Assembly::new(&system, (&plan, None), &system.initial, &[0.5, -0.7], |_| vec![0.1, 0.2]);
         let mut field = Field::new(&assembly, Some((equations.as_ref(), parameters.as_slice())), &plan.terms);
         let pieces = vec![Piece { start_s: 0.0, value: 0.5, slope: 0.3 }, Piece { start_s: 0.0, value: -0.7, slope: 0.0 }];
         let drive = Drive { pieces, alone_until_s: None };

@@ -14,7 +14,7 @@ use super::ode::Integrator;
 use super::piecewise::Piecewise;
 use super::plan::{Delays, Drops, InputPath, Late, Plan, Term};
 use super::sampled;
-use super::system::{Dynamics, System};
+use super::system::{Affine, Dynamics, System};
 use super::walk::{Correction, Guide, Run, walk};
 use super::{Hold, SimulateError};
 use crate::model::Equations;
@@ -33,7 +33,7 @@ impl System {
     /// a horizon from where these corrections lead.
     ///
     /// A simulator that is only called gets what arrives at it on average over each sample, at the log's stamps; its states stay unknown. Else it is
-    /// exact for linear systems (held and straight inputs, delays of any size); nonlinear ones are integrated from edge to edge of the inputs, to the plan's
+    /// exact for linear systems and affine equations (held and straight inputs, delays of any size); nonlinear ones are integrated from edge to edge of the inputs, to the plan's
     /// tolerance. The equations' `time` counts from the log's first sample.
     ///
     /// # Errors
@@ -67,8 +67,12 @@ impl System {
             }
             return sampled::called(self, plan, (simulator.as_ref(), parameters), &signals, time_s, x0);
         }
-        let assemble = |dynamics: &Dynamics| {
-            Assembly::new(self, (plan, dynamics), x0, &first, |received| {
+        let phases = plan.phases();
+        let every = || std::iter::once(dynamics).chain(phases.iter().map(|(_, dynamics)| dynamics));
+        // Equations that are affine throughout need no evaluation.
+        let affine: Option<Vec<Affine>> = every().map(|dynamics| self.affine(dynamics)).collect();
+        let assemble = |at: usize, dynamics: &Dynamics| {
+            Assembly::new(self, (plan, affine.as_ref().map(|all| &all[at])), x0, &first, |received| {
                 let mut y = vec![0.0; self.outputs.len()];
                 if let Some((equations, parameters)) = equations_of(dynamics) {
                     equations.outputs(0.0, x0, received, parameters, &mut equations.workspace(), &mut y);
@@ -76,9 +80,9 @@ impl System {
                 y
             })
         };
-        let (equations, assembly) = (equations_of(dynamics), assemble(dynamics));
-        let phases = plan.phases();
-        let later: Vec<Assembly> = phases.iter().map(|(_, dynamics)| assemble(dynamics)).collect();
+        let equations_of = |dynamics| if affine.is_some() { None } else { equations_of(dynamics) };
+        let (equations, assembly) = (equations_of(dynamics), assemble(0, dynamics));
+        let later: Vec<Assembly> = phases.iter().enumerate().map(|(i, (_, dynamics))| assemble(i + 1, dynamics)).collect();
         let smooth = !plan.terms.iter().any(|t| matches!(t, Term::Function { .. } | Term::Friction { .. } | Term::Hysteresis { .. }));
         if equations.is_none() && smooth {
             let ramps = !signals.iter().all(Piecewise::is_held);

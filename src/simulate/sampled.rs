@@ -71,7 +71,7 @@ fn lagged(path: &InputPath, signal: &Piecewise, edges_s: &[f64]) -> Result<(Vec<
 
 fn first_values(system: &System, plan: &Plan, signals: &[Piecewise]) -> Assembly {
     let first: Vec<f64> = signals.iter().map(Piecewise::first).collect();
-    Assembly::new(system, (plan, &plan.dynamics), &system.initial, &first, |_| Vec::new())
+    Assembly::new(system, (plan, system.affine(&plan.dynamics).as_ref()), &system.initial, &first, |_| Vec::new())
 }
 
 /// One output between the samples: straight pieces through its lags.
@@ -90,7 +90,7 @@ impl Sensor<'_> {
         let system = bench(1, DMatrix::zeros(0, 0), DMatrix::zeros(0, 1), DMatrix::zeros(1, 0), one);
         let mut plan = Plan::new(&system);
         plan.outputs[0].lags_s.clone_from(&self.path.lags_s);
-        let mut assembly = Assembly::new(&system, (&plan, &plan.dynamics), &[], &[piece.value], |_| Vec::new());
+        let mut assembly = Assembly::new(&system, (&plan, system.affine(&plan.dynamics).as_ref()), &[], &[piece.value], |_| Vec::new());
         assembly.start.copy_from_slice(state);
         let mut linear = Linear::new(&assembly, &[], true);
         linear.advance(piece.start_s, to_s, &Drive { pieces: vec![piece], alone_until_s: None })?;

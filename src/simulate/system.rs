@@ -6,7 +6,9 @@ use nalgebra::DMatrix;
 
 use super::black_box::{Restart, Simulator};
 use crate::error::Result;
-use crate::model::{Candidates, Channel, Equations, EquationsFile, ModelDocument, ModelFile, Operating, StateSpace, TimeDomain};
+use crate::model::{
+    Candidates, Channel, Equations, EquationsFile, Linearisation, ModelDocument, ModelFile, Operating, StateSpace, TimeDomain,
+};
 use crate::time::SampleTime;
 
 /// The name and unit of an input, state, output or parameter.
@@ -29,6 +31,16 @@ pub struct Matrices {
     pub c: DMatrix<f64>,
     /// p×m.
     pub d: DMatrix<f64>,
+}
+
+/// A continuous or sampled model that is linear but for constants: ẋ = A x + B u + drift, y = C x + D u + level.
+#[derive(Debug, Clone)]
+pub(super) struct Affine {
+    pub(super) matrices: Matrices,
+    /// One per state.
+    pub(super) drift: Vec<f64>,
+    /// One per output.
+    pub(super) level: Vec<f64>,
 }
 
 /// What moves the state.
@@ -99,6 +111,18 @@ pub struct System {
 }
 
 impl System {
+    /// The dynamics as matrices and constants; `None` of what they do not say all, or say at greater cost.
+    pub(super) fn affine(&self, dynamics: &Dynamics) -> Option<Affine> {
+        match dynamics {
+            Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
+                let drift = vec![0.0; matrices.a.nrows()];
+                Some(Affine { matrices: matrices.clone(), drift, level: self.output_operating.clone() })
+            }
+            Dynamics::Equations(equations, parameters) if Affine::pays(equations) => Affine::of(equations, parameters),
+            Dynamics::Equations(..) | Dynamics::BlackBox(..) => None,
+        }
+    }
+
     /// The model is sampled, not continuous.
     #[must_use]
     pub fn is_sampled(&self) -> bool {
@@ -202,6 +226,29 @@ impl Plant {
         let (initial, nominal) = (equations.initial(), equations.nominal());
         let candidates = file.candidates()?.map(Arc::new);
         Ok(Self { dynamics: Dynamics::Equations(equations, nominal), parameters, candidates, initial, initial_std })
+    }
+}
+
+/// Evaluations of the derivatives in a step of the integration.
+const EVALUATIONS: usize = 7;
+
+impl Affine {
+    /// Affine equations, unless so few states act on each other in a large model that a step of the integration costs less than one product with a full matrix.
+    fn pays(equations: &Equations) -> bool {
+        let states = equations.state_variables().len();
+        equations.is_affine() && states * states <= EVALUATIONS * (equations.operations().0 + states)
+    }
+
+    /// Of affine equations; `None` where one of their numbers is not finite.
+    fn of(equations: &Equations, parameters: &[f64]) -> Option<Self> {
+        let [x, u] = [equations.state_variables().len(), equations.input_symbols().len()].map(|n| vec![0.0; n]);
+        let (mut drift, mut level) = (x.clone(), vec![0.0; equations.output_variables().len()]);
+        let mut workspace = equations.workspace();
+        equations.derivatives(0.0, &x, &u, parameters, &mut workspace, &mut drift);
+        equations.outputs(0.0, &x, &u, parameters, &mut workspace, &mut level);
+        let Linearisation { a, b, c, d } = equations.linearise(0.0, &x, &u, parameters);
+        let finite = [&a, &b, &c, &d].into_iter().flat_map(|m| m.iter()).chain(&drift).chain(&level).all(|v| v.is_finite());
+        finite.then_some(Self { matrices: Matrices { a, b, c, d }, drift, level })
     }
 }
 

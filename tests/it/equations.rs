@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::support::compare::{Comparison, responses_apart, tolerance};
+use deadtime::effect::{Applied, Chance, find};
 use deadtime::model::{Equations, EquationsFile, ModelDocument, OutputVariable, Parameter, StateVariable, Symbol};
 use deadtime::simulate::{Commands, Hold, Plan, Run, System, Tolerance, Wanted};
 use proptest::prelude::*;
@@ -84,6 +85,70 @@ fn a_part_of_the_samples_is_what_the_whole_begins_with() {
             assert!(part.steps < whole.steps, "{}: {} of {} steps", case.id, part.steps, whole.steps);
             let apart = (part.y.rows(0, half) - whole.y.rows(0, half)).amax();
             assert!(apart < 1e-6 * whole.y.amax(), "{}: {apart:e}", case.id);
+        }
+    }
+}
+
+const AFFINE: &str = r#"
+format = "deadtime/model@1"
+name = "servo under a load"
+kind = "equations"
+inputs = [{ name = "voltage" }, { name = "load" }]
+outputs = [{ name = "angle" }, { name = "current" }]
+[states]
+angle = { initial = 0.0 }
+speed = { initial = 0.0 }
+current = { initial = 0.0 }
+[parameters]
+inertia = { value = 0.012 }
+constant = { value = 0.12 }
+[derivatives]
+angle = "speed"
+speed = "(constant*current - 0.015*speed - load)/inertia - 0.4*angle + 0.3"
+current = "(voltage - 1.1*current - constant*speed)/0.03"
+[output_equations]
+angle = "57.3*angle - 2 + 0.1*load"
+current = "current + 0.5"
+"#;
+
+/// Affine equations are stepped by matrices; a product that is nothing has them integrated. Beside them delays, lags, a resonance, a clock, a friction, a parameter
+/// that jumps.
+#[test]
+fn affine_equations_are_what_their_integration_gives() {
+    let folder = tempfile::tempdir().unwrap();
+    let system = |text: &str| {
+        let path = folder.path().join("model.toml");
+        std::fs::write(&path, text).unwrap();
+        System::new(&ModelDocument::read(&path).unwrap(), |_| Ok(0.0)).unwrap()
+    };
+    let systems = [system(AFFINE), system(&AFFINE.replace("+ 0.3", "+ 0.3 + 0*speed*speed"))];
+    let time_s: Vec<f64> = (0..400).map(|k| 0.02 * f64::from(k) + if k % 7 == 3 { 0.004 } else { 0.0 }).collect();
+    let wave = |rate: f64, shift: f64| time_s.iter().map(|t| (rate * t + shift).sin().signum() * (1.0 + 0.3 * t)).collect::<Vec<f64>>();
+    let inputs = vec![wave(2.1, 0.3), wave(1.3, 1.0).iter().map(|v| 0.02 * v).collect()];
+    type Effects<'a> = &'a [(&'a str, &'a str, &'a [f64])];
+    let effects: [(Effects<'_>, bool); 5] = [
+        (&[], true),
+        (&[("input_delay", "voltage", &[0.033]), ("actuator_lag", "load", &[0.05])], true),
+        (&[("unmodelled_mode", "voltage->output:angle", &[14.0, 0.1, 3.0]), ("clock_skew", "*", &[1.01])], true),
+        (&[("parameter_jump", "constant", &[0.12, 3.3, 0.2]), ("sensor_lag", "current", &[0.03])], true),
+        (&[("coulomb_friction", "speed", &[1.2])], false),
+    ];
+    for (effects, exact) in effects {
+        let run = |system: &System| {
+            let of = |(name, channel, values): &(&str, &str, &[f64])| {
+                let mut applied = Applied::nominal(system, find(name).unwrap(), channel).unwrap();
+                applied.values.copy_from_slice(values);
+                applied
+            };
+            let mut plan = Applied::plan(system, &effects.iter().map(of).collect::<Vec<_>>(), Chance::Mean).unwrap();
+            plan.tolerance = Tolerance { relative: 1e-11, absolute: 1e-13, ..Tolerance::default() };
+            system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &[0.2, -0.4, 0.1], None).unwrap()
+        };
+        let [stepped, integrated] = systems.each_ref().map(run);
+        assert!((stepped.steps == 0) == exact && integrated.steps >= time_s.len(), "{effects:?}: {} steps", stepped.steps);
+        for (stepped, integrated) in [(&stepped.y, &integrated.y), (&stepped.x, &integrated.x)] {
+            let apart = (stepped - integrated).amax() / stepped.amax();
+            assert!(apart < 1e-8, "{effects:?}: {apart:e}");
         }
     }
 }

@@ -17,8 +17,7 @@ use crate::diagnose::input::criteria::Criteria;
 use crate::diagnose::input::nuisance::Nuisance;
 use crate::diagnose::input::record::{LogRecord, Span};
 use crate::effect::{Applied, Chance, Scales, Site};
-use crate::simulate::plan::Tolerance;
-use crate::simulate::{Commands, Correction, Plan, SimulateError, System, Wanted};
+use crate::simulate::{Commands, Correction, Plan, SimulateError, System, Term, Tolerance, Wanted};
 use crate::stop::Stop;
 
 /// What a likelihood is made of.
@@ -94,6 +93,11 @@ impl<'a> Likelihood<'a> {
         let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
         let prior_states = prior.len().max(1);
         let plan = Applied::plan(system, &model_effects, Chance::Mean)?;
+        // A linear model takes no steps, but a rival with friction does: what it takes, an effect that does nothing tells.
+        let mut integrated = Applied::plan(system, &model_effects, Chance::Mean)?;
+        if !(system.is_sampled() || system.is_black_box() || system.states.is_empty()) {
+            integrated.terms.push(Term::Function { to: 0, from: 0, f: Arc::new(|_| 0.0) });
+        }
         let noise = vec![Noise::white(noise_std); records.len()];
         let mut likelihood = Self {
             system,
@@ -118,7 +122,7 @@ impl<'a> Likelihood<'a> {
             let scale: Vec<f64> = likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
             let failed = |e: SimulateError| GapError::Nominal { log: record.name.clone(), why: e.to_string() };
             let all = system.sensitivity(&plan, record.commands(), &record.start, &scale, likelihood.correction(at)).map_err(failed)?;
-            let steps = system.simulate(&plan, record.commands(), &record.start, likelihood.correction(at)).map_err(failed)?.steps;
+            let steps = system.simulate(&integrated, record.commands(), &record.start, likelihood.correction(at)).map_err(failed)?.steps;
             likelihood.step_limits.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
             let shape = (record.time_s.len(), system.outputs.len());
             // Of a simulator that is started again every start is a nuisance of its own, window by window.

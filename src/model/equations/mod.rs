@@ -151,6 +151,7 @@ pub struct Equations {
     output_trees: Vec<Tree>,
     derivative_program: Program,
     output_program: Program,
+    affine: bool,
 }
 
 /// Memory of an evaluation; one per thread. Made for one model, it can be used for another, which then allocates once.
@@ -284,11 +285,13 @@ impl Equations {
         let sizes = Sizes { states: states.len(), inputs: inputs.len(), parameters: parameters.len() };
         let derivative_program = Program::compile(&definition_trees, &derivative_trees, sizes);
         let output_program = Program::compile(&definition_trees, &output_trees, sizes);
+        let affine = derivative_program.is_affine() && output_program.is_affine();
         Ok(Self {
             inputs,
             states,
             parameters,
             outputs,
+            affine,
             definitions,
             definition_trees,
             derivative_trees,
@@ -440,6 +443,12 @@ impl Equations {
         } else {
             slope.fill(0.0);
         }
+    }
+
+    /// The equations are linear in states and inputs, but for a constant, and `time` does not enter: the linear model about any point is the whole of them.
+    #[must_use]
+    pub fn is_affine(&self) -> bool {
+        self.affine
     }
 
     /// The linear model about a point (which need not be an equilibrium).

@@ -353,6 +353,29 @@ impl Program {
         }
     }
 
+    /// Whether every expression is a sum of states and inputs, each times what only constants and parameters decide, and of one such term more.
+    pub(super) fn is_affine(&self) -> bool {
+        const BENT: u8 = 2;
+        let Sizes { states, inputs, .. } = self.sizes;
+        // The degree of every register in states and inputs; time counts as bent.
+        let mut degree = vec![0; self.base() + self.steps.len()];
+        let time = self.constants.len();
+        degree[time] = BENT;
+        degree[time + 1..=time + states + inputs].fill(1);
+        for (k, step) in self.steps.iter().enumerate() {
+            let (a, b) = (degree[step.a as usize], degree[step.b as usize]);
+            degree[self.base() + k] = match step.operation {
+                Operation::Add | Operation::Subtract => a.max(b),
+                Operation::Multiply => BENT.min(a + b),
+                Operation::Divide if b == 0 => a,
+                Operation::Negate => a,
+                _ if a == 0 && b == 0 => 0,
+                _ => BENT,
+            };
+        }
+        self.roots.iter().all(|&root| degree[root as usize] < BENT)
+    }
+
     /// Whether an expression is built from a leaf (counted from time, states, inputs, parameters).
     pub(super) fn depends(&self, expression: usize, leaf: usize) -> bool {
         let base = self.base();

@@ -275,3 +275,13 @@ fn what_is_undefined_is_explained() {
     let model = model("atan(1/x) + min(1/x, 2)").unwrap();
     assert_eq!(model.explain(0.0, &[0.0, 0.0], &[1.0], &model.nominal()), None);
 }
+
+#[test]
+fn equations_are_affine_where_states_and_inputs_stand_alone_or_beside_what_parameters_decide() {
+    for text in ["-a*x + u/viscous - sin(a)*speed + 3", "a", "-(x - u)*sqrt(a)/2", "x*a^2 + max(a, viscous)*u", "(a + 1)*(x + speed)"] {
+        assert!(model(text).unwrap().is_affine(), "{text}");
+    }
+    for text in ["x*u", "x^2", "a/x", "sin(x)", "abs(u)", "max(x, 0)", "sign(speed)", "time", "time*x", "a^u", "x*speed/a", "sqrt(x*x)"] {
+        assert!(!model(text).unwrap().is_affine(), "{text}");
+    }
+}
