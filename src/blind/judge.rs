@@ -12,6 +12,8 @@ use crate::diagnose::{Contribution, Diagnosis, Explained, FoundEffect, RankingRo
 const HARM: f64 = 1.02;
 /// The effect that is a number of the model.
 const NUMBER: &str = "parameter_error";
+/// What a number of the model must take of the gap to count where several are wrong: less is seldom seen.
+const COUNTS: f64 = 0.01;
 /// The least true value that an error is taken relative to, as a share of the effect's largest true value of the same unit.
 const SMALL: f64 = 1e-3;
 /// The same where there is no such value.
@@ -97,6 +99,8 @@ pub struct Judgement {
     pub precision: Option<f64>,
     /// Mixture: by how much the share of each effect that is named rightly is off.
     pub share_errors: Vec<f64>,
+    /// Mixture of which two numbers of the model or more are wrong: F1, the harmonic mean of recall and precision of the numbers that are named.
+    pub numbers: Option<f64>,
     /// Mixture: an answer that claims to explain all names something that is not there.
     pub false_cause: Option<bool>,
     /// Everything that was found to act, whatever the verdict; nothing is right where nothing of the catalogue acts.
@@ -246,6 +250,12 @@ fn mixture(j: &mut Judgement, label: &Label, diagnosis: &Diagnosis, names: &Name
     let right = named.iter().filter(|(class, _)| is_true(class)).map(|(_, share)| share).sum();
     j.precision = part(right, named.iter().map(|(_, share)| share).sum());
     j.share_errors = rows().filter_map(|(class, share)| Some((found(class)?.1 - share).abs())).collect();
+    let is_number = |name: &str| name.split(':').next() == Some(NUMBER);
+    let wrong: Vec<_> = rows().zip(truth).filter(|((_, share), name)| is_number(name) && **share >= COUNTS).collect();
+    let hits = wrong.iter().filter(|((class, _), _)| found(class).is_some()).count();
+    let misses = wrong.len() - hits;
+    let false_ones = named.iter().filter(|(class, _)| class.first().is_some_and(|name| is_number(name)) && !is_true(class)).count();
+    j.numbers = (wrong.len() > 1).then(|| 2.0 * hits as f64 / (2 * hits + misses + false_ones) as f64);
     let complete = diagnosis.cause.explained == Some(Explained::All);
     j.false_cause = complete.then(|| named.iter().any(|(class, _)| !is_true(class)));
 }

@@ -174,6 +174,31 @@ fn what_contributes_is_judged_by_share_up_to_what_the_data_or_the_diagnosis_cann
     }
 }
 
+/// Of four wrong numbers one is too small to count; one of the others is a contribution, one stands in the block beside one that is right.
+#[test]
+fn a_set_of_wrong_numbers_is_judged_as_a_set() {
+    let number = |channel: &str| json!({ "effect": "parameter_error", "channel": channel, "parameters": {} });
+    let effects = json!([number("mass"), number("spring"), number("damping"), number("length")]);
+    let alias_class =
+        json!([["parameter_error:mass"], ["parameter_error:spring"], ["parameter_error:damping"], ["parameter_error:length"]]);
+    let truth = label("m2", "mixture", effects, json!({ "shares": [0.5, 0.3, 0.195, 0.005], "alias_class": alias_class }));
+    let mut answer = serde_json::to_value(always_none()).unwrap();
+    answer["format"] = json!("deadtime/diagnosis@2");
+    answer["cause"]["contributions"] = json!([contribution("parameter_error", "mass", 0.5, &[])]);
+    let in_block = |name: &str| json!({ "name": name, "unit": "1", "value": 1.0, "std": 0.1, "ci95": [0.8, 1.2] });
+    answer["cause"]["recalibration"] = json!({
+        "accepted": true, "size": 0.1, "share": { "learnt": 0.4, "held_out": 0.4 },
+        "parameters": [in_block("spring"), in_block("gravity")], "directions": [],
+    });
+    let answer: Diagnosis = serde_json::from_value(answer).unwrap();
+    let check = Check::new();
+    check.answer(perfect);
+    check.add(&truth);
+    check.answer_one(&truth, &answer);
+    // Two of three, and one that is right as it is.
+    assert_scores(&scores(&check).scores, &[("numbers", 4.0 / 6.0, 1)]);
+}
+
 #[test]
 fn unknown_is_a_false_alarm_on_none_and_needless_on_an_effect() {
     let check = Check::new();
