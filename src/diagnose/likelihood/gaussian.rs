@@ -122,7 +122,12 @@ impl<'a> Likelihood<'a> {
             let scale: Vec<f64> = likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
             let failed = |e: SimulateError| GapError::Nominal { log: record.name.clone(), why: e.to_string() };
             let all = system.sensitivity(&plan, record.commands(), &record.start, &scale, likelihood.correction(at)).map_err(failed)?;
-            let steps = system.simulate(&integrated, record.commands(), &record.start, likelihood.correction(at)).map_err(failed)?.steps;
+            let run = |plan: &Plan| system.simulate(plan, record.commands(), &record.start, likelihood.correction(at));
+            let steps = match run(&plan).map_err(failed)?.steps {
+                // A linear model that is too stiff to be integrated is simulated all the same.
+                0 => run(&integrated).map_or(0, |run| run.steps),
+                steps => steps,
+            };
             likelihood.step_limits.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
             let shape = (record.time_s.len(), system.outputs.len());
             // Of a simulator that is started again every start is a nuisance of its own, window by window.
