@@ -15,8 +15,8 @@ use rand_chacha::ChaCha8Rng;
 mod support;
 
 /// What the crate keeps to itself.
-#[allow(dead_code, unused_imports)]
-#[path = "../src/model"]
+#[allow(dead_code, unused_imports, unreachable_pub)]
+#[path = "../crates/model/src"]
 mod model {
     mod matrix;
     mod parts;

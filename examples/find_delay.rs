@@ -32,6 +32,6 @@ fn main() -> deadtime::Result<()> {
     for pair in &report.pairs {
         println!("{} to {}: {:?} s. {}", pair.input, pair.output, pair.verdict.delay_s, pair.verdict.why);
     }
-    println!("\n{}", report.short().plain().trim_end());
+    println!("\n{}", deadtime::report::terminal::short(&report).plain().trim_end());
     Ok(())
 }

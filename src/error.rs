@@ -1,106 +1,109 @@
-//! The one public error type; each module keeps the facts of its own failures in a small enum.
+//! The one public error type: a thin sum of the facts that each layer keeps.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
+
+use deadtime_delay::DelayError;
+use deadtime_gap::DiagnosisError;
+use deadtime_gap::GapError;
+use deadtime_gap::export::ExportError;
+use deadtime_identify::IdentifyError;
+use deadtime_identify::matching::MatchingError;
+use deadtime_identify::structured::StructuredError;
+use deadtime_log::LogError;
+use deadtime_model::DerivedError;
+use deadtime_model::ModelError;
+use deadtime_model::effect::EffectError;
+use deadtime_model::simulate::SimulateError;
+use deadtime_signal::SignalError;
+use deadtime_signal::file::FileError;
+use deadtime_signal::flatten;
+use deadtime_signal::registry::RegistryError;
+use deadtime_signal::stop::Stopped;
+use deadtime_signal::time::TimeError;
+use deadtime_study::StudyError;
+use deadtime_study::blind::BlindError;
 
 /// Everything that can stop `deadtime` from answering. "No delay visible" and its like are results, not errors.
 #[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
 pub enum Error {
     /// A sample time or delay that cannot be.
     #[error(transparent)]
-    Time(#[from] crate::time::TimeError),
+    Time(#[from] TimeError),
     /// A log that cannot be read or used.
     #[error(transparent)]
-    Log(#[from] crate::log::LogError),
+    Log(#[from] LogError),
     /// A model that cannot be built, read or converted.
     #[error(transparent)]
-    Model(#[from] crate::model::ModelError),
+    Model(#[from] ModelError),
     /// A channel that cannot be calculated from others.
     #[error(transparent)]
-    Derived(#[from] crate::model::DerivedError),
+    Derived(#[from] DerivedError),
     /// A signal that cannot be made.
     #[error(transparent)]
-    Signal(#[from] crate::signal::SignalError),
+    Signal(#[from] SignalError),
     /// A simulation that cannot be run.
     #[error(transparent)]
-    Simulate(#[from] crate::simulate::SimulateError),
+    Simulate(#[from] SimulateError),
     /// A model that cannot be identified.
     #[error(transparent)]
-    Identify(#[from] crate::identify::IdentifyError),
+    Identify(#[from] IdentifyError),
     /// A gap that cannot be diagnosed.
     #[error(transparent)]
-    Gap(#[from] crate::diagnose::GapError),
+    Gap(#[from] GapError),
     /// An effect that cannot be applied.
     #[error(transparent)]
-    Effect(#[from] crate::effect::EffectError),
+    Effect(#[from] EffectError),
     /// An estimation that cannot be set up.
     #[error(transparent)]
-    Delay(crate::delay::DelayError),
+    Delay(DelayError),
     /// A model file's parameters that cannot be fitted.
     #[error(transparent)]
-    Structured(#[from] crate::identify::structured::StructuredError),
+    Structured(#[from] StructuredError),
     /// Two models that cannot be matched.
     #[error(transparent)]
-    Matching(#[from] crate::identify::matching::MatchingError),
+    Matching(#[from] MatchingError),
     /// A diagnosis that cannot be read or written.
     #[error(transparent)]
-    Diagnosis(#[from] crate::diagnose::DiagnosisError),
+    Diagnosis(#[from] DiagnosisError),
     /// A diagnosis that cannot be handed over.
     #[error(transparent)]
-    Export(#[from] crate::export::ExportError),
+    Export(#[from] ExportError),
     /// Blind cases, verdicts or labels that cannot be used.
     #[error(transparent)]
-    Blind(#[from] crate::blind::BlindError),
+    Blind(#[from] BlindError),
     /// A study that cannot be planned, run or read.
     #[error(transparent)]
-    Study(#[from] crate::study::StudyError),
+    Study(#[from] StudyError),
     /// A name or option that a registry does not know.
     #[error(transparent)]
-    Registry(#[from] crate::registry::RegistryError),
-    /// The operating system refused a file.
-    #[error("{path}: {source}", path = path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// What the operating system said.
-        source: std::io::Error,
-    },
-    /// A file that says what to do, and is far larger than any such file.
-    #[error("{path}: larger than {mib} MiB, the most that is read of a file of this kind; is it a log, or a device?", path = path.display(), mib = limit >> 20)]
-    Large {
-        /// The file.
-        path: PathBuf,
-        /// Bytes at most.
-        limit: u64,
-    },
-    /// Another run writes to the folder.
-    #[error("{folder}: {other} writes there; wait for it, or give another folder", folder = folder.display(), other = process.map_or_else(|| "another process".to_owned(), |p| format!("process {p}")))]
-    Busy {
-        /// The folder.
-        folder: PathBuf,
-        /// The other's process id, where it can be read.
-        process: Option<u32>,
-    },
+    Registry(#[from] RegistryError),
+    /// A file that the operating system refuses, or that is no such file.
+    #[error(transparent)]
+    File(#[from] FileError),
     /// Nobody waits for the answer any more.
-    #[error("stopped before it was done")]
-    Stopped,
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
 }
 
-/// The crate's result type.
-pub type Result<T> = std::result::Result<T, Error>;
-
-impl From<crate::delay::DelayError> for Error {
-    fn from(error: crate::delay::DelayError) -> Self {
-        match error {
-            crate::delay::DelayError::Stopped => Self::Stopped,
-            other => Self::Delay(other),
-        }
-    }
-}
+flatten!(deadtime_log::Error => Error { Log, File, Time });
+flatten!(deadtime_model::Error => Error { Model, Derived, Simulate, Effect, Signal, Log, File, Time });
+flatten!(deadtime_identify::Error => Error { Identify, Structured, Matching, Model, Derived, Simulate, Effect, Signal, Log, File, Time, Registry, Stopped });
+flatten!(deadtime_delay::Error => Error { Delay, Identify, Structured, Matching, Model, Derived, Simulate, Effect, Signal, Log, File, Time, Registry, Stopped });
+flatten!(deadtime_gap::Error => Error { Gap, Diagnosis, Export, Model, Derived, Simulate, Effect, Signal, Log, File, Time, Registry, Stopped });
+flatten!(deadtime_study::Error => Error { Study, Blind, Gap, Diagnosis, Export, Delay, Identify, Structured, Matching, Model, Derived, Simulate, Effect, Signal, Log, File, Time, Registry, Stopped });
 
 impl Error {
-    /// Wraps an operating-system error with the file it is about.
+    /// An operating-system error with the file it is about.
     pub fn io(path: &Path, source: std::io::Error) -> Self {
-        Self::Io { path: path.to_owned(), source }
+        FileError::io(path, source).into()
     }
 }
+
+impl From<DelayError> for Error {
+    fn from(error: DelayError) -> Self {
+        deadtime_delay::Error::from(error).into()
+    }
+}
+
+/// The result type of the program.
+pub type Result<T, E = Error> = std::result::Result<T, E>;

@@ -13,6 +13,7 @@ use crate::log;
 use crate::model::{ModelDocument, ModelFile};
 use crate::report::diagnosis::{ranking, summary};
 use crate::report::study::cells;
+use crate::report::terminal::short;
 use crate::report::{save, save_study};
 use crate::stop::Stop;
 use crate::study::{Plan, Runner};
@@ -37,7 +38,7 @@ const MODEL: &str = include_str!("../../examples/uav_lateral_stabilised.toml");
 /// The dead time that the flight was simulated with, s.
 const TRUTH_S: f64 = 0.13;
 /// What the accuracy study is of; the model file stands in the folder that is written to.
-const PLAN: &str = include_str!("../study/plans/demo.toml");
+const PLAN: &str = include_str!("../../crates/study/src/plans/demo.toml");
 /// Records per injected delay in the accuracy study.
 const TRIALS: usize = 40;
 
@@ -73,7 +74,7 @@ impl Demo {
         let logs = vec![log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?];
         let job = Job { model: Some(model.clone()), ..Job::new(logs, ["r"], ["p", "ay"]) };
         let report = in_options(job.run()?);
-        to.styled(&report.short())?;
+        to.styled(&short(&report))?;
         write_json(&self.out.join("estimate.json"), &report)?;
         draw(&job, &report, &self.out.join("estimate.svg"))?;
         to.json(&report)?;

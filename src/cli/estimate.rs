@@ -16,8 +16,10 @@ use crate::file::write_atomic;
 use crate::log::{Log, STEP, read_frequency_response};
 use crate::model::ModelFile;
 use crate::registry;
+use crate::report::estimate::full;
 use crate::report::page;
 use crate::report::picture::{Shown, svg};
+use crate::report::terminal::{brief, short};
 
 /// Estimate the dead time between inputs and outputs of a log, by one method or all, and say what to believe
 #[derive(Debug, clap::Args)]
@@ -123,9 +125,9 @@ impl Estimate {
             write_atomic(path, |out| out.write_all(text.as_bytes()))?;
         }
         match (self.brief, self.full) {
-            (true, _) => to.styled(&report.brief()),
-            (_, true) => to.line(report.full().trim_end()),
-            _ => to.styled(&report.short()),
+            (true, _) => to.styled(&brief(&report)),
+            (_, true) => to.line(full(&report).trim_end()),
+            _ => to.styled(&short(&report)),
         }
     }
 

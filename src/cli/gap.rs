@@ -141,7 +141,8 @@ impl Gap {
         Ok(())
     }
     /// An error with the file that it stands in.
-    fn in_file(&self, error: Error) -> anyhow::Error {
+    fn in_file(&self, error: crate::diagnose::Error) -> anyhow::Error {
+        let error = Error::from(error);
         match (&error, &self.model) {
             (Error::Gap(GapError::Nuisance { .. }), Some(path)) => anyhow::Error::from(error).context(path.display().to_string()),
             _ => error.into(),

@@ -31,133 +31,128 @@ pub(super) fn single_events(jitter: &Jitter, step_s: f64) -> String {
     format!("Of {} events {}{seen}", jitter.events, quantiles.join(", "))
 }
 
-impl Report {
-    /// A sentence on what was searched and assumed.
-    #[must_use]
-    pub fn preamble(&self) -> String {
-        let (name, until) = (&self.log, self.max_delay_s);
-        match &self.searched {
-            Searched::Samples { samples, records, bias, early_s } => {
-                let records = if *records > 1 { format!(" in {records} records") } else { String::new() };
-                let bias = match bias {
-                    Bias::Assumed => "assumed relative degree 1 (a strictly proper plant behind a zero-order hold)".to_owned(),
-                    Bias::Model(model) => format!("relative degrees of {model} behind a zero-order hold"),
-                    Bias::Given(degree) => format!("relative degree {degree} as given"),
-                };
-                let held = "; outputs were interpolated and inputs held, which makes a response look up to";
-                let early =
-                    || format!("{held} {} s too early: a verdict's interval ends that much later", seconds(*early_s, self.sample_time_s));
-                let caveat = if *early_s > 0.0 { early() } else { String::new() };
-                format!(
-                    "{name}: {samples} samples{records}, one every {} s; searched 0 to {until:.4} s; {bias}{caveat}",
-                    self.sample_time_s
-                )
-            }
-            Searched::Events { counts, interval_s } => {
-                let [a, b] = self.pairs.first().map_or(["", ""], |p| [&p.input, &p.output]);
-                format!(
-                    "{name}: {} events of `{a}` and {} of `{b}`, typically {interval_s:.4} s apart; searched 0 to {until:.4} s",
-                    counts[0], counts[1]
-                )
-            }
-            Searched::Frequencies { count, band_hz: [from, to], unambiguous_s, notes } => {
-                let notes: String = notes.iter().map(|n| format!("; {n}")).collect();
-                let beyond = if unambiguous_s.is_finite() && *unambiguous_s < 1e3 * until {
-                    format!("; delays {unambiguous_s:.4} s apart look alike")
-                } else {
-                    String::new()
-                };
-                format!("{name}: {count} frequencies from {from:.4} to {to:.4} Hz; searched 0 to {until:.4} s{beyond}{notes}")
-            }
-        }
-    }
-
-    /// Every method with every number, as wide as it comes; [`Report::short`] is for reading.
-    #[must_use]
-    pub fn full(&self) -> String {
-        let mut text = self.preamble() + "\n";
-        for pair in &self.pairs {
-            let arrow = if pair.output == "*" { "the states".to_owned() } else { pair.output.clone() };
-            let _ = writeln!(text, "\n{} → {arrow}", pair.input);
-            if !pair.findings.is_empty() {
-                let shown: Vec<String> = pair.findings.iter().map(|f| format!("{} ({})", f.condition.words(), f.evidence)).collect();
-                let _ = writeln!(text, "The record shows {}.", shown.join("; "));
-            }
-            let shown = Shown::of(pair);
-            text.push_str(&self.table(&shown).to_string());
-            for estimate in &shown.rows {
-                if let Some(note) = &estimate.note {
-                    let _ = writeln!(text, "  {}: {note}", estimate.method);
-                }
-            }
-            if let Some(warning) = pair.warning(self.sample_time_s) {
-                let _ = writeln!(text, "  {warning}");
-            }
-            let step = self.sample_time_s;
-            let _ = match (&pair.verdict.delay_s, &pair.verdict.ci95_s) {
-                (Some(delay_s), ci95_s) => {
-                    let (value, ends) = delay(*delay_s, *ci95_s, step);
-                    let ends = ends.map_or_else(String::new, |e| format!(" ({} s)", e.join(" to ")));
-                    writeln!(text, "Believe a dead time of {value} s{ends}: {}.", pair.verdict.why)
-                }
-                _ if pair.moving.is_some() => writeln!(text, "{}.", pair.verdict.why),
-                _ => writeln!(text, "Believe none of it: {}.", pair.verdict.why),
+/// A sentence on what was searched and assumed.
+#[must_use]
+pub fn preamble(report: &Report) -> String {
+    let (name, until) = (&report.log, report.max_delay_s);
+    match &report.searched {
+        Searched::Samples { samples, records, bias, early_s } => {
+            let records = if *records > 1 { format!(" in {records} records") } else { String::new() };
+            let bias = match bias {
+                Bias::Assumed => "assumed relative degree 1 (a strictly proper plant behind a zero-order hold)".to_owned(),
+                Bias::Model(model) => format!("relative degrees of {model} behind a zero-order hold"),
+                Bias::Given(degree) => format!("relative degree {degree} as given"),
             };
-            if let Some(jitter) = &pair.jitter {
-                let _ = writeln!(text, "{}.", single_events(jitter, step));
-            }
-            if let Some(track) = &pair.track {
-                text.push_str(&track_table(track, step).to_string());
-            }
+            let held = "; outputs were interpolated and inputs held, which makes a response look up to";
+            let early =
+                || format!("{held} {} s too early: a verdict's interval ends that much later", seconds(*early_s, report.sample_time_s));
+            let caveat = if *early_s > 0.0 { early() } else { String::new() };
+            format!("{name}: {samples} samples{records}, one every {} s; searched 0 to {until:.4} s; {bias}{caveat}", report.sample_time_s)
         }
-        text
-    }
-
-    fn table(&self, shown: &Shown<'_>) -> Table {
-        let headings = [
-            "method",
-            "outcome",
-            "dead time (s)",
-            "std (s)",
-            "predicted (s)",
-            "95 % interval (s)",
-            "raw (s)",
-            "bias (samples)",
-            "counts",
-            "run time",
-        ];
-        let mut table = Table::new(&headings, &[0, 1, 8]);
-        let step = self.sample_time_s;
-        let mut class = None;
-        for e in &shown.rows {
-            if shown.headed && class != Some(e.class) {
-                class = Some(e.class);
-                table.row(vec![format!("{}:", e.class.title())]);
-            }
-            let [value, interval] = delay_cells(e.delay_s, e.ci95_s, step);
-            let [raw, _] = delay_cells(e.raw_delay_s, e.ci95_s, step);
-            let bias = if e.delay_s.is_some() { e.degree_bias_samples.to_string() } else { "–".to_owned() };
-            let counts = match (e.outcome, e.distrust.as_slice()) {
-                (Outcome::Found, []) if e.contradicted => "no: contradicted".to_owned(),
-                (Outcome::Found, []) => "yes".to_owned(),
-                (Outcome::Found, reasons) => format!("no: {}", reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(", ")),
-                _ => "–".to_owned(),
+        Searched::Events { counts, interval_s } => {
+            let [a, b] = report.pairs.first().map_or(["", ""], |p| [&p.input, &p.output]);
+            format!(
+                "{name}: {} events of `{a}` and {} of `{b}`, typically {interval_s:.4} s apart; searched 0 to {until:.4} s",
+                counts[0], counts[1]
+            )
+        }
+        Searched::Frequencies { count, band_hz: [from, to], unambiguous_s, notes } => {
+            let notes: String = notes.iter().map(|n| format!("; {n}")).collect();
+            let beyond = if unambiguous_s.is_finite() && *unambiguous_s < 1e3 * until {
+                format!("; delays {unambiguous_s:.4} s apart look alike")
+            } else {
+                String::new()
             };
-            table.row(vec![
-                e.method.clone(),
-                e.outcome.name().replace('_', " "),
-                value,
-                deviation(e.std_s),
-                deviation(e.predicted_std_s),
-                interval,
-                raw,
-                bias,
-                counts,
-                run_time(e.time_s),
-            ]);
+            format!("{name}: {count} frequencies from {from:.4} to {to:.4} Hz; searched 0 to {until:.4} s{beyond}{notes}")
         }
-        table
     }
+}
+
+/// Every method with every number, as wide as it comes; [`super::terminal::short`] is for reading.
+#[must_use]
+pub fn full(report: &Report) -> String {
+    let mut text = preamble(report) + "\n";
+    for pair in &report.pairs {
+        let arrow = if pair.output == "*" { "the states".to_owned() } else { pair.output.clone() };
+        let _ = writeln!(text, "\n{} → {arrow}", pair.input);
+        if !pair.findings.is_empty() {
+            let shown: Vec<String> = pair.findings.iter().map(|f| format!("{} ({})", f.condition.words(), f.evidence)).collect();
+            let _ = writeln!(text, "The record shows {}.", shown.join("; "));
+        }
+        let shown = Shown::of(pair);
+        text.push_str(&table(report, &shown).to_string());
+        for estimate in &shown.rows {
+            if let Some(note) = &estimate.note {
+                let _ = writeln!(text, "  {}: {note}", estimate.method);
+            }
+        }
+        if let Some(warning) = warning(pair, report.sample_time_s) {
+            let _ = writeln!(text, "  {warning}");
+        }
+        let step = report.sample_time_s;
+        let _ = match (&pair.verdict.delay_s, &pair.verdict.ci95_s) {
+            (Some(delay_s), ci95_s) => {
+                let (value, ends) = delay(*delay_s, *ci95_s, step);
+                let ends = ends.map_or_else(String::new, |e| format!(" ({} s)", e.join(" to ")));
+                writeln!(text, "Believe a dead time of {value} s{ends}: {}.", pair.verdict.why)
+            }
+            _ if pair.moving.is_some() => writeln!(text, "{}.", pair.verdict.why),
+            _ => writeln!(text, "Believe none of it: {}.", pair.verdict.why),
+        };
+        if let Some(jitter) = &pair.jitter {
+            let _ = writeln!(text, "{}.", single_events(jitter, step));
+        }
+        if let Some(track) = &pair.track {
+            text.push_str(&track_table(track, step).to_string());
+        }
+    }
+    text
+}
+
+fn table(report: &Report, shown: &Shown<'_>) -> Table {
+    let headings = [
+        "method",
+        "outcome",
+        "dead time (s)",
+        "std (s)",
+        "predicted (s)",
+        "95 % interval (s)",
+        "raw (s)",
+        "bias (samples)",
+        "counts",
+        "run time",
+    ];
+    let mut table = Table::new(&headings, &[0, 1, 8]);
+    let step = report.sample_time_s;
+    let mut class = None;
+    for e in &shown.rows {
+        if shown.headed && class != Some(e.class) {
+            class = Some(e.class);
+            table.row(vec![format!("{}:", e.class.title())]);
+        }
+        let [value, interval] = delay_cells(e.delay_s, e.ci95_s, step);
+        let [raw, _] = delay_cells(e.raw_delay_s, e.ci95_s, step);
+        let bias = if e.delay_s.is_some() { e.degree_bias_samples.to_string() } else { "–".to_owned() };
+        let counts = match (e.outcome, e.distrust.as_slice()) {
+            (Outcome::Found, []) if e.contradicted => "no: contradicted".to_owned(),
+            (Outcome::Found, []) => "yes".to_owned(),
+            (Outcome::Found, reasons) => format!("no: {}", reasons.iter().map(|c| c.words()).collect::<Vec<_>>().join(", ")),
+            _ => "–".to_owned(),
+        };
+        table.row(vec![
+            e.method.clone(),
+            e.outcome.name().replace('_', " "),
+            value,
+            deviation(e.std_s),
+            deviation(e.predicted_std_s),
+            interval,
+            raw,
+            bias,
+            counts,
+            run_time(e.time_s),
+        ]);
+    }
+    table
 }
 
 /// Lines of a track that a person reads; the file has every sample.
@@ -175,25 +170,23 @@ fn track_table(track: &Tracked, step_s: f64) -> Table {
     table
 }
 
-impl Pair {
-    /// That the data hardly tell neighbouring delays apart, if so.
-    #[must_use]
-    pub fn warning(&self, sample_time_s: f64) -> Option<String> {
-        let poor = |std_s: f64| {
-            let std = deviation(Some(std_s));
-            format!(
-                "poor data: a standard deviation of {std} s was to be expected before any method ran, so delays {sample_time_s} s apart are hardly told apart"
-            )
-        };
-        let off = |count: usize| {
-            format!(
-                "{count} output samples stand alone, far off their neighbours: where they are no response but outliers, leave their cells empty, which makes them missing"
-            )
-        };
-        let warnings: Vec<String> =
-            [self.poor_std_s.map(poor), (self.standing_off > 0).then(|| off(self.standing_off))].into_iter().flatten().collect();
-        (!warnings.is_empty()).then(|| warnings.join("; "))
-    }
+/// That the data hardly tell neighbouring delays apart, if so.
+#[must_use]
+pub fn warning(pair: &Pair, sample_time_s: f64) -> Option<String> {
+    let poor = |std_s: f64| {
+        let std = deviation(Some(std_s));
+        format!(
+            "poor data: a standard deviation of {std} s was to be expected before any method ran, so delays {sample_time_s} s apart are hardly told apart"
+        )
+    };
+    let off = |count: usize| {
+        format!(
+            "{count} output samples stand alone, far off their neighbours: where they are no response but outliers, leave their cells empty, which makes them missing"
+        )
+    };
+    let warnings: Vec<String> =
+        [pair.poor_std_s.map(poor), (pair.standing_off > 0).then(|| off(pair.standing_off))].into_iter().flatten().collect();
+    (!warnings.is_empty()).then(|| warnings.join("; "))
 }
 
 /// As many methods as a person reads at a glance.

@@ -94,7 +94,7 @@ fn from(channels: [&str; 2], every_s: Option<f64>) -> System {
     system(f64::sin, Some(Restart { channels: channels.map(|c| Some(c.to_owned())).to_vec(), every_s }))
 }
 
-fn found(system: &System, machine: Machine) -> Result<Diagnosed, deadtime::Error> {
+fn found(system: &System, machine: Machine) -> Result<Diagnosed, deadtime::diagnose::Error> {
     diagnose(system, &[log(1, machine)], &[log(2, machine)], &GapOptions::default(), &|_| ())
 }
 
@@ -124,12 +124,12 @@ fn an_unstable_simulator_is_refused_with_the_remedy_and_so_are_states_and_window
     let refused = |system: &System| found(system, AS_SIMULATED).unwrap_err();
     // Upright for good: a free run leaves all bounds.
     let error = refused(&system(|angle| angle, None));
-    assert!(matches!(error, deadtime::Error::Gap(GapError::Unstable { .. })), "{error}");
+    assert!(matches!(error, deadtime::diagnose::Error::Gap(GapError::Unstable { .. })), "{error}");
     assert!(error.to_string().contains("--states"), "{error}");
     // One that falls and comes to rest upside down stays within bounds, and its free run says as little.
     for machine in [AS_SIMULATED, Machine { late: 3, ..AS_SIMULATED }, Machine { damping: 1.2, ..AS_SIMULATED }] {
         match found(&system(f64::sin, None), machine) {
-            Err(error) => assert!(matches!(error, deadtime::Error::Gap(GapError::Unstable { .. })), "{error}"),
+            Err(error) => assert!(matches!(error, deadtime::diagnose::Error::Gap(GapError::Unstable { .. })), "{error}"),
             Ok(found) => {
                 let said = deadtime::report::diagnosis::summary(&found);
                 assert!(said.starts_with("First: ") && said.contains("can be believed") && said.contains("--states"), "{said}");

@@ -62,7 +62,7 @@ fn failing_cases_are_reported_by_name_and_stop_no_other() {
         std::fs::remove_file(check.cases().join("s2").join(train)).unwrap();
     }
     let diagnose = |case: &CaseFiles| match case.id.as_str() {
-        "s1" => Err(deadtime::Error::io(&case.model, std::io::Error::other("cannot be diagnosed"))),
+        "s1" => Err(deadtime::study::Error::io(&case.model, std::io::Error::other("cannot be diagnosed"))),
         "s3" => panic!("out of its depth"),
         _ => Ok(by_heart(case)),
     };

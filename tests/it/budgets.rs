@@ -22,7 +22,7 @@ fn plan(trials: usize) -> Plan {
 
 fn refused(plan: &Plan) -> String {
     match Runner::new(plan) {
-        Err(deadtime::Error::Study(e @ StudyError::Budget { .. })) => e.to_string(),
+        Err(deadtime::study::Error::Study(e @ StudyError::Budget { .. })) => e.to_string(),
         Err(e) => panic!("{e}"),
         Ok(_) => panic!("not refused"),
     }

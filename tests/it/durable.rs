@@ -36,7 +36,7 @@ fn stopped(runner: &Runner, out: &Path, estimates: usize) -> Vec<PathBuf> {
         }
     };
     let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    assert!(matches!(one_thread.install(|| runner.run(out, false, &stop, &enough)), Err(deadtime::Error::Stopped)));
+    assert!(matches!(one_thread.install(|| runner.run(out, false, &stop, &enough)), Err(deadtime::study::Error::Stopped(_))));
     parts(out)
 }
 

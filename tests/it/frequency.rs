@@ -201,9 +201,10 @@ fn delays_that_the_distance_of_the_frequencies_does_not_tell_apart_are_not_searc
     let report = job.run().unwrap();
     assert!((report.pairs[0].verdict.delay_s.unwrap() - 0.4).abs() < 1e-6);
     assert!(
-        report.max_delay_s <= std::f64::consts::PI && report.preamble().contains("delays 6.2832 s apart look alike"),
+        report.max_delay_s <= std::f64::consts::PI
+            && deadtime::report::estimate::preamble(&report).contains("delays 6.2832 s apart look alike"),
         "{}",
-        report.preamble()
+        deadtime::report::estimate::preamble(&report)
     );
     let error = ResponseJob { max_delay_s: Some(7.0), ..job }.run().unwrap_err().to_string();
     assert!(error.contains("at most 6.2832 s"), "{error}");

@@ -274,7 +274,7 @@ fn a_diagnosis_that_nobody_waits_for_stops_soon() {
         }
     });
     let late = wished.get().unwrap().elapsed();
-    assert!(matches!(error, Err(deadtime::Error::Stopped)));
+    assert!(matches!(error, Err(deadtime::diagnose::Error::Stopped(_))));
     // Generous: the machine may be busy, and what is predicted at that moment is finished.
     assert!(late < std::time::Duration::from_secs(1), "{late:?}");
 }

@@ -229,7 +229,7 @@ fn a_horizon_that_makes_no_sense_is_refused_with_the_remedy() {
     let refused = |horizon: Option<usize>, prediction: Option<Mode>| {
         let options = GapOptions { horizon, prediction, ..GapOptions::default() };
         let error = diagnose(&document, std::slice::from_ref(&log), &[], &options, &|_| ()).unwrap_err();
-        assert!(matches!(error, deadtime::Error::Gap(GapError::Horizon { most: 375, .. })), "{error}");
+        assert!(matches!(error, deadtime::diagnose::Error::Gap(GapError::Horizon { most: 375, .. })), "{error}");
         error.to_string()
     };
     assert!(refused(Some(0), None).contains("1 to 375 samples"));

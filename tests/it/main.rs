@@ -78,7 +78,6 @@ mod golden_effects;
 mod golden_estimators;
 mod golden_signals;
 mod higher_order;
-mod house;
 mod identify;
 #[cfg(feature = "cli")]
 mod identify_program;

@@ -67,7 +67,7 @@ fn names(all: &[&str]) -> Vec<String> {
 
 fn ask(logs: &[Log], channels: [&[&str]; 3], method: &str, options: Value) -> Result<Responses, Error> {
     let [u, y, r] = channels.map(names);
-    frequency_responses(logs, (&u, &y, &r), method, options)
+    Ok(frequency_responses(logs, (&u, &y, &r), method, options)?)
 }
 
 fn add(a: &[f64], b: &[f64], times: f64) -> Vec<f64> {

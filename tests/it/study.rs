@@ -376,7 +376,7 @@ fn a_study_that_is_no_longer_wanted_stops_and_goes_on_later() {
             stop.set();
         }
     };
-    assert!(matches!(runner.run(&out, false, &stop, &enough), Err(deadtime::Error::Stopped)));
+    assert!(matches!(runner.run(&out, false, &stop, &enough), Err(deadtime::study::Error::Stopped(_))));
     let done = std::fs::read_dir(out.join("parts")).unwrap().count();
     assert!(done > 2 && done < 25, "{done}");
     let study = runner.run(&out, true, &Stop::default(), &|_| ()).unwrap();

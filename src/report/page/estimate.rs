@@ -10,7 +10,7 @@ use crate::delay::report::{Estimate, Pair, Report, Response};
 use crate::delay::track::Tracked;
 use crate::delay::{Evidence, Outcome};
 use crate::log::Log;
-use crate::report::estimate::single_events;
+use crate::report::estimate::{preamble, single_events, warning};
 use crate::report::picture::{Shown, svg};
 use crate::report::terminal::{Axis, without_lists};
 use crate::report::text::{delay, delay_cells, seconds};
@@ -23,7 +23,7 @@ const LOGS: usize = 40;
 pub fn estimate(report: &Report, logs: &[Log], evidence: &[Option<Evidence>]) -> String {
     let body = html! {
         h1 { "Dead time in " (report.log) }
-        p .faint { (report.preamble()) "." }
+        p .faint { (preamble(report)) "." }
         @for pair in &report.pairs { (verdict(pair, report.sample_time_s)) }
         @if !logs.is_empty() {
             h2 { "Input and output" }
@@ -71,7 +71,7 @@ fn verdict(pair: &Pair, step_s: f64) -> Markup {
         }
         p { (quoted(&without_lists(&pair.verdict.why, pair))) "." }
         @if let Some(jitter) = &pair.jitter { p { (single_events(jitter, step_s)) "." } }
-        @if let Some(warning) = pair.warning(step_s) { p { strong { "Beware: " } (warning) "." } }
+        @if let Some(warning) = warning(pair, step_s) { p { strong { "Beware: " } (warning) "." } }
         @if !pair.findings.is_empty() {
             p { "The record shows " @for (at, f) in pair.findings.iter().enumerate() { @if at > 0 { "; " } (f.condition.words()) " (" (quoted(&f.evidence)) ")" } "." }
         }

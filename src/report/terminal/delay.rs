@@ -4,7 +4,7 @@ use super::axis::Axis;
 use crate::delay::Outcome;
 use crate::delay::report::{Estimate, Pair, Report};
 use crate::delay::track::Tracked;
-use crate::report::estimate::{A_HANDFUL, single_events};
+use crate::report::estimate::{A_HANDFUL, preamble, single_events, warning};
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns, wrapped};
 use crate::report::text::{delay, delay_cells, seconds};
 use crate::text::shown;
@@ -16,42 +16,40 @@ const TRACK_LINES: usize = 20;
 /// A bar is as wide as the other columns leave it, within these bounds.
 const BAR: [usize; 2] = [10, 34];
 
-impl Report {
-    /// The answer to every pair, two lines each: what to believe and who says so; what speaks against it.
-    #[must_use]
-    pub fn brief(&self) -> Styled {
-        let mut text = Styled::default();
-        for pair in &self.pairs {
-            if self.pairs.len() > 1 {
-                title(&mut text, pair);
-            }
-            answer(&mut text, pair, self.sample_time_s);
-        }
-        text
-    }
-
-    /// The answer to every pair, the methods that count on a common axis, how many do not count and why, and what was searched; no line is wider than 80 columns.
-    #[must_use]
-    pub fn short(&self) -> Styled {
-        let mut text = Styled::default();
-        for pair in &self.pairs {
+/// The answer to every pair, two lines each: what to believe and who says so; what speaks against it.
+#[must_use]
+pub fn brief(report: &Report) -> Styled {
+    let mut text = Styled::default();
+    for pair in &report.pairs {
+        if report.pairs.len() > 1 {
             title(&mut text, pair);
-            answer(&mut text, pair, self.sample_time_s);
-            text.push(Role::Plain, "\n");
-            let rows = rows(pair);
-            table(&mut text, pair, &rows, self.sample_time_s);
-            beneath(&mut text, pair, &rows);
-            if let Some(track) = &pair.track {
-                text.push(Role::Plain, "\n");
-                against_time(&mut text, track, self.sample_time_s);
-            }
-            text.push(Role::Plain, "\n");
         }
-        for line in wrapped(&self.preamble(), WIDTH, 2) {
-            text.push(Role::Faint, line).push(Role::Plain, "\n");
-        }
-        text
+        answer(&mut text, pair, report.sample_time_s);
     }
+    text
+}
+
+/// The answer to every pair, the methods that count on a common axis, how many do not count and why, and what was searched; no line is wider than 80 columns.
+#[must_use]
+pub fn short(report: &Report) -> Styled {
+    let mut text = Styled::default();
+    for pair in &report.pairs {
+        title(&mut text, pair);
+        answer(&mut text, pair, report.sample_time_s);
+        text.push(Role::Plain, "\n");
+        let rows = rows(pair);
+        table(&mut text, pair, &rows, report.sample_time_s);
+        beneath(&mut text, pair, &rows);
+        if let Some(track) = &pair.track {
+            text.push(Role::Plain, "\n");
+            against_time(&mut text, track, report.sample_time_s);
+        }
+        text.push(Role::Plain, "\n");
+    }
+    for line in wrapped(&preamble(report), WIDTH, 2) {
+        text.push(Role::Faint, line).push(Role::Plain, "\n");
+    }
+    text
 }
 
 /// The pair that is meant.
@@ -100,7 +98,7 @@ fn answer(text: &mut Styled, pair: &Pair, step_s: f64) {
         .into_iter()
         .filter(|o| !o.is_empty())
         .chain(grounds.doubts.iter().cloned())
-        .chain(pair.warning(step_s))
+        .chain(warning(pair, step_s))
         .collect();
     if !against.is_empty() {
         text.sentence((Role::Doubt, "Against it: "), &format!("{}.", against.join("; ")), WIDTH, 2);

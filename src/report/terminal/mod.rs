@@ -6,4 +6,5 @@ mod gap;
 
 pub(super) use axis::Axis;
 pub(super) use delay::without_lists;
+pub use delay::{brief, short};
 pub use gap::{diagnosis, verdict};

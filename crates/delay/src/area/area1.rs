@@ -1,0 +1,245 @@
+//! The dead time of one lag from two areas of a measured step response.
+//!
+//! Equation: K·e^(−Ls)/(1 + sT): L = A₀/K − e·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt, s the mean of the outputs after each step of the input, weighted with the steps.
+
+use super::{Area, BEYOND, Lags, Reading, TOLD, answer, area};
+use crate::{
+    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
+    Search, Start, one_pair, posterior,
+};
+use deadtime_identify::Record;
+use deadtime_signal::registry::entry;
+use deadtime_signal::stats;
+
+/// Areas of the measured step response, read as one lag.
+///
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value is the continuous L of the equation.
+///
+/// Assumes: an input that is held exactly between steps, each for longer than the longest delay and the response together; a plant of dead time and one lag, settled
+/// before each step; white noise; no sample missing.
+/// Resolution and cost: fractions of a sample, if the plant is as assumed; O(N).
+/// Fails when: the input has no such steps (`not_applicable`); the plant is of another order: with two equal lags T it answers 0.53·T late, with more lags later; the
+/// response is not over when the input moves again (a note says so); the end of the response is not told from noise (`singular`). A₀ gathers noise for as long
+/// as it is summed, so the sum is ended at five times the average residence time. The interval reaches from the reading with one lag to that with two, and
+/// holds no plant beyond them.
+/// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4; Björklund (2003), LiU-TEK-LIC-2003:60, class 3. What tells
+/// Björklund's `area1` to `area3` from each other is not known here; this one takes the method at its word, on a measured step. The end of the sum is this
+/// program's choice.
+///
+/// # Example
+/// ```
+/// use deadtime_delay::{Area1, DelayEstimator, Experiment, Search};
+/// use deadtime_signal::time::SampleTime;
+/// let u: Vec<f64> = (0..400).map(|t| if t < 50 { 0.0 } else { 1.0 }).collect();
+/// let mut y = vec![0.0; 401];
+/// for t in 4..400 {
+///     y[t + 1] = 0.8 * y[t] + 0.2 * u[t - 4];
+/// }
+/// y.pop();
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+/// let answer = Area1::default().estimate(&experiment, &Search::default())?;
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.02);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Area1 {
+    /// Samples for which a step must be held, and the input before it; default 71, more where the search window needs them.
+    pub held: usize,
+}
+
+impl Default for Area1 {
+    fn default() -> Self {
+        Self { held: 71 }
+    }
+}
+
+const NAME: &str = "area1";
+
+/// Samples of rest before the first step that are enough to know where it starts from.
+const REST: usize = 10;
+/// The share of a held step whose mean is taken for its end.
+const END: usize = 4;
+/// Average residence times after which a response is over: L + 5T and more.
+const OVER: f64 = 5.0;
+/// A change in the last half of a held step that is still no motion, as a share of the whole.
+const STILL: f64 = 0.05;
+
+/// Its line in the list of methods.
+pub(crate) const METHOD: Method = Method {
+    entry: entry!("area1", "dead time of one lag from areas of the measured step response", Area1, dyn DelayEstimator),
+    class: Class::Area,
+    scope: Scope::Pair,
+    start: Start::Rest,
+    reference: ReferenceExperiment::Steps,
+    information: Information::Poles(1),
+    basis: Basis::Own,
+    tolerance: 2.0,
+    withstands: &[],
+    needs: "steps that are held until the response is over, a plant of one lag that rests before them",
+    blind_to: "the order of the plant, which it takes for granted; oscillation; feedback",
+    exempt: &[(Law::Exact, "it needs steps, and reads their response as that of one lag, which most plants are not")],
+};
+
+impl DelayEstimator for Area1 {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+        if self.held < END {
+            return Err(DelayError::Option { method: NAME, option: "held", value: self.held as f64, allowed: "4 or more" });
+        }
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+    }
+}
+
+/// The mean response to a unit step.
+struct Response {
+    step: Vec<f64>,
+    /// Variance of each sample of it.
+    variance: f64,
+}
+
+fn mean(x: &[f64]) -> f64 {
+    stats::mean(x.iter().copied()).unwrap_or(0.0)
+}
+
+/// The steps that are held for at least `held` samples, after an input that was (at the start of a record for [`REST`] samples); `None`: there is none.
+fn response(records: &[Record], held: usize) -> Option<Response> {
+    // (height, output from the step on, level before)
+    let mut steps: Vec<(f64, &[f64], f64)> = Vec::new();
+    for record in records {
+        let mut edges: Vec<usize> = (1..record.len()).filter(|&t| record.u[t] != record.u[t - 1]).collect();
+        edges.insert(0, 0);
+        edges.push(record.len());
+        for window in edges.windows(3) {
+            let &[before, at, end] = window else { continue };
+            let rest = if before == 0 { REST } else { held };
+            if at - before >= rest && end - at >= held {
+                let settled = &record.y[at - ((at - before) / END).max(REST.min(at - before))..at];
+                steps.push((record.u[at] - record.u[at - 1], &record.y[at..end], mean(settled)));
+            }
+        }
+    }
+    let shortest = steps.iter().map(|(_, y, _)| y.len()).min()?;
+    let weight: f64 = steps.iter().map(|(height, _, _)| height * height).sum();
+    let step: Vec<f64> =
+        (0..shortest).map(|i| steps.iter().map(|(height, y, level)| height * (y[i] - level)).sum::<f64>() / weight).collect();
+    // What is left at the end of each step is noise.
+    let ends: Vec<f64> = steps
+        .iter()
+        .flat_map(|(_, y, _)| {
+            let end = &y[shortest - shortest / END..shortest];
+            let level = mean(end);
+            end.iter().map(move |v| (v - level).powi(2))
+        })
+        .collect();
+    Some(Response { step, variance: mean(&ends) / weight })
+}
+
+impl Area1 {
+    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+        let held = self.held.max(max_delay + BEYOND);
+        let (needed, got) = (REST + held, experiment.longest());
+        if got < needed {
+            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter `max_delay`, or set a smaller held" });
+        }
+        let none = |outcome, note: String| Ok(DelayEstimate::without(outcome, note));
+        if records.iter().any(|r| r.present.is_some()) {
+            return none(Outcome::NotApplicable, "output samples are missing, and their areas with them".to_owned());
+        }
+        let Some(response) = response(records, held) else {
+            return none(Outcome::NotApplicable, format!("the input has no step that is held for {held} samples after a rest"));
+        };
+        if let Some(note) = posterior::unseen(records, max_delay) {
+            return none(Outcome::NotVisible, note);
+        }
+        let end = response.step.len() - response.step.len() / END;
+        let (gain, before) = (mean(&response.step[end..]), mean(&response.step[response.step.len() / 2..end]));
+        let noise = (response.variance / (response.step.len() - end) as f64).sqrt();
+        let told = gain.abs() > TOLD * noise;
+        if !told {
+            return none(Outcome::Singular, "the end of the response, by which areas are divided, is not told from noise".to_owned());
+        }
+        let Some(readings) = readings(&response, gain, end) else {
+            return none(Outcome::Singular, "the average residence time lies outside the response: the areas have no solution".to_owned());
+        };
+        let moves = (gain - before).abs() > STILL * gain.abs() + TOLD * noise;
+        let note = moves.then(|| "the response is not over where the steps end: the dead time is read too early or too late".to_owned());
+        Ok(answer(Lags::One, readings, bias, max_delay, experiment).noting(note))
+    }
+}
+
+/// Both readings of a step response whose end is the mean from `end` on; `None` where the areas have no solution.
+fn readings(response: &Response, gain: f64, end: usize) -> Option<[Reading; 2]> {
+    let step = &response.step;
+    // Straight lines between the samples: half a sample less than the sum of K − s.
+    let residence = |until: usize| step.iter().take(until).map(|s| 1.0 - s / gain).sum::<f64>() - 0.5;
+    let mut until = end;
+    for _ in 0..3 {
+        let over = (OVER * residence(until)).max(OVER) as usize;
+        until = over.min(end);
+    }
+    let t_ar = residence(until);
+    let Area { a1, height, weights } = area(step, gain, t_ar)?;
+    let reading = |lags: Lags| {
+        let c = lags.of_area();
+        let (tail, summed) = ((step.len() - end) as f64, until as f64);
+        // Each sample as part of A₀, of A₁, and of the end.
+        let gradient: Vec<f64> = (0..step.len())
+            .map(|i| {
+                let sum = if i < until { -(1.0 - c * height) } else { 0.0 };
+                let last = if i >= end { ((1.0 - c * height) * (summed - t_ar - 0.5) + c * a1) / tail } else { 0.0 };
+                (sum - c * weights[i] + last) / gain
+            })
+            .collect();
+        // All are measured from one level, which is the mean of at least as many samples as a rest has.
+        let level = gradient.iter().sum::<f64>().powi(2) / REST as f64;
+        let squares: f64 = gradient.iter().map(|g| g * g).sum();
+        Reading { delay: t_ar - c * a1, std: (response.variance * (squares + level)).sqrt() }
+    };
+    let readings = [reading(Lags::One), reading(Lags::Two)];
+    readings.iter().all(|r| r.delay.is_finite() && r.std.is_finite()).then_some(readings)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_standard_deviation_is_that_of_the_difference_quotients() {
+        let step: Vec<f64> = (0..80).map(|i| if i > 7 { 1.0 - 0.8_f64.powi(i - 7) } else { 0.0 }).collect();
+        let end = 60;
+        let read = |step: &[f64]| readings(&Response { step: step.to_vec(), variance: 1.0 }, mean(&step[end..]), end).unwrap();
+        for k in 0..2 {
+            let moved = |which: &dyn Fn(usize) -> bool, h: f64| {
+                let other: Vec<f64> = step.iter().enumerate().map(|(i, s)| if which(i) { s + h } else { *s }).collect();
+                read(&other)[k].delay
+            };
+            let slope = |which: &dyn Fn(usize) -> bool| (moved(which, 1e-6) - moved(which, -1e-6)) / 2e-6;
+            let squares: f64 = (0..80).map(|j| slope(&|i| i == j).powi(2)).sum();
+            let expected = (squares + slope(&|_| true).powi(2) / REST as f64).sqrt();
+            let std = read(&step)[k].std;
+            assert!((std / expected - 1.0).abs() < 1e-3, "{std} {expected}");
+        }
+    }
+
+    #[test]
+    fn only_steps_that_are_held_count() {
+        let u: Vec<f64> = (0..300)
+            .map(|t| {
+                if t < 20 {
+                    0.0
+                } else if t < 120 {
+                    1.0
+                } else if t < 130 {
+                    2.0
+                } else {
+                    0.0
+                }
+            })
+            .collect();
+        let record = Record::new(&u, u.iter().map(|v| 3.0 * v + 7.0).collect::<Vec<f64>>());
+        let found = response(std::slice::from_ref(&record), 71).unwrap();
+        // The step at 20 alone: that at 120 is too short, that at 130 follows it too soon.
+        assert_eq!(found.step, vec![3.0; 100]);
+        assert!(response(&[Record::new(vec![0.0; 40], vec![0.0; 40])], 71).is_none());
+    }
+}

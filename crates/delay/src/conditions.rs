@@ -1,0 +1,147 @@
+//! What makes one method trustworthy on a record and another not: feedback, an unstable plant, coloured noise, a plant with a lag of its own, missing samples.
+
+use super::feedback::{in_loop, lags, residual};
+use super::{Arxstruc, Condition, Experiment, Search};
+use deadtime_identify::{Record, Regression, arx_scan, largest_pole};
+
+/// A complication that a record shows, and what shows it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// The complication.
+    pub condition: Condition,
+    /// The evidence, in words that follow the condition's own.
+    pub evidence: String,
+}
+
+/// Coefficients after which a response that lasts is cut off.
+const LAGS: usize = 71;
+/// How much less the innovations must be than the residuals of the free response for the noise to count as coloured.
+const COLOURED: f64 = 1.25;
+/// Samples between the first reaction and the centre of the response that make a lag; a copy that is delayed by a fraction of a sample has half a sample.
+const LAG: f64 = 0.75;
+/// Share of the largest coefficient from which one counts.
+const BEGUN: f64 = 0.1;
+
+/// What the records of one pair show, judged by ARX models of the orders of [`Arxstruc`] over the same window.
+///
+/// * Feedback: see [`in_loop`], for a plant that is strictly proper.
+/// * Unstable plant: a pole outside the unit circle by more than 3/N, three times the rate at which an estimate of a pole at 1 converges.
+/// * Coloured noise: past outputs predict what the free response leaves.
+/// * Dynamics: the response's centre lies later than its beginning.
+///
+/// Each can be wrong: a response longer than 71 samples can pass for coloured noise. Too short a record shows nothing.
+#[must_use]
+pub fn conditions(records: &[Record], max_delay: usize) -> Vec<Finding> {
+    let mut found = of_the_plant(records, max_delay);
+    found.extend(in_loop(records, max_delay, Search::default().default_bias).finding());
+    found
+}
+
+/// The same without feedback.
+pub(super) fn of_the_plant(records: &[Record], max_delay: usize) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let missing: usize = records.iter().filter_map(|r| r.present.as_ref()).map(|p| p.iter().filter(|p| !**p).count()).sum();
+    if missing > 0 {
+        found.push(Finding { condition: Condition::MissingOutputs, evidence: format!("{missing} output samples are missing") });
+    }
+    let Arxstruc { na, nb, .. } = Arxstruc::default();
+    let scan = arx_scan(records, na, nb, max_delay);
+    let rows = scan.rows as f64;
+    let best = (0..scan.loss.len()).filter(|&nk| scan.loss[nk].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
+    let Some(best) = best.filter(|_| scan.rows > 4 * (na + nb)) else { return found };
+    let coefficients = &scan.coefficients[best];
+    let a: Vec<f64> = coefficients[..na].iter().map(|c| -c).collect();
+    let pole = largest_pole(&a);
+    if pole > 1.0 + 3.0 / rows {
+        found.push(Finding { condition: Condition::UnstablePlant, evidence: format!("a pole at |z| = {pole:.4}") });
+    }
+    let lag = lag(&a, &coefficients[na..]);
+    if lag > LAG {
+        found.push(Finding { condition: Condition::Dynamics, evidence: format!("the response lasts {lag:.1} samples on average") });
+    }
+    found.extend(colour(records, na, max_delay));
+    found
+}
+
+/// How far a single output sample stands off the median of the five around it to be looked at, in what all but one of twenty samples stay within.
+const STANDS_OFF: f64 = 5.0;
+
+/// Output samples that stand alone, far off those before and after, as outliers do and as a response that lasts seldom does.
+///
+/// The scale is the 95 % point of all samples' distances, not their median as Hampel's filter has it: what answers to a random input stays near its neighbours mostly, and
+/// then moves.
+#[must_use]
+pub fn standing_off(records: &[Record]) -> usize {
+    let mut off: Vec<Vec<f64>> = Vec::with_capacity(records.len());
+    for record in records {
+        let there = record.y.iter().enumerate().filter(|(t, _)| record.present.as_ref().is_none_or(|p| p[*t]));
+        let values: Vec<f64> = there.map(|(_, y)| *y).collect();
+        off.push(values.windows(5).map(|w| (w[2] - point(w.to_vec(), 10)).abs()).collect());
+    }
+    let scale = point(off.iter().flatten().copied().collect(), 19);
+    let far = |d: f64| scale > 0.0 && d > STANDS_OFF * scale;
+    let alone = |d: &&[f64]| far(d[1]) && !far(d[0]) && !far(d[2]);
+    off.iter().map(|d| d.windows(3).filter(alone).count()).sum()
+}
+
+/// The value below which so many twentieths lie; 0 of none.
+fn point(mut values: Vec<f64>, twentieths: usize) -> f64 {
+    let at = values.len() * twentieths / 20;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(at, f64::total_cmp).1 }
+}
+
+/// Correlation of two inputs, at any lag of the window, from which what one does passes for what the other does.
+const TOGETHER: f64 = 0.3;
+
+/// Another input that moves with the first: what that input does is then no noise that would average out.
+#[must_use]
+pub fn moving_together(experiment: &Experiment<'_>, max_delay: usize) -> Option<Finding> {
+    let correlation = |other: usize| {
+        let lags = -isize::try_from(max_delay).unwrap_or(0)..=isize::try_from(max_delay).unwrap_or(0);
+        let mut sums = vec![0.0; 2 * max_delay + 1];
+        let (mut power, mut other_power) = (0.0, 0.0);
+        for recording in experiment.recordings() {
+            let (u, v) = (&recording.inputs[0], &recording.inputs[other]);
+            power += u.iter().map(|x| x * x).sum::<f64>();
+            other_power += v.iter().map(|x| x * x).sum::<f64>();
+            for (sum, product) in sums.iter_mut().zip(deadtime_signal::correlation(u, v, lags.clone())) {
+                *sum += product;
+            }
+        }
+        sums.iter().fold(0.0, |m: f64, s| m.max(s.abs())) / (power * other_power).sqrt().max(f64::MIN_POSITIVE)
+    };
+    let others = (1..experiment.inputs().len()).map(|other| (other, correlation(other)));
+    let (other, most) = others.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, most)| *most > TOGETHER)?;
+    let evidence = format!("`{}` is correlated with it by {most:.2}", experiment.inputs()[other]);
+    Some(Finding { condition: Condition::OtherInputs, evidence })
+}
+
+/// Samples from the response's beginning to the centre of its coefficients, those that are a tenth of the largest or more.
+fn lag(a: &[f64], b: &[f64]) -> f64 {
+    let mut response: Vec<f64> = Vec::with_capacity(10 * LAGS);
+    for k in 0..10 * LAGS {
+        let past: f64 = a.iter().enumerate().filter(|(i, _)| *i < k).map(|(i, c)| c * response[k - 1 - i]).sum();
+        let next = b.get(k).copied().unwrap_or(0.0) - past;
+        if !next.is_finite() || next.abs() > 1e100 {
+            return f64::INFINITY;
+        }
+        response.push(next);
+    }
+    let least = BEGUN * response.iter().fold(0.0, |m: f64, h| m.max(h.abs()));
+    let counted: Vec<(usize, f64)> = response.iter().map(|h| h.abs()).enumerate().filter(|(_, h)| *h > least).collect();
+    let begun = counted.first().map_or(0, |(k, _)| *k);
+    let total: f64 = counted.iter().map(|(_, h)| h).sum();
+    let moment: f64 = counted.iter().map(|(k, h)| (k - begun) as f64 * h).sum();
+    if total > 0.0 { moment / total } else { 0.0 }
+}
+
+fn colour(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
+    let lags = lags(records, max_delay);
+    let (free, rows) = residual(Regression { na: 0, lags }, records)?;
+    let (white, fewer) = residual(Regression { na, lags }, records)?;
+    let ratio = free / (rows - lags) as f64 / (white / (fewer - lags - na) as f64).max(f64::MIN_POSITIVE);
+    (ratio > COLOURED && ratio.is_finite()).then(|| Finding {
+        condition: Condition::ColouredNoise,
+        evidence: format!("past outputs lower the error of {lags} free coefficients {ratio:.1} times"),
+    })
+}

@@ -1,0 +1,265 @@
+//! What keeps an estimation from being set up at all.
+
+use deadtime_identify::IdentifyError;
+use deadtime_identify::matching::MatchingError;
+use deadtime_identify::structured::StructuredError;
+use deadtime_log::LogError;
+use deadtime_model::DerivedError;
+use deadtime_model::ModelError;
+use deadtime_model::effect::EffectError;
+use deadtime_model::simulate::SimulateError;
+use deadtime_signal::SignalError;
+use deadtime_signal::file::FileError;
+use deadtime_signal::flatten;
+use deadtime_signal::registry::RegistryError;
+use deadtime_signal::stop::Stopped;
+use deadtime_signal::time::TimeError;
+
+/// Whatever keeps a dead time from being estimated.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// An estimation that cannot be set up.
+    #[error(transparent)]
+    Delay(DelayError),
+    /// A model that cannot be identified.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// A model file's parameters that cannot be fitted.
+    #[error(transparent)]
+    Structured(#[from] StructuredError),
+    /// Two models that cannot be matched.
+    #[error(transparent)]
+    Matching(#[from] MatchingError),
+    /// A model that cannot be built, read or converted.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A channel that cannot be calculated from others.
+    #[error(transparent)]
+    Derived(#[from] DerivedError),
+    /// A simulation that cannot be run.
+    #[error(transparent)]
+    Simulate(#[from] SimulateError),
+    /// An effect that cannot be applied.
+    #[error(transparent)]
+    Effect(#[from] EffectError),
+    /// A signal that cannot be made.
+    #[error(transparent)]
+    Signal(#[from] SignalError),
+    /// A log that cannot be read or used.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// A file that the operating system refuses, or that is no such file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A sample time or delay that cannot be.
+    #[error(transparent)]
+    Time(#[from] TimeError),
+    /// A name or option that a registry does not know.
+    #[error(transparent)]
+    Registry(#[from] RegistryError),
+    /// Nobody waits for the answer any more.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
+}
+
+flatten!(deadtime_log::Error => Error { Log, File, Time });
+flatten!(deadtime_model::Error => Error { Model, Derived, Simulate, Effect, Signal, Log, File, Time });
+flatten!(deadtime_identify::Error => Error { Identify, Structured, Matching, Model, Derived, Simulate, Effect, Signal, Log, File, Time, Registry, Stopped });
+
+impl From<DelayError> for Error {
+    fn from(error: DelayError) -> Self {
+        match error {
+            DelayError::Stopped => Stopped.into(),
+            other => Self::Delay(other),
+        }
+    }
+}
+
+/// The result of an estimation.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// An estimation that cannot be set up.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum DelayError {
+    /// Fewer samples than the regression needs.
+    #[error("{method} needs at least {needed} samples for these orders and this search window, the longest record has {got}; {remedy}")]
+    TooShort {
+        /// The method.
+        method: &'static str,
+        /// Samples it needs.
+        needed: usize,
+        /// Samples of the longest record.
+        got: usize,
+        /// Which options would make it fit.
+        remedy: &'static str,
+    },
+    /// A channel that never changes.
+    #[error("{role} `{channel}` never changes (it is {value} throughout); a dead time shows only where it moves")]
+    Constant {
+        /// Input or output.
+        role: &'static str,
+        /// The channel.
+        channel: String,
+        /// Its value.
+        value: f64,
+    },
+    /// A sample that is NaN or infinite.
+    #[error("{role} `{channel}` is {value} at sample {sample}; every sample must be finite")]
+    NotFinite {
+        /// Input, output or state.
+        role: &'static str,
+        /// The channel.
+        channel: String,
+        /// Sample, counted from 0.
+        sample: usize,
+        /// The value.
+        value: f64,
+    },
+    /// Records or channels of lengths that do not fit.
+    #[error("{what}: {got} given, {needed} needed")]
+    Count {
+        /// What is counted.
+        what: &'static str,
+        /// How many there should be.
+        needed: usize,
+        /// How many there are.
+        got: usize,
+    },
+    /// An option out of its range.
+    #[error("{method}: {option} = {value}; it must be {allowed}")]
+    Option {
+        /// The method.
+        method: &'static str,
+        /// The option.
+        option: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it may be.
+        allowed: &'static str,
+    },
+    /// Regressors that are combinations of each other, where the coefficients themselves were asked for.
+    #[error("{method}: the lags of the inputs are combinations of each other; use inputs that move more, and not together")]
+    Dependent {
+        /// The method.
+        method: &'static str,
+    },
+    /// A method that needs a model and measured states got none.
+    #[error(
+        "{method} needs a model and a measured channel for each of its states; give a `model` and name the columns as the states are named (`rename`)"
+    )]
+    NoStates {
+        /// The method.
+        method: &'static str,
+    },
+    /// Event times that do not increase.
+    #[error("event {event} of `{channel}` is at {time}, not behind the one before it ({before}); event times must increase")]
+    EventOrder {
+        /// The channel.
+        channel: String,
+        /// Event, counted from 0.
+        event: usize,
+        /// Time of the event before it.
+        before: f64,
+        /// Its time.
+        time: f64,
+    },
+    /// Two sequences of event times in different units.
+    #[error(
+        "event times in {first} and in {second}: their differences mean nothing; convert one of them, or set units=standardise where both clocks begin at the same instant"
+    )]
+    Units {
+        /// Unit of the first sequence.
+        first: String,
+        /// Unit of the second.
+        second: String,
+    },
+    /// A channel named more than once.
+    #[error("`{channel}` is given twice: name every input and every output once")]
+    Twice {
+        /// The channel.
+        channel: String,
+    },
+    /// What is wrong with a log's channels.
+    #[error("{log}: {error}")]
+    In {
+        /// The log.
+        log: String,
+        /// What is wrong.
+        error: Box<DelayError>,
+    },
+    /// A search window of nothing, or of more than there is.
+    #[error("`max_delay` {seconds} s: give at least one sample ({step_s} s) and less than the log is long ({samples} samples)")]
+    MaxDelay {
+        /// The window asked for, s.
+        seconds: f64,
+        /// The sample time, s.
+        step_s: f64,
+        /// Samples of the longest record.
+        samples: usize,
+    },
+    /// A delay of something that is no input.
+    #[error("a delay is given for `{input}`, which is no input; there are: {}", inputs.join(", "))]
+    NoInput {
+        /// The name.
+        input: String,
+        /// The inputs.
+        inputs: Vec<String>,
+    },
+    /// A search window of a frequency response that is none, or longer than its frequencies tell delays apart.
+    #[error(
+        "`max_delay` {seconds} s: give more than 0 and at most {unambiguous_s:.4} s, as delays that far apart look alike at these frequencies"
+    )]
+    Turns {
+        /// The window asked for, s.
+        seconds: f64,
+        /// Delays that far apart look alike, s.
+        unambiguous_s: f64,
+    },
+    /// A search window of nothing, for event times.
+    #[error("the window holds no delay: give a longer `max_delay`")]
+    NoWindow,
+    /// A method that looks at something else than was given.
+    #[error("{method} looks at {}", if *events { "event times: give two sequences of them" } else { "samples: give an input and an output" })]
+    WrongScope {
+        /// The method.
+        method: &'static str,
+        /// It looks at event times, and samples were given; or the other way round.
+        events: bool,
+    },
+    /// A model as equations.
+    #[error("model {model} is written as equations; estimation needs a linear one (kind = \"lti\")")]
+    Equations {
+        /// The model.
+        model: String,
+    },
+    /// A sampled model of another sample time than the log's.
+    #[error("model {model} and log: {error}")]
+    ModelGrid {
+        /// The model.
+        model: String,
+        /// The two sample times.
+        error: TimeError,
+    },
+    /// A single event has no interval.
+    #[error("{log}: `{channel}` holds one event; at least two are needed")]
+    OneEvent {
+        /// The log.
+        log: String,
+        /// The channel.
+        channel: String,
+    },
+    /// Events between which no time passes that could be counted.
+    #[error("{log}: the intervals between events of `{channel}`: {error}")]
+    Intervals {
+        /// The log.
+        log: String,
+        /// The channel.
+        channel: String,
+        /// What is wrong with a hundredth of the typical one as a sample time.
+        error: TimeError,
+    },
+    /// Nobody waits for the answer any more.
+    #[error("stopped before it was done")]
+    Stopped,
+}

@@ -1,0 +1,180 @@
+//! What an estimator answers.
+
+use super::process::Misfit;
+use deadtime_signal::time::SampleTime;
+
+/// What came of an estimation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// A delay was found.
+    Found,
+    /// The best delay is the longest that was searched.
+    AtEdge,
+    /// The output does not visibly follow the input.
+    NotVisible,
+    /// The input does not excite what the method must estimate.
+    NotRichEnough,
+    /// The equations have no unique solution.
+    Singular,
+    /// The optimiser found no minimum.
+    NotConverged,
+    /// Many delays fit equally well.
+    Flat,
+    /// The method cannot be used on this data.
+    NotApplicable,
+}
+
+impl Outcome {
+    /// A delay comes with it.
+    #[must_use]
+    pub fn has_delay(self) -> bool {
+        matches!(self, Self::Found | Self::AtEdge)
+    }
+
+    /// The name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Found => "found",
+            Self::AtEdge => "at_edge",
+            Self::NotVisible => "not_visible",
+            Self::NotRichEnough => "not_rich_enough",
+            Self::Singular => "singular",
+            Self::NotConverged => "not_converged",
+            Self::Flat => "flat",
+            Self::NotApplicable => "not_applicable",
+        }
+    }
+}
+
+/// One method's answer for one input and one output.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DelayEstimate {
+    /// What came of it.
+    pub outcome: Outcome,
+    /// The dead time, s, the degree bias taken off; with `Found` and `AtEdge` only.
+    pub delay_s: Option<f64>,
+    /// Its standard deviation, s, the resolution of the method included.
+    pub std_s: Option<f64>,
+    /// Its 95 % interval, s.
+    pub ci95_s: Option<[f64; 2]>,
+    /// What the method's original definition returns, s.
+    pub raw_delay_s: Option<f64>,
+    /// Samples that were taken off the raw value: the relative degree of the sampled plant.
+    pub degree_bias_samples: f64,
+    /// What a reader must know besides.
+    pub note: Option<String>,
+    /// What the method leaves over shows that its own model is not that of the data: its interval then says less than it seems to.
+    pub contradicted: bool,
+    /// How well the method's model fits, where models of other orders fit the same.
+    pub misfit: Option<Box<Misfit>>,
+    /// The record, of one step or of several inputs, shows no more poles than the method's model has.
+    pub enough_poles: bool,
+    /// It was read from the part of the input that the output did not cause ([`super::open_part`]).
+    pub open_part: bool,
+}
+
+impl DelayEstimate {
+    /// An answer without a delay.
+    #[must_use]
+    pub fn without(outcome: Outcome, note: impl Into<String>) -> Self {
+        Self {
+            outcome,
+            delay_s: None,
+            std_s: None,
+            ci95_s: None,
+            raw_delay_s: None,
+            degree_bias_samples: 0.0,
+            note: Some(note.into()),
+            contradicted: false,
+            misfit: None,
+            enough_poles: false,
+            open_part: false,
+        }
+    }
+
+    /// An answer of a method that counts samples: raw value, standard deviation and interval in samples, before the bias is taken off.
+    pub(super) fn counted(raw: f64, std: f64, interval: [f64; 2], at_edge: bool, bias: usize, sample_time: SampleTime) -> Self {
+        Self::measured(raw, std, interval, at_edge, bias as f64, sample_time)
+    }
+
+    /// The same of a method that resolves fractions of a sample, and whose bias may be one (half a sample for a phase behind a zero-order hold).
+    pub(super) fn measured(raw: f64, std: f64, interval: [f64; 2], at_edge: bool, off: f64, sample_time: SampleTime) -> Self {
+        let seconds = |samples: f64| sample_time.to_seconds(samples - off);
+        if [raw, std, interval[0], interval[1]].iter().any(|v| v.is_nan()) {
+            return Self::without(
+                Outcome::Singular,
+                "the numbers of the record leave no finite answer: too large, too small, or too alike",
+            );
+        }
+        Self {
+            outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
+            delay_s: Some(seconds(raw)),
+            std_s: Some(sample_time.to_seconds(std)),
+            ci95_s: Some(interval.map(seconds)),
+            raw_delay_s: Some(sample_time.to_seconds(raw)),
+            degree_bias_samples: off,
+            contradicted: false,
+            misfit: None,
+            enough_poles: false,
+            open_part: false,
+            note: at_edge.then(|| "the best delay is the longest searched: give a longer `max_delay`".to_owned()),
+        }
+    }
+
+    /// The answer of a method that knows no samples: everything in seconds, nothing to take off.
+    pub(super) fn in_seconds(delay_s: f64, std_s: f64, ci95_s: [f64; 2], at_edge: bool) -> Self {
+        if [delay_s, std_s, ci95_s[0], ci95_s[1]].iter().any(|v| !v.is_finite()) {
+            return Self::without(Outcome::Singular, "the numbers leave no finite answer: too large, too small, or too alike");
+        }
+        Self {
+            outcome: if at_edge { Outcome::AtEdge } else { Outcome::Found },
+            delay_s: Some(delay_s),
+            std_s: Some(std_s),
+            ci95_s: Some(ci95_s),
+            raw_delay_s: Some(delay_s),
+            degree_bias_samples: 0.0,
+            contradicted: false,
+            misfit: None,
+            enough_poles: false,
+            open_part: false,
+            note: at_edge.then(|| "the best delay is the longest searched: give a longer `max_delay`".to_owned()),
+        }
+    }
+
+    /// The answer for a record whose input was given `later` seconds too late: no delay is below zero, and one that would be is said.
+    pub(super) fn finished(mut self, later_s: f64) -> Self {
+        let whole = |v: f64| (v + later_s).max(0.0);
+        let within = self.delay_s.is_some_and(|d| d + later_s < -1e-9 * self.raw_delay_s.map_or(1.0, |r| r.abs().max(1e-12)));
+        self.delay_s = self.delay_s.map(whole);
+        self.ci95_s = self.ci95_s.map(|ends| ends.map(whole));
+        self.raw_delay_s = self.raw_delay_s.map(|v| v + later_s);
+        let note = "the output reacts within the sample: no dead time, and a direct path or a faster response than assumed";
+        self.noting(within.then(|| note.to_owned()))
+    }
+
+    /// Marks the answer where what the method leaves over contradicts it, and says so.
+    #[must_use]
+    pub(super) fn contradicted(mut self, why: Option<String>) -> Self {
+        self.contradicted |= why.is_some();
+        self.noting(why)
+    }
+
+    /// Marks the answer as read from the part of the input that the output did not cause.
+    #[must_use]
+    pub(super) fn of_open_part(mut self) -> Self {
+        self.open_part = true;
+        self.noting(Some("from the part of the input that the output did not cause".to_owned()))
+    }
+
+    /// Adds a sentence to the note.
+    #[must_use]
+    pub(super) fn noting(mut self, more: Option<String>) -> Self {
+        self.note = match (self.note, more) {
+            (Some(a), Some(b)) => Some(format!("{a}; {b}")),
+            (a, b) => a.or(b),
+        };
+        self
+    }
+}

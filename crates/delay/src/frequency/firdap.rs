@@ -1,0 +1,110 @@
+//! The delay of the all-pass part of a finite impulse response.
+//!
+//! Equation: y(t) = Σ hₖ u(t − k) + e(t); τ̂ = Σ over the zeros xᵢ of Σ ĥₖxᵏ with |xᵢ| < 1 of Re (1 + xᵢ)/(1 − xᵢ) samples.
+
+use super::all_pass::all_pass;
+use crate::{
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
+};
+use deadtime_identify::{Record, fir_or_rank};
+use deadtime_signal::registry::entry;
+
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
+///
+/// Assumes: an input that excites every coefficient, a response that dies out within them, white noise, a plant without zeros of its own outside the unit circle
+/// (they count as delay: a zero at s = 1/T adds 2T), a gain at frequency 0.
+/// Coefficients before the plant's relative degree (`Search::bias`) are known to be zero and left out.
+/// Resolution and cost: fractions of a sample, of which up to half a sample may hide in the minimum-phase part (the interval reaches up by that much); O(N·taps),
+/// and O(taps²) for the zeros.
+/// Fails when: the gain at frequency 0 is small against the noise (zeros near z = 1: left out with a note, or `flat`), the response outlives the taps, or the input does
+/// not excite them all (`not_rich_enough`). The zeros of a noisy response are scattered along the unit circle, where they add little: the error grows with the delay,
+/// as the coefficients before the response gather.
+/// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285; Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`firdap`); Björklund and Ljung (2009), Automatica
+/// 45(10), 2467-2470. Björklund's number of coefficients is not known here; 71 is that of his thresholds. On the guard against zeros near 1 see the head of
+/// `all_pass`.
+///
+/// # Example
+/// ```
+/// use deadtime_delay::{DelayEstimator, Experiment, Firdap, Search};
+/// use deadtime_signal::{Excitation, excitation::Rbs};
+/// use deadtime_signal::time::SampleTime;
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
+/// let mut y = vec![0.0; 400];
+/// for t in 5..400 {
+///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
+/// }
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+/// let answer = Firdap::default().estimate(&experiment, &Search::default())?;
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.001);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Firdap {
+    /// Coefficients of the impulse response; default 71, more where the search window needs them.
+    pub taps: usize,
+}
+
+impl Default for Firdap {
+    fn default() -> Self {
+        Self { taps: 71 }
+    }
+}
+
+const NAME: &str = "firdap";
+
+/// Coefficients beyond the longest delay, for the response itself.
+const BEYOND: usize = 36;
+
+/// Its line in the list of methods.
+pub(crate) const METHOD: Method = Method {
+    entry: entry!("firdap", "delay of the all-pass part of a finite impulse response, by its zeros", Firdap, dyn DelayEstimator),
+    class: Class::Frequency,
+    scope: Scope::Pair,
+    start: Start::Any,
+    reference: ReferenceExperiment::Plant,
+    information: Information::Response,
+    basis: Basis::FiniteResponse,
+    tolerance: 0.25,
+    withstands: &[Condition::Dynamics, Condition::MissingOutputs],
+    needs: "an input that excites every coefficient, a response that dies out within them, a gain at frequency 0",
+    blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample; feedback",
+    exempt: &[(Law::Exact, "it reads a phase, which noise and the cut of the response move by fractions of a sample")],
+};
+
+impl DelayEstimator for Firdap {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+        if self.taps == 0 {
+            return Err(DelayError::Option { method: NAME, option: "taps", value: 0.0, allowed: "1 or more" });
+        }
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+    }
+}
+
+impl Firdap {
+    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+        let taps = self.taps.max(max_delay + BEYOND);
+        let (needed, got) = (bias + 2 * taps + 1, experiment.longest());
+        if got < needed {
+            let remedy = "search a shorter `max_delay`, or set fewer taps";
+            return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
+        }
+        let ahead: Vec<Record> = records.iter().map(|r| r.ahead(bias)).collect();
+        let fir = match fir_or_rank(&ahead, taps) {
+            Ok(fir) => fir,
+            Err(rank) => {
+                let note = format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
+                return Ok(DelayEstimate::without(Outcome::NotRichEnough, note));
+            }
+        };
+        if let Some(note) = posterior::unseen(records, max_delay) {
+            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+        }
+        let Some(found) = all_pass(fir.coefficients.as_slice(), [&fir.covariance; 2], max_delay.max(1) as f64) else {
+            return Ok(DelayEstimate::without(Outcome::Singular, "the impulse response has no zeros that can be told apart"));
+        };
+        Ok(found.behind(bias).answer(bias, max_delay, experiment))
+    }
+}

@@ -1,0 +1,120 @@
+//! The delay of the all-pass part of an output-error model.
+//!
+//! Equation: y(t) = B(q)/F(q) u(t) + e(t); τ̂ = Σ over the zeros xᵢ of Σ b̂ₖxᵏ with |xᵢ| < 1 of Re (1 + xᵢ)/(1 − xᵢ) samples.
+
+use super::all_pass::all_pass;
+use crate::{
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
+};
+use deadtime_identify::{MAX_OE_ORDER, ManyZeros, Record, fir_or_rank};
+use deadtime_signal::registry::entry;
+
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
+///
+/// Assumes: a stable plant in open loop that rests at the start, white noise, no zeros of the plant outside the unit circle, a gain at frequency 0, no sample
+/// missing.
+/// Coefficients before the plant's relative degree (`Search::bias`) are known to be zero and left out.
+/// Resolution and cost: fractions of a sample, of which up to half a sample may hide in the minimum-phase part; some ten regressions of O(N·window).
+/// Fails when: the gain at frequency 0 is small against the noise (zeros near z = 1: left out with a note, or `flat`), the input does not excite the numerator
+/// (`not_rich_enough`), outputs are missing (`not_applicable`), or under feedback (biased).
+/// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285; Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`oedap`); Björklund and Ljung (2009), Automatica
+/// 45(10), 2467-2470; Steiglitz and McBride (1965), doi:10.1109/TAC.1965.1098181, for the fit. Björklund's orders are not known here; on the guard against zeros near 1 see
+/// the head of `all_pass`.
+///
+/// # Example
+/// ```
+/// use deadtime_delay::{DelayEstimator, Experiment, Oedap, Search};
+/// use deadtime_signal::{Excitation, excitation::Rbs};
+/// use deadtime_signal::time::SampleTime;
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
+/// let mut y = vec![0.0; 400];
+/// for t in 5..400 {
+///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
+/// }
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+/// let answer = Oedap::default().estimate(&experiment, &Search::default())?;
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.001);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Oedap {
+    /// Numerator coefficients beyond the longest delay; default 5, as `arxdap`.
+    pub nb: usize,
+    /// Poles; default 2, as `oestruc`.
+    pub nf: usize,
+    /// Longest part of a record that is used, samples; default 100 000, beyond which the fit says nothing new.
+    pub max_samples: usize,
+}
+
+impl Default for Oedap {
+    fn default() -> Self {
+        Self { nb: 5, nf: 2, max_samples: 100_000 }
+    }
+}
+
+const NAME: &str = "oedap";
+
+/// Its line in the list of methods.
+pub(crate) const METHOD: Method = Method {
+    entry: entry!("oedap", "delay of the all-pass part of an output-error model, by the zeros of its numerator", Oedap, dyn DelayEstimator),
+    class: Class::Frequency,
+    scope: Scope::Pair,
+    start: Start::Rest,
+    reference: ReferenceExperiment::Plant,
+    information: Information::Poles(2),
+    basis: Basis::OutputError,
+    tolerance: 0.25,
+    withstands: &[Condition::Dynamics],
+    needs: "open loop, a stable plant of low order that rests at the start, a gain at frequency 0",
+    blind_to: "zeros of the plant outside the unit circle, which it takes for delay; half a sample; feedback",
+    exempt: &[(Law::Exact, "it reads a phase, which noise moves by fractions of a sample")],
+};
+
+impl DelayEstimator for Oedap {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+        for (option, value, ok, allowed) in [
+            ("nb", self.nb, self.nb >= 1, "1 or more"),
+            ("nf", self.nf, self.nf <= MAX_OE_ORDER, "at most 16"),
+            ("max_samples", self.max_samples, self.max_samples >= 1, "1 or more"),
+        ] {
+            if !ok {
+                return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
+            }
+        }
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+    }
+}
+
+impl Oedap {
+    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+        let lags = max_delay + self.nb;
+        let (needed, got) = (bias + self.nf.max(lags - 1) + 2 * (self.nf + lags), experiment.longest().min(self.max_samples));
+        if got < needed {
+            let remedy = "search a shorter `max_delay`, or set a smaller nb or a larger max_samples";
+            return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
+        }
+        if records.iter().any(|r| r.present.is_some()) {
+            return Ok(DelayEstimate::without(Outcome::NotApplicable, "output samples are missing, and a filter cannot pass over them"));
+        }
+        let cut: Vec<Record> = records.iter().map(|r| r.head(self.max_samples)).collect();
+        let ahead: Vec<Record> = cut.iter().map(|r| r.ahead(bias)).collect();
+        if let Err(rank) = fir_or_rank(&ahead, lags) {
+            let note = format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
+            return Ok(DelayEstimate::without(Outcome::NotRichEnough, note));
+        }
+        if let Some(note) = posterior::unseen(&cut, max_delay) {
+            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+        }
+        let Some(fit) = ManyZeros::fit(&ahead, self.nf, lags) else {
+            return Ok(DelayEstimate::without(Outcome::Singular, "the regression on filtered signals has no solution"));
+        };
+        let Some(found) = all_pass(fit.b.as_slice(), [&fit.covariance, &fit.given_poles], max_delay.max(1) as f64) else {
+            return Ok(DelayEstimate::without(Outcome::Singular, "the numerator has no zeros that can be told apart"));
+        };
+        let note = (experiment.longest() > self.max_samples).then(|| format!("used the first {} samples", self.max_samples));
+        Ok(found.behind(bias).answer(bias, max_delay, experiment).noting(note))
+    }
+}

@@ -1,0 +1,115 @@
+//! The slope of the cross-spectrum's phase over frequency.
+//!
+//! Equation: φ(ω) = arg Ĝuy(ω) = −ωτ (+ π where the gain is negative), τ̂ = −Σ w·ω·φ/Σ w·ω², w = γ²/(1 − γ²), γ² the squared coherence.
+//!
+//! A phase is known modulo 2π only. First every whole lag is tried: the one under which the weighted cosines of what is left of the phases add up to most. With y moved
+//! back by it, what is left stays within half a turn, and the straight line is a weighted least-squares fit.
+
+use nalgebra::Complex;
+
+use crate::correlation::{Alike, Centred, LATE, NEEDS, WITHSTANDS, alike, enough, hannan_thomson, independent_lines, segment_length};
+use crate::{
+    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
+};
+use deadtime_signal::HANN_LINES;
+use deadtime_signal::registry::entry;
+
+/// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
+///
+/// Assumes: y is a delayed, scaled copy of u plus noise that knows nothing of u (its phase is a straight line through 0 or π).
+/// Resolution and cost: sub-sample; O(N·log N).
+/// Fails when: the plant has dynamics (their phase counts as delay; where it is no straight line through 0 or π, the note says so and the interval is as wide as the delays of single frequencies differ), the signal is narrow-band (several
+/// lags put the phases on lines: the interval holds them all, or `flat`), or few segments leave the coherence to chance.
+/// Source: Piersol (1981), IEEE Trans. Acoust. Speech Signal Process. 29(3), 471-477, doi:10.1109/TASSP.1981.1163555; the weights are the inverse variances of the
+/// phases, Carter (1987), Proc. IEEE 75(2), 236-255, doi:10.1109/PROC.1987.13723. Neither says how to unwrap a noisy phase: the search over whole lags is this
+/// program's.
+///
+/// # Example
+/// ```
+/// use deadtime_delay::{DelayEstimator, Experiment, PhaseSlope, Search};
+/// use deadtime_signal::{Excitation, excitation::Rbs, fractional_delay};
+/// use deadtime_signal::time::SampleTime;
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
+/// let y = fractional_delay(&u, 7.3);
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+/// let search = Search { default_bias: 0, ..Search::default() }; // two sensors: no hold, no bias
+/// let answer = PhaseSlope::default().estimate(&experiment, &search)?;
+/// assert!((answer.delay_s.unwrap() - 0.73).abs() < 2e-3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PhaseSlope {
+    /// Samples of a segment of the averaged spectra; default 0: the power of two that leaves six or more segments, at most 1024.
+    pub segment: usize,
+}
+
+const NAME: &str = "phase_slope";
+/// Straight lines fitted one after the other, each unwrapping about the one before; they settle at the second.
+const FITS: usize = 4;
+
+/// Its line in the list of methods.
+pub(crate) const METHOD: Method = Method {
+    entry: entry!(
+        "phase_slope",
+        "slope of the cross-spectrum's phase over frequency, weighted by the coherence",
+        PhaseSlope,
+        dyn DelayEstimator
+    ),
+    class: Class::Frequency,
+    scope: Scope::Pair,
+    start: Start::Any,
+    reference: ReferenceExperiment::Copy,
+    information: Information::TwoSensors,
+    basis: Basis::CrossSpectrum,
+    tolerance: 0.05,
+    withstands: WITHSTANDS,
+    needs: NEEDS,
+    blind_to: "the phase of the plant itself, which counts as delay",
+    exempt: &[(Law::Exact, LATE)],
+};
+
+impl DelayEstimator for PhaseSlope {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+    }
+}
+
+impl PhaseSlope {
+    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+        let longest = experiment.longest();
+        enough(NAME, self.segment, longest, max_delay)?;
+        if let Some(note) = posterior::unseen(records, max_delay) {
+            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+        }
+        let segment = segment_length(self.segment, longest, max_delay);
+        let (coarse, seen) = alike(&Centred::new(records), segment, hannan_thomson::weight, max_delay);
+        let (Some(seen), Some(start)) = (seen, coarse.fraction) else {
+            return Ok(coarse.answer(max_delay, bias, experiment));
+        };
+        // ω, weight and phasor of every line that has a phase.
+        let lines: Vec<(f64, f64, Complex<f64>)> = (seen.lines.iter().zip(&seen.spectra.uy))
+            .filter(|(line, _)| line.times > 1.0 && line.coherence > 0.0)
+            .map(|(line, s)| (line.omega, line.coherence / (1.0 - line.coherence), s * seen.sign))
+            .collect();
+        let left = |omega: f64, s: &Complex<f64>, delay: f64| (s * Complex::from_polar(1.0, omega * delay)).arg();
+        let sum =
+            |f: &dyn Fn(f64, f64, f64) -> f64, delay: f64| -> f64 { lines.iter().map(|(o, w, s)| f(*o, *w, left(*o, s, delay))).sum() };
+        let stiffness = sum(&|o, w, _| w * o * o, start);
+        if stiffness <= 0.0 {
+            return Ok(DelayEstimate::without(Outcome::NotRichEnough, "no frequency is coherent enough to have a phase"));
+        }
+        let mut delay = start;
+        for _ in 0..FITS {
+            delay -= sum(&|o, w, phase| w * o * phase, delay) / stiffness;
+        }
+        // The phase of a line varies by (1 − γ²)/(2·looks·γ²).
+        let by_coherence = stiffness / (2.0 * seen.spectra.looks);
+        let by_scatter = HANN_LINES * sum(&|o, w, phase| (w * o * phase).powi(2), delay);
+        let std = by_coherence.max(by_scatter).sqrt() / stiffness;
+        let found = Alike { fraction: Some(delay), std, freedom: independent_lines(&seen.spectra), ..coarse };
+        Ok(found.answer(max_delay, bias, experiment))
+    }
+}

@@ -1,0 +1,291 @@
+//! The delay between the bispectra of two sensors.
+//!
+//! Equation: τ̂ = argmax |T(τ)|, T(τ) = Σ over ω₁, ω₂ of W·Buyu(ω₁, ω₂)·conj(Buuu(ω₁, ω₂))·exp(iω₂τ), Buyu = E[U(ω₁)·Y(ω₂)·conj U(ω₁ + ω₂)], which is
+//! Buuu·exp(−iω₂D) where y is u later by D; W = 1/(Puu(ω₁)·Puu(ω₁ + ω₂)·Pyy(ω₂)).
+//!
+//! Third-order statistics of noise with a symmetric distribution are zero, whatever its colour and however much of it the two sensors share: correlation takes common
+//! noise for the signal, this does not.
+
+use nalgebra::Complex;
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+
+use crate::correlation::{Alike, Centred, Interpolant, LATE, real};
+use crate::{
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record,
+    ReferenceExperiment, Scope, Search, Start, one_pair,
+};
+use deadtime_signal::RealFourier;
+use deadtime_signal::registry::entry;
+
+/// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
+///
+/// Assumes: u is skewed (large values on one side: rectified, bursting, popping); y is a delayed, scaled copy of u plus noise with a symmetric distribution, which may be
+/// coloured and shared by both sensors.
+/// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·(4·segment + `max_delay`)), long records cut at `max_samples`.
+/// Fails when: u has no skewness that stands out of chance (`not_applicable`; Gaussian and symmetric inputs, random binary ones among them), the record is short (third-order
+/// averages settle slowly: `not_visible`), the noise is skewed too (its own delay may win), or the plant has dynamics (late).
+/// Source: Nikias and Pan (1988), IEEE Trans. Acoust. Speech Signal Process. 36(11), 1803-1814, doi:10.1109/29.9008; Hinich and Wilson (1992), IEEE Trans. Signal
+/// Process. 40(7), 1777-1783, doi:10.1109/78.143447. The former sums phases of Buyu/Buuu without weights; the weights here are inverse noise powers times the signal's own
+/// bispectrum, so that frequencies without third-order signal do not count. Neither gives an uncertainty: it is the scatter of dT/dτ over stretches of the record.
+///
+/// # Example
+/// ```
+/// use deadtime_delay::{Bispectrum, DelayEstimator, Experiment, Search};
+/// use deadtime_signal::time::SampleTime;
+/// use rand::RngExt;
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// let mut rng = ChaCha8Rng::seed_from_u64(1);
+/// let u: Vec<f64> = (0..600).map(|_| -rng.random_range(1e-9_f64..1.0).ln()).collect(); // exponential: skewed
+/// let y: Vec<f64> = (0..600_usize).map(|t| t.checked_sub(7).map_or(0.0, |i| u[i]) + rng.random_range(-0.1..0.1)).collect();
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+/// let search = Search { default_bias: 0, ..Search::default() }; // two sensors: no hold, no bias
+/// let answer = Bispectrum::default().estimate(&experiment, &search)?;
+/// assert!((answer.delay_s.unwrap() - 0.7).abs() < 2e-3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Bispectrum {
+    /// Samples of a segment; default 32: twice as many lags as the memory of most sources, and many segments.
+    pub segment: usize,
+    /// Longest part of a record that is used, samples; default 100 000, a second of work.
+    pub max_samples: usize,
+}
+
+impl Default for Bispectrum {
+    fn default() -> Self {
+        Self { segment: 32, max_samples: 100_000 }
+    }
+}
+
+const NAME: &str = "bispectrum";
+/// Segments that the shortest record must hold.
+const SEGMENTS: usize = 4;
+/// Standard deviations of the skewness of a Gaussian record beyond which the input counts as skewed.
+const SKEWED: f64 = 3.5;
+/// A spectrum below this share of its largest line is rounding; weights that divide by it go no lower.
+const FLOOR: f64 = 1e-6;
+/// Stretches of the record whose scatter tells the uncertainty.
+const STRETCHES: usize = 40;
+
+/// Its line in the list of methods.
+pub(crate) const METHOD: Method = Method {
+    entry: entry!(
+        "bispectrum",
+        "delay between third-order spectra: blind to symmetric noise, also to noise that both sensors share",
+        Bispectrum,
+        dyn DelayEstimator
+    ),
+    class: Class::HigherOrder,
+    scope: Scope::Pair,
+    start: Start::Any,
+    reference: ReferenceExperiment::Skewed,
+    information: Information::TwoSensors,
+    basis: Basis::Own,
+    tolerance: 0.05,
+    withstands: &[Condition::ColouredNoise, Condition::MissingOutputs],
+    needs: "a skewed input, an output that is a delayed copy of it, noise of a symmetric distribution",
+    blind_to: "the plant's own lag; inputs of a symmetric distribution, random binary ones among them",
+    exempt: &[(Law::Exact, LATE)],
+};
+
+impl DelayEstimator for Bispectrum {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+        for (option, value, ok, allowed) in [
+            ("segment", self.segment, (8..=256).contains(&self.segment), "from 8 to 256"),
+            ("max_samples", self.max_samples, self.max_samples >= 1000, "1000 or more"),
+        ] {
+            if !ok {
+                return Err(DelayError::Option { method: NAME, option, value: value as f64, allowed });
+            }
+        }
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+    }
+}
+
+impl Bispectrum {
+    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+        let (got, needed) = (experiment.longest(), max_delay + SEGMENTS * self.segment);
+        if got < needed {
+            return Err(DelayError::TooShort {
+                method: NAME,
+                needed,
+                got,
+                remedy: "search a shorter `max_delay`, or set a shorter segment",
+            });
+        }
+        // No longer part than the cap, but never so short that the window does not fit.
+        let most = self.max_samples.max(needed);
+        let cut: Vec<Record<'_>> = records.iter().map(|r| r.head(most)).collect();
+        let signals = Centred::new(&cut);
+        let (skewness, chance) = skewness(&signals);
+        if skewness.abs() <= SKEWED * chance {
+            let note = format!(
+                "the input's skewness {skewness:.2} is within what chance makes of a symmetric one (±{:.2}): no third-order signal",
+                SKEWED * chance
+            );
+            return Ok(DelayEstimate::without(Outcome::NotApplicable, note));
+        }
+        let third = Third::new(&signals, self.segment, max_delay);
+        let found = match third.peak(max_delay) {
+            Ok(found) => found,
+            Err(note) => return Ok(DelayEstimate::without(Outcome::NotVisible, note)),
+        };
+        let note = (got > most).then(|| format!("used the first {most} of {got} samples"));
+        Ok(found.answer(max_delay, bias, experiment).noting(note))
+    }
+}
+
+/// Skewness of the input, and the standard deviation of that of a Gaussian signal with as much memory: √(6·Σρ³/N).
+///
+/// Source: Lomnicki (1961), Metrika 4, 37-62, doi:10.1007/BF02613866.
+fn skewness(signals: &Centred) -> (f64, f64) {
+    let all = || signals.records().flat_map(|(u, _)| u.iter());
+    let samples = real(all().count().max(1));
+    let moment = |power: i32| all().map(|v| v.powi(power)).sum::<f64>() / samples;
+    let variance = moment(2).max(f64::MIN_POSITIVE);
+    let mut memory = 1.0;
+    for lag in 1..200 {
+        let product: f64 = signals.records().map(|(u, _)| u.iter().zip(u.iter().skip(lag)).map(|(a, b)| a * b).sum::<f64>()).sum();
+        let rho = product / samples / variance;
+        if rho.abs() < 2.0 / samples.sqrt() {
+            break;
+        }
+        memory += 2.0 * rho.powi(3).max(0.0);
+    }
+    (moment(3) / variance.powf(1.5), (6.0 * memory / samples).sqrt())
+}
+
+/// T, as its lines over ω₂, of every segment.
+struct Third {
+    fourier: RealFourier,
+    /// One list of lines per segment, in order.
+    segments: Vec<Vec<Complex<f64>>>,
+    /// Lags on either side of the window that the segments also see.
+    beside: usize,
+}
+
+impl Third {
+    fn new(signals: &Centred, segment: usize, max_delay: usize) -> Self {
+        let beside = segment / 2;
+        // u under its window, y and the third u from `beside` samples before it to the longest delay behind it.
+        let reach = segment + 2 * beside + max_delay;
+        let fourier = RealFourier::new(deadtime_signal::fast_length(reach));
+        let length = fourier.length();
+        let half = length / 2;
+        let window: Vec<f64> = (0..segment).map(|t| (std::f64::consts::PI * (t as f64 + 0.5) / segment as f64).sin().powi(2)).collect();
+        // (record, first sample): every segment whose longest delay lies in the record.
+        let spectra = |(u, y): (&[f64], &[f64]), start: usize| {
+            let windowed = fourier.spectrum(std::iter::repeat_n(0.0, beside).chain(window.iter().zip(&u[start..]).map(|(w, u)| w * u)));
+            let around = |x: &[f64]| {
+                let zeros = beside.saturating_sub(start);
+                fourier
+                    .spectrum(std::iter::repeat_n(0.0, zeros).chain(x[start.saturating_sub(beside)..].iter().copied().take(reach - zeros)))
+            };
+            (windowed, around(u), around(y))
+        };
+        let starts: Vec<(usize, usize)> = (signals.records().enumerate())
+            .flat_map(|(r, (u, _))| (0..(u.len() + 1).saturating_sub(segment + max_delay)).step_by(beside.max(1)).map(move |s| (r, s)))
+            .collect();
+        let records: Vec<(&[f64], &[f64])> = signals.records().collect();
+        let lines = half + 1;
+        let (mut power_u, mut power_y) = (vec![0.0; lines], vec![0.0; lines]);
+        let zero = Complex::new(0.0, 0.0);
+        // Buuu at (ω₁, ω₂): ω₁ over the whole circle, ω₂ over its half.
+        let mut own = vec![zero; length * lines];
+        // The whole circle of a real signal's spectrum, from −length/2 or so on.
+        let circle = |x: &[Complex<f64>]| -> Vec<Complex<f64>> {
+            (0..length).map(|k| if k <= half { x[k] } else { x[length - k].conj() }).collect()
+        };
+        for &(r, start) in &starts {
+            let (windowed, around, y) = spectra(records[r], start);
+            let whole = circle(&windowed);
+            for l in 0..lines {
+                power_u[l] += windowed[l].norm_sqr();
+                power_y[l] += y[l].norm_sqr();
+                let row = &mut own[l * length..(l + 1) * length];
+                for (k, sum) in row.iter_mut().enumerate() {
+                    *sum += whole[k] * whole[(k + l) % length].conj() * around[l];
+                }
+            }
+        }
+        let inverse = |power: &[f64]| -> Vec<f64> {
+            let largest = power.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+            power.iter().map(|p| largest / p.max(FLOOR * largest)).collect()
+        };
+        let (inverse_u, inverse_y) = (inverse(&power_u), inverse(&power_y));
+        let of_u = |k: usize| inverse_u[k.min(length - k)];
+        for (l, inverse) in inverse_y.iter().enumerate() {
+            for k in 0..length {
+                let sum = (k + l) % length;
+                own[l * length + k] = own[l * length + k].conj() * (of_u(k) * of_u(sum) * inverse);
+            }
+        }
+        let segments = (starts.iter())
+            .map(|&(r, start)| {
+                let (windowed, _, y) = spectra(records[r], start);
+                let whole = circle(&windowed);
+                let line = |l: usize| -> Complex<f64> {
+                    let row = &own[l * length..(l + 1) * length];
+                    row.iter().enumerate().map(|(k, own)| whole[k] * whole[(k + l) % length].conj() * own).sum::<Complex<f64>>() * y[l]
+                };
+                (0..lines).map(line).collect()
+            })
+            .collect();
+        Self { fourier, segments, beside }
+    }
+
+    fn interpolant(&self, lines: &[Complex<f64>]) -> Interpolant {
+        let length = real(self.fourier.length());
+        let last = lines.len() - 1;
+        // The last line may be the Nyquist frequency, where a fraction of a sample has no phase.
+        Interpolant::new(lines[..last].iter().enumerate().map(|(l, a)| (2.0 * std::f64::consts::PI * real(l) / length, *a)).collect())
+    }
+
+    /// The largest |T| in the window; a sentence where it does not stand out.
+    fn peak(&self, max_delay: usize) -> Result<Alike, String> {
+        let zero = vec![Complex::new(0.0, 0.0); self.fourier.length() / 2 + 1];
+        let add = |mut sum: Vec<Complex<f64>>, lines: &Vec<Complex<f64>>| {
+            sum.iter_mut().zip(lines).for_each(|(s, l)| *s += l);
+            sum
+        };
+        let total = self.segments.iter().fold(zero.clone(), add);
+        let series = self.fourier.series(total.clone());
+        let length = series.len();
+        let t = |lag: isize| series[lag.rem_euclid(isize::try_from(length).unwrap_or(1)).unsigned_abs() % length];
+        let signed = |lag: usize| isize::try_from(lag).unwrap_or(0);
+        let size = |lag: usize| t(signed(lag)).abs();
+        let lag = (0..=max_delay).max_by(|&a, &b| size(a).total_cmp(&size(b)).then(b.cmp(&a))).unwrap_or(0);
+        let beside = signed(self.beside);
+        // What the lags away from the peak show by chance.
+        let others: Vec<f64> = (-beside..=signed(max_delay) + beside).filter(|l| l.abs_diff(signed(lag)) > 2).map(&t).collect();
+        let chance = (others.iter().map(|v| v * v).sum::<f64>() / real(others.len().max(1))).sqrt();
+        let z = size(lag) / chance.max(f64::MIN_POSITIVE);
+        // Neighbouring lags share half of what they see.
+        let limit = StudentsT::new(0.0, 1.0, (0.5 * real(others.len())).max(1.0))
+            .map_or(f64::INFINITY, |d| d.inverse_cdf(1.0 - 0.005 / real(max_delay + 1)));
+        if z.is_nan() || z < limit {
+            return Err(format!("no delay stands out of the third-order statistics ({z:.1} times their scatter, {limit:.1} needed)"));
+        }
+        let sign = t(signed(lag)).signum();
+        let interpolant = self.interpolant(&total);
+        let at = interpolant.peak(real(lag), sign);
+        let bend = -sign * interpolant.at(at)[2];
+        let stretch = self.segments.len().div_ceil(STRETCHES).max(2);
+        let slopes: Vec<f64> =
+            self.segments.chunks(stretch).map(|part| self.interpolant(&part.iter().fold(zero.clone(), add)).at(at)[1]).collect();
+        let count = real(slopes.len());
+        // Neighbouring stretches share a segment's end.
+        let shared: f64 = slopes.iter().zip(slopes.iter().skip(1)).map(|(a, b)| 2.0 * a * b).sum();
+        let variance = (slopes.iter().map(|s| s * s).sum::<f64>() + shared.max(0.0)) * count / (count - 1.0);
+        let std = variance.sqrt() / bend;
+        let normal = Normal::new(0.0, 1.0).map_err(|e| e.to_string())?;
+        let rivals = (0..=max_delay)
+            .filter(|&l| l.abs_diff(lag) > 1 && size(l) >= t(signed(l) - 1).abs() && size(l) > size(l + 1))
+            .map(|l| (l, normal.sf((size(lag) - size(l)) / (std::f64::consts::SQRT_2 * chance))))
+            .collect();
+        let fraction = (bend > 0.0 && std.is_finite()).then_some(at - real(lag));
+        let leads = lag == 0 && t(-1).abs() > size(0);
+        Ok(Alike { lag, fraction, std, freedom: count - 1.0, rivals, leads, bent: None })
+    }
+}

@@ -1,0 +1,53 @@
+//! Every method that makes a model of records: states by subspace methods, transfer functions, process models.
+
+use super::process::ProcessFit;
+use deadtime_identify::subspace::{IdentifierLine, MOESP, N4SID, PBSIDOPT};
+use deadtime_identify::{Identifier, Riv};
+use deadtime_signal::registry::{RegistryError, entry};
+
+/// A process model's line: name, summary, poles, zero, integrator.
+macro_rules! process {
+    ($name:literal, $summary:literal, $poles:literal, $zero:literal, $integrates:literal) => {
+        IdentifierLine {
+            entry: entry!($name, $summary, ProcessFit<$poles, $zero, $integrates>, dyn Identifier),
+            needs: if $integrates {
+                "one input and one output, open loop, an integrating plant, an input that moves both ways"
+            } else {
+                "one input and one output, open loop, a stable plant of its order; a step is enough"
+            },
+            finds_delays: true,
+            open_loop: true,
+        }
+    };
+}
+
+/// Every method.
+pub const IDENTIFIERS: &[IdentifierLine] = &[
+    PBSIDOPT,
+    N4SID,
+    MOESP,
+    IdentifierLine {
+        entry: entry!("riv", "transfer functions of given orders by refined instrumental variables, with delays", Riv, dyn Identifier),
+        needs: "rich inputs that do not depend on the output (no feedback), a stable plant, one output",
+        finds_delays: true,
+        open_loop: true,
+    },
+    process!("p1d", "process model K/(1 + T1·s)·e^(−τ·s)", 1, false, false),
+    process!("p1dz", "process model K(1 + Tz·s)/(1 + T1·s)·e^(−τ·s), whole samples of delay", 1, true, false),
+    process!("p2d", "process model K/((1 + T1·s)(1 + T2·s))·e^(−τ·s)", 2, false, false),
+    process!("p2dz", "process model K(1 + Tz·s)/((1 + T1·s)(1 + T2·s))·e^(−τ·s)", 2, true, false),
+    process!("p0di", "integrating process model K/s·e^(−τ·s)", 0, false, true),
+    process!("p1di", "integrating process model K/(s(1 + T1·s))·e^(−τ·s)", 1, false, true),
+];
+
+/// The line called `name`.
+///
+/// # Errors
+/// [`RegistryError::Unknown`], with the names there are.
+pub fn identifier(name: &str) -> Result<&'static IdentifierLine, RegistryError> {
+    IDENTIFIERS.iter().find(|line| line.entry.name == name).ok_or_else(|| RegistryError::Unknown {
+        kind: "identification method",
+        name: name.to_owned(),
+        known: IDENTIFIERS.iter().map(|line| line.entry.name).collect(),
+    })
+}

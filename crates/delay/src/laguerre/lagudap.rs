@@ -1,0 +1,141 @@
+//! The delay of the all-pass part of a Laguerre model.
+//!
+//! Equation: y(t) = Σ cₖ Lₖ(q) u(t) + e(t), Lₖ(z) = √(1 − a²)/(z − a)·wᵏ⁻¹ with w = (1 − az)/(z − a). The map w takes the outside of the unit circle to its inside and
+//! delays by (1 + a)/(1 − a) samples at ω = 0, so the zeros of Σ cₖwᵏ⁻¹ are those of the model, and
+//! τ̂ = 1 + (1 + a)/(1 − a)·Σ over |wᵢ| < 1 of Re (1 + wᵢ)/(1 − wᵢ) samples, the 1 being that of 1/(z − a).
+
+use crate::frequency::all_pass::all_pass;
+use crate::{
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
+};
+use deadtime_identify::{Laguerre, Record, laguerre};
+use deadtime_signal::registry::entry;
+use deadtime_signal::stats;
+
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
+///
+/// Assumes: a stable plant in open loop that rests at the start, white noise, no zeros of the plant outside the unit circle, a gain at frequency 0.
+/// Resolution and cost: a series of ten terms comes near a delay of ten samples to half a sample, near one of 35 to two; O(N·order²) for each pole tried.
+/// Fails when: the delay is long against order·(1 + a)/(1 − a) samples (what the series misses is then taken for noise: a wide interval), the plant is resonant (one
+/// real pole suits it badly), the gain at frequency 0 is small against the noise (zeros near z = 1: left out with a note, or `flat`), or the input is too poor
+/// (`not_rich_enough`).
+/// The interval has in it how far the series of other poles that fit about as well disagree, in the median: they differ by what each misses.
+/// Source: Wahlberg (1991), IEEE Trans. Automat. Contr. 36(5), 551-562, for the series; Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285, and
+/// Björklund and Ljung (2009), Automatica 45(10), 2467-2470, for the delay (10 filters with the pole 0.8 there). Björklund's `lagudap2` (2003,
+/// LiU-TEK-LIC-2003:60) may choose the pole otherwise; here the one of twelve that fits best is taken. On the guard against zeros near 1 see the head of `all_pass`.
+///
+/// # Example
+/// ```
+/// use deadtime_delay::{DelayEstimator, Experiment, Lagudap, Search};
+/// use deadtime_signal::{Excitation, excitation::Rbs};
+/// use deadtime_signal::time::SampleTime;
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
+/// let mut y = vec![0.0; 400];
+/// for t in 5..400 {
+///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
+/// }
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+/// let answer = Lagudap::default().estimate(&experiment, &Search::default())?;
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 0.05);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Lagudap {
+    /// Filters; default none: one for each delay searched, at least 10. The published 10 come near a delay of ten samples and of no longer one.
+    pub order: Option<usize>,
+    /// The pole a, between 0 and 1; default none: the one of twelve from 0 to 0.97 that fits best.
+    pub pole: Option<f64>,
+    /// Longest part of a record that is used, samples; default 100 000, beyond which the fit says nothing new.
+    pub max_samples: usize,
+}
+
+impl Default for Lagudap {
+    fn default() -> Self {
+        Self { order: None, pole: None, max_samples: 100_000 }
+    }
+}
+
+const NAME: &str = "lagudap";
+
+/// Filters for the shortest search window; as many as are published.
+const LEAST: usize = 10;
+
+/// Filters beyond the longest delay, for the response itself.
+const BEYOND: usize = 5;
+
+/// Poles that are tried.
+const POLES: [f64; 12] = [0.0, 0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.94, 0.97];
+
+/// Losses within this factor are alike: a quarter of an order of magnitude, less than from one pole tried to the next where the series is good.
+const ALIKE: f64 = 2.0;
+
+/// Its line in the list of methods.
+pub(crate) const METHOD: Method = Method {
+    entry: entry!("lagudap", "delay of the all-pass part of a Laguerre model, by its zeros", Lagudap, dyn DelayEstimator),
+    class: Class::Laguerre,
+    scope: Scope::Pair,
+    start: Start::Rest,
+    reference: ReferenceExperiment::Plant,
+    information: Information::Response,
+    basis: Basis::Own,
+    tolerance: 2.5,
+    withstands: &[Condition::Dynamics, Condition::MissingOutputs],
+    needs: "open loop, a stable plant without resonance that rests at the start, a gain at frequency 0",
+    blind_to: "zeros of the plant outside the unit circle, which it takes for delay; feedback",
+    exempt: &[(Law::Exact, "a series cut off after some terms only comes near a delay")],
+};
+
+impl DelayEstimator for Lagudap {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+        for (option, value, ok, allowed) in [
+            ("order", self.order.unwrap_or(LEAST) as f64, self.order.is_none_or(|n| n >= 2), "2 or more"),
+            ("pole", self.pole.unwrap_or_default(), self.pole.is_none_or(|a| (0.0..1.0).contains(&a)), "0 or more and below 1"),
+            ("max_samples", self.max_samples as f64, self.max_samples >= 1, "1 or more"),
+        ] {
+            if !ok {
+                return Err(DelayError::Option { method: NAME, option, value, allowed });
+            }
+        }
+        one_pair(experiment, search, |records, max_delay, bias| self.pair(records, max_delay, bias, experiment))
+    }
+}
+
+impl Lagudap {
+    fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
+        let order = self.order.unwrap_or(LEAST.max(max_delay + BEYOND));
+        let (needed, got) = (max_delay + 4 * order, experiment.longest().min(self.max_samples));
+        if got < needed {
+            let remedy = "search a shorter `max_delay`, or set a smaller order or a larger max_samples";
+            return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
+        }
+        let cut: Vec<Record> = records.iter().map(|r| r.head(self.max_samples)).collect();
+        // A series that outlasts half the record would be fitted to noise.
+        let lasts = |a: &f64| order as f64 * (1.0 + a) <= 0.5 * got as f64 * (1.0 - a);
+        let poles: Vec<f64> = self.pole.map_or_else(|| POLES.into_iter().filter(lasts).collect(), |a| vec![a]);
+        let mut fits: Vec<Laguerre> = poles.iter().filter_map(|&a| laguerre(&cut, a, order)).collect();
+        fits.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+        let Some(best) = fits.first() else {
+            return Ok(DelayEstimate::without(Outcome::NotRichEnough, "the input excites too few of the filters"));
+        };
+        if let Some(note) = posterior::unseen(&cut, max_delay) {
+            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+        }
+        let read = |fit: &Laguerre| {
+            let scale = (1.0 + fit.pole) / (1.0 - fit.pole);
+            let longest = max_delay.max(1) as f64 / scale;
+            Some(all_pass(fit.c.as_slice(), [&fit.covariance; 2], longest)?.scaled(scale, 1.0, 0.0))
+        };
+        let Some(found) = read(best) else {
+            return Ok(DelayEstimate::without(Outcome::Singular, "the series has no zeros that can be told apart"));
+        };
+        let apart: Vec<f64> =
+            fits[1..].iter().take_while(|f| f.loss <= ALIKE * best.loss).filter_map(read).map(|r| (r.raw - found.raw).abs()).collect();
+        let spread = stats::upper_median(apart).unwrap_or(0.0);
+        let found = found.scaled(1.0, 0.0, spread);
+        let note = (experiment.longest() > self.max_samples).then(|| format!("used the first {} samples", self.max_samples));
+        Ok(found.answer(bias, max_delay, experiment).noting(note))
+    }
+}

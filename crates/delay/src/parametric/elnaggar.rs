@@ -1,0 +1,184 @@
+//! The delay at which the output's increments go with the input.
+//!
+//! Equation: E(d) = Σ Δy(t)·u(t − d), Δy(t) = y(t) − y(t − 1); τ̂ = Ts·argmax over d of E(d)²/Σ u(t − d)², the same as the least Σ (Δy(t) − b·u(t − d))² over b and d.
+
+use crate::method::WHOLE;
+use crate::{
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
+};
+use deadtime_identify::{Record, arx_scan};
+use deadtime_signal::registry::entry;
+
+/// What is made small (or large).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Cost {
+    /// The products of increments of the output with the input: needs no model.
+    #[default]
+    Products,
+    /// The loss of a first-order model with one regressor whose delay varies, y(t) = a·y(t − 1) + b·u(t − d) + e(t).
+    Regression,
+}
+
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
+///
+/// Assumes: an input about as white as a random binary signal, and a plant whose response rises fastest at its first sample (as one lag does, and most pairs of
+/// lags); no feedback.
+/// Resolution and cost: one sample; O(N·delays), one product per sample and delay.
+/// Fails when: the response rises faster later on (three lags or more, oscillating plants): the answer is late; or the input is slow: its own correlation smears the
+/// products over as many samples. The interval therefore reaches back over all delays whose products stand out in one run with the largest.
+/// Source: Elnaggar, Dumont and Elshafei (1989), "Recursive estimation for system of unknown delay", 28th IEEE CDC, doi:10.1109/CDC.1989.70485, and their "New method for
+/// delay estimation", 29th IEEE CDC (1990); read through Björklund (2003), LiU-TEK-LIC-2003:60, class 2b, and O'Dwyer's classification of 1999. The papers were not at
+/// hand: what the descriptions leave open is whether increments of the input or the input itself are multiplied (with increments of a white input the sample before the response
+/// has nearly as large a product), the forgetting of the recursive form, and what is done with the sign. Here: the input less its mean, all samples alike, the
+/// largest square. No published uncertainty; the interval is ours.
+///
+/// # Example
+/// ```
+/// use deadtime_delay::{DelayEstimator, Elnaggar, Experiment, Search};
+/// use deadtime_signal::{Excitation, excitation::Rbs};
+/// use deadtime_signal::time::SampleTime;
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
+/// let mut y = vec![0.0; 400];
+/// for t in 5..400 {
+///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
+/// }
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+/// let answer = Elnaggar::default().estimate(&experiment, &Search::default())?;
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Elnaggar {
+    /// What is made small (or large); default the products.
+    pub cost: Cost,
+}
+
+const NAME: &str = "elnaggar";
+
+/// Its line in the list of methods.
+pub(crate) const METHOD: Method = Method {
+    entry: entry!(
+        "elnaggar",
+        "delay at which increments of the output go with the input: the cheapest of all, for rich inputs and simple lags",
+        Elnaggar,
+        dyn DelayEstimator
+    ),
+    class: Class::Parametric,
+    scope: Scope::Pair,
+    start: Start::Any,
+    reference: ReferenceExperiment::Plant,
+    information: Information::Response,
+    basis: Basis::Own,
+    tolerance: WHOLE,
+    withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
+    needs: "a white input, a response that rises fastest at its start",
+    blind_to: "the start of a response that rises faster later; slow inputs; feedback",
+    exempt: &[(Law::Exact, "it takes the steepest rise of the response for its start: of oscillating plants that is a later sample")],
+};
+
+impl DelayEstimator for Elnaggar {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+        one_pair(experiment, search, |records, max_delay, bias| {
+            let (needed, got) = (max_delay + 1 + ROWS, experiment.longest());
+            if got < needed {
+                return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter `max_delay`" });
+            }
+            if let Some(note) = posterior::unseen(records, max_delay) {
+                return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+            }
+            // Made twice for `scripts/bench-gate --self-check`, which must find it; no answer changes.
+            #[cfg(deadtime_slowdown)]
+            if self.cost == Cost::Products {
+                std::hint::black_box(products(std::hint::black_box(records), max_delay));
+            }
+            let scores = match self.cost {
+                Cost::Products => products(records, max_delay),
+                Cost::Regression => regression(records, max_delay),
+            };
+            let Some(posterior) = posterior::posterior(&scores.losses, scores.power, scores.rows) else {
+                return Ok(DelayEstimate::without(
+                    Outcome::Singular,
+                    "no delay has a finite loss: the numbers overflow; scale the channels",
+                ));
+            };
+            let delays = max_delay + 1;
+            if posterior.is_flat() {
+                return Ok(DelayEstimate::without(Outcome::Flat, format!("{} of {delays} delays fit equally well", posterior.set)));
+            }
+            let best = posterior.best;
+            let from = scores.run(best);
+            let (raw, from) = (best as f64, (from as f64).min(posterior.ends[0]));
+            let interval = posterior::first_coefficient(from, posterior.ends[1], bias);
+            let note = (raw - from > 1.5).then(|| format!("the products stand out from nk = {from} on: the response may begin there"));
+            let std = posterior.std.max((interval[1] - interval[0]) * posterior::RESOLUTION.sqrt());
+            Ok(DelayEstimate::counted(raw, std, interval, best == max_delay, bias, experiment.sample_time()).noting(note))
+        })
+    }
+}
+
+/// Rows that the longest delay must leave.
+const ROWS: usize = 20;
+
+/// Standard deviations by which a product stands out.
+const STANDS_OUT: f64 = 3.0;
+
+/// Losses and coefficients of every delay.
+struct Scores {
+    /// Σ e²/rows.
+    losses: Vec<f64>,
+    /// The coefficient of u(t − d) in units of its own standard deviation.
+    ratios: Vec<f64>,
+    power: f64,
+    rows: f64,
+}
+
+impl Scores {
+    /// The first delay of the run that ends at `best` in which all coefficients stand out with the same sign.
+    fn run(&self, best: usize) -> usize {
+        let sign = self.ratios[best].signum();
+        (0..best).rev().take_while(|&d| sign * self.ratios[d] > STANDS_OUT).last().unwrap_or(best)
+    }
+}
+
+/// Σ (Δy(t) − b·u(t − d))² for every d, over the rows that the longest delay has.
+fn products(records: &[Record], max_delay: usize) -> Scores {
+    let delays = max_delay + 1;
+    let mean = records.iter().flat_map(|r| r.u.iter()).sum::<f64>() / records.iter().map(Record::len).sum::<usize>().max(1) as f64;
+    let (mut cross, mut energy, mut power, mut rows) = (vec![0.0; delays], vec![0.0; delays], 0.0, 0.0);
+    for record in records {
+        let there = |t: usize| record.present.as_ref().is_none_or(|p| p[t]);
+        // Newest first, so that the inputs behind a row stand in the order of the delays.
+        let n = record.len();
+        let past: Vec<f64> = record.u[..n].iter().rev().map(|u| u - mean).collect();
+        for t in (max_delay.max(1)..n).filter(|&t| there(t) && there(t - 1)) {
+            let increment = record.y[t] - record.y[t - 1];
+            power += increment * increment;
+            rows += 1.0;
+            for ((u, c), e) in past[n - 1 - t..].iter().zip(&mut cross).zip(&mut energy) {
+                *c += increment * u;
+                *e += u * u;
+            }
+        }
+    }
+    let rows_at_least = f64::max(rows, 1.0);
+    let loss = |(c, e): (&f64, &f64)| if *e > 0.0 { (power - c * c / e).max(0.0) / rows_at_least } else { f64::NAN };
+    let losses: Vec<f64> = cross.iter().zip(&energy).map(loss).collect();
+    let least = losses.iter().copied().filter(|v| v.is_finite()).fold(f64::INFINITY, f64::min);
+    let ratio = |(c, e): (&f64, &f64)| if *e > 0.0 { c / (e * least).max(f64::MIN_POSITIVE).sqrt() } else { 0.0 };
+    let ratios = cross.iter().zip(&energy).map(ratio).collect();
+    Scores { losses, ratios, power: power / rows_at_least, rows: rows_at_least }
+}
+
+/// The losses of first-order models with one input coefficient.
+fn regression(records: &[Record], max_delay: usize) -> Scores {
+    let scan = arx_scan(records, 1, 1, max_delay);
+    let rows = scan.rows.max(1) as f64;
+    let least = scan.loss.iter().copied().filter(|v| v.is_finite()).fold(f64::INFINITY, f64::min).max(f64::MIN_POSITIVE);
+    let gain = |loss: &f64| (rows * (scan.loss_without_input - loss).max(0.0) / least).sqrt();
+    let ratios = scan.loss.iter().zip(&scan.coefficients).map(|(loss, c)| gain(loss) * c[1].signum()).collect();
+    Scores { losses: scan.loss, ratios, power: scan.power, rows }
+}

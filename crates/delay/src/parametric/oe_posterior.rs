@@ -1,0 +1,194 @@
+//! The delay as output-error models of all poles know it: all delays, each by its probability.
+//!
+//! Equation: p(nk) ∝ ∫ V(nk, F)^(−N/2)·p(F) dF, τ̂ = Ts·Σ nk·p(nk), V the losses of [`super::Oestruc`] with poles F, of which all are averaged by how plausible they
+//! are, and N the independent ones among the residuals.
+
+use super::Oestruc;
+use super::profile::{Profile, Weighing, check, profile};
+use crate::posterior::{RESOLUTION, first_coefficient};
+use crate::{
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope,
+    Search, Start, one_pair,
+};
+use deadtime_identify::{Initial, OutputError};
+use deadtime_signal::registry::entry;
+
+/// What is read off the posterior.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Center {
+    /// The mean: the smallest mean square error.
+    #[default]
+    Mean,
+    /// The median, a whole number of samples: the smallest mean error.
+    Median,
+    /// The most probable delay: the one most often right.
+    Mode,
+}
+
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; beside it the most probable delay as the raw value.
+///
+/// Assumes: as [`super::Oestruc`], and a dead time that was drawn uniformly from the search window: that is the prior, and the answer leans on it where the data say
+/// little. Noise of another colour than white is allowed for by counting only the independent residuals.
+/// Resolution and cost: fractions of a sample where two delays are about as probable, else one sample; as [`super::Oestruc`].
+/// Fails when: the window is far wider than what is believed of the delay: far delays with a small probability each pull the mean towards the middle of the window. A
+/// note says so where they move it by more than half a sample; all delays about equally probable is `flat`. For the rest as [`super::Oestruc`].
+/// Source: the likelihood of Gaussian noise of unknown variance, read as a posterior with a flat prior on the delay; Björklund (2003), LiU-TEK-LIC-2003:60, section
+/// 6.4, for the models and losses. No source weighs them so. Poles: one or two, time constants from 0.15 samples to a quarter of the record and natural frequencies
+/// alike log-uniform, real and complex pairs alike probable, 5 % kept for any others; for other orders the best poles stand for all.
+///
+/// # Example
+/// ```
+/// use deadtime_delay::{DelayEstimator, Experiment, OePosterior, Search};
+/// use deadtime_signal::{Excitation, excitation::Rbs};
+/// use deadtime_signal::time::SampleTime;
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// let u = Rbs::default().generate(300, &mut ChaCha8Rng::seed_from_u64(1))?;
+/// let mut y = vec![0.0; 300];
+/// for t in 5..300 {
+///     y[t] = 0.8 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
+/// }
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+/// let answer = OePosterior::default().estimate(&experiment, &Search::default())?;
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OePosterior {
+    /// Numerator coefficients; default 1, as [`Oestruc`].
+    pub nb: usize,
+    /// Poles; default 2, as [`Oestruc`].
+    pub nf: usize,
+    /// The start of a record; default at rest.
+    pub initial: Initial,
+    /// Mean, median or mode; default the mean.
+    pub center: Center,
+    /// Longest part of a record that is used, samples; default 100 000, as [`Oestruc`].
+    pub max_samples: usize,
+}
+
+impl Default for OePosterior {
+    fn default() -> Self {
+        let Oestruc { nb, nf, initial, max_samples, .. } = Oestruc::default();
+        Self { nb, nf, initial, center: Center::Mean, max_samples }
+    }
+}
+
+const NAME: &str = "oe_posterior";
+
+/// Its line in the list of methods.
+pub(crate) const METHOD: Method = Method {
+    entry: entry!(
+        "oe_posterior",
+        "mean over all delays of output-error models, each by its probability: smaller errors than the best one alone",
+        OePosterior,
+        dyn DelayEstimator
+    ),
+    class: Class::Parametric,
+    scope: Scope::Pair,
+    start: Start::Rest,
+    reference: ReferenceExperiment::Plant,
+    information: Information::Poles(2),
+    basis: Basis::OutputError,
+    // Of the mean of two neighbours of which the second has a probability of 5 %, the most that a 95 % set leaves out.
+    tolerance: 0.05,
+    withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
+    needs: "as `oestruc`, and a search window no wider than what is believed of the delay",
+    blind_to: "as `oestruc`; it leans towards the middle of the window where the data say little",
+    exempt: &[(
+        Law::Exact,
+        "of a plant that the model is too small for, far delays keep a few per cent of the probability, and move the mean",
+    )],
+};
+
+impl DelayEstimator for OePosterior {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+        let orders = OutputError { nb: self.nb, nf: self.nf, initial: self.initial };
+        check(NAME, &orders, self.max_samples)?;
+        one_pair(experiment, search, |records, max_delay, bias| {
+            let Profile { posterior, note, .. } =
+                match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Average, &search.stop)? {
+                    Ok(profile) => profile,
+                    Err(answer) => return Ok(answer),
+                };
+            let weights = &posterior.weights;
+            let answer = match self.center {
+                Center::Mean => mean(weights, |_| true),
+                Center::Median => median(weights),
+                Center::Mode => posterior.best as f64,
+            };
+            let variance: f64 = weights.iter().enumerate().map(|(nk, w)| w * (nk as f64 - answer).powi(2)).sum();
+            let [from, to] = posterior.ends;
+            let [early, late] = first_coefficient(from, to, bias);
+            let interval = [early.min(answer), late.max(answer)];
+            let leans = leans(weights, posterior.ends, max_delay);
+            // One delay alone has no spread to tell of.
+            let spread = (to > from).then(|| {
+                format!(
+                    "samples from the shortest delay searched: mean {:.2}, median {:.0}, 95 % set {from:.0} to {to:.0}",
+                    mean(weights, |_| true),
+                    median(weights)
+                )
+            });
+            let at_edge = posterior.best == max_delay;
+            let std = (variance + RESOLUTION).sqrt();
+            let estimate = DelayEstimate::counted(answer, std, interval, at_edge, bias, experiment.sample_time());
+            let raw_delay_s = Some(experiment.sample_time().to_seconds(posterior.best as f64));
+            Ok(DelayEstimate { raw_delay_s, ..estimate }.noting(note).noting(spread).noting(leans))
+        })
+    }
+}
+
+/// What to say where delays that the data all but exclude move the mean.
+fn leans(weights: &[f64], [from, to]: [f64; 2], max_delay: usize) -> Option<String> {
+    let pulled = mean(weights, |_| true) - mean(weights, |nk| (from..=to).contains(&(nk as f64)));
+    (pulled.abs() > 0.5).then(|| {
+        format!("delays outside the 95 % set move the mean by {pulled:+.1} samples: it leans on the search window (0 to {max_delay})")
+    })
+}
+
+/// The mean over the delays that `counts` lets in.
+fn mean(weights: &[f64], counts: impl Fn(usize) -> bool) -> f64 {
+    let (mut sum, mut total) = (0.0, 0.0);
+    for (nk, w) in weights.iter().enumerate().filter(|(nk, _)| counts(*nk)) {
+        let nk = nk as f64;
+        sum += w * nk;
+        total += w;
+    }
+    if total > 0.0 { sum / total } else { 0.0 }
+}
+
+/// The first delay up to which half of the probability lies.
+fn median(weights: &[f64]) -> f64 {
+    let mut mass = 0.0;
+    let at = weights.iter().position(|w| {
+        mass += w;
+        mass >= 0.5
+    });
+
+    at.unwrap_or(weights.len().saturating_sub(1)) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_abs_diff_eq;
+
+    #[test]
+    fn mean_and_median_of_a_few_weights() {
+        let weights = [0.1, 0.0, 0.5, 0.4];
+        assert_abs_diff_eq!(mean(&weights, |_| true), 2.2, epsilon = 1e-15);
+        assert_abs_diff_eq!(mean(&weights, |nk| nk > 0), 2.2 / 0.9, epsilon = 1e-15);
+        assert_eq!(median(&weights), 2.0);
+        assert_eq!(median(&[1.0]), 0.0);
+    }
+
+    #[test]
+    fn a_mean_that_far_delays_move_says_so() {
+        let mut weights = vec![0.0; 101];
+        (weights[2], weights[99]) = (0.96, 0.04);
+        assert!(leans(&weights, [2.0, 2.0], 100).unwrap().contains("+3.9 samples"));
+        assert_eq!(leans(&weights[..60], [2.0, 2.0], 59), None);
+    }
+}

@@ -1,0 +1,231 @@
+//! The fraction of a sample that the zero of a sampled first-order plant tells.
+//!
+//! Equation: y = (b₁ + b₂q⁻¹)/(1 − p·q⁻¹) u(t − nk), z₀ = −b₂/b₁, β = −ln(p)/Ts, L = β⁻¹·ln((1 − z₀/p)/(1 − z₀)), τ̂ = Ts·nk + L.
+
+use nalgebra::DVector;
+
+use super::profile::{Profile, Weighing, check, profile};
+use crate::{
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
+};
+use deadtime_identify::{Initial, OeFit, OutputError};
+use deadtime_signal::registry::entry;
+use deadtime_signal::stats::NORMAL_95;
+
+/// Inputs: u, y on one even grid, u held between samples. Output: seconds, positive = y lags u, a fraction of a sample included.
+///
+/// Assumes: one lag and a dead time behind a zero-order hold, open loop, a record that starts at rest (or `initial: estimated`).
+/// Resolution and cost: a fraction of a sample, with a standard deviation by the delta method; one output-error scan (nb 2, nf 1) and a logarithm.
+/// Fails when: the plant has more lags (they count as delay, and the zero may be none that one lag can have: a note says so); the lag is shorter than a sample or so, where
+/// no fraction shows (the answer is then the whole delay, the interval the whole sample); the input is not held (a ramp between samples moves the zero). For the rest as
+/// [`super::Oestruc`].
+/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, p. 57, for the formula. The source gives no uncertainty, and does not say what to do with a zero that no dead time within
+/// a sample can have; here it is taken to the nearest end of the sample. Which whole delay comes first is not said either: here that of the smallest loss, or of those as
+/// good, one whose zero is possible.
+///
+/// # Example
+/// ```
+/// use deadtime_delay::{DelayEstimator, Experiment, SamplingZero, Search};
+/// use deadtime_signal::{Excitation, excitation::Rbs};
+/// use deadtime_signal::time::SampleTime;
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// let u = Rbs::default().generate(400, &mut ChaCha8Rng::seed_from_u64(1))?;
+/// // Time constant 5 samples, dead time 4.3: the held input acts for 0.7 of the first sample.
+/// let p = (-0.2_f64).exp();
+/// let (b1, b2) = (1.0 - p.powf(0.7), p.powf(0.7) - p);
+/// let mut y = vec![0.0; 400];
+/// for t in 6..400 {
+///     y[t] = p * y[t - 1] + b1 * u[t - 5] + b2 * u[t - 6];
+/// }
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+/// let answer = SamplingZero::default().estimate(&experiment, &Search::default())?;
+/// assert!((answer.delay_s.unwrap() - 0.43).abs() < 1e-3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SamplingZero {
+    /// The start of a record; default at rest.
+    pub initial: Initial,
+    /// Longest part of a record that is used, samples; default 100 000, beyond which the loss says nothing new.
+    pub max_samples: usize,
+}
+
+impl Default for SamplingZero {
+    fn default() -> Self {
+        Self { initial: Initial::Zero, max_samples: 100_000 }
+    }
+}
+
+const NAME: &str = "sampling_zero";
+
+/// Its line in the list of methods.
+pub(crate) const METHOD: Method = Method {
+    entry: entry!(
+        "sampling_zero",
+        "fraction of a sample from the zero of a first-order model: closed form, for one lag and a dead time",
+        SamplingZero,
+        dyn DelayEstimator
+    ),
+    class: Class::Parametric,
+    scope: Scope::Pair,
+    start: Start::Rest,
+    reference: ReferenceExperiment::Process { poles: 1, zero: false },
+    information: Information::Poles(1),
+    basis: Basis::OutputError,
+    tolerance: 0.1,
+    withstands: &[Condition::ColouredNoise, Condition::MissingOutputs],
+    needs: "one lag longer than a sample, a held input, open loop, rest at the start",
+    blind_to: "a second lag, which it takes for delay; the fraction where the lag is short",
+    exempt: &[(Law::Exact, "it models one lag and takes any other for dead time")],
+};
+
+impl DelayEstimator for SamplingZero {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+        let orders = OutputError { nb: 2, nf: 1, initial: self.initial };
+        check(NAME, &orders, self.max_samples)?;
+        one_pair(experiment, search, |records, max_delay, bias| {
+            let profile = match profile(NAME, orders, self.max_samples, records, max_delay, Weighing::Best, &search.stop)? {
+                Ok(profile) => profile,
+                Err(answer) => return Ok(answer),
+            };
+            let Some(answer) = read(&orders, &profile) else {
+                return Ok(DelayEstimate::without(Outcome::Singular, "numerator and pole cannot be told apart on this record"));
+            };
+            let at_edge = answer.raw + 0.5 >= as_f64(max_delay);
+            let estimate = DelayEstimate::counted(answer.raw, answer.std, answer.interval, at_edge, bias, experiment.sample_time());
+            Ok(estimate.noting(profile.note).noting(answer.note))
+        })
+    }
+}
+
+fn as_f64(count: usize) -> f64 {
+    count as f64
+}
+
+/// A delay in samples, whole and fraction.
+struct Answer {
+    raw: f64,
+    std: f64,
+    interval: [f64; 2],
+    note: Option<String>,
+}
+
+/// A delay among those that fit about as well as the best, and what its zero says.
+struct Candidate {
+    nk: usize,
+    weight: f64,
+    /// The fraction that the formula gives, and its standard deviation; `None` where the zero shows none.
+    fraction: Option<(f64, f64)>,
+    /// The first coefficient stands out.
+    begins: bool,
+}
+
+impl Candidate {
+    fn new(orders: &OutputError, profile: &Profile, nk: usize, fit: &OeFit) -> Option<Self> {
+        let (&[b1, b2], &[f1]) = (fit.b.as_slice(), fit.f.as_slice()) else { return None };
+        let covariance = orders.covariance(&profile.records, nk, &fit.f)? * profile.per_independent;
+        let at = [b1, b2, -f1];
+        // Half a millionth of each parameter: far above rounding, far below what bends the formula.
+        let slope = |i: usize| {
+            let size = if i == 2 { 1.0 } else { b1.abs() + b2.abs() };
+            let step = 5e-7 * at[i].abs().max(1e-3 * size);
+            let moved = |by: f64| {
+                let mut at = at;
+                at[i] += by;
+                fraction(at)
+            };
+            // The covariance is that of f₁ = −p.
+            Some((moved(step)? - moved(-step)?) / (2.0 * step) * if i == 2 { -1.0 } else { 1.0 })
+        };
+        let resolved = || {
+            let slopes = DVector::from_vec((0..3).map(slope).collect::<Option<Vec<f64>>>()?);
+            let variance = (&covariance * &slopes).dot(&slopes);
+            let value = fraction(at)?;
+            // A fraction that is less certain than "somewhere in the sample" is none.
+            (value.is_finite() && (0.0..posterior::RESOLUTION).contains(&variance)).then(|| (value, variance.sqrt()))
+        };
+        Some(Self {
+            nk,
+            weight: profile.posterior.weights.get(nk).copied().unwrap_or(0.0),
+            fraction: resolved(),
+            begins: b1 * b1 > 9.0 * covariance[(0, 0)],
+        })
+    }
+
+    /// How far the fraction lies outside of the sample.
+    fn outside(&self) -> Option<f64> {
+        self.fraction.map(|(l, _)| (-l).max(l - 1.0).max(0.0))
+    }
+
+    fn delay(&self) -> f64 {
+        as_f64(self.nk) + self.fraction.map_or(0.0, |(l, _)| l.clamp(0.0, 1.0))
+    }
+}
+
+/// L/Ts of b₁, b₂ and p; `None` where no first-order plant behind a hold has them.
+fn fraction([b1, b2, p]: [f64; 3]) -> Option<f64> {
+    let ratio = (p * b1 + b2) / (p * (b1 + b2));
+    (p > 0.0 && p < 1.0 && ratio > 0.0).then(|| ratio.ln() / -p.ln()).filter(|l| l.is_finite())
+}
+
+/// Delays with less than this share of the best one's probability are not looked at.
+const SHARE: f64 = 0.05;
+
+fn read(orders: &OutputError, profile: &Profile) -> Option<Answer> {
+    let weights = &profile.posterior.weights;
+    let least = SHARE * weights.get(profile.posterior.best)?;
+    let candidates: Vec<Candidate> = (profile.fits.iter().enumerate())
+        .filter(|(nk, _)| weights.get(*nk).is_some_and(|w| *w >= least))
+        .filter_map(|(nk, fit)| Candidate::new(orders, profile, nk, fit.as_ref()?))
+        .collect();
+    let [from, to] = profile.posterior.ends;
+    let possible = candidates
+        .iter()
+        .filter_map(|c| Some((c, c.outside()?)))
+        .min_by(|a, b| a.1.total_cmp(&b.1).then(b.0.weight.total_cmp(&a.0.weight)));
+    if let Some((chosen, outside)) = possible
+        && let Some((l, std)) = chosen.fraction
+    {
+        let total: f64 = candidates.iter().map(|c| c.weight).sum();
+        let raw = chosen.delay();
+        let spread: f64 = candidates.iter().map(|c| c.weight / total * (c.delay() - raw).powi(2)).sum();
+        let ends = [as_f64(chosen.nk) + l - NORMAL_95 * std, as_f64(chosen.nk) + l + NORMAL_95 * std];
+        let interval = [ends[0].max(from).min(raw), ends[1].min(to + 1.0).max(raw)];
+        let note = (outside > NORMAL_95 * std + 0.01).then(|| {
+            format!("the zero asks for {l:.2} of a sample: not one lag and a dead time, but more lags, or an input that is not held")
+        });
+        // The posterior's own grid is resolved by the fraction; what is left of the standard deviation must not vanish on exact data.
+        return Some(Answer { raw, std: (std * std + spread).sqrt().max(LEAST_STD), interval, note });
+    }
+    let whole = candidates.iter().rev().find(|c| c.begins).or_else(|| candidates.last())?;
+    let raw = as_f64(whole.nk);
+    let interval = [raw.min(from), raw.max(to) + 1.0];
+    Some(Answer {
+        raw,
+        std: (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt(),
+        interval,
+        note: Some("the lag is too short for the zero to show a fraction of a sample: anywhere within the sample".to_owned()),
+    })
+}
+
+/// Standard deviation, samples, below which rounding and not noise would speak.
+const LEAST_STD: f64 = 1e-9;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_formula_inverts_the_hold() {
+        for p in [0.05_f64, 0.5, 0.97] {
+            for l in [0.0, 0.25, 0.5, 0.999] {
+                let (b1, b2) = (3.0 * (1.0 - p.powf(1.0 - l)), 3.0 * (p.powf(1.0 - l) - p));
+                assert!((fraction([b1, b2, p]).unwrap() - l).abs() < 1e-9, "{p} {l}");
+            }
+        }
+        assert_eq!(fraction([1.0, 0.2, -0.3]), None);
+        assert_eq!(fraction([1.0, -1.0, 0.3]), None);
+    }
+}

@@ -1,0 +1,202 @@
+//! Several inputs: each fitted to what the others leave, then all with common poles.
+
+use super::{COARSE, Found, Problem, Shape, VALLEYS, Work, add, answer, keep, project};
+use crate::posterior;
+use deadtime_identify::dot;
+
+/// What one input of several does, through poles of its own.
+#[derive(Clone)]
+pub(super) struct Part {
+    found: Found,
+    /// Its share of the output, all records in a row.
+    model: Vec<f64>,
+}
+
+/// An input's own model, to be driven by any record of that input.
+pub(in crate::process) struct Own {
+    shape: Shape,
+    found: Found,
+    coefficients: Vec<f64>,
+    /// The share of the output's power that the input makes.
+    pub(in crate::process) share: f64,
+}
+
+impl Own {
+    /// What the input does, from rest.
+    pub(in crate::process) fn answer(&self, u: &[f64]) -> Vec<f64> {
+        answer(self.shape, &self.found.theta, self.found.place, &self.coefficients, u)
+    }
+}
+
+/// Turns in which each input is fitted to what the others leave.
+const TURNS_OF_INPUTS: usize = 40;
+/// After these turns only what was found is descended from.
+const SEARCHED: usize = 4;
+/// Turns are over when one takes less than this share off what is left.
+const SETTLED: f64 = 1e-6;
+
+impl<'a> Problem<'a> {
+    /// Inputs beside the first.
+    pub(super) fn others(&self) -> usize {
+        self.records.first().map_or(0, |w| w.others.len())
+    }
+
+    /// The output less what every input but this one does.
+    fn output_of(&self, input: usize, parts: &[Option<Part>]) -> Vec<f64> {
+        let mut y: Vec<f64> = self.records.iter().flat_map(|w| w.y.iter().copied()).collect();
+        for (_, part) in parts.iter().enumerate().filter(|(i, _)| *i != input) {
+            if let Some(part) = part {
+                add(&mut y, -1.0, &part.model);
+            }
+        }
+        y
+    }
+
+    /// One input alone, and an output in the place of the measured one.
+    fn single(&self, input: usize, y: &[f64]) -> Problem<'a> {
+        let mut from = 0;
+        let work = |w: &Work<'a>| {
+            let n = w.u.len();
+            let u = if input == 0 { w.u } else { w.others.get(input - 1).copied().unwrap_or(w.u) };
+            let part = y.get(from..from + n).unwrap_or_default().to_vec();
+            from += n;
+            Work { u, others: Vec::new(), y: part, mask: w.mask.clone() }
+        };
+        let records: Vec<Work<'a>> = self.records.iter().map(work).collect();
+        let power = records.iter().map(|w| dot(&w.y, &w.y)).sum();
+        let poles = self.shape.denominator();
+        Problem {
+            records,
+            power,
+            without: power,
+            parts: Vec::new(),
+            lower: self.lower.iter().take(poles).copied().collect(),
+            upper: self.upper.iter().take(poles).copied().collect(),
+            stop: self.stop.clone(),
+            ..*self
+        }
+    }
+
+    /// What an input does to an output; from what was found before, where there is such a thing.
+    fn part(&self, input: usize, y: &[f64], from: Option<&Found>) -> Option<Part> {
+        let problem = self.single(input, y);
+        let found = match from {
+            Some(from) => problem.descend(&from.theta, from.place, COARSE)?,
+            None => problem.refine(problem.minima(None).first()?),
+        };
+        let model = problem.signals(&found.theta, found.place)?.model;
+        Some(Part { found, model })
+    }
+
+    /// Gains of all parts together: where inputs move alike, turns alone settle slowly.
+    fn weigh(&self, parts: &mut [Option<Part>]) {
+        let columns: Vec<Vec<f64>> = parts.iter().flatten().map(|p| p.model.clone()).collect();
+        let y = self.output_of(parts.len(), &[]);
+        let Some((_, gains)) = project(&columns, &y).filter(|_| !columns.is_empty()) else { return };
+        for (part, gain) in parts.iter_mut().flatten().zip(gains.iter()) {
+            part.model.iter_mut().for_each(|v| *v *= gain);
+        }
+    }
+
+    /// What each input does, each fitted to what the others leave, in turn until little changes.
+    ///
+    /// Source: Breiman and Friedman (1985), J. Am. Stat. Assoc. 80(391), 580-598, doi:10.1080/01621459.1985.10478157, for the turns (backfitting).
+    pub(super) fn one_after_the_other(&self) -> Vec<Part> {
+        let inputs = 1 + self.others();
+        let mut parts: Vec<Option<Part>> = vec![None; inputs];
+        let mut last = f64::INFINITY;
+        for turn in 0..TURNS_OF_INPUTS {
+            for input in 0..inputs {
+                let y = self.output_of(input, &parts);
+                // By then the valleys are known.
+                let from = parts.get(input).and_then(Option::as_ref).filter(|_| turn > SEARCHED).map(|p| p.found.clone());
+                if let Some(part) = self.part(input, &y, from.as_ref()) {
+                    parts[input] = Some(part);
+                }
+            }
+            self.weigh(&mut parts);
+            let left = self.output_of(inputs, &parts);
+            let cost = dot(&left, &left);
+            if cost > (1.0 - SETTLED) * last && turn > SEARCHED {
+                break;
+            }
+            last = cost;
+        }
+        parts.into_iter().collect::<Option<Vec<Part>>>().unwrap_or_default()
+    }
+
+    /// Σ e² without the first input: the others fitted again to all of the output.
+    pub(super) fn of_others(&self) -> f64 {
+        let mut parts: Vec<Option<Part>> = self.parts.iter().cloned().map(Some).collect();
+        if parts.is_empty() {
+            return self.power;
+        }
+        parts[0] = None;
+        for input in 1..parts.len() {
+            let y = self.output_of(input, &parts);
+            if let Some(part) = self.part(input, &y, None) {
+                parts[input] = Some(part);
+            }
+        }
+        let left = self.output_of(parts.len(), &parts);
+        dot(&left, &left)
+    }
+
+    /// Σ e² of the models with poles of their own; `None` of one input.
+    pub(in crate::process) fn apart(&self) -> Option<f64> {
+        let parts: Vec<Option<Part>> = self.parts.iter().cloned().map(Some).collect();
+        let left = self.output_of(parts.len(), &parts);
+        (!parts.is_empty()).then(|| dot(&left, &left))
+    }
+
+    /// The own model of every input, where taking it away costs more than chance explains.
+    pub(in crate::process) fn acting(&self) -> Vec<Option<Own>> {
+        let parts: Vec<Option<Part>> = self.parts.iter().cloned().map(Some).collect();
+        let left = self.output_of(parts.len(), &parts);
+        let (cost, floor) = (dot(&left, &left), posterior::ROUNDING * self.power);
+        let needed = posterior::visible_gain(self.shape.denominator() + self.shape.numerator(), self.max_delay + 1);
+        let own = |(input, part): (usize, &Part)| {
+            let y = self.output_of(input, &parts);
+            let under = if cost <= floor { 1.0 } else { posterior::samples_under(&part.model, &left) / left.len().max(1) as f64 };
+            let gain = self.samples * under * (dot(&y, &y) / cost.max(floor).max(f64::MIN_POSITIVE)).ln();
+            let single = self.single(input, &y);
+            let signals = single.signals(&part.found.theta, part.found.place).filter(|_| gain >= needed)?;
+            let share = dot(&signals.model, &signals.model) / self.power.max(f64::MIN_POSITIVE);
+            Some(Own { shape: self.shape, found: part.found.clone(), coefficients: signals.coefficients.as_slice().to_vec(), share })
+        };
+        self.parts.iter().enumerate().map(own).collect()
+    }
+
+    /// The first input alone, what the others do through poles of their own taken off the output.
+    pub(in crate::process) fn behind_others(&self) -> Problem<'a> {
+        let parts: Vec<Option<Part>> = self.parts.iter().cloned().map(Some).collect();
+        self.single(0, &self.output_of(0, &parts))
+    }
+
+    /// Minima of several inputs with common poles, best first: from the poles and delays that each input has for itself.
+    pub(super) fn joint_minima(&self) -> Vec<Found> {
+        let Some((first, others)) = self.parts.split_first() else { return Vec::new() };
+        let valleys = self.behind_others().minima(None);
+        let delays = || others.iter().map(|p| p.found.place.delay());
+        let start = |theta: &[f64]| -> Vec<f64> { theta.iter().copied().chain(delays()).collect() };
+        let mut minima = Vec::new();
+        for part in &self.parts {
+            keep(&mut minima, self.descend(&start(&part.found.theta), first.found.place, COARSE));
+        }
+        for valley in valleys.iter().take(VALLEYS) {
+            keep(&mut minima, self.descend(&start(&valley.theta), valley.place, COARSE));
+        }
+        minima.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        minima
+    }
+
+    /// Of these, those that the first input adds to the others.
+    pub(in crate::process) fn added(&self) -> usize {
+        if self.parts.is_empty() { self.parameters() - 1 } else { self.shape.denominator() + self.shape.numerator() }
+    }
+
+    /// Those that poles for each input would add.
+    pub(in crate::process) fn apart_adds(&self) -> usize {
+        self.shape.denominator() * self.others()
+    }
+}

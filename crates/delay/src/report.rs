@@ -1,0 +1,204 @@
+//! What an estimation says, as the file `deadtime/estimate@1` has it, and what a reader is told beside it.
+
+use serde::Serialize;
+
+use super::track::{Moving, Tracked};
+use super::{Class, Condition, DelayEstimate, Finding, Jitter, Method, Outcome, ResponseMethod, Verdict, distrust};
+
+/// One method's answer, as the file has it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Estimate {
+    /// The method.
+    pub method: String,
+    /// What came of it.
+    pub outcome: Outcome,
+    /// The dead time, s.
+    pub delay_s: Option<f64>,
+    /// Its standard deviation, s.
+    pub std_s: Option<f64>,
+    /// Its 95 % interval, s.
+    pub ci95_s: Option<[f64; 2]>,
+    /// What the method's original definition returns, s.
+    pub raw_delay_s: Option<f64>,
+    /// Samples taken off the raw value.
+    #[serde(serialize_with = "whole_if_it_is")]
+    pub degree_bias_samples: f64,
+    /// What a reader must know besides.
+    pub note: Option<String>,
+    /// The standard deviation that was to be expected of the method before it ran, s ([`crate::richness`]).
+    pub predicted_std_s: Option<f64>,
+    /// Run time, s.
+    pub time_s: f64,
+    /// The heading it stands under.
+    #[serde(skip)]
+    pub class: Class,
+    /// What the record shows that the method does not withstand.
+    #[serde(skip)]
+    pub distrust: Vec<Condition>,
+    /// What the method leaves over contradicts its own model.
+    #[serde(skip)]
+    pub contradicted: bool,
+}
+
+impl Estimate {
+    /// An answer with its method, what was to be expected of it, its run time, and what the record shows.
+    #[must_use]
+    pub fn new(method: &Method, estimate: &DelayEstimate, predicted_std_s: Option<f64>, time_s: f64, findings: &[Finding]) -> Self {
+        Self {
+            method: method.entry.name.to_owned(),
+            outcome: estimate.outcome,
+            delay_s: estimate.delay_s,
+            std_s: estimate.std_s,
+            ci95_s: estimate.ci95_s,
+            raw_delay_s: estimate.raw_delay_s,
+            degree_bias_samples: estimate.degree_bias_samples,
+            note: estimate.note.clone(),
+            predicted_std_s,
+            time_s,
+            class: method.class,
+            distrust: distrust(method, estimate, findings),
+            contradicted: estimate.contradicted,
+        }
+    }
+}
+
+impl Estimate {
+    /// The answer of a method for frequency responses, and its run time.
+    #[must_use]
+    pub fn of_response(method: &ResponseMethod, estimate: &DelayEstimate, time_s: f64) -> Self {
+        Self {
+            method: method.entry.name.to_owned(),
+            outcome: estimate.outcome,
+            delay_s: estimate.delay_s,
+            std_s: estimate.std_s,
+            ci95_s: estimate.ci95_s,
+            raw_delay_s: estimate.raw_delay_s,
+            degree_bias_samples: estimate.degree_bias_samples,
+            note: estimate.note.clone(),
+            predicted_std_s: None,
+            time_s,
+            class: method.class,
+            distrust: Vec::new(),
+            contradicted: estimate.contradicted,
+        }
+    }
+}
+
+/// All answers for one pair.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Pair {
+    /// The input.
+    pub input: String,
+    /// The output; `*` where an answer holds whatever the output.
+    pub output: String,
+    /// What the record shows.
+    #[serde(skip)]
+    pub findings: Vec<Finding>,
+    /// One answer per method, class by class.
+    pub estimates: Vec<Estimate>,
+    /// Where the data hardly tell neighbouring delays apart: the standard deviation that was to be expected before any method ran, s.
+    #[serde(skip)]
+    pub poor_std_s: Option<f64>,
+    /// Output samples that stand alone, far off their neighbours.
+    #[serde(skip)]
+    pub standing_off: usize,
+    /// What to believe.
+    pub verdict: Verdict,
+    /// A delay that changes; absent where one delay describes the records.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub moving: Option<Moving>,
+    /// The delay against time, where it was asked for and the records allow it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub track: Option<Tracked>,
+    /// How long single events take; absent where there are none, or none can be paired.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub jitter: Option<Jitter>,
+}
+
+/// The file `deadtime/estimate@1`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// `deadtime/estimate@1`.
+    pub format: &'static str,
+    /// The log.
+    pub log: String,
+    /// The sample time, s; of a frequency response half the period of the highest frequency, or half the width of the verdict's interval where that is less.
+    pub sample_time_s: f64,
+    /// The longest delay searched, s.
+    pub max_delay_s: f64,
+    /// One entry per input and output.
+    pub pairs: Vec<Pair>,
+    /// In what.
+    #[serde(skip)]
+    pub searched: Searched,
+}
+
+/// What was searched for a dead time, and what was assumed.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Searched {
+    /// Samples of a log.
+    Samples {
+        /// Samples of all records.
+        samples: usize,
+        /// Records.
+        records: usize,
+        /// Where the degree bias came from.
+        bias: Bias,
+        /// By how much a response may look too early because the log was put onto an even grid first, s.
+        early_s: f64,
+    },
+    /// Two sequences of event times.
+    Events {
+        /// Events of each.
+        counts: [usize; 2],
+        /// The typical interval between events of the first, s.
+        interval_s: f64,
+    },
+    /// A frequency response.
+    Frequencies {
+        /// How many.
+        count: usize,
+        /// The first and the last, Hz.
+        band_hz: [f64; 2],
+        /// Delays this far apart look alike, s.
+        unambiguous_s: f64,
+        /// How it was read.
+        notes: Vec<String>,
+    },
+}
+
+/// Where the samples come from that are taken off raw values.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Bias {
+    /// A strictly proper plant behind a zero-order hold.
+    Assumed,
+    /// The relative degrees of the model of this name.
+    Model(String),
+    /// As given.
+    Given(usize),
+}
+
+/// An estimated impulse response, one number per sample, the first at lag 0.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Response {
+    /// The coefficients.
+    pub values: Vec<f64>,
+    /// Their standard deviations.
+    pub std: Vec<f64>,
+}
+
+/// The value of [`Report::format`].
+pub const FORMAT: &str = "deadtime/estimate@1";
+
+impl Estimate {
+    /// A delay was found, and the record shows nothing that the method does not withstand.
+    #[must_use]
+    pub fn counts(&self) -> bool {
+        self.outcome == Outcome::Found && self.distrust.is_empty() && !self.contradicted
+    }
+}
+
+/// A whole number without a point, as the format has it.
+fn whole_if_it_is<S: serde::Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    if value.fract() == 0.0 && value.abs() < 1e15 { serializer.serialize_i64(*value as i64) } else { serializer.serialize_f64(*value) }
+}

@@ -1,0 +1,338 @@
+//! The delay beside poles and zeros, their numbers weighed against each other.
+//!
+//! Equation: (τ̂, Â, B̂) = argmin Σ |H(iωₖ) − e^(−iωₖτ)·B(iωₖ)/A(iωₖ)|²/σₖ² for each number of poles n and of zeros m ≤ n; each minimum has the weight
+//! V^(−N)·N^(−p/2) of Schwarz's criterion, V the mean square left over, N real numbers, p parameters.
+
+use nalgebra::Complex;
+use rayon::prelude::*;
+use statrs::distribution::{ContinuousCDF, Normal};
+
+use super::fraction::{Fitted, Orders, Points, zeros};
+use super::{ResponseEstimator, ResponseMethod, ResponseSearch, ends};
+use crate::{Class, DelayError, DelayEstimate, Outcome, posterior};
+use deadtime_log::{FrequencyResponse, Quality};
+use deadtime_signal::registry::entry;
+
+/// Inputs: H(iω) at N frequencies, of a continuous plant, with its coherence or standard deviations if known. Output: seconds. The half sample of a hold, where H is that of a sampled
+/// plant behind one, is part of the delay.
+///
+/// Assumes: a stable plant (an integrator is on the edge and allowed) of at most `max_poles` poles and as many zeros; errors of H that are alike, in proportion to H or as the
+/// coherence or the standard deviations say; where nothing is said, the first two are both tried and weighed.
+/// Resolution and cost: a fraction of the highest frequency's period, down to the Cramér-Rao bound; some thousand small least-squares problems.
+/// Interval: the 95 % of all minima of all orders, each weighed by Schwarz's criterion: a pole beyond the last frequency and a longer delay look alike, and so do delays a
+/// turn apart; where they do, the interval holds both. Errors that follow each other over frequency (windowed spectra) count as fewer.
+/// Fails when: the plant has more poles than allowed (contradicted: what is left over is smooth), is unstable, or the band is so narrow that any lag is a delay (`flat`). A zero in the
+/// right half-plane beyond the last frequency cannot be told from a delay by anybody; inside the band it is found and said.
+/// Source: Sanathanan and Koerner (1963), doi:10.1109/TAC.1963.1105517, for poles and zeros at a given delay; Pintelon and Van Biesen (1990), IEEE Trans. Instrum. Meas. 39(6),
+/// 932-938, doi:10.1109/19.65798, for the delay as a parameter of the same fit; Schwarz (1978), doi:10.1214/aos/1176344136, for the weights.
+///
+/// # Example
+/// ```
+/// use deadtime_delay::{Rational, ResponseEstimator, ResponseSearch};
+/// use deadtime_log::{FrequencyResponse, Quality};
+/// use deadtime::nalgebra::Complex;
+/// let omega: Vec<f64> = (0..60).map(|k| 0.1 * 10.0_f64.powf(f64::from(k) / 25.0)).collect();
+/// let plant = |w: &f64| Complex::cis(-0.43 * w) * 2.0 / Complex::new(1.0, 0.8 * w);
+/// let values = omega.iter().map(plant).collect();
+/// let response = FrequencyResponse::new("sweep", omega, values, Quality::Unknown)?;
+/// let search = ResponseSearch { max_delay_s: 2.0, stop: Default::default() };
+/// let answer = Rational::default().estimate(&response, &search)?;
+/// assert!((answer.delay_s.unwrap() - 0.43).abs() < 1e-6);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Rational {
+    /// Most poles that are tried; default 6, at most 10.
+    pub max_poles: usize,
+}
+
+impl Default for Rational {
+    fn default() -> Self {
+        Self { max_poles: 6 }
+    }
+}
+
+/// Its line in the list.
+pub(super) const METHOD: ResponseMethod = ResponseMethod {
+    entry: entry!("rational", "poles, zeros and a delay fitted together, their numbers weighed", Rational, dyn ResponseEstimator),
+    class: Class::Process,
+    needs: "a stable plant, frequencies on both sides of its poles, at least one turn's tenth of delay at the last",
+    blind_to: "zeros in the right half-plane and poles beyond the last frequency: they look like delay and lag",
+};
+
+/// Delays tried in a turn of the highest frequency.
+const STEPS: f64 = 4.0;
+/// Frequencies that are enough for a scan over delays.
+const SCANNED: usize = 300;
+/// Most poles that may be asked for.
+const MOST: usize = 10;
+/// A minimum lighter than this beside the best is none.
+const LIGHT: f64 = 1e-6;
+/// Further poles and zeros that make a delay this much more uncertain are held by nothing.
+const VAGUE: f64 = 3.0;
+/// Neighbouring leftovers this alike show a plant of another shape.
+const SMOOTH: f64 = 0.6;
+
+/// A minimum with its weighting and its criterion.
+struct Candidate {
+    fitted: Fitted,
+    weighting: usize,
+    /// Standard deviation of the delay.
+    std: f64,
+    criterion: f64,
+}
+
+impl ResponseEstimator for Rational {
+    fn estimate(&self, response: &FrequencyResponse, search: &ResponseSearch) -> Result<DelayEstimate, DelayError> {
+        if self.max_poles > MOST {
+            return Err(DelayError::Option {
+                method: "rational",
+                option: "max_poles",
+                value: self.max_poles as f64,
+                allowed: "10 or less",
+            });
+        }
+        let (first, last) = ends(response);
+        let unit = (first * last).sqrt();
+        let weightings = weightings(response, unit);
+        let numbers = 2.0 * response.omega_rad_s().len() as f64;
+        // Twice as many numbers as parameters at least.
+        let poles = self.max_poles.min(((0.5 * numbers - 2.0) / 2.0).max(0.0) as usize);
+        let longest = search.max_delay_s * unit;
+        let steps = (search.max_delay_s * last * STEPS / std::f64::consts::TAU).ceil().max(8.0) as usize;
+        let delays: Vec<f64> = (0..=steps).map(|k| longest * k as f64 / steps as f64).collect();
+        let stride = stride(response, search);
+        let orders: Vec<(usize, Orders)> = (0..weightings.len())
+            .flat_map(|w| (0..=poles).flat_map(move |poles| (0..=poles).map(move |zeros| (w, Orders { poles, zeros }))))
+            .collect();
+        let fits: Vec<(usize, Fitted)> = orders
+            .par_iter()
+            .flat_map_iter(|(w, orders)| {
+                let found = weightings
+                    .get(*w)
+                    .map_or_else(Vec::new, |points| points.minima(&points.thinned(stride), *orders, &delays, &search.stop));
+                found.into_iter().map(|f| (*w, f))
+            })
+            .collect();
+        if search.stop.is_set() {
+            return Err(DelayError::Stopped);
+        }
+        // Beyond the band a zero in the right half-plane is nothing but delay, and is taken for it.
+        let end = last / unit;
+        let beyond = |f: &Fitted| zeros(f).iter().any(|z| z.re > 0.0 && z.norm() > end);
+        let fits: Vec<(usize, Fitted)> = fits.into_iter().filter(|(_, f)| !beyond(f)).collect();
+        let mut candidates = weighed(&weightings, fits, numbers, 1.0);
+        let Some(share) = candidates.first().map(|best| independent(&weightings, best)) else {
+            return Ok(DelayEstimate::without(Outcome::Singular, "no model of any order can be fitted to these numbers"));
+        };
+        if share < 1.0 {
+            candidates = weighed(&weightings, candidates.into_iter().map(|c| (c.weighting, c.fitted)).collect(), numbers, share);
+        }
+        let candidates = undominated(candidates);
+        let Some(best) = candidates.first() else {
+            return Ok(DelayEstimate::without(Outcome::Singular, "no model of any order can be fitted to these numbers"));
+        };
+        let Some(points) = weightings.get(best.weighting) else {
+            return Ok(DelayEstimate::without(Outcome::Singular, "no model of any order can be fitted to these numbers"));
+        };
+        let gain = numbers * share * (points.power() / best.fitted.cost.max(f64::MIN_POSITIVE)).ln();
+        let parameters = best.fitted.coefficients.len();
+        // A pair of poles may settle on any frequency: these are tries too.
+        let tries = (0..best.fitted.resonances()).fold(delays.len(), |tries, _| tries.saturating_mul(response.omega_rad_s().len()));
+        if gain < posterior::visible_gain(parameters, tries) {
+            let note = format!("no model explains the response better than chance (gain {gain:.1})");
+            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+        }
+        Ok(answer(best, &candidates, points, response, search, unit, poles))
+    }
+}
+
+/// The answer of the best of all candidates.
+fn answer(
+    best: &Candidate,
+    candidates: &[Candidate],
+    points: &Points,
+    response: &FrequencyResponse,
+    search: &ResponseSearch,
+    unit: f64,
+    poles: usize,
+) -> DelayEstimate {
+    let interval = mixture(candidates, best.criterion);
+    let (delay, ends) = (best.fitted.delay / unit, interval.map(|v| (v / unit).clamp(0.0, search.max_delay_s)));
+    let ends = [ends[0].min(delay), ends[1].max(delay)];
+    let orders = best.fitted.orders;
+    let plural = |n: usize| if n == 1 { "" } else { "s" };
+    let mut notes = vec![format!("{} pole{} and {} zero{}", orders.poles, plural(orders.poles), orders.zeros, plural(orders.zeros))];
+    // What (1 − s/z)/(1 + s/z) turns at low frequencies.
+    let right: Vec<f64> =
+        zeros(&best.fitted).into_iter().filter(|z| z.re > 1e-9 * z.norm()).map(|z| 2.0 * z.re / (z.norm_sqr() * unit)).collect();
+    if !right.is_empty() {
+        let (lag, count): (f64, usize) = (right.iter().sum(), right.len());
+        let (turn, are) = if count == 1 { ("turns", "is") } else { ("turn", "are") };
+        notes.push(format!(
+            "{count} zero{} in the right half-plane {turn} the phase like another {lag:.4} s at low frequencies and {are} no part of the delay",
+            plural(count)
+        ));
+    }
+    let apart: Vec<f64> = candidates
+        .iter()
+        .filter(|c| (c.criterion - best.criterion) < 6.0 && (c.fitted.delay - best.fitted.delay).abs() > 4.0 * (c.std + best.std).max(1e-9))
+        .map(|c| c.fitted.delay / unit)
+        .collect();
+    if let (Some(from), Some(to)) = (apart.iter().copied().reduce(f64::min), apart.iter().copied().reduce(f64::max)) {
+        let range = if from == to { format!("{from:.4} s") } else { format!("{from:.4} to {to:.4} s") };
+        notes.push(format!("with other numbers of poles and zeros, or a turn more or less, {range} fit nearly as well"));
+    }
+    if let Quality::Std(_) = response.quality() {
+        let freedom = (2.0 * points.x.len() as f64 - best.fitted.coefficients.len() as f64 - 1.0).max(1.0);
+        let times = (best.fitted.cost / freedom).sqrt();
+        if times > 2.0 {
+            notes.push(format!("what is left over is {times:.1} times the given standard deviations"));
+        }
+    }
+    if ends[1] - ends[0] > 0.5 * search.max_delay_s {
+        let note = format!("delays from {:.4} to {:.4} s fit about alike; {}", ends[0], ends[1], notes.join("; "));
+        return DelayEstimate::without(Outcome::Flat, note);
+    }
+    let at_edge = delay >= search.max_delay_s * (1.0 - 1e-6);
+    let std = (delay - ends[0]).max(ends[1] - delay) / deadtime_signal::stats::NORMAL_95;
+    let estimate = DelayEstimate::in_seconds(delay, std, ends, at_edge).noting(Some(notes.join("; ")));
+    let left = points.left(&best.fitted);
+    let exact = best.fitted.cost <= 1e-16 * points.power();
+    let smooth = !exact && orders.poles == poles && alike(&left) > SMOOTH;
+    estimate.contradicted(
+        smooth.then(|| {
+            "what the model leaves over is smooth over frequency: a plant of more poles (max_poles), or an unstable one".to_owned()
+        }),
+    )
+}
+
+/// Frequencies left out between two of a scan, so that no delay of the window looks like another.
+fn stride(response: &FrequencyResponse, search: &ResponseSearch) -> usize {
+    let wanted = response.omega_rad_s().len() / SCANNED;
+    let allowed = (response.unambiguous_s() / (2.0 * search.max_delay_s)).min(1e9) as usize;
+    wanted.min(allowed).max(1)
+}
+
+/// The points with each weighting that the quality allows.
+fn weightings(response: &FrequencyResponse, unit: f64) -> Vec<Points> {
+    let x: Vec<f64> = response.omega_rad_s().iter().map(|w| w / unit).collect();
+    let h = response.values().to_vec();
+    let magnitudes = smoothed(&h);
+    let points = |w: Vec<f64>| Points { x: x.clone(), h: h.clone(), w };
+    match response.quality() {
+        Quality::Unknown => {
+            let largest = magnitudes.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+            vec![points(magnitudes.iter().map(|m| largest / m).collect()), points(vec![1.0; x.len()])]
+        }
+        Quality::Coherence(coherence) => {
+            let weight = |(c, m): (&f64, &f64)| {
+                let c = c.clamp(1e-6, 1.0 - 1e-6);
+                (c / (1.0 - c)).sqrt() / m
+            };
+            vec![points(coherence.iter().zip(&magnitudes).map(weight).collect())]
+        }
+        Quality::Std(std) => vec![points(std.iter().map(|s| 1.0 / s).collect())],
+    }
+}
+
+/// Magnitudes, each the middle one of three neighbours: a weight must not follow the noise of its own point.
+fn smoothed(h: &[Complex<f64>]) -> Vec<f64> {
+    let m: Vec<f64> = h.iter().map(|h| h.norm()).collect();
+    let at = |i: usize| m.get(i).copied().unwrap_or(f64::NAN);
+    (0..m.len())
+        .map(|i| {
+            let mut three = [at(i.saturating_sub(1)), at(i), at((i + 1).min(m.len() - 1))];
+            three.sort_by(f64::total_cmp);
+            three[1]
+        })
+        .collect()
+}
+
+/// The candidates by their criterion, the best first; `share` of the numbers are independent.
+fn weighed(weightings: &[Points], fits: Vec<(usize, Fitted)>, numbers: f64, share: f64) -> Vec<Candidate> {
+    let logs: Vec<f64> = weightings.iter().map(|p| p.w.iter().map(|w| w.ln()).sum::<f64>()).collect();
+    let floors: Vec<f64> = weightings.iter().map(|p| posterior::ROUNDING * p.power()).collect();
+    let candidate = |(weighting, fitted): (usize, Fitted)| {
+        let (log, floor) = (logs.get(weighting)?, floors.get(weighting)?);
+        let cost = fitted.cost.max(*floor).max(f64::MIN_POSITIVE);
+        let parameters = fitted.coefficients.len() as f64 + 1.0;
+        let freedom = (numbers - parameters).max(1.0);
+        // Two real numbers for each weight.
+        // Each pair of complex poles is the best of as many places as there are frequencies.
+        let tries = 2.0 * fitted.resonances() as f64 * (0.5 * numbers).ln();
+        let criterion = share * (numbers * (cost / numbers).ln() - 4.0 * log) + parameters * (share * numbers).ln() + tries;
+        let std = (cost / freedom / share * fitted.variance).sqrt().max(1e-9);
+        (criterion.is_finite() && std.is_finite()).then_some(Candidate { fitted, weighting, std, criterion })
+    };
+    let mut all: Vec<Candidate> = fits.into_iter().filter_map(candidate).collect();
+    all.sort_by(|a, b| a.criterion.total_cmp(&b.criterion));
+    all
+}
+
+/// Without the models that say less of the delay than a simpler and more probable one that they contain: their further poles and zeros stand where nothing holds them.
+fn undominated(all: Vec<Candidate>) -> Vec<Candidate> {
+    let contains = |c: &Candidate, simpler: &Candidate| {
+        let (o, s) = (c.fitted.orders, simpler.fitted.orders);
+        c.weighting == simpler.weighting && o != s && o.poles >= s.poles && o.zeros >= s.zeros
+    };
+    let mut kept: Vec<Candidate> = Vec::with_capacity(all.len());
+    // The more probable come first, so that whatever dominates is kept before.
+    for candidate in all {
+        if !kept.iter().any(|k| contains(&candidate, k) && candidate.std > VAGUE * k.std) {
+            kept.push(candidate);
+        }
+    }
+    kept
+}
+
+/// The share of the leftovers that is independent of its neighbours.
+fn independent(weightings: &[Points], best: &Candidate) -> f64 {
+    let Some(points) = weightings.get(best.weighting) else { return 1.0 };
+    if best.fitted.cost <= 1e-16 * points.power() {
+        return 1.0;
+    }
+    let left = points.left(&best.fitted);
+    let power: f64 = left.iter().map(|e| e.norm_sqr()).sum();
+    let count = left.len() as f64;
+    let mut sum = 0.0;
+    for lag in 1..(left.len() / 4).max(1) {
+        let rho = left.iter().zip(left.iter().skip(lag)).map(|(a, b)| (a.conj() * b).re).sum::<f64>() / power;
+        // What chance makes of it does not count.
+        if rho.is_nan() || rho <= 1.0 / count.sqrt() {
+            break;
+        }
+        sum += rho;
+    }
+    1.0 / (1.0 + 2.0 * sum)
+}
+
+/// The correlation of neighbouring leftovers.
+fn alike(left: &[Complex<f64>]) -> f64 {
+    let power: f64 = left.iter().map(|e| e.norm_sqr()).sum();
+    left.iter().zip(left.iter().skip(1)).map(|(a, b)| (a.conj() * b).re).sum::<f64>() / power.max(f64::MIN_POSITIVE)
+}
+
+/// The ends that leave 2.5 % of the weighted normal distributions on each side.
+fn mixture(candidates: &[Candidate], best: f64) -> [f64; 2] {
+    let all: Vec<(f64, f64, f64)> =
+        candidates.iter().map(|c| ((-0.5 * (c.criterion - best)).exp(), c.fitted.delay, c.std)).filter(|(w, ..)| *w > LIGHT).collect();
+    let total: f64 = all.iter().map(|(w, ..)| w).sum();
+    let Ok(unit) = Normal::new(0.0, 1.0) else { return [0.0, f64::INFINITY] };
+    let below = |v: f64| all.iter().map(|(w, at, std)| w * unit.cdf((v - at) / std)).sum::<f64>() / total;
+    let lowest = all.iter().map(|(_, at, std)| at - 6.0 * std).fold(f64::INFINITY, f64::min);
+    let highest = all.iter().map(|(_, at, std)| at + 6.0 * std).fold(f64::NEG_INFINITY, f64::max);
+    [0.025, 0.975].map(|share| {
+        let (mut from, mut to) = (lowest, highest);
+        for _ in 0..100 {
+            let middle = 0.5 * (from + to);
+            if below(middle) < share {
+                from = middle;
+            } else {
+                to = middle;
+            }
+        }
+        0.5 * (from + to)
+    })
+}

@@ -1,0 +1,149 @@
+//! The first sample at which an estimated impulse or step response stands above its uncertainty.
+//!
+//! Equation: τ̂ = Ts·min{ i : |ĥᵢ| > h_std·σ̂ᵢ }, ĥ the finite impulse response by least squares and σ̂ its standard deviations.
+
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
+use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
+use crate::method::WHOLE;
+use crate::{
+    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment,
+    Scope, Search, Start, one_pair, posterior,
+};
+use deadtime_signal::registry::entry;
+
+/// Threshold on the impulse response.
+///
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
+///
+/// Assumes: the response has died out after `taps` samples, white noise, an input that excites every tap.
+/// Resolution and cost: one sample; O(N·taps).
+/// Fails when: the input does not excite all taps in the rows used (`not_rich_enough`; an impulse at the first sample, or ramps that end before the taps do, excite them only
+/// with `prewindow: rest`), nothing stands out (`not_visible`), or the response begins slowly: the answer is then late,
+/// and the interval reaches back to where the response may have begun.
+/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (5 standard deviations); the thesis behind this project, algorithms 3.1 to 3.3 (3 of them).
+///
+/// # Example
+/// ```
+/// use deadtime_delay::{DelayEstimator, Experiment, Search, Threshold};
+/// use deadtime_signal::{Excitation, excitation::Rbs};
+/// use deadtime_signal::time::SampleTime;
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// let u = Rbs::default().generate(600, &mut ChaCha8Rng::seed_from_u64(1))?;
+/// let mut y = vec![0.0; 600];
+/// for t in 5..600 {
+///     y[t] = 0.6 * y[t - 1] + u[t - 5]; // four samples of delay and one of the hold
+/// }
+/// let experiment = Experiment::siso(SampleTime::new(0.1)?, &u, &y)?;
+/// let answer = Threshold::default().estimate(&experiment, &Search::default())?;
+/// assert!((answer.delay_s.unwrap() - 0.4).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Threshold {
+    /// Coefficients of the impulse response; default 71, more where the search window needs them.
+    pub taps: usize,
+    /// Standard deviations that a coefficient must exceed; default 5. (3, as in the thesis, gives a false alarm in 18 % of white records.)
+    pub h_std: f64,
+    /// Instead of `h_std`: the probability of a false alarm over all taps together, Šidák's limit; default none.
+    pub family_wise: Option<f64>,
+    /// How several records are put together; default jointly.
+    pub records: Records,
+    /// What is known of the input before a record; default auto.
+    pub prewindow: Prewindow,
+}
+
+impl Default for Threshold {
+    fn default() -> Self {
+        Self { taps: 71, h_std: 5.0, family_wise: None, records: Records::Joint, prewindow: Prewindow::Auto }
+    }
+}
+
+/// Its line in the list of methods.
+pub(crate) const METHOD: Method = Method {
+    entry: entry!("threshold", "first coefficient of the estimated impulse response above its threshold", Threshold, dyn DelayEstimator),
+    class: Class::Threshold,
+    scope: Scope::Pair,
+    start: Start::Any,
+    reference: ReferenceExperiment::Plant,
+    information: Information::Response,
+    basis: Basis::FiniteResponse,
+    tolerance: WHOLE,
+    withstands: &[Condition::Dynamics, Condition::MissingOutputs],
+    needs: "an input that excites every tap, a response that dies out within them",
+    blind_to: "a response that begins slowly: it answers late; feedback",
+    exempt: &[],
+};
+
+impl DelayEstimator for Threshold {
+    fn estimate(&self, experiment: &Experiment, search: &Search) -> Result<DelayEstimate, DelayError> {
+        self.run("threshold", &Kind::Impulse, experiment, search)
+    }
+}
+
+impl Threshold {
+    pub(super) fn run(
+        &self,
+        name: &'static str,
+        kind: &Kind,
+        experiment: &Experiment,
+        search: &Search,
+    ) -> Result<DelayEstimate, DelayError> {
+        let option = |option, value, allowed| DelayError::Option { method: name, option, value, allowed };
+        if self.taps == 0 {
+            return Err(option("taps", 0.0, "1 or more"));
+        }
+        if !(self.h_std.is_finite() && self.h_std > 0.0) {
+            return Err(option("h_std", self.h_std, "above 0"));
+        }
+        if let Some(level) = self.family_wise.filter(|l| !(*l > 0.0 && *l < 1.0)) {
+            return Err(option("family_wise", level, "between 0 and 1"));
+        }
+        one_pair(experiment, search, |records, max_delay, bias| {
+            let taps = self.taps.max(max_delay + 1);
+            let response = match response(name, kind, records, taps, self.records, self.prewindow)? {
+                Ok(response) => response,
+                Err(answer) => return Ok(answer),
+            };
+            let impulse = matches!(kind, Kind::Impulse);
+            // The running sum gathers slow noise as it gathers a response; whether there is one at all is for a test that whitens it.
+            if let Some(note) = posterior::unseen(records, max_delay).filter(|_| !impulse) {
+                return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+            }
+            Ok(self.crossing(&response, impulse, max_delay, bias, experiment))
+        })
+    }
+
+    fn crossing(&self, response: &Response, settles: bool, max_delay: usize, bias: usize, experiment: &Experiment) -> DelayEstimate {
+        let taps = response.values.len();
+        let multiple = match self.family_wise {
+            None => self.h_std,
+            Some(level) => {
+                let each = 1.0 - (1.0 - level).powf(1.0 / taps as f64);
+                StudentsT::new(0.0, 1.0, response.freedom as f64).map_or(self.h_std, |t| t.inverse_cdf(1.0 - each / 2.0))
+            }
+        };
+        // On noise-free data the uncertainty is rounding, and so may be what stands above it.
+        let floor = 1e-9 * response.values.amax();
+        let threshold = response.std.map(|s| (multiple * s).max(floor));
+        let above = |i: usize| response.values[i].abs() > threshold[i];
+        let Some(first) = (0..=max_delay).find(|&i| above(i)) else {
+            return DelayEstimate::without(
+                Outcome::NotVisible,
+                format!("no sample of the response up to the longest delay exceeds {multiple:.2} standard deviations"),
+            );
+        };
+        let began = onset(&misfits(&response.values, &response.std, first));
+        let (raw, began) = (first as f64, began as f64);
+        let interval = posterior::first_coefficient(began, raw, bias);
+        let at_edge = first == max_delay;
+        let tail = taps - taps.div_ceil(10);
+        let alive = (tail..taps).filter(|&i| response.values[i].abs() > (3.0 * response.std[i]).max(floor)).count();
+        let note = (settles && 2 * alive > taps - tail)
+            .then(|| format!("the impulse response has not died out after {taps} taps: set more of them"));
+        // The true start is anywhere between: a uniform distribution's standard deviation.
+        let std = (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt();
+        DelayEstimate::counted(raw, std, interval, at_edge, bias, experiment.sample_time()).noting(note).noting(response.note.clone())
+    }
+}

@@ -1,0 +1,199 @@
+//! Responses with their uncertainty, as every threshold takes them, and where a response may have begun.
+
+use std::borrow::Cow;
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::{DelayError, DelayEstimate, Outcome};
+use deadtime_identify::{Fir, Record, fir_or_rank};
+
+/// How several records are put together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Records {
+    /// One regression over the rows of all.
+    #[default]
+    Joint,
+    /// One response per record; responses and standard deviations averaged (algorithm 3.2 of the thesis).
+    Averaged,
+}
+
+/// What is known of the input before a record. A row needs as many past inputs as the response has coefficients.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Prewindow {
+    /// Nothing: rows that reach back before the record are left out.
+    None,
+    /// The plant rested: at the first value of the input where it stands still for the first ten samples, else at zero. Give data measured from rest, not from the mean.
+    Rest,
+    /// As `none`; only where the rows that are left do not excite every coefficient, and every record begins with ten samples of still input, as `rest`. An answer
+    /// that `none` can give is never changed.
+    #[default]
+    Auto,
+}
+
+/// Samples without motion of the input that make the start of a record a rest.
+const STILL: usize = 10;
+
+/// A response, its standard deviations and the correlation of its errors.
+pub(super) struct Response {
+    pub(super) values: DVector<f64>,
+    pub(super) std: DVector<f64>,
+    /// The coefficients behind it and their standard deviations: the response to an impulse.
+    pub(super) each: [DVector<f64>; 2],
+    pub(super) correlation: DMatrix<f64>,
+    pub(super) freedom: usize,
+    /// What a reader must know of how it came about.
+    pub(super) note: Option<String>,
+}
+
+/// What the answer is made from.
+pub(super) enum Kind {
+    /// The response to an impulse.
+    Impulse,
+    /// The response to a step: the running sum.
+    Step,
+}
+
+/// The averaged response of the records, or the answer in its place.
+pub(super) fn response(
+    name: &'static str,
+    kind: &Kind,
+    records: &[Record],
+    taps: usize,
+    together: Records,
+    prewindow: Prewindow,
+) -> Result<Result<Response, DelayEstimate>, DelayError> {
+    // Two rows more than coefficients.
+    let needed = taps + 2 + if prewindow == Prewindow::Rest { 0 } else { taps - 1 };
+    let got = records.iter().map(Record::len).max().unwrap_or(0);
+    if got < needed {
+        return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter `max_delay`, or set fewer taps" });
+    }
+    let rested;
+    let records = if prewindow == Prewindow::Rest {
+        rested = records.iter().map(|r| from_rest(r, taps)).collect::<Vec<_>>();
+        &rested
+    } else {
+        records
+    };
+    let groups: Vec<&[Record]> = match together {
+        Records::Joint => vec![records],
+        Records::Averaged => records.chunks(1).collect(),
+    };
+    let mut responses = Vec::with_capacity(groups.len());
+    for group in groups {
+        match fir_or_rank(group, taps) {
+            Ok(fir) => responses.push(one(kind, &fir)),
+            Err(_) if prewindow == Prewindow::Auto && records.iter().all(|r| still(r) >= STILL) => {
+                let answer = response(name, kind, records, taps, together, Prewindow::Rest)?;
+                let said = "the rows after the first do not excite every coefficient: the input, still at first, was taken to have stood there before";
+                return Ok(answer.map(|r| Response { note: Some(said.to_owned()), ..r }));
+            }
+            Err(rank) => {
+                let note = format!("the input excites only {} of {} coefficients", rank.rank, rank.columns);
+                return Ok(Err(DelayEstimate::without(Outcome::NotRichEnough, note)));
+            }
+        }
+    }
+    Ok(Ok(averaged(responses)))
+}
+
+fn one(kind: &Kind, fir: &Fir) -> Response {
+    let taps = fir.coefficients.len();
+    let (values, covariance) = match kind {
+        Kind::Impulse => (fir.coefficients.clone(), fir.covariance.clone()),
+        Kind::Step => {
+            let sum = DMatrix::from_fn(taps, taps, |i, j| f64::from(u8::from(j <= i)));
+            (&sum * &fir.coefficients, &sum * &fir.covariance * sum.transpose())
+        }
+    };
+    let std = covariance.diagonal().map(|v| v.max(0.0).sqrt());
+    let correlation = DMatrix::from_fn(taps, taps, |i, j| covariance[(i, j)] / (std[i] * std[j]).max(f64::MIN_POSITIVE));
+    let each = [fir.coefficients.clone(), fir.covariance.diagonal().map(|v| v.max(0.0).sqrt())];
+    Response { values, std, each, correlation, freedom: fir.rows - taps, note: None }
+}
+
+/// Mean response and mean standard deviation over records.
+fn averaged(responses: Vec<Response>) -> Response {
+    let share = 1.0 / responses.len().max(1) as f64;
+    let mut all = responses.into_iter();
+    let Some(mut sum) = all.next() else {
+        let none = DVector::zeros(0);
+        return Response {
+            values: none.clone(),
+            std: none.clone(),
+            each: [none.clone(), none],
+            correlation: DMatrix::zeros(0, 0),
+            freedom: 0,
+            note: None,
+        };
+    };
+    for next in all {
+        sum.values += next.values;
+        sum.std += next.std;
+        for (sum, next) in sum.each.iter_mut().zip(next.each) {
+            *sum += next;
+        }
+        sum.correlation += next.correlation;
+        sum.freedom = sum.freedom.min(next.freedom);
+    }
+    sum.values *= share;
+    sum.std *= share;
+    for each in &mut sum.each {
+        *each *= share;
+    }
+    sum.correlation *= share;
+    sum
+}
+
+/// How many samples the input stands still at first.
+fn still(record: &Record) -> usize {
+    record.u.iter().position(|v| *v != record.u[0]).unwrap_or(record.len())
+}
+
+/// The record measured from where it rested, behind as many samples of rest as `taps` coefficients look back. Those outputs are no rows of a regression without past outputs.
+fn from_rest<'b>(record: &Record<'_>, taps: usize) -> Record<'b> {
+    let before = taps - 1;
+    let rest = still(record);
+    let there = |t: usize| record.present.as_ref().is_none_or(|p| p[t]);
+    let (mut level_u, mut level_y) = (0.0, 0.0);
+    if rest >= STILL {
+        let resting: Vec<f64> = (0..rest).filter(|&t| there(t)).map(|t| record.y[t]).collect();
+        let count = resting.len().max(1) as f64;
+        (level_u, level_y) = (record.u[0], resting.iter().sum::<f64>() / count);
+    }
+    let behind = |x: &[f64], level: f64| -> Cow<'b, [f64]> { vec![0.0; before].into_iter().chain(x.iter().map(|v| v - level)).collect() };
+    let n = record.len();
+    Record {
+        u: behind(&record.u[..n], level_u),
+        y: behind(&record.y[..n], level_y),
+        present: record.present.as_ref().map(|p| vec![true; before].into_iter().chain(p[..n].iter().copied()).collect()),
+    }
+}
+
+/// Share of the largest value below which a standard deviation is rounding.
+const ROUNDING: f64 = 1e-9;
+
+/// For every start up to the crossing, how badly a ramp from there to the crossing fits the samples up to it, in units of their variance.
+pub(super) fn misfits(values: &DVector<f64>, std: &DVector<f64>, crossing: usize) -> Vec<f64> {
+    let misfit = |start: usize| {
+        let (mut up, mut down, mut total) = (0.0, 0.0, 0.0);
+        for k in 0..=crossing {
+            let weight = 1.0 / std[k].max(ROUNDING * values[crossing].abs()).max(f64::MIN_POSITIVE).powi(2).max(f64::MIN_POSITIVE);
+            let ramp = if k < start { 0.0 } else { (k - start + 1) as f64 };
+            up += weight * ramp * values[k];
+            down += weight * ramp * ramp;
+            total += weight * values[k].powi(2);
+        }
+        total - up * up / down
+    };
+    (0..=crossing).map(misfit).collect()
+}
+
+/// The earliest sample at which the response may have begun: a ramp from there to the crossing fits the samples before the crossing as well as the best ramp
+/// does, to a likelihood ratio of 3.84 (95 %). A crossing that noise alone made is so rare at the limits used that nothing later is considered.
+pub(super) fn onset(misfits: &[f64]) -> usize {
+    let best = misfits.iter().copied().fold(f64::INFINITY, f64::min);
+    misfits.iter().position(|&m| m - best <= 3.84).unwrap_or(misfits.len().saturating_sub(1))
+}

@@ -1,0 +1,323 @@
+//! A log that grows, row by row, as the even samples that a tracker takes; and what of its answers is news.
+//!
+//! Wrong when: most steps of time differ from one another by more than half of their median (there is then no sample time that they follow).
+
+use std::collections::VecDeque;
+
+use super::{Alarm, Tracker, TrackerOptions};
+use deadtime_log::neighbours;
+use deadtime_signal::time::SampleTime;
+
+/// Rows from which the sample time is told.
+const FIRST: usize = 100;
+/// Parts of a row's distance from the grid by which the grid and its step follow (critically damped): a clock of the log that runs a little fast is no row too many.
+const FOLLOWED: f64 = 0.02;
+const STEP_FOLLOWED: f64 = FOLLOWED * FOLLOWED / 4.0;
+/// Behind so many missing rows the grid begins anew.
+const ANEW: f64 = 10.0;
+/// Stamps that are remembered, to say since when.
+const STAMPS: usize = 1 << 16;
+/// Samples after an alarm within which the band comes to lie around what the alarm told.
+const SETTLING: usize = 200;
+/// A dead time has moved where its band is no wider than this, samples, and lies beside the one told for so many samples: at a jump it is wide.
+const NARROW: f64 = 5.0;
+const HELD: usize = 100;
+
+/// How a log that grows is watched.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct LiveOptions {
+    /// Longest dead time, s; default: that of `tracker`.
+    pub max_delay_s: Option<f64>,
+    /// The tracker's. Its `learn` and `forget` are raised to what the search window asks for.
+    pub tracker: TrackerOptions,
+}
+
+/// What is new.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Told {
+    /// The sample time is known, and the response is being learnt.
+    Learning {
+        /// Time of the row, s.
+        time_s: f64,
+        /// From sample to sample, s.
+        sample_time_s: f64,
+        /// Longest dead time that is searched, s.
+        max_delay_s: f64,
+    },
+    /// The response is learnt: the dead time.
+    Delay {
+        /// Time of the row, s.
+        time_s: f64,
+        /// The dead time, s.
+        delay_s: f64,
+        /// Its 95 % band, s.
+        ci95_s: [f64; 2],
+    },
+    /// The dead time is another one.
+    DelayChanged {
+        /// Time of the row, s.
+        time_s: f64,
+        /// Dead time before, s.
+        from_s: f64,
+        /// Dead time now, s.
+        to_s: f64,
+        /// Time of the first row of which it holds, s; `None`: longer ago than is remembered.
+        since_s: Option<f64>,
+    },
+    /// The dead time moved little by little, out of the band that was told last.
+    DelayMoved {
+        /// Time of the row, s.
+        time_s: f64,
+        /// The dead time told before, s.
+        from_s: f64,
+        /// The dead time, s.
+        delay_s: f64,
+        /// Its 95 % band, s.
+        ci95_s: [f64; 2],
+    },
+    /// No dead time explains the response any more; it is learnt anew.
+    ResponseChanged {
+        /// Time of the row, s.
+        time_s: f64,
+        /// Time of the first row of which it holds, s; `None`: longer ago than is remembered.
+        since_s: Option<f64>,
+    },
+    /// Rows are missing, and with them the command: nothing is told until it is known again over the whole search window.
+    RowsMissing {
+        /// Time of the last row before, s.
+        from_s: f64,
+        /// Time of the row behind, s.
+        to_s: f64,
+    },
+}
+
+/// Takes the rows of a log and tells what is new.
+#[derive(Debug, Clone)]
+pub struct Live {
+    options: LiveOptions,
+    stage: Stage,
+}
+
+#[derive(Debug, Clone)]
+enum Stage {
+    First(Vec<Sample>),
+    Running(Box<Running>),
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    time_s: f64,
+    u: Option<f64>,
+    y: Option<f64>,
+}
+
+#[derive(Debug, Clone)]
+struct Running {
+    tracker: Tracker,
+    ts: SampleTime,
+    /// The grid's step, s: the sample time, as the stamps go on.
+    step_s: f64,
+    /// Samples behind a missing command in which its consequences pass.
+    window: usize,
+    /// The last sample on the grid, s.
+    grid_s: f64,
+    /// And its stamp, s.
+    at_s: f64,
+    /// The command held where none is known.
+    u: f64,
+    /// Samples until the command is known again over the whole window.
+    blind: usize,
+    pushed: u64,
+    /// Stamps of the last samples.
+    stamps: VecDeque<f64>,
+    told: Option<(f64, [f64; 2])>,
+    /// Samples for which the band has lain beside the one told.
+    beside: usize,
+    /// Dead time of an alarm, and the samples since.
+    alarmed: Option<(f64, usize)>,
+    extra: u64,
+}
+
+impl Live {
+    /// Nothing was seen.
+    #[must_use]
+    pub fn new(options: LiveOptions) -> Self {
+        Self { options, stage: Stage::First(Vec::new()) }
+    }
+
+    /// Takes a row: its time, s, later than that of the row before; the command and the response, `None` where they are missing.
+    ///
+    /// # Errors
+    /// [`crate::DelayError`] for an option out of its range, once the sample time is known, and for a value that is not finite.
+    pub fn push(&mut self, time_s: f64, u: Option<f64>, y: Option<f64>) -> crate::Result<Vec<Told>> {
+        let sample = Sample { time_s, u, y };
+        let mut told = Vec::new();
+        match &mut self.stage {
+            Stage::First(first) => {
+                first.push(sample);
+                if first.len() >= FIRST {
+                    let first = std::mem::take(first);
+                    let mut running = Running::new(&self.options, &first, &mut told)?;
+                    for sample in first {
+                        running.take(sample, &mut told)?;
+                    }
+                    self.stage = Stage::Running(Box::new(running));
+                }
+            }
+            Stage::Running(running) => running.take(sample, &mut told)?,
+        }
+        Ok(told)
+    }
+
+    /// Forgets everything: the recorder began again.
+    pub fn restart(&mut self) {
+        self.stage = Stage::First(Vec::new());
+    }
+
+    /// Rows between two samples of the grid, which were left out.
+    #[must_use]
+    pub fn extra(&self) -> u64 {
+        if let Stage::Running(running) = &self.stage { running.extra } else { 0 }
+    }
+
+    /// The response is learnt.
+    #[must_use]
+    pub fn has_learnt(&self) -> bool {
+        matches!(&self.stage, Stage::Running(r) if r.told.is_some() || r.alarmed.is_some())
+    }
+}
+
+/// The mean of the steps that are no more than half of their median away from it: stamps may be rounded, and rows may be missing.
+fn step_s(first: &[Sample]) -> f64 {
+    let stamps: Vec<f64> = first.iter().map(|s| s.time_s).collect();
+    let mut steps: Vec<f64> = neighbours(&stamps).map(|(before, after)| after - before).collect();
+    let middle = steps.len() / 2;
+    let median = if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(middle, f64::total_cmp).1 };
+    let near: Vec<f64> = steps.into_iter().filter(|s| (s - median).abs() <= 0.5 * median).collect();
+    near.iter().sum::<f64>() / near.len().max(1) as f64
+}
+
+impl Running {
+    fn new(options: &LiveOptions, first: &[Sample], told: &mut Vec<Told>) -> crate::Result<Self> {
+        let ts = SampleTime::new(step_s(first))?;
+        let mut tracker = options.tracker.clone();
+        if let Some(max_s) = options.max_delay_s {
+            // Beyond its range the tracker says so.
+            tracker.max_delay = (max_s / ts.seconds()).ceil().clamp(0.0, 1e6) as usize + tracker.bias;
+        }
+        tracker.learn = tracker.learn.max(2 * (tracker.na + tracker.nb + tracker.max_delay + 2));
+        tracker.forget = tracker.forget.max(tracker.learn);
+        let (window, time_s) = (tracker.max_delay + tracker.nb, first.last().map_or(0.0, |s| s.time_s));
+        let max_delay_s = ts.to_seconds(tracker.max_delay.saturating_sub(tracker.bias) as f64);
+        told.push(Told::Learning { time_s, sample_time_s: ts.seconds(), max_delay_s });
+        Ok(Self {
+            tracker: Tracker::new(ts, tracker)?,
+            ts,
+            step_s: ts.seconds(),
+            window,
+            grid_s: first.first().map_or(0.0, |s| s.time_s - ts.seconds()),
+            at_s: first.first().map_or(0.0, |s| s.time_s),
+            u: first.iter().find_map(|s| s.u).unwrap_or(0.0),
+            blind: 0,
+            pushed: 0,
+            stamps: VecDeque::new(),
+            told: None,
+            beside: 0,
+            alarmed: None,
+            extra: 0,
+        })
+    }
+
+    /// Puts a row onto the grid.
+    fn take(&mut self, sample: Sample, told: &mut Vec<Told>) -> crate::Result<()> {
+        let ts_s = self.step_s;
+        let steps = ((sample.time_s - self.grid_s) / ts_s).round();
+        if steps < 1.0 {
+            self.extra += 1;
+            return Ok(());
+        }
+        let missing = steps - 1.0;
+        if missing >= self.window as f64 {
+            told.push(Told::RowsMissing { from_s: self.at_s, to_s: sample.time_s });
+        }
+        // What is longer than the window says no more than the window.
+        let held = missing.min(self.window as f64) as usize;
+        for k in (1..=held).rev() {
+            self.blind = self.window;
+            self.one(sample.time_s - k as f64 * ts_s, self.u, None, told)?;
+        }
+        let due_s = self.grid_s + steps * ts_s;
+        if missing >= ANEW {
+            self.grid_s = sample.time_s;
+        } else {
+            self.grid_s = due_s + FOLLOWED * (sample.time_s - due_s);
+            self.step_s += STEP_FOLLOWED * (sample.time_s - due_s);
+        }
+        self.at_s = sample.time_s;
+        match sample.u {
+            Some(u) => self.u = u,
+            None => self.blind = self.window,
+        }
+        self.one(sample.time_s, self.u, sample.y, told)
+    }
+
+    /// A sample of the grid.
+    fn one(&mut self, time_s: f64, u: f64, y: Option<f64>, told: &mut Vec<Told>) -> crate::Result<()> {
+        let known = self.blind == 0;
+        self.blind = self.blind.saturating_sub(1);
+        if self.stamps.len() == STAMPS {
+            self.stamps.pop_front();
+        }
+        self.stamps.push_back(time_s);
+        self.pushed += 1;
+        let tracking = self.tracker.push(u, y.filter(|_| known))?;
+        let now = tracking.delay_s.zip(tracking.band_s);
+        match tracking.alarm {
+            Some(Alarm::DelayChanged { from_s, to_s, since_s }) => {
+                told.push(Told::DelayChanged { time_s, from_s, to_s, since_s: self.stamp(since_s) });
+                (self.alarmed, self.beside) = (Some((to_s, 0)), 0);
+            }
+            Some(Alarm::ResponseChanged { since_s }) => {
+                told.push(Told::ResponseChanged { time_s, since_s: self.stamp(since_s) });
+                (self.told, self.alarmed) = (None, None);
+            }
+            None => {}
+        }
+        let Some((delay_s, ci95_s)) = now else { return Ok(()) };
+        match (self.alarmed, self.told) {
+            (Some((to_s, _)), _) if (delay_s - to_s).abs() <= self.ts.seconds() => {
+                (self.told, self.alarmed) = (Some((delay_s, ci95_s)), None);
+            }
+            (Some((to_s, SETTLING..)), _) if ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW) => {
+                self.moved(time_s, to_s, delay_s, ci95_s, told)
+            }
+            (Some((to_s, samples)), _) => self.alarmed = Some((to_s, samples + 1)),
+            (None, None) => {
+                told.push(Told::Delay { time_s, delay_s, ci95_s });
+                self.told = Some((delay_s, ci95_s));
+            }
+            (None, Some((from_s, [low, high]))) => {
+                let narrow = ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW);
+                self.beside = if narrow && (ci95_s[0] > high || ci95_s[1] < low) { self.beside + 1 } else { 0 };
+                if self.beside >= HELD {
+                    self.moved(time_s, from_s, delay_s, ci95_s, told);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn moved(&mut self, time_s: f64, from_s: f64, delay_s: f64, ci95_s: [f64; 2], told: &mut Vec<Told>) {
+        told.push(Told::DelayMoved { time_s, from_s, delay_s, ci95_s });
+        (self.told, self.alarmed, self.beside) = (Some((delay_s, ci95_s)), None, 0);
+    }
+
+    /// The stamp of a sample that the tracker names by its own time, s.
+    fn stamp(&self, since_s: f64) -> Option<f64> {
+        let sample = (since_s / self.ts.seconds()).round().max(0.0) as u64;
+        let first = self.pushed - self.stamps.len() as u64;
+        let place = usize::try_from(sample.checked_sub(first)?).ok()?;
+        self.stamps.get(place).copied()
+    }
+}

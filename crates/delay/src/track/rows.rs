@@ -1,0 +1,166 @@
+//! The rows of y(t) = Σ aᵢ·y(t−i) + Σ bⱼ·u(t−d(t)−j) + c + e(t), whose shape (a, b, c) stays while the delay d(t) moves.
+
+use nalgebra::{DMatrix, DVector};
+
+use deadtime_identify::Record;
+
+/// Orders of the model and the delays that it may have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Orders {
+    /// Past outputs.
+    pub(super) na: usize,
+    /// Input coefficients.
+    pub(super) nb: usize,
+    /// Delays, from 0.
+    pub(super) delays: usize,
+}
+
+impl Orders {
+    /// The first row that sees no sample before the record, at any delay.
+    pub(super) fn first(self) -> usize {
+        self.na.max(self.delays + self.nb - 1)
+    }
+
+    /// Coefficients of the shape.
+    pub(super) fn columns(self) -> usize {
+        self.na + self.nb + 1
+    }
+}
+
+/// What stays: the coefficients of the past outputs, of the input from its delay on, and the level.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::track) struct Shape {
+    pub(in crate::track) a: Vec<f64>,
+    pub(in crate::track) b: Vec<f64>,
+    pub(in crate::track) level: f64,
+}
+
+/// Share of a column's own norm that is added to its diagonal: smooth inputs and outputs without noise make columns nearly alike.
+const RIDGE: f64 = 1e-11;
+
+/// The samples of all records one behind the other, and the rows that see no sample of another record nor a missing one.
+pub(super) struct Rows {
+    pub(super) orders: Orders,
+    u: Vec<f64>,
+    y: Vec<f64>,
+    /// The sample of each row.
+    pub(super) at: Vec<usize>,
+    /// Where each record begins.
+    pub(super) begins: Vec<usize>,
+    /// Σy² over the rows, about their mean.
+    pub(super) power: f64,
+}
+
+impl Rows {
+    pub(super) fn new(records: &[Record<'_>], orders: Orders) -> Self {
+        let first = orders.first();
+        let (mut u, mut y, mut at, mut begins) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for record in records {
+            let begin = u.len();
+            begins.push(begin);
+            u.extend_from_slice(&record.u[..record.len()]);
+            y.extend_from_slice(&record.y[..record.len()]);
+            let there = |t: usize| record.present.as_ref().is_none_or(|p| p[t]);
+            at.extend((first..record.len()).filter(|&t| (t - orders.na..=t).all(there)).map(|t| begin + t));
+        }
+        let mean = at.iter().map(|&t| y[t]).sum::<f64>() / at.len().max(1) as f64;
+        let power = at.iter().map(|&t| (y[t] - mean).powi(2)).sum();
+        Self { orders, u, y, at, begins, power }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.at.len()
+    }
+
+    /// The record and the sample in it of a row.
+    pub(super) fn place(&self, row: usize) -> (usize, usize) {
+        let t = self.at[row];
+        let record = self.begins.partition_point(|&b| b <= t) - 1;
+        (record, t - self.begins[record])
+    }
+
+    /// The shape that fits best where row i has the delay `path(i)`, and its Σe². `None` where the columns leave no finite answer.
+    /// A delay between whole ones takes the straight line between their inputs.
+    pub(super) fn fit(&self, path: impl Fn(usize) -> f64) -> Option<(Shape, f64)> {
+        let Orders { na, nb, .. } = self.orders;
+        let columns = na + nb + 1;
+        let mut gram = DMatrix::<f64>::zeros(columns + 1, columns + 1);
+        let mut row = vec![0.0; columns + 1];
+        for (i, &t) in self.at.iter().enumerate() {
+            let (d, part) = split(path(i));
+            for (k, value) in row[..na].iter_mut().enumerate() {
+                *value = self.y[t - 1 - k];
+            }
+            for (j, value) in row[na..na + nb].iter_mut().enumerate() {
+                *value = self.u[t - d - j] * (1.0 - part) + if part > 0.0 { part * self.u[t - d - j - 1] } else { 0.0 };
+            }
+            row[na + nb] = 1.0;
+            row[columns] = self.y[t];
+            for (c, &right) in row.iter().enumerate() {
+                let mut column = gram.column_mut(c);
+                for (r, &left) in row[..=c].iter().enumerate() {
+                    column[r] += left * right;
+                }
+            }
+        }
+        gram.fill_lower_triangle_with_upper_triangle();
+        let (theta, left) = solve(&gram)?;
+        let shape = Shape { a: theta[..na].to_vec(), b: theta[na..na + nb].to_vec(), level: theta[na + nb] };
+        Some((shape, left))
+    }
+
+    /// What the past outputs and the level leave of each row, and the drive Σ bⱼ·u(t−j) at every sample: the error of delay d is `left[i] − drive[at[i] − d]`.
+    pub(super) fn errors(&self, shape: &Shape) -> Errors<'_> {
+        let left = (self.at.iter())
+            .map(|&t| self.y[t] - shape.level - shape.a.iter().enumerate().map(|(k, a)| a * self.y[t - 1 - k]).sum::<f64>())
+            .collect();
+        let drive =
+            (0..self.u.len()).map(|t| shape.b.iter().enumerate().filter(|(j, _)| *j <= t).map(|(j, b)| b * self.u[t - j]).sum()).collect();
+        Errors { at: &self.at, left, drive }
+    }
+}
+
+/// The errors of every row at every delay.
+pub(super) struct Errors<'a> {
+    at: &'a [usize],
+    left: Vec<f64>,
+    drive: Vec<f64>,
+}
+
+impl Errors<'_> {
+    /// At a whole delay.
+    pub(super) fn whole(&self, row: usize, delay: usize) -> f64 {
+        self.left[row] - self.drive[self.at[row] - delay]
+    }
+
+    /// Between whole delays, by the straight line between their responses: what a held input gives a plant that is slow against the sample.
+    pub(super) fn between(&self, row: usize, delay: f64) -> f64 {
+        let (low, part) = split(delay);
+        let next = if part > 0.0 { part * self.drive[self.at[row] - low - 1] } else { 0.0 };
+        self.left[row] - (1.0 - part) * self.drive[self.at[row] - low] - next
+    }
+}
+
+/// Whole samples and the rest of a delay.
+pub(super) fn split(delay: f64) -> (usize, f64) {
+    let whole = delay.max(0.0).floor();
+    (whole as usize, delay.max(0.0) - whole)
+}
+
+/// θ of the normal equations in a Gram matrix of [regressors, target], columns scaled to norm 1, and the Σe² that it leaves.
+pub(in crate::track) fn solve(gram: &DMatrix<f64>) -> Option<(Vec<f64>, f64)> {
+    let columns = gram.nrows() - 1;
+    let scale: Vec<f64> = (0..columns).map(|i| gram[(i, i)].sqrt()).map(|s| if s > 0.0 { s.recip() } else { 0.0 }).collect();
+    let normal = DMatrix::from_fn(columns, columns, |i, j| {
+        let same = if i == j { RIDGE + f64::from(u8::from(scale[i] == 0.0)) } else { 0.0 };
+        gram[(i, j)] * scale[i] * scale[j] + same
+    });
+    let target = DVector::from_fn(columns, |i, _| gram[(i, columns)] * scale[i]);
+    let solution = normal.cholesky()?.solve(&target);
+    let theta: Vec<f64> = solution.iter().zip(&scale).map(|(x, s)| x * s).collect();
+    // θᵀGθ − 2θᵀg + yᵀy, which holds for any θ.
+    let quadratic: f64 = (0..columns).map(|i| theta[i] * (0..columns).map(|j| gram[(i, j)] * theta[j]).sum::<f64>()).sum();
+    let product: f64 = (0..columns).map(|i| theta[i] * gram[(i, columns)]).sum();
+    let left = (gram[(columns, columns)] - 2.0 * product + quadratic).max(0.0);
+    (left.is_finite() && theta.iter().all(|v| v.is_finite())).then_some((theta, left))
+}

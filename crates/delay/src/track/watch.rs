@@ -1,0 +1,237 @@
+//! Whether one delay describes a record, and where it changes.
+
+use super::path::{best_path, pruned, stretches, variances};
+use super::rows::{Errors, Orders, Rows, Shape};
+use crate::Search;
+use deadtime_identify::{Record, arx_scan};
+
+/// A test for a delay that changes.
+///
+/// y(t) = Σ aᵢ·y(t−i) + Σ bⱼ·u(t−d(t)−j) + c + e(t): the shape (a, b, c) is that of the whole record and fitted with the delays, which change at a price. Past outputs
+/// make e white whatever the colour of the noise, hold under feedback, and need no stable plant. Shape and path are found by turns from several starts (the best constant
+/// delays of halves and thirds of each record), as a likelihood of delays has many maxima.
+///
+/// A change is claimed where the likelihood of the path gains more than its price over one delay for the whole record (a generalised likelihood ratio), each row weighed by
+/// the errors around it. The default price was set on draws with one delay; `docs/results/studies/track.md` has its rate of false alarms on others.
+///
+/// Wrong when: nothing moves around the change (its time is then open between two motions, and says so; with nothing after it, it is not seen); the input repeats within
+/// the window (delays a period apart fit alike); the plant changes with the delay, or instead of it (a change of the lag passes for one of the delay where that explains
+/// it better than nothing); the plant is far from linear and the input dwells in parts of its range.
+///
+/// Source: generalised likelihood ratio: Basseville and Nikiforov (1993), "Detection of Abrupt Changes", section 2.4; a hidden Markov model whose state is the delay, its
+/// shape re-estimated along the best path: Rabiner (1989), Proc. IEEE 77(2), 257-286, doi:10.1109/5.18626.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Watch {
+    /// Past outputs of the model; default 8.
+    pub na: usize,
+    /// Input coefficients of the model; default 6.
+    pub nb: usize,
+    /// What a change of the delay must gain, in units of the logarithm of the likelihood; default 15.
+    pub price: f64,
+}
+
+impl Default for Watch {
+    fn default() -> Self {
+        Self { na: 8, nb: 6, price: 15.0 }
+    }
+}
+
+/// Share of the error that a claim must explain: in a long record a model that is a little wrong would gain as much by anything.
+const LEAST_SHARE: f64 = 0.01;
+/// Rows by coefficient and delay that a record must have.
+const ROWS: usize = 2;
+/// Turns of shape and path.
+const TURNS: usize = 10;
+/// Records that lend their parts as starts.
+const RECORDS: usize = 8;
+/// The share of the output's power below which no error is told from rounding.
+const ROUNDING: f64 = 1e-12;
+
+/// Rows at one delay.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stretch {
+    /// The record.
+    pub record: usize,
+    /// Its samples, from the first to the one behind the last.
+    pub samples: std::ops::Range<usize>,
+    /// Where it began, 95 %: the first and the last sample that may be its first. `None` where a record begins.
+    pub began: Option<[usize; 2]>,
+    /// The raw delay, samples.
+    pub delay: usize,
+}
+
+/// What a record shows.
+pub struct Watched {
+    pub(super) rows: Rows,
+    pub(super) shape: Shape,
+    pub(super) variance: Vec<f64>,
+    pub(super) path: Vec<usize>,
+    /// Samples by which the output was taken earlier.
+    pub(super) skip: usize,
+    /// What one delay leaves of each row.
+    pub(super) steady: Vec<f64>,
+    /// What the path gains over one delay, less the price of its changes; 0 where there is none.
+    pub gain: f64,
+    /// The share of the squared errors of one delay that the path takes away.
+    pub share: f64,
+}
+
+impl Watch {
+    /// Looks at the records of one pair, means taken off. `None` where they are too short for the window and the orders, or leave no finite answer.
+    #[must_use]
+    pub fn look(&self, records: &[Record<'_>], search: &Search) -> Option<Watched> {
+        let skip = search.min_delay.min(search.max_delay.saturating_sub(1));
+        let records: Vec<Record<'_>> = records.iter().map(|r| r.ahead(skip)).collect();
+        let max_delay = search.max_delay - skip;
+        let orders = Orders { na: self.na.max(1), nb: self.nb.max(1), delays: max_delay + 1 };
+        let rows = Rows::new(&records, orders);
+        let n = rows.len();
+        if n < ROWS * (orders.columns() + orders.delays) {
+            return None;
+        }
+        let small = (ROUNDING * rows.power / n as f64).max(f64::MIN_POSITIVE);
+        let scan = arx_scan(&records, orders.na, orders.nb, max_delay);
+        let mut ranked: Vec<usize> = (0..orders.delays).filter(|&k| scan.loss[k].is_finite()).collect();
+        ranked.sort_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]));
+        let constant = ranked.iter().take(3).filter_map(|&k| Some((k, rows.fit(|_| k as f64)?)));
+        let (one, (shape, left)) = constant.min_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
+        let squares = squares(&rows, &shape, &vec![one; n]);
+        let steady = squares.clone();
+        let mut best = Watched {
+            variance: variances(&squares, small),
+            path: vec![one; n],
+            shape: shape.clone(),
+            skip,
+            steady,
+            gain: 0.0,
+            share: 0.0,
+            rows,
+        };
+        let mut starts = vec![(shape, left / n as f64)];
+        starts.extend(parts(&records).iter().filter_map(|part| start(part, orders, max_delay)));
+        for (shape, variance) in starts {
+            self.improve(&mut best, shape, variance.max(small), small);
+        }
+        Some(best)
+    }
+
+    /// Shape and path by turns from one start; what gains more takes the place of what was best.
+    fn improve(&self, best: &mut Watched, mut shape: Shape, variance: f64, small: f64) {
+        let n = best.rows.len();
+        let mut variance = vec![variance; n];
+        let mut path: Vec<usize> = Vec::new();
+        for _ in 0..TURNS {
+            let errors = best.rows.errors(&shape);
+            let found = best_path(&best.rows, &errors, &variance, self.price);
+            let next = pruned(&found, &errors, &variance, self.price, best.rows.orders.delays);
+            if next == path {
+                return;
+            }
+            path = next;
+            let Some((fitted, left)) = best.rows.fit(|i| path[i] as f64) else { return };
+            let squares = squares(&best.rows, &fitted, &path);
+            variance = variances(&squares, small);
+            let changes = stretches(&path).len() - 1;
+            let gained: f64 = best.steady.iter().zip(&squares).zip(&variance).map(|((s, e), v)| 0.5 * (s - e) / v).sum();
+            let (gain, share) = (gained - self.price * changes as f64, 1.0 - left / best.steady.iter().sum::<f64>().max(f64::MIN_POSITIVE));
+            if changes > 0 && gain > best.gain && share > LEAST_SHARE {
+                (best.gain, best.share) = (gain, share);
+                (best.shape, best.variance, best.path) = (fitted.clone(), variance.clone(), path.clone());
+            }
+            shape = fitted;
+        }
+    }
+}
+
+impl Watched {
+    /// One delay describes the records.
+    #[must_use]
+    pub fn is_steady(&self) -> bool {
+        self.gain <= 0.0
+    }
+
+    /// The stretches at one delay; a record that begins begins another.
+    #[must_use]
+    pub fn stretches(&self) -> Vec<Stretch> {
+        let errors = self.rows.errors(&self.shape);
+        let found = stretches(&self.path);
+        let mut shown: Vec<Stretch> = Vec::new();
+        for (s, (rows, delay)) in found.iter().enumerate() {
+            let before = s.checked_sub(1).and_then(|b| found.get(b));
+            let mut began = before.map(|(before, from)| self.began(&errors, before.start..rows.end, *from, *delay));
+            for row in rows.clone() {
+                let (record, sample) = self.place(row);
+                match shown.last_mut().filter(|l| l.record == record && l.delay == *delay) {
+                    Some(last) => last.samples.end = sample + 1,
+                    None => {
+                        let same = shown.last().is_some_and(|l| l.record == record);
+                        let began = began.take().filter(|_| same).map(|b| b.map(|row| self.place(row).1));
+                        shown.push(Stretch { record, samples: sample..sample + 1, began, delay: delay + self.skip });
+                    }
+                }
+                if let Some(last) = shown.last_mut() {
+                    last.delay = *delay + self.skip;
+                }
+            }
+        }
+        shown
+    }
+
+    /// The record and the sample of a row.
+    pub(super) fn place(&self, row: usize) -> (usize, usize) {
+        let (record, sample) = self.rows.place(row);
+        (record, sample + self.skip)
+    }
+
+    /// The first and the last row at which a change from one delay to another may lie, 95 %: its likelihood over all places, added up.
+    fn began(&self, errors: &Errors<'_>, rows: std::ops::Range<usize>, from: usize, to: usize) -> [usize; 2] {
+        let start = rows.start;
+        let mut log = Vec::with_capacity(rows.len());
+        let mut sum = 0.0;
+        for i in rows {
+            log.push(sum);
+            sum += 0.5 * (errors.whole(i, to).powi(2) - errors.whole(i, from).powi(2)) / self.variance[i];
+            // A change behind row i leaves row i at the delay before.
+        }
+        let top = log.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let weights: Vec<f64> = log.iter().map(|l| (l - top).exp()).collect();
+        let total: f64 = weights.iter().sum();
+        let mut below = 0.0;
+        let mut ends = [start, start + weights.len().saturating_sub(1)];
+        for (i, w) in weights.iter().enumerate() {
+            if below <= 0.025 * total {
+                ends[0] = start + i;
+            }
+            below += w;
+            if below >= 0.975 * total {
+                ends[1] = start + i;
+                break;
+            }
+        }
+        ends
+    }
+}
+
+/// e² of each row along a path.
+fn squares(rows: &Rows, shape: &Shape, path: &[usize]) -> Vec<f64> {
+    let errors = rows.errors(shape);
+    path.iter().enumerate().map(|(i, &d)| errors.whole(i, d).powi(2)).collect()
+}
+
+/// Halves and thirds of the records.
+fn parts<'a>(records: &'a [Record<'_>]) -> Vec<Record<'a>> {
+    let cut = |record: &'a Record<'_>| {
+        let len = record.len();
+        let each = [2, 3].into_iter().flat_map(|count| (0..count).map(move |part| (part, count)));
+        each.map(move |(part, count)| (len * part / count, len * (part + 1) / count)).map(|(from, to)| record.part(from, from, to - from))
+    };
+    records.iter().take(RECORDS).flat_map(cut).collect()
+}
+
+/// The shape of the best constant delay of a part, and what it leaves of a row.
+fn start(part: &Record<'_>, orders: Orders, max_delay: usize) -> Option<(Shape, f64)> {
+    let scan = arx_scan(std::slice::from_ref(part), orders.na, orders.nb, max_delay);
+    let best = (0..orders.delays).filter(|&k| scan.loss[k].is_finite()).min_by(|&a, &b| scan.loss[a].total_cmp(&scan.loss[b]))?;
+    let (a, b) = scan.coefficients[best].split_at(orders.na);
+    (scan.rows >= 2 * orders.columns()).then(|| (Shape { a: a.to_vec(), b: b.to_vec(), level: 0.0 }, scan.loss[best]))
+}

@@ -1,0 +1,555 @@
+//! What to believe when many methods have answered.
+
+use std::collections::BTreeMap;
+
+use super::conditions::Finding;
+use super::method::WHOLE;
+use super::posterior::RESOLUTION;
+use super::{Basis, Class, Condition, DelayEstimate, Method, Outcome};
+use deadtime_signal::stats::NORMAL_95;
+use deadtime_signal::time::SampleTime;
+
+/// A method, what it answered, and the standard deviation that was to be expected of it, s.
+pub type Said<'a> = (&'a Method, &'a DelayEstimate, Option<f64>);
+
+/// A delay to believe, or none, and a sentence that says why.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Verdict {
+    /// The dead time, s; `None` where nothing is to be believed.
+    pub delay_s: Option<f64>,
+    /// Its 95 % interval, s.
+    pub ci95_s: Option<[f64; 2]>,
+    /// The reason.
+    pub why: String,
+    /// The method whose answer it is.
+    #[serde(skip)]
+    pub method: Option<String>,
+    /// Who of those that count says what.
+    #[serde(skip)]
+    pub grounds: Grounds,
+}
+
+impl Verdict {
+    /// Nothing is to be believed.
+    fn none(why: String) -> Self {
+        Self { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() }
+    }
+}
+
+/// What speaks for a verdict and against it, of the answers that count.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Grounds {
+    /// Methods whose intervals hold the delay, the one whose answer it is first.
+    pub agree: Vec<String>,
+    /// The others, with the delay that each says, s.
+    pub differ: Vec<(String, f64)>,
+    /// Why the number may be none to use.
+    pub doubts: Vec<String>,
+}
+
+/// What is known of the record besides what each method says of it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RecordFacts {
+    /// By how much a response may look too early, because the log was put onto another grid than its own or its input was logged more seldom than its output, s.
+    pub early_s: f64,
+    /// The record shows that the output reacts to the input within the sample.
+    pub direct: bool,
+    /// The input moves once.
+    pub one_step: bool,
+    /// Other inputs visibly act: models of all inputs tell the fraction, and the rest see the output without what the others do.
+    pub others_act: bool,
+}
+
+/// What the record shows that this answer does not withstand; empty where it may be counted. An answer from the part of the input that the output did not cause withstands
+/// feedback with any method, but what disturbs the output is then all that the loop adds to it, which is never white. Where the record is of one step, and no model of more poles fits it better, the
+/// plant's lag is in the model.
+#[must_use]
+pub fn distrust(method: &Method, estimate: &DelayEstimate, findings: &[Finding]) -> Vec<Condition> {
+    let shown = findings.iter().map(|f| f.condition).filter(|c| !(estimate.open_part && *c == Condition::Feedback));
+    let shown = shown.filter(|c| !(estimate.enough_poles && *c == Condition::Dynamics));
+    let coloured = estimate.open_part && findings.iter().all(|f| f.condition != Condition::ColouredNoise);
+    shown.chain(coloured.then_some(Condition::ColouredNoise)).filter(|c| !method.withstands(*c)).collect()
+}
+
+/// The experiment that tells a plant from the loop around it.
+pub(super) const EXPERIMENT: &str = "move the set point, or add a random binary signal to the command, by as much as noise moves it at least, log that signal and estimate with it as the input";
+
+/// Weighs answers for one pair. `answers` are (method, answer, standard deviation that was to be expected of it, s), within a class the most trusted first; `findings` is what the record shows.
+///
+/// Nothing is believed where no method found a delay, nor where those that withstand every noise and feedback looked and saw no response. Nor where the input moves once, nobody can be
+/// trusted, and many delays fit a process model.
+///
+/// Methods that do not withstand what the record shows are not counted, nor answers that are contradicted by what they leave over, unless no other has answered; under
+/// feedback not even then. Where most say that the output reacts sooner than the plant can, and the record shows no direct path, those are not counted. Each class of methods has one vote, shared by those of its
+/// methods that found a delay ([`Class::vote_weight`]), and those that read the same intermediate result ([`Basis`]) share one part of it; an answer weighs its share of the vote over its standard deviation (no method is taken for more certain than a sample
+/// allows, nor than the data let expect before it ran, because a model that is too small is wrong by more than it says).
+///
+/// The delay that most votes hold inside their intervals gathers a group; the number is the group's weighted median. The interval is that of the whole group, as no method
+/// knows how wrong its own model is: it begins where 15 % of the weight begins earlier, and ends where 15 % ends later, so that answers which differ make it wide. Where other inputs
+/// act, number and interval are those of the models in the group that fit all inputs together, promise a fraction of a sample, leave nothing over, and that no larger model outdoes:
+/// the others see an output from which the rest was taken by such a model, and add their votes.
+/// Source: Gaba, Tsetlin and Winkler (2017), Decision Analysis 14(1), 1-20, doi:10.1287/deca.2016.0340, for trimming the ends of many intervals. How much is left to the
+/// user there; tests/verdicts.rs measures how often what 15 % leave holds an injected dead time.
+#[must_use]
+pub fn verdict(answers: &[Said<'_>], findings: &[Finding], sample_time: SampleTime, facts: &RecordFacts) -> Verdict {
+    let found: Vec<Found<'_>> = answers.iter().filter_map(|answer| Found::new(answer, findings, sample_time)).collect();
+    if found.is_empty() {
+        let looped = findings.iter().any(|f| f.condition == Condition::Feedback);
+        let advice = if looped { format!("; {EXPERIMENT}") } else { String::new() };
+        let why = format!("no method found a delay to believe ({}){advice}", outcomes(answers, |_| true));
+        return Verdict::none(why);
+    }
+    if let Some(judges) = unseen(answers) {
+        let why = format!(
+            "{} withstand noise of any colour and feedback, and see no response; what others see is likely to be noise: {}",
+            judges.join(", "),
+            named(&found)
+        );
+        return Verdict::none(why);
+    }
+    let trusted: Vec<&Found<'_>> = found.iter().filter(|f| f.distrust.is_empty() && !f.contradicted).collect();
+    let nobody = trusted.is_empty();
+    if nobody && findings.iter().any(|f| f.condition == Condition::Feedback) {
+        let why = format!("no method that answered withstands what the record shows beside feedback ({}): {EXPERIMENT}", named(&found));
+        return Verdict::none(why);
+    }
+    if let Some(vague) = too_many_poles(answers).filter(|_| nobody && facts.one_step) {
+        let why = format!(
+            "one step does not tell this plant's poles from dead time: models of few poles do not fit, and {vague} ({}); record a step with less noise, or one with a sample more often",
+            named(&found)
+        );
+        return Verdict::none(why);
+    }
+    let mut counted: Vec<&Found<'_>> = if nobody { found.iter().collect() } else { trusted };
+    let mut group = Group::of(&counted);
+    // A plant that needs a sample to respond does not respond within it, unless the record shows that it does.
+    let implausible = !facts.direct && group.within() > 0.5;
+    if implausible {
+        counted.retain(|f| !f.within);
+        if counted.is_empty() {
+            let why = format!(
+                "what is seen comes within the sample of the command, sooner than a strictly proper plant answers, and the record shows no direct path: feedback, clocks that differ, or a command logged too seldom ({}); give the relative degree 0 if there is a direct path, else {EXPERIMENT}",
+                named(&found)
+            );
+            return Verdict::none(why);
+        }
+        group = Group::of(&counted);
+    }
+    let Group { lead, agree, differ } = group;
+    let of_all_inputs: Vec<(&Found<'_>, f64)> =
+        agree.iter().filter(|_| facts.others_act).filter_map(|(f, _)| Some((*f, f.of_all_inputs_s?.recip()))).collect();
+    let judges = if of_all_inputs.is_empty() { &agree } else { &of_all_inputs };
+    let middle = quantile(judges.iter().map(|(f, w)| (f.delay_s, *w)), 0.5);
+    let chosen = judges.iter().find(|(f, _)| f.delay_s == middle).map_or(lead, |(f, _)| *f);
+    let first = quantile(judges.iter().map(|(f, w)| (f.interval_s[0], *w)), BEYOND);
+    let last = -quantile(judges.iter().map(|(f, w)| (-f.interval_s[1], *w)), BEYOND);
+    let interval_s = [first.min(chosen.delay_s), last.max(chosen.delay_s) + facts.early_s];
+    let others: Vec<&str> = agree.iter().filter(|(f, _)| f.method != chosen.method).map(|(f, _)| f.method).collect();
+    let mut why = who(chosen.method, &others, &differ);
+    let mut grounds = Grounds {
+        agree: std::iter::once(chosen.method).chain(others.iter().copied()).map(str::to_owned).collect(),
+        differ: differ.iter().map(|(f, _)| (f.method.to_owned(), f.delay_s)).collect(),
+        doubts: Vec::new(),
+    };
+    let mut doubt = |why: &mut String, words: &str| {
+        why.push_str(&format!("; {words}"));
+        grounds.doubts.push(words.to_owned());
+    };
+    if nobody {
+        doubt(&mut why, "no method is made for what the record shows, or the data contradict its model, so this is a guess");
+    }
+    if !of_all_inputs.is_empty() {
+        why.push_str("; number and interval are those of the models that fit all inputs together");
+    }
+    why.push_str(&left_out(&found, nobody, implausible));
+    if chosen.delay_s == 0.0 && facts.direct {
+        why.push_str("; the output reacts within the sample: a direct path, and no dead time");
+    }
+    let silent = outcomes(answers, |e| !matches!(e.outcome, Outcome::Found | Outcome::NotApplicable));
+    if !silent.is_empty() {
+        why.push_str(&format!("; {silent}"));
+    }
+    let total = |side: &[(&Found<'_>, f64)]| side.iter().map(|(_, w)| w).sum::<f64>();
+    if total(&differ) >= total(&agree) {
+        doubt(&mut why, "the methods disagree: check excitation, feedback and the search window before using the number");
+    }
+    Verdict { delay_s: Some(chosen.delay_s), ci95_s: Some(interval_s), why, method: Some(chosen.method.to_owned()), grounds }
+}
+
+/// Who says so, who agrees and who says otherwise.
+fn who(chosen: &str, others: &[&str], differ: &[(&Found<'_>, f64)]) -> String {
+    let mut why = match others.len() {
+        0 => format!("{chosen} alone"),
+        1 => format!("{chosen} says so, and {} agrees with it", others[0]),
+        2..=4 => format!("{chosen} says so, and {} agree with it", others.join(", ")),
+        n => format!("{chosen} says so, and {}, {} and {} more agree with it", others[0], others[1], n - 2),
+    };
+    for (f, _) in differ.iter().take(MOST_NAMED) {
+        why.push_str(&format!("; {} says {:.4} s", f.method, f.delay_s));
+    }
+    if differ.len() > MOST_NAMED {
+        why.push_str(&format!("; {} more say otherwise", differ.len() - MOST_NAMED));
+    }
+    why
+}
+
+/// Which answers were not counted, by reason. Where `nobody` is trusted only those that are implausible are left out.
+fn left_out(found: &[Found<'_>], nobody: bool, implausible: bool) -> String {
+    let mut words = String::new();
+    for (conditions, methods) in by_reason(found).iter().filter(|_| !nobody) {
+        words.push_str(&format!("; not counted because of {}: {}", joined(conditions.iter().map(|c| c.words())), methods.join(", ")));
+    }
+    let those = |which: &dyn Fn(&Found<'_>) -> bool| {
+        found.iter().filter(|f| f.distrust.is_empty() && which(f)).map(|f| f.method).collect::<Vec<_>>().join(", ")
+    };
+    if implausible {
+        let within = those(&|f| f.within && !f.contradicted);
+        words.push_str(&format!("; not counted because they answer within the sample, where the record shows no direct path: {within}"));
+    }
+    let contradicted = those(&|f| f.contradicted);
+    if !(nobody || contradicted.is_empty()) {
+        words.push_str(&format!("; not counted because the data contradict their model: {contradicted}"));
+    }
+    words
+}
+
+/// The answers that are counted, by whether they hold the delay that most votes hold.
+struct Group<'a, 'b> {
+    lead: &'b Found<'a>,
+    agree: Vec<(&'b Found<'a>, f64)>,
+    differ: Vec<(&'b Found<'a>, f64)>,
+}
+
+impl<'a, 'b> Group<'a, 'b> {
+    /// `counted` has one answer at least.
+    fn of(counted: &[&'b Found<'a>]) -> Self {
+        let vote_weights = vote_weights(counted);
+        let support =
+            |at: &Found<'_>| -> f64 { counted.iter().zip(&vote_weights).filter(|(f, _)| f.holds(at.delay_s)).map(|(_, v)| v).sum() };
+        // Ties go to the most trusted method: the order is that of the list.
+        let mut lead = counted[0];
+        for f in &counted[1..] {
+            if support(f) > support(lead) + 1e-9 {
+                lead = f;
+            }
+        }
+        let of_all = counted.iter().zip(&vote_weights).map(|(f, weight)| (*f, weight / f.std_s));
+        let (agree, differ) = of_all.partition(|(f, _)| f.holds(lead.delay_s));
+        Self { lead, agree, differ }
+    }
+
+    /// The share of those who agree that answers within the sample.
+    fn within(&self) -> f64 {
+        let all: f64 = self.agree.iter().map(|(_, w)| w).sum();
+        self.agree.iter().filter(|(f, _)| f.within).map(|(_, w)| w).sum::<f64>() / all.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// What the first few say.
+fn named(found: &[Found<'_>]) -> String {
+    found.iter().take(MOST_NAMED).map(|f| format!("{} says {:.4} s", f.method, f.delay_s)).collect::<Vec<_>>().join("; ")
+}
+
+/// The methods that can tell a response from slow noise, resonant noise and feedback alike, if two or more of them looked and none saw one. The others test against noise that
+/// is white or nearly so, and take what rings or drifts by itself for a response.
+fn unseen<'a>(answers: &[Said<'a>]) -> Option<Vec<&'a str>> {
+    let any = [Condition::UnstablePlant, Condition::Feedback, Condition::ColouredNoise, Condition::Dynamics];
+    let judges = || answers.iter().filter(|(m, _, _)| any.iter().all(|c| m.withstands(*c)));
+    let blind: Vec<&str> = judges().filter(|(_, e, _)| e.outcome == Outcome::NotVisible).map(|(m, _, _)| m.entry.name).collect();
+    (blind.len() >= 2 && !judges().any(|(_, e, _)| e.outcome.has_delay())).then_some(blind)
+}
+
+/// What a process model says of which many delays fit alike, where there is one.
+fn too_many_poles(answers: &[Said<'_>]) -> Option<String> {
+    let flat = answers.iter().find(|(m, e, _)| m.class == Class::Process && e.outcome == Outcome::Flat);
+    flat.map(|(m, e, _)| format!("{} says {}", m.entry.name, e.note.as_deref().unwrap_or("that many delays fit")))
+}
+
+/// Share of the weight that may lie beyond an end of the interval.
+const BEYOND: f64 = 0.15;
+
+/// The smallest value up to which a share of the weight lies.
+fn quantile(weighted: impl Iterator<Item = (f64, f64)>, share: f64) -> f64 {
+    let mut sorted: Vec<(f64, f64)> = weighted.collect();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // Shares that add up to it but for rounding do.
+    let enough = (share - 1e-9) * sorted.iter().map(|(_, w)| w).sum::<f64>();
+    let mut sum = 0.0;
+    let at = sorted.iter().find(|(_, w)| {
+        sum += w;
+        sum >= enough
+    });
+    at.or(sorted.last()).map_or(0.0, |(v, _)| *v)
+}
+
+/// Methods that are named where more would make the sentence unreadable.
+const MOST_NAMED: usize = 3;
+
+/// `flat: area1, area2; singular: p3d`, for the answers that match and have no delay.
+fn outcomes(answers: &[Said<'_>], which: impl Fn(&DelayEstimate) -> bool) -> String {
+    let mut groups: Vec<(Outcome, Vec<&str>)> = Vec::new();
+    for (m, e, _) in answers.iter().filter(|(_, e, _)| which(e)) {
+        match groups.iter_mut().find(|(o, _)| *o == e.outcome) {
+            Some((_, methods)) => methods.push(m.entry.name),
+            None => groups.push((e.outcome, vec![m.entry.name])),
+        }
+    }
+    let texts: Vec<String> = groups.iter().map(|(o, methods)| format!("{}: {}", o.name().replace('_', " "), methods.join(", "))).collect();
+    texts.join("; ")
+}
+
+fn joined<'a>(words: impl Iterator<Item = &'a str>) -> String {
+    words.collect::<Vec<_>>().join(" and ")
+}
+
+/// The methods that are not counted, by what they do not withstand.
+fn by_reason<'a>(found: &[Found<'a>]) -> BTreeMap<Vec<Condition>, Vec<&'a str>> {
+    let mut reasons: BTreeMap<Vec<Condition>, Vec<&str>> = BTreeMap::new();
+    for f in found.iter().filter(|f| !f.distrust.is_empty()) {
+        reasons.entry(f.distrust.clone()).or_default().push(f.method);
+    }
+    reasons
+}
+
+/// An answer with a delay.
+struct Found<'a> {
+    method: &'a str,
+    class: Class,
+    basis: Basis,
+    delay_s: f64,
+    /// Standard deviation, s, at least a sample and at least what was to be expected.
+    std_s: f64,
+    interval_s: [f64; 2],
+    /// The same, at least as wide as a count of samples leaves it.
+    open_s: [f64; 2],
+    distrust: Vec<Condition>,
+    contradicted: bool,
+    /// It answers sooner than the plant can respond.
+    within: bool,
+    /// Standard deviation, s, of a model that resolves fractions of a sample, whose poles are enough: no less than it promises, nor than was to be expected.
+    of_all_inputs_s: Option<f64>,
+}
+
+impl<'a> Found<'a> {
+    fn new((method, estimate, predicted_s): &Said<'a>, findings: &[Finding], sample_time: SampleTime) -> Option<Self> {
+        let delay_s = estimate.delay_s.filter(|_| estimate.outcome == Outcome::Found)?;
+        let resolution_s = sample_time.to_seconds(RESOLUTION.sqrt());
+        let interval_s = estimate.ci95_s.unwrap_or([delay_s, delay_s]);
+        let resolves = estimate.enough_poles && method.tolerance > WHOLE && method.tolerance < 1.0;
+        let least_s = sample_time.to_seconds(method.tolerance).max(predicted_s.unwrap_or(0.0));
+        Some(Self {
+            method: method.entry.name,
+            class: method.class,
+            basis: method.basis,
+            delay_s,
+            std_s: estimate.std_s.unwrap_or(f64::INFINITY).max(predicted_s.unwrap_or(0.0)).max(sample_time.seconds()),
+            interval_s,
+            open_s: [interval_s[0].min(delay_s - NORMAL_95 * resolution_s), interval_s[1].max(delay_s + NORMAL_95 * resolution_s)],
+            distrust: distrust(method, estimate, findings),
+            contradicted: estimate.contradicted,
+            of_all_inputs_s: estimate.std_s.filter(|_| resolves).map(|std_s| std_s.max(least_s)),
+            within: estimate.raw_delay_s.is_some_and(|raw| raw < sample_time.to_seconds(estimate.degree_bias_samples - 0.5)),
+        })
+    }
+
+    /// The delay lies inside the interval.
+    fn holds(&self, delay_s: f64) -> bool {
+        delay_s >= self.open_s[0] && delay_s <= self.open_s[1]
+    }
+}
+
+/// The vote of each class, shared by what its methods read their answers from; and the part of each such basis shared by all methods that read it, of other classes too.
+fn vote_weights(found: &[&Found<'_>]) -> Vec<f64> {
+    let same = |f: &Found<'_>, g: &Found<'_>| if f.basis == Basis::Own { f.method == g.method } else { f.basis == g.basis };
+    let weight = |f: &&Found<'_>| {
+        let class: Vec<&&Found<'_>> = found.iter().filter(|g| g.class == f.class).collect();
+        // The first of its basis stands for all.
+        let bases = class.iter().enumerate().filter(|(i, g)| class[..*i].iter().all(|h| !same(g, h))).count();
+        let sharing = found.iter().filter(|g| same(f, g)).count();
+        f.class.vote_weight() / (bases * sharing) as f64
+    };
+    found.iter().map(weight).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::method;
+
+    fn answer(delay_s: f64, std_s: f64) -> DelayEstimate {
+        DelayEstimate {
+            delay_s: Some(delay_s),
+            std_s: Some(std_s),
+            ci95_s: Some([delay_s - 2.0 * std_s, delay_s + 2.0 * std_s]),
+            outcome: Outcome::Found,
+            ..DelayEstimate::without(Outcome::Found, "")
+        }
+    }
+
+    fn of(answers: &[(&str, &DelayEstimate)], findings: &[Finding]) -> Verdict {
+        let answers: Vec<Said<'_>> = answers.iter().map(|(m, e)| (method(m).unwrap(), *e, None)).collect();
+        verdict(&answers, findings, SampleTime::new(0.01).unwrap(), &RecordFacts::default())
+    }
+
+    fn shows(condition: Condition) -> Vec<Finding> {
+        vec![Finding { condition, evidence: String::new() }]
+    }
+
+    #[test]
+    fn the_delay_that_more_classes_hold_wins_over_the_more_trusted_loner() {
+        let (a, b, c) = (answer(1.0, 0.01), answer(2.0, 0.1), answer(2.1, 0.1));
+        let v = of(&[("oestruc", &a), ("threshold", &b), ("state_least_squares", &c)], &[]);
+        assert_eq!(v.delay_s, Some(2.1));
+        assert!(
+            v.why.starts_with("state_least_squares says so, and threshold agrees") && v.why.contains("oestruc says 1.0000 s"),
+            "{}",
+            v.why
+        );
+    }
+
+    #[test]
+    fn of_a_step_that_no_model_of_few_poles_fits_nothing_is_believed_where_many_delays_fit_one_of_more() {
+        let few = answer(1.0, 0.1).contradicted(Some("p2d fits better".to_owned()));
+        let many = DelayEstimate::without(Outcome::Flat, "delays from 3.2 to 24.9 samples fit equally well");
+        let said: Vec<Said<'_>> = vec![(method("p1d").unwrap(), &few, None), (method("p3d").unwrap(), &many, None)];
+        let v = |one_step| verdict(&said, &[], SampleTime::new(0.1).unwrap(), &RecordFacts { one_step, ..RecordFacts::default() });
+        assert_eq!((v(true).delay_s, v(false).delay_s), (None, Some(1.0)));
+        assert!(v(true).why.contains("p3d says delays from 3.2 to 24.9 samples"), "{}", v(true).why);
+    }
+
+    #[test]
+    fn methods_of_one_class_share_their_vote() {
+        let (sharp, early, early_too) = (answer(2.0, 0.1), answer(1.0, 0.1), answer(1.0, 0.1));
+        let v = of(&[("oestruc", &sharp), ("threshold", &early), ("threshold_step", &early_too)], &[]);
+        assert_eq!(v.delay_s, Some(2.0), "two thresholds on one response are one vote: {}", v.why);
+        assert!(v.why.contains("threshold says 1.0000 s; threshold_step says 1.0000 s"), "{}", v.why);
+    }
+
+    #[test]
+    fn methods_of_two_classes_that_read_one_model_share_their_vote() {
+        let (wrong, right) = (answer(1.0, 0.1), answer(2.0, 0.1));
+        // arxdap reads the polynomials of the scan that arxstruc reads the losses of: together half of the class's vote, as much as p2d has on its own is more.
+        let v = of(&[("arxstruc", &wrong), ("delayest", &wrong), ("arxdap", &wrong), ("p2d", &right)], &[]);
+        assert_eq!(v.delay_s, Some(2.0), "{}", v.why);
+        let v = of(&[("arxstruc", &wrong), ("oestruc", &wrong), ("lagudap", &wrong), ("p2d", &right)], &[]);
+        assert_eq!(v.delay_s, Some(1.0), "models of their own have votes of their own: {}", v.why);
+    }
+
+    #[test]
+    fn a_vague_answer_does_not_move_the_median() {
+        let (vague, sharp, late) = (answer(0.0, 8.0), answer(2.0, 0.5), answer(12.0, 4.0));
+        let v = of(&[("threshold", &vague), ("oestruc", &sharp), ("state_least_squares", &late)], &[]);
+        assert_eq!((v.delay_s, v.ci95_s), (Some(2.0), Some([1.0, 3.0])));
+    }
+
+    #[test]
+    fn an_answer_more_certain_than_the_data_let_expect_does_not_decide() {
+        let (bold, plain, other) = (answer(5.0, 0.01), answer(7.0, 2.0), answer(7.5, 2.0));
+        let (p2d, oestruc, arxdap) = (method("p2d").unwrap(), method("oestruc").unwrap(), method("arxdap").unwrap());
+        let weighed = |expected: Option<f64>| {
+            let answers = [(p2d, &bold, expected), (oestruc, &plain, expected), (arxdap, &other, expected)];
+            verdict(&answers, &[], SampleTime::new(0.01).unwrap(), &RecordFacts::default())
+        };
+        assert_eq!(weighed(None).delay_s, Some(5.0));
+        assert_eq!(weighed(Some(2.0)).delay_s, Some(7.0));
+    }
+
+    #[test]
+    fn the_interval_is_that_of_all_who_agree_but_for_one_who_is_alone_in_going_further() {
+        let (narrow, wide, widest) = (answer(2.0, 0.1), answer(2.1, 0.3), answer(2.0, 2.0));
+        let v = of(&[("oestruc", &narrow), ("p2d", &wide)], &[]);
+        assert_eq!(v.delay_s, Some(2.0));
+        assert_eq!(v.ci95_s.map(|ends| ends.map(|end| (100.0 * end).round())), Some([150.0, 270.0]), "{}", v.why);
+        let v = of(&[("oestruc", &narrow), ("p2d", &wide), ("arxdap", &widest)], &[]);
+        assert_eq!(v.ci95_s.map(|ends| ends.map(|end| (100.0 * end).round())), Some([150.0, 270.0]), "{}", v.why);
+    }
+
+    #[test]
+    fn what_another_grid_made_early_is_inside_the_interval() {
+        let (at, method) = (answer(2.0, 0.1), method("oestruc").unwrap());
+        let v =
+            verdict(&[(method, &at, None)], &[], SampleTime::new(0.1).unwrap(), &RecordFacts { early_s: 0.3, ..RecordFacts::default() });
+        assert_eq!((v.delay_s, v.ci95_s), (Some(2.0), Some([1.8, 2.5])));
+    }
+
+    #[test]
+    fn a_method_that_does_not_withstand_the_record_is_not_counted_and_the_reason_is_said() {
+        let (open, closed) = (answer(1.0, 0.1), answer(2.0, 0.1));
+        let v = of(&[("oestruc", &open), ("threshold", &open), ("arxstruc", &closed)], &shows(Condition::Feedback));
+        assert_eq!(v.delay_s, Some(2.0));
+        assert!(v.why.contains("not counted because of feedback: oestruc, threshold"), "{}", v.why);
+        let v = of(&[("oestruc", &open), ("threshold", &open)], &shows(Condition::Feedback));
+        assert_eq!(v.delay_s, None, "a loop makes sharp answers wrong");
+        assert!(v.why.contains("add a random binary signal to the command"), "{}", v.why);
+        let v = of(&[("threshold", &open)], &shows(Condition::ColouredNoise));
+        assert_eq!(v.delay_s, Some(1.0), "better a guess than nothing, and said");
+        assert!(v.why.contains("this is a guess"), "{}", v.why);
+        let freed = DelayEstimate { open_part: true, ..open };
+        let v = of(&[("oestruc", &freed), ("threshold", &freed)], &shows(Condition::Feedback));
+        assert_eq!(v.delay_s, Some(1.0), "what the output did not cause is free of feedback");
+        assert!(v.why.starts_with("oestruc alone") && v.why.contains("not counted because of coloured noise: threshold"), "{}", v.why);
+    }
+
+    #[test]
+    fn an_answer_within_the_sample_counts_where_the_record_shows_a_direct_path() {
+        let within = DelayEstimate { raw_delay_s: Some(0.0), degree_bias_samples: 1.0, ..answer(0.0, 0.001) };
+        let later = DelayEstimate { raw_delay_s: Some(0.04), degree_bias_samples: 1.0, ..answer(0.03, 0.005) };
+        let said = [("oestruc", &within), ("arxdap", &within), ("p2d", &later)].map(|(m, e)| (method(m).unwrap(), e, None));
+        let v = |direct| verdict(&said, &[], SampleTime::new(0.01).unwrap(), &RecordFacts { direct, ..RecordFacts::default() });
+        assert_eq!((v(true).delay_s, v(false).delay_s), (Some(0.0), Some(0.03)));
+        assert!(v(true).why.contains("a direct path, and no dead time"), "{}", v(true).why);
+        assert!(
+            v(false).why.contains("answer within the sample, where the record shows no direct path: oestruc, arxdap"),
+            "{}",
+            v(false).why
+        );
+        let alone = verdict(&said[..2], &[], SampleTime::new(0.01).unwrap(), &RecordFacts::default());
+        assert!(alone.delay_s.is_none() && alone.why.contains("sooner than a strictly proper plant answers"), "{}", alone.why);
+    }
+
+    #[test]
+    fn beside_other_inputs_the_models_of_all_inputs_tell_the_fraction_and_the_rest_vote() {
+        let fitted = |at: f64, std: f64| DelayEstimate { enough_poles: true, ..answer(at, std) };
+        let (p1d, p2d, whole, outdone) = (fitted(0.618, 0.001), fitted(0.616, 0.013), answer(0.6, 0.03), answer(0.64, 0.05));
+        let said = [("arxstruc", &whole), ("oestruc", &whole), ("p1d", &p1d), ("p2d", &p2d), ("p3d", &outdone)]
+            .map(|(m, e)| (method(m).unwrap(), e, None));
+        let v = |others_act, said: &[Said<'_>]| {
+            verdict(said, &[], SampleTime::new(0.1).unwrap(), &RecordFacts { others_act, ..RecordFacts::default() })
+        };
+        let (beside, alone) = (v(true, &said), v(false, &said));
+        assert_eq!((beside.delay_s, beside.ci95_s), (Some(0.618), Some([0.616 - 0.026, 0.616 + 0.026])), "{}", beside.why);
+        assert_eq!(alone.delay_s, Some(0.6), "with one input nothing changes: {}", alone.why);
+        // Where most votes hold another delay, two models are not believed for being fine.
+        let far = answer(0.9, 0.03);
+        let most = [("arxstruc", &far), ("threshold", &far), ("arxdap", &far), ("p1d", &p1d)].map(|(m, e)| (method(m).unwrap(), e, None));
+        assert_eq!(v(true, &most).delay_s, Some(0.9));
+    }
+
+    #[test]
+    fn an_answer_that_its_own_leftovers_contradict_is_not_counted() {
+        let (sharp, plain) = (answer(1.0, 0.001).contradicted(Some("the leftovers follow the input".to_owned())), answer(2.0, 0.1));
+        let v = of(&[("p2d", &sharp), ("oestruc", &plain)], &[]);
+        assert_eq!(v.delay_s, Some(2.0));
+        assert!(v.why.contains("the data contradict their model: p2d"), "{}", v.why);
+    }
+
+    #[test]
+    fn a_response_that_the_methods_against_every_noise_do_not_see_is_not_believed() {
+        let (none, found) = (DelayEstimate::without(Outcome::NotVisible, ""), answer(1.0, 0.1));
+        let v = of(&[("oestruc", &found), ("arxstruc", &none), ("armaxstruc", &none)], &[]);
+        assert_eq!(v.delay_s, None);
+        assert!(v.why.starts_with("arxstruc, armaxstruc withstand") && v.why.ends_with("oestruc says 1.0000 s"), "{}", v.why);
+        let v = of(&[("oestruc", &found), ("arxstruc", &none), ("armaxstruc", &found)], &[]);
+        assert_eq!(v.delay_s, Some(1.0), "one of them sees it");
+        let v = of(&[("oestruc", &found), ("arxstruc", &none)], &[]);
+        assert_eq!(v.delay_s, Some(1.0), "one alone may be of too low an order");
+    }
+
+    #[test]
+    fn nothing_found_is_nothing_believed() {
+        let none = DelayEstimate::without(Outcome::NotVisible, "");
+        let v = of(&[("oestruc", &none), ("arxstruc", &none)], &[]);
+        assert_eq!(v.delay_s, None);
+        assert!(v.why.contains("not visible: oestruc, arxstruc"), "{}", v.why);
+    }
+}

@@ -1,0 +1,128 @@
+//! A pair's verdict where its delay moves: what one number would hide, in place of it.
+
+use super::report::Pair;
+use super::track::{Anchor, AtOneDelay, Kind, Moving, Watch, tracked};
+use super::{DelayError, DelayEstimate, Experiment, Grounds, Outcome, Ready, RecordFacts, Recording, Search, Series, Verdict, verdict};
+use deadtime_signal::time::SampleTime;
+
+/// What is wanted beside the test.
+pub(super) struct Asked {
+    /// The delay against time, also where one delay describes the records.
+    pub(super) track: bool,
+    /// What is known of the record.
+    pub(super) facts: RecordFacts,
+}
+
+/// Methods that say what the delay is once its changes are taken out of the record; without any of them those that were asked for.
+const ANCHORS: [&str; 4] = ["oestruc", "oe_posterior", "arxstruc", "p2d"];
+/// The most methods that are asked twice.
+const MOST: usize = 4;
+/// Samples by which the watch's own model may miss a dead time, 95 %: its first coefficient need not be the first that acts.
+const OWN: f64 = 3.0;
+/// Stretches that a sentence names.
+const NAMED: usize = 6;
+
+/// Watches the delay of a pair over time, tells of it, and takes the one number back where one delay does not describe the records.
+pub(super) fn tell(pair: &mut Pair, one: &Experiment<'_>, search: &Search, methods: &[&Ready], asked: &Asked) -> Result<(), DelayError> {
+    let records = one.pair(0, 0)?;
+    let watch = Watch::default();
+    let Some(seen) = watch.look(&records, search) else { return Ok(()) };
+    search.go_on()?;
+    if seen.is_steady() && !asked.track {
+        return Ok(());
+    }
+    let track = seen.track();
+    search.go_on()?;
+    let ts = one.sample_time();
+    let bias = search.bias.first().and_then(|row| row.first()).copied().unwrap_or(search.default_bias);
+    // The delay that lasts longest.
+    let longest = seen.stretches().into_iter().max_by_key(|s| s.samples.len());
+    let reference = longest.map_or(bias as f64, |s| s.delay as f64);
+    let straight = if seen.is_steady() {
+        pair.verdict.clone()
+    } else {
+        let straightened = track.straightened(&records, reference).into_iter();
+        let recordings = straightened.map(|r| Recording {
+            inputs: vec![r.u],
+            outputs: vec![Series { values: r.y, present: r.present }],
+            states: Vec::new(),
+        });
+        straight_verdict(pair, &one.with_recordings(recordings.collect()), search, methods, asked)?
+    };
+    let own = ts.to_seconds(reference - bias as f64);
+    let anchor = match (straight.delay_s, straight.ci95_s) {
+        (Some(delay_s), Some(ci95_s)) => Anchor { reference, delay_s, ci95_s },
+        _ => Anchor { reference, delay_s: own.max(0.0), ci95_s: [own - ts.to_seconds(OWN), own + ts.to_seconds(OWN)] },
+    };
+    if asked.track {
+        pair.track = Some(tracked(&track, &anchor, ts));
+    }
+    if !seen.is_steady() {
+        let drift = seen.drift(&track, watch.price);
+        let lengths: Vec<usize> = records.iter().map(super::Record::len).collect();
+        let moving = Moving::new(&seen, &track, drift, &anchor, &lengths, bias, ts);
+        pair.verdict =
+            Verdict { delay_s: None, ci95_s: None, why: sentence(&moving, lengths.len(), ts), method: None, grounds: Grounds::default() };
+        pair.moving = Some(moving);
+    }
+    Ok(())
+}
+
+/// What a few methods say of the records without their changes.
+fn straight_verdict(
+    pair: &Pair,
+    straight: &Experiment<'_>,
+    search: &Search,
+    methods: &[&Ready],
+    asked: &Asked,
+) -> Result<Verdict, DelayError> {
+    let known: Vec<&&Ready> = methods.iter().filter(|r| ANCHORS.contains(&r.method.entry.name)).collect();
+    let ask: Vec<&&Ready> = if known.is_empty() { methods.iter().take(MOST).collect() } else { known };
+    let mut answers: Vec<DelayEstimate> = Vec::with_capacity(ask.len());
+    for ready in &ask {
+        answers.push(match ready.estimator.estimate(straight, search) {
+            Ok(answer) => answer,
+            Err(DelayError::Stopped) => return Err(DelayError::Stopped),
+            Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+        });
+    }
+    let said: Vec<_> = ask.iter().zip(&answers).map(|(r, a)| (r.method, a, None)).collect();
+    Ok(verdict(&said, &pair.findings, straight.sample_time(), &asked.facts))
+}
+
+/// `One delay does not describe this record: 0.10 s until 12.4 s, 0.30 s from then on`.
+fn sentence(moving: &Moving, records: usize, ts: SampleTime) -> String {
+    let digits = |v: f64, step: f64| {
+        let places = (1.0 - step.log10()).ceil().clamp(0.0, 9.0) as usize;
+        format!("{v:.places$}")
+    };
+    let delay = |v: f64| digits(v, ts.seconds());
+    let time = |v: f64| digits(v, 10.0 * ts.seconds());
+    let [low, middle, high] = moving.quantiles_s;
+    let what = if records > 1 { "these records" } else { "this record" };
+    let intro = format!("One delay does not describe {what}");
+    if let (Kind::Drifts, Some(rate)) = (moving.kind, moving.rate) {
+        return format!("{intro}: it drifts by {rate:.2e} s each second, between {} and {} s", delay(low), delay(high));
+    }
+    let changes = moving.stretches.len().saturating_sub(1);
+    if changes >= NAMED {
+        return format!(
+            "{intro}: it changes {changes} times; {} s or less for 5 % of the time, {} s for half of it, {} s for 95 %",
+            delay(low),
+            delay(middle),
+            delay(high)
+        );
+    }
+    let part = |(i, s): (usize, &AtOneDelay)| {
+        let next = moving.stretches.get(i + 1).filter(|n| n.record == s.record);
+        let first = i == 0 || moving.stretches[i - 1].record != s.record;
+        let which = if records > 1 && first { format!("in record {} ", s.record + 1) } else { String::new() };
+        let value = format!("{which}{} s ({} to {} s)", delay(s.delay_s), delay(s.ci95_s[0]), delay(s.ci95_s[1]));
+        match (next.and_then(|n| n.from_ci95_s), first) {
+            (Some([a, b]), _) => format!("{value} until {} s ({} to {} s)", time(s.to_s), time(a), time(b)),
+            (None, true) => value,
+            (None, false) => format!("{value} from then on"),
+        }
+    };
+    format!("{intro}: {}", moving.stretches.iter().enumerate().map(part).collect::<Vec<_>>().join(", "))
+}

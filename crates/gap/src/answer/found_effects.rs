@@ -1,0 +1,41 @@
+//! Effects with their parameters and intervals, as they stand in a diagnosis.
+
+use crate::format::found::{FoundEffect, FoundParameter};
+use crate::hypothesis::effects::Hypothesis;
+use crate::judge::intervals::Estimate;
+use crate::likelihood::gaussian::Likelihood;
+use deadtime_signal::stats::interval95;
+
+/// Relative standard deviation of a lattice's step: the rounding of numbers in a log.
+const LATTICE: f64 = 1e-6;
+
+/// The effects of a hypothesis; `estimate` belongs to it.
+pub(crate) fn found_effects(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, estimate: Option<&Estimate>) -> Vec<FoundEffect> {
+    let parameter = |e: usize, i: usize| {
+        let applied = &hypothesis.effects[e];
+        let place = hypothesis.free.iter().position(|&at| at == (e, i));
+        let std = match (&hypothesis.lost, place) {
+            (Some(lost), None) if applied.effect.loses_commands() => {
+                let input = likelihood.system.inputs.iter().position(|p| p.name == applied.channel);
+                input.and_then(|input| lost.std[input].get(i).copied())
+            }
+            (_, None) if applied.effect.leaves_residual() => Some(LATTICE * applied.values[i]),
+            _ => estimate.zip(place).and_then(|(estimate, at)| estimate.std[at]).filter(|std| std.is_finite()),
+        };
+        let value = applied.values[i];
+        FoundParameter {
+            name: applied.parameters[i].name.to_string(),
+            unit: applied.parameters[i].unit.clone(),
+            value: value.is_finite().then_some(value),
+            std,
+            ci95: std.map(|s| interval95(value, s)),
+        }
+    };
+    (hypothesis.effects.iter().enumerate())
+        .map(|(e, applied)| FoundEffect {
+            effect: applied.effect.name().to_owned(),
+            channel: applied.channel.clone(),
+            parameters: (0..applied.values.len()).map(|i| parameter(e, i)).collect(),
+        })
+        .collect()
+}

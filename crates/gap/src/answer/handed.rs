@@ -1,0 +1,102 @@
+//! The model as it is handed over: what was found, in the form that helps a simulation.
+//!
+//! Which commands were lost, or how late each was, is decoded from the outputs; of a run that is still to come nobody knows it, and a draw of its own is as
+//! far from the truth as the truth is from its mean. So a hidden sequence is handed over as the fixed delay or the lag that comes closest on average, or
+//! not at all where neither helps. And what makes held-out data worse is not handed over, whatever it explains of the training logs: a delay that jumped
+//! once need not jump again at the same time.
+//!
+//! How it can be wrong: that the held-out data may veto makes the shrink a little too good where it is about 0; it is never negative.
+
+use rayon::prelude::*;
+
+use crate::format::caveat::Caveat;
+use crate::hypothesis::direction::with;
+use crate::hypothesis::effects::Hypothesis;
+use crate::likelihood::active_effects::NO_EFFECT;
+use crate::likelihood::errors::{Errors, overall};
+use crate::likelihood::gaussian::Likelihood;
+use crate::likelihood::residuals::simulated;
+use deadtime_model::effect::{Applied, Lateness, Scales, row};
+
+/// What stands in for a hidden sequence must lower the training error to this part, or it is left out; 1.
+const HELPS: f64 = 0.98;
+/// Effects that stand in for a hidden sequence.
+const INSTEAD: [Lateness; 2] = [Lateness::Fixed, Lateness::Lag];
+
+/// Effects as they are handed over.
+pub(crate) struct HandedOver {
+    pub(crate) effects: Vec<Applied>,
+    /// What a reader has to know where they are not those that were found.
+    pub(crate) caveat: Option<Caveat>,
+}
+
+/// Errors of runs with effects, without anything decoded: learnt and held out; `None` where they cannot be simulated.
+fn errors(likelihood: &Likelihood<'_>, effects: &[Applied]) -> Option<[f64; 2]> {
+    let residuals = if effects.is_empty() { simulated(likelihood, NO_EFFECT)? } else { simulated(likelihood, effects)? };
+    let of = |held: bool| overall(&Errors::of(likelihood.records, &residuals, |r| if held { r.held } else { r.train }).nrmse());
+    Some([of(false).unwrap_or(0.0), of(true).unwrap_or(0.0)])
+}
+
+/// The form of what was found that helps a simulation.
+pub(crate) fn in_a_form_that_helps(likelihood: &Likelihood<'_>, found: Option<&Hypothesis>, scales: &Scales) -> HandedOver {
+    let as_found = |effects: Vec<Applied>| HandedOver { effects, caveat: None };
+    let Some(found) = found.filter(|e| !e.effects.is_empty()) else { return as_found(Vec::new()) };
+    let Some([nominal, nominal_held]) = errors(likelihood, &[]) else { return as_found(found.effects.clone()) };
+    let names = |effects: &[Applied]| effects.iter().map(Applied::key).collect::<Vec<_>>().join(" and ");
+    if !found.loses_commands() {
+        let worse = errors(likelihood, &found.effects).is_some_and(|[_, held]| held > nominal_held);
+        return match worse {
+            true => HandedOver { effects: Vec::new(), caveat: Some(Caveat::LeftOut { effects: names(&found.effects) }) },
+            false => as_found(found.effects.clone()),
+        };
+    }
+    let (hidden, plain): (Vec<Applied>, Vec<Applied>) = found.effects.iter().cloned().partition(|a| a.effect.loses_commands());
+    let mut forms: Vec<(f64, Vec<Applied>)> = stand_ins(likelihood, &hidden, &plain, scales);
+    forms.push((1.0, plain));
+    let known: Vec<([f64; 2], Vec<Applied>)> = (forms.into_iter())
+        .filter_map(|(factor, effects)| {
+            let [learnt, held] = errors(likelihood, &effects)?;
+            // What is left out needs no excuse; what stands in has to help.
+            (held <= nominal_held).then_some(([learnt / factor, held], effects))
+        })
+        .filter(|([learnt, _], effects)| effects.is_empty() || *learnt <= nominal)
+        .collect();
+    let effects = known.into_iter().min_by(|a, b| a.0[0].total_cmp(&b.0[0])).map(|(_, effects)| effects).unwrap_or_default();
+    let instead: Vec<Applied> = effects.iter().filter(|a| hidden.iter().any(|h| h.channel == a.channel)).cloned().collect();
+    let caveat = match instead.iter().find(|a| a.effect.lateness().is_some_and(|late| INSTEAD.contains(&late))) {
+        Some(a) => Caveat::HandedOver {
+            effects: names(&hidden),
+            instead: format!("{} of {:.3} s", a.key(), a.values.first().copied().unwrap_or_default()),
+        },
+        None => Caveat::LeftOut { effects: names(&hidden) },
+    };
+    HandedOver { effects, caveat: Some(caveat) }
+}
+
+/// What could stand in for the hidden sequences beside the other effects, fitted, each with the part of the error to which it must come down.
+fn stand_ins(likelihood: &Likelihood<'_>, hidden: &[Applied], plain: &[Applied], scales: &Scales) -> Vec<(f64, Vec<Applied>)> {
+    let Some(cost) = likelihood.whitened(NO_EFFECT).map(|w| likelihood.inner(&w, &w)) else { return Vec::new() };
+    let fitted = |late: &Lateness| {
+        let mut begin = plain.to_vec();
+        for one in hidden {
+            let nominal = Applied::nominal(likelihood.system, late.effect().ok()?, &one.channel).ok()?;
+            // Of the first guesses the one that does best beside the others.
+            let better = |start: &Vec<f64>| {
+                let there: Vec<Applied> = begin.iter().cloned().chain([with(&nominal, start)]).collect();
+                likelihood.whitened(&there).map_or(f64::INFINITY, |w| likelihood.inner(&w, &w))
+            };
+            let guesses = likelihood.first_guesses(&nominal, scales);
+            let costs: Vec<f64> = guesses.iter().map(better).collect();
+            let best = (0..guesses.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b]))?;
+            begin.push(with(&nominal, &guesses[best]));
+        }
+        begin.sort_by_key(|a| row(a.effect));
+        let fitted = Hypothesis::fit(likelihood, &begin, scales, cost, likelihood.budget.steps)?;
+        Some((HELPS, fitted.effects))
+    };
+    if likelihood.system.is_black_box() {
+        INSTEAD.iter().filter_map(fitted).collect()
+    } else {
+        INSTEAD.par_iter().filter_map(fitted).collect()
+    }
+}

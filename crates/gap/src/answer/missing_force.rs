@@ -1,0 +1,191 @@
+//! What stays of a gap, told as a missing force: on which state's derivative, and with which variable it goes.
+//!
+//! The model as it is handed over is linearised along its own run. For each state and each simple function φ of a state or a command, the response of the outputs to φ
+//! on the state's derivative is regressed on what is left, the start of every span being free. That is the least-squares estimate of g in ẋ_i = f_i + g·φ, without
+//! a smoothed force in between whose own roughness would have to be chosen. g comes from the training spans; the part of what is left that it predicts (R²) is
+//! that of the held-out spans.
+//!
+//! How it can be wrong: many functions are tried, and something goes with the rest by chance, above all where both are slow. So the same search is done with the
+//! responses turned round in time against what is left, which keeps the colour of both; nothing is said unless the true R² is larger than the largest of all
+//! turns. A periodic command fits again after a period: then nothing is said, too. Two functions may go together on these data, and the plainer one is told.
+//! Past the linearisation, and behind a lag or a delay of a sensor, the response is another: R² is smaller then. It describes, and is no cause.
+
+use nalgebra::{DMatrix, DVector};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rayon::prelude::*;
+
+use super::along_the_run::{Run, runs};
+use super::force_profile::{ForceProfile, profile};
+use super::forms::{Form, Part};
+use crate::format::contributions::Description;
+use crate::input::record::Span;
+use crate::likelihood::errors::Errors;
+use crate::likelihood::gaussian::Likelihood;
+use deadtime_model::effect::Applied;
+use deadtime_model::simulate::System;
+
+/// Turns of the responses against what is left: what chance does. The largest of so many is passed once in 60 times.
+const TURNS: usize = 59;
+/// A part of what is left that is worth a sentence.
+const WORTH: f64 = 0.1;
+/// Functions whose R² is so near to the best one's are as good.
+const AS_GOOD: f64 = 0.02;
+/// Samples of all logs that are regressed on; of more every second, third … one is.
+const SAMPLES: usize = 6000;
+/// With more states nothing is described.
+const STATES: usize = 16;
+/// What of a start's response is no more than rounding beside the starts before it.
+const INDEPENDENT: f64 = 1e-6;
+
+/// Sums over the parts of one kind: response by what is left, and by itself.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    product: f64,
+    square: f64,
+}
+
+/// The gain from training spans, and the part of what is left in held-out spans that it predicts.
+fn predicted(trained: Sums, held: Sums, left: f64) -> (f64, f64) {
+    let gain = trained.product / trained.square;
+    (gain, (2.0 * gain * held.product - gain * gain * held.square) / left)
+}
+
+/// What is left, told as a missing force, and its curve where that can be had; `None` where chance does as much, and for a simulator without differential equations at hand.
+pub(crate) fn describe(
+    likelihood: &Likelihood<'_>,
+    effects: &[Applied],
+    left: &[DMatrix<f64>],
+    seed: u64,
+) -> Option<(Description, Option<ForceProfile>)> {
+    let (system, records) = (likelihood.system, likelihood.records);
+    let states = system.states.len();
+    if states == 0 || states > STATES {
+        return None;
+    }
+    let every = records.iter().map(|r| r.time_s.len()).sum::<usize>().div_ceil(SAMPLES).max(1);
+    let runs = runs(likelihood, effects)?;
+    let spread = Errors::of(records, left, |r| r.train.or(r.held));
+    let weights: Vec<f64> = spread.deviations.iter().map(|d| if *d > 0.0 { d.sqrt().recip() } else { 0.0 }).collect();
+    let parts: Vec<Part> = (0..records.len())
+        .flat_map(|at| [(at, false), (at, true)])
+        .filter_map(|(at, held)| {
+            let record = &records[at];
+            let span = if held { record.held } else { record.train }?;
+            Some(part(likelihood, (at, held, span), &runs[at], &left[at], &weights, every))
+        })
+        .collect();
+    let energy = |held: bool| parts.iter().filter(|p| p.held == held).map(|p| p.left.norm_squared()).sum::<f64>();
+    let held_left = energy(true);
+    if !(energy(false) > 0.0 && held_left > 0.0) {
+        return None;
+    }
+    let variables = states + system.inputs.len();
+    let forms = Form::all(variables);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let turns: Vec<Vec<usize>> = (0..TURNS)
+        .map(|_| runs.iter().map(|run| (rng.random_range(0.1..0.9) * run.samples().div_ceil(every) as f64) as usize).collect())
+        .collect();
+    let sums = |responses: &[DMatrix<f64>], turn: Option<&[usize]>, held: bool| {
+        let mut sums = Sums::default();
+        for part in parts.iter().filter(|p| p.held == held) {
+            sums.product += part.product(&responses[part.record], &weights, turn.map_or(0, |t| t[part.record]));
+            sums.square += part.square(&responses[part.record], &weights);
+        }
+        sums
+    };
+    // Per state and function: gain, R², and R² at every turn.
+    let tried = |(state, form): (usize, Form)| {
+        let responses: Vec<DMatrix<f64>> = runs.iter().map(|run| run.response(state, |k| form.of(|v| run.value(v, k)), every)).collect();
+        let (trained, held) = (sums(&responses, None, false), sums(&responses, None, true));
+        let (gain, r2) = predicted(trained, held, held_left);
+        let turned = |turn: &Vec<usize>| {
+            let product = |held: bool| {
+                let here = parts.iter().filter(|p| p.held == held);
+                here.map(|p| p.product(&responses[p.record], &weights, turn[p.record])).sum::<f64>()
+            };
+            predicted(Sums { product: product(false), ..trained }, Sums { product: product(true), ..held }, held_left).1
+        };
+        let chance: Vec<f64> = turns.iter().map(turned).collect();
+        (gain.is_finite() && r2.is_finite()).then_some(Tried { state, form, gain, r2, chance })
+    };
+    let all: Vec<(usize, Form)> = (0..states).flat_map(|i| forms.iter().map(move |f| (i, *f))).collect();
+    let found: Vec<Tried> = all.into_par_iter().filter_map(tried).collect();
+    let best = found.iter().map(|t| t.r2).fold(f64::NEG_INFINITY, f64::max);
+    let chance = found.iter().flat_map(|t| &t.chance).copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
+    if best < WORTH || best <= chance {
+        return None;
+    }
+    let rank = |t: &Tried| forms.iter().position(|f| *f == t.form);
+    let told = found.iter().filter(|t| t.r2 > best - AS_GOOD).min_by(|a, b| rank(a).cmp(&rank(b)).then(b.r2.total_cmp(&a.r2)))?;
+    let name = |v: usize| system.states.iter().chain(&system.inputs).nth(v).map(|p| p.name.clone()).unwrap_or_default();
+    let curve = profile((told.state, told.form, told.gain), (&runs, &parts), &weights, every, name);
+    Some((told.described(system, chance), curve))
+}
+
+/// A function on a state's derivative.
+struct Tried {
+    state: usize,
+    form: Form,
+    gain: f64,
+    r2: f64,
+    chance: Vec<f64>,
+}
+
+impl Tried {
+    fn described(&self, system: &System, chance: f64) -> Description {
+        let names = || system.states.iter().chain(&system.inputs);
+        let goes_with = self.form.text(|v| names().nth(v).map(|p| p.name.clone()).unwrap_or_default());
+        let state = system.states[self.state].name.clone();
+        let sentence = format!(
+            "what is missing on the derivative of `{state}` goes with {goes_with}, {} times it: held-out R² {:.2}, by chance at most {chance:.2}; \
+             it describes and is no cause, which --candidate '{state} += k*{goes_with}' asks for",
+            three_digits(self.gain),
+            self.r2
+        );
+        Description { state, goes_with, held_out_r2: self.r2, sentence }
+    }
+}
+
+fn three_digits(value: f64) -> String {
+    let before = value.abs().log10().floor();
+    if (-4.0..6.0).contains(&before) { format!("{value:.*}", (2.0 - before).max(0.0) as usize) } else { format!("{value:.2e}") }
+}
+
+/// What is left in a span, with the responses to its start.
+fn part(
+    likelihood: &Likelihood<'_>,
+    (at, held, span): (usize, bool, Span),
+    run: &Run,
+    left: &DMatrix<f64>,
+    weights: &[f64],
+    every: usize,
+) -> Part {
+    let record = &likelihood.records[at];
+    let rows: Vec<(usize, usize)> = (0..record.time_s.len())
+        .step_by(every)
+        .flat_map(|k| (0..weights.len()).map(move |o| (k, o)))
+        .filter(|&(k, o)| weights[o] > 0.0 && record.measured_in(Some(span), o, k).is_some())
+        .collect();
+    let first = record.time_s.partition_point(|t| *t < span.from_s);
+    let mut starts: Vec<DVector<f64>> = Vec::new();
+    for response in run.starts(first) {
+        let mut column = DVector::from_iterator(rows.len(), rows.iter().map(|&(k, o)| response[(k, o)] * weights[o]));
+        let size = column.norm();
+        // Twice, against rounding.
+        for q in starts.iter().chain(&starts) {
+            column.axpy(-q.dot(&column), q, 1.0);
+        }
+        let own = column.norm();
+        if own > INDEPENDENT * size && own.is_finite() {
+            starts.push(column / own);
+        }
+    }
+    let mut residual = DVector::from_iterator(rows.len(), rows.iter().map(|&(k, o)| left[(k, o)] * weights[o]));
+    for q in &starts {
+        residual.axpy(-q.dot(&residual), q, 1.0);
+    }
+    let rows = rows.into_iter().map(|(k, o)| (k / every, o)).collect();
+    Part { record: at, held, rows, left: residual, starts }
+}

@@ -1,0 +1,231 @@
+//! The noise of the residuals: autoregressive per output, correlated across outputs, shared by all rivals.
+
+use nalgebra::DMatrix;
+
+use crate::input::criteria::Criteria;
+use crate::input::record::{LogRecord, Span};
+
+/// e = L⁻¹ A(q) r: each output's residual through its autoregression, then all through the inverse factor of the innovations' covariance.
+#[derive(Debug, Clone)]
+pub(crate) struct Noise {
+    /// Coefficients of past residuals, per output.
+    ar: Vec<Vec<f64>>,
+    /// L⁻¹, outputs × outputs.
+    unmix: DMatrix<f64>,
+}
+
+impl Noise {
+    /// White noise of these standard deviations.
+    pub(crate) fn white(std: &[f64]) -> Self {
+        let unmix = DMatrix::from_fn(std.len(), std.len(), |i, j| if i == j { 1.0 / std[i].max(f64::MIN_POSITIVE) } else { 0.0 });
+        Self { ar: vec![Vec::new(); std.len()], unmix }
+    }
+
+    /// From residuals (samples × outputs, one per record): autoregressions by Yule and Walker's equations, their orders by Akaike's criterion.
+    pub(crate) fn fit(records: &[&LogRecord], residuals: &[&DMatrix<f64>], smallest: &[f64], criteria: &Criteria) -> Self {
+        let outputs = smallest.len();
+        let ar: Vec<Vec<f64>> = (0..outputs).map(|i| autoregression(records, residuals, i, criteria)).collect();
+        let mut covariance = DMatrix::zeros(outputs, outputs);
+        let mut count: f64 = 0.0;
+        let plain = Self { ar: ar.clone(), unmix: DMatrix::identity(outputs, outputs) };
+        for (record, residual) in records.iter().zip(residuals) {
+            let e = plain.innovations(record, record.train, residual);
+            for k in 0..record.time_s.len() {
+                if (0..outputs).all(|i| record.measured_in(record.train, i, k).is_some()) {
+                    let row = e.row(k);
+                    covariance += row.transpose() * row;
+                    count += 1.0;
+                }
+            }
+        }
+        covariance /= count.max(1.0);
+        for i in 0..outputs {
+            covariance[(i, i)] = f64::max(covariance[(i, i)] * (1.0 + 1e-6), smallest[i] * smallest[i]);
+        }
+        let diagonal: Vec<f64> = covariance.diagonal().iter().map(|v| v.sqrt()).collect();
+        let unmix = covariance.cholesky().and_then(|c| c.l().try_inverse());
+        Self { ar, unmix: unmix.unwrap_or_else(|| Self::white(&diagonal).unmix) }
+    }
+
+    /// So many times as large.
+    pub(crate) fn times(self, factor: f64) -> Self {
+        Self { unmix: self.unmix / factor, ..self }
+    }
+
+    /// Standard deviation of every output's innovations, if they were uncorrelated.
+    pub(crate) fn std(&self) -> Vec<f64> {
+        let mix = self.unmix.clone().try_inverse().unwrap_or_else(|| self.unmix.clone());
+        mix.row_iter().map(|row| row.norm()).collect()
+    }
+
+    /// Whitened rows of a residual, or of anything that moves as a residual does; samples that are missing or outside the span are 0.
+    pub(crate) fn whiten(&self, record: &LogRecord, span: Option<Span>, residual: &DMatrix<f64>) -> DMatrix<f64> {
+        self.unmixed(&self.innovations(record, span, residual))
+    }
+
+    /// Each row through L⁻¹.
+    fn unmixed(&self, innovations: &DMatrix<f64>) -> DMatrix<f64> {
+        let (samples, outputs) = innovations.shape();
+        let mut unmixed = DMatrix::zeros(samples, outputs);
+        for (i, to) in unmixed.as_mut_slice().chunks_exact_mut(samples.max(1)).enumerate() {
+            for (e, &weight) in innovations.as_slice().chunks_exact(samples.max(1)).zip(self.unmix.row(i).iter()) {
+                if weight != 0.0 {
+                    to.iter_mut().zip(e).for_each(|(to, e)| *to += weight * e);
+                }
+            }
+        }
+        unmixed
+    }
+
+    /// The whitening filter on a response that starts from rest.
+    pub(crate) fn filter(&self, response: &DMatrix<f64>) -> DMatrix<f64> {
+        let filtered = DMatrix::from_fn(response.nrows(), response.ncols(), |k, i| {
+            response[(k, i)] - self.ar[i].iter().zip((0..k).rev()).map(|(a, past)| a * response[(past, i)]).sum::<f64>()
+        });
+        filtered * self.unmix.transpose()
+    }
+
+    /// A missing residual is replaced by its prediction, so the map stays linear.
+    fn innovations(&self, record: &LogRecord, span: Option<Span>, residual: &DMatrix<f64>) -> DMatrix<f64> {
+        let (samples, outputs) = residual.shape();
+        let mut e = DMatrix::zeros(samples, outputs);
+        let Some(span) = span else { return e };
+        let (from, to) = (record.time_s.partition_point(|t| *t < span.from_s), record.time_s.partition_point(|t| *t <= span.to_s));
+        let to = to.max(from);
+        let mut past = vec![0.0; samples];
+        for i in 0..outputs {
+            let ar = &self.ar[i];
+            if record.measured[i].present.is_none() {
+                // All there: a plain filter over the span.
+                let left = &residual.as_slice()[i * samples..(i + 1) * samples];
+                let e = &mut e.as_mut_slice()[i * samples..(i + 1) * samples];
+                // Lag by lag: the same sums in the same order, many samples at a time.
+                for (lag, a) in (1..).zip(ar) {
+                    let first = from.max(lag);
+                    if first < to {
+                        e[first..to].iter_mut().zip(&left[first - lag..]).for_each(|(predicted, past)| *predicted += a * past);
+                    }
+                }
+                e[from..to].iter_mut().zip(&left[from..to]).for_each(|(e, left)| *e = left - *e);
+                continue;
+            }
+            for k in 0..samples {
+                let predicted: f64 = ar.iter().zip(past[..k].iter().rev()).map(|(a, r)| a * r).sum();
+                past[k] = residual[(k, i)];
+                if record.measured[i].get(k).is_none() {
+                    past[k] = predicted;
+                } else if span.holds(record.time_s[k]) {
+                    e[(k, i)] = residual[(k, i)] - predicted;
+                }
+            }
+        }
+        e
+    }
+
+    /// How many samples of one output's noise count as one independent sample.
+    pub(crate) fn memory(&self, output: usize) -> f64 {
+        memory_of(&self.ar[output])
+    }
+}
+
+/// How many samples of autoregressive noise count as one independent sample: its spectrum at 0 over its variance.
+pub(crate) fn memory_of(ar: &[f64]) -> f64 {
+    let mut impulse = vec![1.0];
+    for k in 1..512 {
+        let next = ar.iter().zip(impulse[..k].iter().rev()).map(|(a, h)| a * h).sum();
+        impulse.push(next);
+    }
+    let variance: f64 = impulse.iter().map(|h| h * h).sum();
+    let at_zero: f64 = impulse.iter().sum::<f64>().powi(2);
+    (at_zero / variance).max(1.0)
+}
+
+/// The autoregression of one output's residuals.
+fn autoregression(records: &[&LogRecord], residuals: &[&DMatrix<f64>], output: usize, criteria: &Criteria) -> Vec<f64> {
+    let inside = |(record, residual): (&&LogRecord, &&DMatrix<f64>)| -> Vec<Option<f64>> {
+        (0..record.time_s.len()).map(|k| record.measured_in(record.train, output, k).map(|_| residual[(k, output)])).collect()
+    };
+    autoregression_of(&records.iter().zip(residuals).map(inside).collect::<Vec<_>>(), criteria)
+}
+
+/// The autoregression that separate stretches of one noise share, missing samples left out: Yule and Walker's equations, the order by Akaike's criterion.
+pub(crate) fn autoregression_of(stretches: &[Vec<Option<f64>>], criteria: &Criteria) -> Vec<f64> {
+    let longest = criteria.longest_autoregression;
+    let mut covariance = vec![0.0; longest + 1];
+    let mut count: f64 = 0.0;
+    for inside in stretches {
+        for (lag, sum) in covariance.iter_mut().enumerate() {
+            *sum += inside.iter().zip(inside.iter().skip(lag)).filter_map(|(a, b)| Some(a.as_ref()? * b.as_ref()?)).sum::<f64>();
+        }
+        let here = inside.iter().flatten().count() as f64;
+        count += here;
+    }
+    // Levinson and Durbin's recursion.
+    let (mut best, mut lowest) = (Vec::new(), count * covariance[0].max(f64::MIN_POSITIVE).ln());
+    let mut ar: Vec<f64> = Vec::new();
+    let mut variance = covariance[0];
+    for order in 1..=longest {
+        if variance <= 1e-12 * covariance[0] || count < criteria.samples_per_coefficient * longest as f64 {
+            break;
+        }
+        let missed = covariance[order] - ar.iter().enumerate().map(|(j, a)| a * covariance[order - 1 - j]).sum::<f64>();
+        let reflection = missed / variance;
+        if reflection.is_nan() || reflection.abs() >= 1.0 {
+            break;
+        }
+        let before = ar.clone();
+        for (j, a) in ar.iter_mut().enumerate() {
+            *a -= reflection * before[order - 2 - j];
+        }
+        ar.push(reflection);
+        variance *= 1.0 - reflection * reflection;
+        let criterion = count * variance.ln() + 2.0 * order as f64;
+        if criterion < lowest {
+            (best, lowest) = (ar.clone(), criterion);
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_abs_diff_eq;
+    use deadtime_model::simulate::Measured;
+
+    /// Lag by lag is the filter written out, to the bit: also where the span begins before the filter has all its past, and with an output that counts nothing.
+    #[test]
+    fn whitening_lag_by_lag_is_the_filter_sample_by_sample() {
+        let samples = 40;
+        let value = |k: usize, i: usize| f64::from(u32::try_from((k * 37 + i * 11) % 23).unwrap()) - 9.3;
+        let residual = DMatrix::from_fn(samples, 2, value);
+        let noise = Noise { ar: vec![vec![0.7, -0.2, 0.05, 0.01], vec![]], unmix: DMatrix::from_row_slice(2, 2, &[1.7, 0.0, -0.3, 2.1]) };
+        for from_s in [0.0, 2.0, 17.0] {
+            let measured = Measured { values: vec![0.0; samples], present: None };
+            let record = LogRecord {
+                name: String::new(),
+                time_s: (0..samples).map(|k| f64::from(u32::try_from(k).unwrap())).collect(),
+                sample_time_s: 1.0,
+                inputs: Vec::new(),
+                measured: vec![measured; 2],
+                start: Vec::new(),
+                states: Vec::new(),
+                context: Vec::new(),
+                train: Some(Span { from_s, to_s: 30.0 }),
+                anew: None,
+                held: None,
+            };
+            let mut all_there = record.clone();
+            for measured in &mut all_there.measured {
+                measured.present = Some(vec![true; samples]);
+            }
+            let (fast, plain) = (noise.whiten(&record, record.train, &residual), noise.whiten(&all_there, record.train, &residual));
+            assert_eq!(fast, plain);
+            let at = 25;
+            let first =
+                value(at, 0) - (0.7 * value(at - 1, 0) - 0.2 * value(at - 2, 0) + 0.05 * value(at - 3, 0) + 0.01 * value(at - 4, 0));
+            assert_abs_diff_eq!(fast[(at, 1)], -0.3 * first + 2.1 * value(at, 1), epsilon = 1e-12);
+            assert_eq!((fast[(31, 0)], fast[(39, 1)]), (0.0, 0.0));
+        }
+    }
+}

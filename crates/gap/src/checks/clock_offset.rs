@@ -1,0 +1,71 @@
+//! Sensors' and commands' clocks that are apart by a constant.
+
+use super::evidence::{ALL, Evidence, result, short};
+use super::one_sample_shift::is_one;
+use super::timing::Timing;
+use crate::format::diagnosis::{Check, CheckKind};
+
+/// The part of what a filter could correct that the lag alone must correct.
+const PURE: f64 = 0.9;
+/// The part of what is left after present and past that commands to come must explain: no machine, however fast, answers before the command.
+const AHEAD: f64 = 0.15;
+/// Lags that differ by so much beside their scatter may be the same: half a sample is a whole one for an output with a direct path from the command.
+const SAME: f64 = 0.5;
+/// No lag is known more closely, samples: that is what the interpolation is good for.
+const LEAST: f64 = 0.02;
+/// A lag that is known less closely than this says nothing, samples.
+const KNOWN: f64 = 0.25;
+
+pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
+    let mut found = Vec::new();
+    let known: Vec<Timing> = e.timing.iter().flatten().filter(|t| t.is_late() || t.std < KNOWN).copied().collect();
+    let ts = e.view.sample_time_s();
+    if known.is_empty() {
+        let text = e.timing.iter().flatten().map(|t| t.std).fold(f64::INFINITY, f64::min);
+        if text.is_finite() {
+            let finding = format!("cannot be told: the outputs' lags are known to {} s only", short(2.0 * text * ts));
+            return vec![result(CheckKind::ClockOffset, ALL, None, finding)];
+        }
+    } else if known.iter().all(Timing::is_late) {
+        found.extend(common(&known, ts).map(|(ok, finding)| result(CheckKind::ClockOffset, ALL, ok, finding)));
+    }
+    let bound = known.iter().map(|t| t.lag.abs() + 2.0 * t.std).fold(0.0, f64::max);
+    let good = if known.iter().any(Timing::is_late) {
+        "outputs are late by different times, so it is not the clocks".to_owned()
+    } else {
+        format!("commands and outputs are less than {} s apart", short(bound * ts))
+    };
+    e.timing_rest(CheckKind::ClockOffset, &mut found, &good);
+    found
+}
+
+/// What to say of outputs that are all late or early: nothing unless it is by the same time.
+fn common(known: &[Timing], ts: f64) -> Option<(Option<bool>, String)> {
+    let weight = |t: &Timing| 1.0 / t.std.max(1e-3).powi(2);
+    let total: f64 = known.iter().map(weight).sum();
+    let lag = known.iter().map(|t| weight(t) * t.lag).sum::<f64>() / total;
+    if !known.iter().all(|t| (t.lag - lag).abs() <= 4.0 * t.std + SAME) {
+        return None;
+    }
+    // Outputs that differ by more than their scatter say how well the time is known.
+    let apart = known.iter().map(|t| (t.lag - lag).abs()).fold(0.0, f64::max);
+    let size = format!("{} s (± {} s)", short(lag.abs() * ts), short(ts * apart.max(2.0 * (1.0 / total).sqrt()).max(LEAST)));
+    if known.iter().all(is_one) {
+        return Some((None, format!("commands and outputs are {size} apart, one sample: see one_sample_shift")));
+    }
+    if lag > 0.0 {
+        return Some((
+            None,
+            format!("commands and outputs are {size} apart, outputs late; a clock offset, a dead time and a lag look the same here"),
+        ));
+    }
+    let certain = known.iter().all(|t| t.pure >= PURE) && known.iter().any(|t| t.ahead >= AHEAD);
+    let finding = if certain {
+        format!(
+            "the outputs answer {size} before the commands, which no machine does: the sensors' clock is behind, or the commands are logged late; shift one of them"
+        )
+    } else {
+        format!("the outputs come {size} earlier than the model says: a clock offset, or a model that is too slow")
+    };
+    Some((certain.then_some(false), finding))
+}

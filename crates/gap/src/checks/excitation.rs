@@ -1,0 +1,170 @@
+//! Commands that are too poor to tell anything: constant, one frequency, slower than anything the model does, or two that move together.
+
+use nalgebra::{Complex, DMatrix};
+use rustfft::FftPlanner;
+
+use super::evidence::{Evidence, result, short};
+use super::moments::deviation;
+use super::moments::mean;
+use super::view::View;
+use crate::format::diagnosis::{Check, CheckKind};
+
+/// Eigenvalues of the delayed command's covariance below this part of the largest are 0: what is left of a pure sine is rounding.
+const RANK: f64 = 1e-9;
+/// Delayed copies of the command that are looked at.
+const COPIES: usize = 8;
+/// A command of so few independent delayed copies (a sine has 2) tells one gain and one phase.
+const POOR: usize = 2;
+/// The largest change of a command within the slowest time constant, in its standard deviations; below it only a static gain can be seen.
+const CHANGES: f64 = 0.1;
+/// Two commands that are one: the part of the one that the others explain.
+const TOGETHER: f64 = 0.98;
+/// The part of the power that a command's band holds.
+const POWER: f64 = 0.9;
+/// More values than this are not counted as levels.
+const LEVELS: usize = 12;
+
+pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
+    let view = &e.view;
+    let inputs: Vec<Vec<Vec<f64>>> = (0..view.system.inputs.len()).map(|j| records(view, j)).collect();
+    let one = |j: usize| {
+        let name = &view.system.inputs[j].name;
+        let (ok, finding) = judge(view, &inputs, j);
+        result(CheckKind::Excitation, name, Some(ok), finding)
+    };
+    (0..inputs.len()).map(one).collect()
+}
+
+/// One input over the training spans, each record about its mean.
+fn records(view: &View<'_>, input: usize) -> Vec<Vec<f64>> {
+    view.records
+        .iter()
+        .map(|r| (0..r.time_s.len()).filter(|&k| r.train.is_some_and(|s| s.holds(r.time_s[k]))).map(|k| r.inputs[input][k]).collect())
+        .collect()
+}
+
+fn judge(view: &View<'_>, inputs: &[Vec<Vec<f64>>], j: usize) -> (bool, String) {
+    let system = view.system;
+    let name = &system.inputs[j].name;
+    let unit = system.inputs[j].unit.as_deref().filter(|u| *u != "1").map(|u| format!(" {u}")).unwrap_or_default();
+    let u = &inputs[j];
+    let all = || u.iter().flatten().copied();
+    let (low, high) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    if !u.iter().any(|r| deviation(r) > 0.0) {
+        return (
+            false,
+            format!("`{name}` is constant ({}{unit}): nothing that it does can be learnt; record a log in which it moves", short(low)),
+        );
+    }
+    let mut says = vec![format!("`{name}` moves from {} to {}{unit}", short(low), short(high))];
+    let mut levels: Vec<f64> = all().collect();
+    levels.sort_by(f64::total_cmp);
+    levels.dedup();
+    if levels.len() <= LEVELS {
+        says.push(format!("in {} levels", levels.len()));
+    }
+    let band_hz = u.iter().filter_map(|r| band_hz(r, view.sample_time_s())).fold(0.0, f64::max);
+    says.push(format!("{} % of its power below {} Hz", short(100.0 * POWER), short(band_hz)));
+    let mut ok = true;
+    if let Some(slowest) = view.time_constants_s.last().copied() {
+        let changes = changes(u, slowest / view.sample_time_s());
+        says.push(format!("the model's time constants are {} to {} s", short(view.time_constants_s[0]), short(slowest)));
+        if changes < CHANGES {
+            ok = false;
+            says.push("it changes so slowly that only a static gain shows: use steps or a faster command".to_owned());
+        }
+    }
+    if ok && rank(u, view) <= POOR {
+        ok = false;
+        says.push("it is one frequency, which tells one gain and one phase: use steps, a multisine or a sweep".to_owned());
+    }
+    if let Some((with, share)) = explained(inputs, j).filter(|(_, share)| *share > TOGETHER) {
+        ok = false;
+        let names: Vec<String> = with.iter().map(|&k| format!("`{}`", system.inputs[k].name)).collect();
+        says.push(format!(
+            "{} of it follows {}: what each does cannot be told apart; move them one at a time",
+            short(share),
+            names.join(", ")
+        ));
+    }
+    if levels.len() <= 3 {
+        says.push("with one amplitude a dead zone, a limit and a gain look the same: use two or more".to_owned());
+    }
+    (ok, says.join("; "))
+}
+
+/// The frequency below which most of the power is.
+fn band_hz(u: &[f64], sample_time_s: f64) -> Option<f64> {
+    let n = u.len();
+    let centre = mean(u.iter().copied());
+    let mut values: Vec<Complex<f64>> = u.iter().map(|v| Complex::new(v - centre, 0.0)).collect();
+    FftPlanner::new().plan_fft_forward(n).process(&mut values);
+    let power: Vec<f64> = values.iter().take(n / 2 + 1).skip(1).map(Complex::norm_sqr).collect();
+    let total: f64 = power.iter().sum();
+    let mut sum = 0.0;
+    let bin = power.iter().position(|p| {
+        sum += p;
+        sum >= POWER * total
+    })?;
+    (total > 0.0).then(|| (bin + 1) as f64 / (n as f64 * sample_time_s))
+}
+
+/// The largest change over a time, in standard deviations.
+fn changes(u: &[Vec<f64>], samples: f64) -> f64 {
+    let of = |r: &Vec<f64>| {
+        let lag = (samples.round().max(1.0) as usize).min(r.len() / 2);
+        r.iter().zip(r.iter().skip(lag)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / deviation(r)
+    };
+    u.iter().filter(|r| deviation(r) > 0.0).map(of).fold(0.0, f64::max)
+}
+
+/// How many of the command's delayed copies are independent (persistency of excitation; Ljung 1999, "System Identification", 2nd ed., section 13.2).
+fn rank(u: &[Vec<f64>], view: &View<'_>) -> usize {
+    let fast = view.time_constants_s.first().copied().unwrap_or(0.0);
+    let lag = ((0.5 * fast / view.sample_time_s()).round().max(1.0) as usize).min(u.iter().map(Vec::len).min().unwrap_or(0) / (4 * COPIES));
+    let lag = lag.max(1);
+    let mut gram: DMatrix<f64> = DMatrix::zeros(COPIES, COPIES);
+    for r in u {
+        // Changes over a lag: whatever the mean.
+        let changes: Vec<f64> = r.iter().zip(r.iter().skip(lag)).map(|(a, b)| b - a).collect();
+        for window in changes.windows((COPIES - 1) * lag + 1) {
+            for i in 0..COPIES {
+                for j in 0..COPIES {
+                    gram[(i, j)] += window[i * lag] * window[j * lag];
+                }
+            }
+        }
+    }
+    let eigenvalues = gram.symmetric_eigenvalues();
+    let largest = eigenvalues.max();
+    eigenvalues.iter().filter(|v| **v > RANK * largest).count()
+}
+
+/// The other inputs that move, and the part of this one that they explain (the multiple correlation).
+fn explained(inputs: &[Vec<Vec<f64>>], j: usize) -> Option<(Vec<usize>, f64)> {
+    let centred = |k: usize| -> Vec<f64> {
+        inputs[k]
+            .iter()
+            .flat_map(|r| {
+                let centre = mean(r.iter().copied());
+                r.iter().map(move |v| v - centre)
+            })
+            .collect()
+    };
+    let others: Vec<usize> = (0..inputs.len()).filter(|&k| k != j && inputs[k].iter().any(|r| deviation(r) > 0.0)).collect();
+    let u = centred(j);
+    let columns: Vec<Vec<f64>> = others
+        .iter()
+        .map(|&k| {
+            let column = centred(k);
+            let size = deviation(&column);
+            column.into_iter().map(|v| v / size).collect()
+        })
+        .collect();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let n = columns.len();
+    let gram = DMatrix::from_fn(n, n, |a, b| dot(&columns[a], &columns[b]) * if a == b { 1.0 + 1e-9 } else { 1.0 });
+    let right = nalgebra::DVector::from_fn(n, |a, _| dot(&columns[a], &u));
+    let share = right.dot(&gram.cholesky()?.solve(&right)) / dot(&u, &u);
+    (n > 0).then_some((others, share.max(0.0).sqrt()))
+}

@@ -1,0 +1,230 @@
+//! What was found as ranges: every parameter of everything that acts, between what it may be at least and at most.
+//!
+//! How it can be wrong: an interval says how well a number is known, not how far machines of one kind differ; a parameter at a bound has none, so that its
+//! range is one number, which is said; and an effect that only stands in for another (`surrogate`) predicts, but its number is not the physics'.
+
+use super::{ExportError, Node, Source};
+use crate::error::Result;
+use crate::{FoundParameter, Mode};
+use deadtime_model::effect::{Line, Site, table};
+
+/// How a drawn number is used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Operation {
+    /// It takes the place of what the simulator has.
+    Set,
+    /// What the simulator has is multiplied by it.
+    Scale,
+    /// It is added.
+    Add,
+}
+
+impl Operation {
+    /// Its name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Set => "set",
+            Self::Scale => "scale",
+            Self::Add => "add",
+        }
+    }
+
+    fn of(effect: &str) -> Self {
+        match effect {
+            "input_gain" | "sensor_gain" => Self::Scale,
+            "input_offset" | "sensor_bias" | "constant_disturbance" => Self::Add,
+            _ => Self::Set,
+        }
+    }
+}
+
+/// A parameter and where it lies.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Range {
+    /// The effect.
+    pub effect: String,
+    /// Where it acts.
+    pub channel: String,
+    /// Where that is: input, dynamics, output or clock.
+    pub site: Option<Site>,
+    /// The parameter.
+    pub parameter: String,
+    /// Its unit.
+    pub unit: String,
+    /// How a drawn number is used.
+    pub operation: Operation,
+    /// Where the effect does nothing; missing for a parameter of the model, and for a limit.
+    pub nominal: Option<f64>,
+    /// What was found.
+    pub value: f64,
+    /// The least it may be.
+    pub low: f64,
+    /// The most it may be.
+    pub high: f64,
+    /// The range is the 95 % interval; else it is the value alone.
+    pub interval: bool,
+    /// It predicts, but its value is not the physics'.
+    pub surrogate: bool,
+    /// What the data cannot tell from it, as `effect:channel`.
+    pub alike: Vec<String>,
+}
+
+/// The noise of an output.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Noise {
+    /// The output.
+    pub output: String,
+    /// Its standard deviation as a part of the output's own.
+    pub of_deviation: f64,
+    /// Its standard deviation in the output's unit, where that of the output is known.
+    pub std: Option<f64>,
+    /// The output's unit, where a model says it.
+    pub unit: Option<String>,
+}
+
+/// Everything that was found, as ranges.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ranges {
+    /// Of every parameter.
+    pub ranges: Vec<Range>,
+    /// Of every output; none where outputs are predicted one step ahead, which leaves another noise than the sensor's.
+    pub noise: Vec<Noise>,
+}
+
+impl Ranges {
+    /// Of a diagnosis: everything that acts, whatever the verdict, and the model's own parameters where they were recalibrated.
+    ///
+    /// # Errors
+    /// [`ExportError::NotPositive`] for a factor that is not above 0.
+    pub fn new(source: &Source<'_>) -> Result<Self> {
+        if !(source.widen.is_finite() && source.widen > 0.0) {
+            return Err(ExportError::NotPositive { option: "widen", value: source.widen }.into());
+        }
+        let (cause, lines) = (&source.diagnosis.cause, table());
+        let mut ranges = Vec::new();
+        for c in &cause.contributions {
+            ranges.extend(c.parameters.iter().filter_map(|p| {
+                let alike = c.class.iter().filter(|other| **other != format!("{}:{}", c.effect, c.channel)).cloned().collect();
+                Some(Range { surrogate: c.surrogate, alike, ..range(&lines, (&c.effect, &c.channel), p, source.widen)? })
+            }));
+        }
+        // Files without contributions.
+        for e in cause.effects.iter().filter(|_| cause.contributions.is_empty()) {
+            ranges.extend(e.parameters.iter().filter_map(|p| range(&lines, (&e.effect, &e.channel), p, source.widen)));
+        }
+        for p in cause.recalibration.iter().filter(|r| r.accepted).flat_map(|r| &r.parameters) {
+            let known = |r: &Range| r.effect == "parameter_error" && r.channel == p.name;
+            if !ranges.iter().any(known) {
+                let named = FoundParameter { name: "value".to_owned(), ..p.clone() };
+                ranges.extend(range(&lines, ("parameter_error", &p.name), &named, source.widen));
+            }
+        }
+        Ok(Self { ranges, noise: noise(source) })
+    }
+
+    /// The ranges of one effect.
+    pub(super) fn of<'a>(&'a self, effect: &'a str) -> impl Iterator<Item = &'a Range> {
+        self.ranges.iter().filter(move |r| r.effect == effect)
+    }
+}
+
+fn range(lines: &[Line], (effect, channel): (&str, &str), found: &FoundParameter, widen: f64) -> Option<Range> {
+    let value = found.value?;
+    let line = lines.iter().find(|line| line.effect == effect);
+    let parameter = line.and_then(|line| line.parameters.iter().find(|p| p.name == found.name));
+    let [low, high] =
+        found.ci95.map_or([value; 2], |[low, high]| [low + (1.0 - widen) * (value - low), high + (widen - 1.0) * (high - value)]);
+    // What makes no sense for any machine is left out of the range, whatever the interval.
+    let (least, most) = parameter.map_or((f64::NEG_INFINITY, f64::INFINITY), |p| (p.lower, p.upper));
+    let inside = |v: f64| v.max(least).min(most);
+    Some(Range {
+        effect: effect.to_owned(),
+        channel: channel.to_owned(),
+        site: line.map(|line| line.site),
+        parameter: found.name.clone(),
+        unit: found.unit.clone(),
+        operation: Operation::of(effect),
+        nominal: parameter.map(|p| p.nominal).filter(|v| v.is_finite() && effect != "parameter_error"),
+        value,
+        low: inside(low),
+        high: inside(high),
+        interval: found.ci95.is_some(),
+        surrogate: false,
+        alike: Vec::new(),
+    })
+}
+
+fn noise(source: &Source<'_>) -> Vec<Noise> {
+    if source.diagnosis.prediction.mode != Mode::Simulation {
+        return Vec::new();
+    }
+    let outputs = source.diagnosis.gap.outputs.iter();
+    let one = |output: &crate::GapOutput| {
+        let of_deviation = output.floor?;
+        let deviation = source.deviations.iter().find(|(name, _)| *name == output.name).map(|(_, d)| d * of_deviation);
+        let channel = source.model.and_then(|m| m.outputs().iter().find(|c| c.name == output.name));
+        Some(Noise { output: output.name.clone(), of_deviation, std: deviation, unit: channel.and_then(|c| c.unit.clone()) })
+    };
+    outputs.filter_map(one).collect()
+}
+
+impl Range {
+    /// Its facts, for files.
+    pub(super) fn node(&self) -> Node {
+        Node::map([
+            ("effect", self.effect.as_str().into()),
+            ("channel", self.channel.as_str().into()),
+            ("site", self.site.map(Site::name).into()),
+            ("parameter", self.parameter.as_str().into()),
+            ("unit", self.unit.as_str().into()),
+            ("operation", self.operation.name().into()),
+            ("nominal", self.nominal.into()),
+            ("value", self.value.into()),
+            ("low", self.low.into()),
+            ("high", self.high.into()),
+            ("from", if self.interval { "ci95" } else { "value" }.into()),
+            ("surrogate", self.surrogate.into()),
+            ("alike", Node::from(self.alike.clone())),
+        ])
+    }
+
+    /// The same for what a target cannot hold, with what a person has to do about it.
+    pub(super) fn by_hand(&self, what: &str) -> Node {
+        Node::map([
+            ("effect", self.effect.as_str().into()),
+            ("channel", self.channel.as_str().into()),
+            ("parameter", self.parameter.as_str().into()),
+            ("unit", self.unit.as_str().into()),
+            ("operation", self.operation.name().into()),
+            ("value", self.value.into()),
+            ("low", self.low.into()),
+            ("high", self.high.into()),
+            ("what", what.into()),
+        ])
+    }
+
+    /// Where a person applies it who writes the loop.
+    pub(super) fn place(&self) -> String {
+        let channel = &self.channel;
+        match self.site {
+            Some(Site::Input) => format!("apply it to the command `{channel}` before the simulator gets it"),
+            Some(Site::Output) if channel == "*" => "apply it to what every sensor reads".to_owned(),
+            Some(Site::Output) => format!("apply it to what the sensor `{channel}` reads"),
+            Some(Site::Clock) => "shift the stamps of the sensors against those of the commands".to_owned(),
+            _ if self.effect == "parameter_error" => format!("set the parameter `{channel}` of the simulator"),
+            _ => format!("add it to the equations of `{channel}`"),
+        }
+    }
+}
+
+impl Noise {
+    pub(super) fn node(&self) -> Node {
+        Node::map([
+            ("output", self.output.as_str().into()),
+            ("unit", self.unit.clone().into()),
+            ("std", self.std.into()),
+            ("of_deviation", self.of_deviation.into()),
+        ])
+    }
+}

@@ -1,0 +1,143 @@
+//! A diagnosis that cannot be begun.
+
+/// Why a gap cannot be diagnosed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GapError {
+    /// A sampled model and a log of another sample time.
+    #[error("{log}: its sample time is {log_s} s, the sampled model's is {model_s} s; resample the log or convert the model")]
+    SampleTime {
+        /// The log.
+        log: String,
+        /// Sample time of the model, seconds.
+        model_s: f64,
+        /// Sample time of the log, seconds.
+        log_s: f64,
+    },
+    /// A channel of the model that a log does not have.
+    #[error("{found}; say which column it is with `--map {channel}=COLUMN`")]
+    Channel {
+        /// What the log has.
+        found: Box<deadtime_log::LogError>,
+        /// The model's name for it.
+        channel: String,
+    },
+    /// Too few samples.
+    #[error("{log}: {got} samples are too few for a diagnosis; at least {needed} are needed")]
+    Short {
+        /// The log.
+        log: String,
+        /// Samples needed.
+        needed: usize,
+        /// Samples there are.
+        got: usize,
+    },
+    /// A longest delay that is none, or that leaves nothing of a log to learn from.
+    #[error("the longest delay is {given_s} s; give 0 s or more and less than half the shortest log, {limit_s} s")]
+    LongestDelay {
+        /// What was given, seconds.
+        given_s: f64,
+        /// Half the shortest log, seconds.
+        limit_s: f64,
+    },
+    /// No log to learn from.
+    #[error("a diagnosis needs at least one log")]
+    NoLogs,
+    /// A horizon that is none, or that leaves nothing to begin from; or one where the mode needs none, or none where it needs one.
+    #[error(
+        "a horizon of {given} samples: predictions over a horizon take 1 to {most} samples, a quarter of the shortest log, and go with no other prediction mode"
+    )]
+    Horizon {
+        /// What was given, samples.
+        given: usize,
+        /// The most, samples.
+        most: usize,
+    },
+    /// A predictor of what nobody can reach into.
+    #[error(
+        "a simulator that is only called can only be simulated freely: a predictor corrects a state, and none is at hand; leave the prediction mode to the program"
+    )]
+    NoPredictor,
+    /// A simulator with more than one answer.
+    #[error(
+        "{log}: two equal calls of the simulator differ, `{output}` at sample {sample} is {first} and then {second}; \
+         begin afresh at every call, and fix the seed of whatever is random in it"
+    )]
+    NotRepeatable {
+        /// The log.
+        log: String,
+        /// The output.
+        output: String,
+        /// Sample, counted from 0.
+        sample: usize,
+        /// The first answer.
+        first: f64,
+        /// The second.
+        second: f64,
+    },
+    /// A simulator whose free run says nothing.
+    #[error(
+        "{log}: what a small push does to the simulator grows {factor:.0e}-fold over the log, so that no free run says anything; \
+         name the log's channels of its states, from which it is then started again and again (--states \"NAME=CHANNEL,…\"), or close the loop inside the simulator"
+    )]
+    Unstable {
+        /// The log.
+        log: String,
+        /// By how much.
+        factor: f64,
+    },
+    /// A state without a sample in the log.
+    #[error(
+        "{log}: `{channel}`, from which the simulator is to be started again, has no sample; name another channel of that state in --states"
+    )]
+    NoState {
+        /// The log.
+        log: String,
+        /// The channel.
+        channel: String,
+    },
+    /// Starts that follow each other too fast.
+    #[error("{log}: a start every {given_s} s leaves {got} samples between two; give {least_s:.3} s or more (--restart-every)")]
+    RestartsTooOften {
+        /// The log.
+        log: String,
+        /// What was given, seconds.
+        given_s: f64,
+        /// Samples between two starts.
+        got: usize,
+        /// The shortest time, seconds.
+        least_s: f64,
+    },
+    /// More starts than can be fitted.
+    #[error(
+        "{log}: started again every {every_s:.3} s, the simulator has {got} starts to fit, more than {most}; look at fewer rows (--look-at), or give a longer time between starts (--restart-every)"
+    )]
+    TooManyStarts {
+        /// The log.
+        log: String,
+        /// Seconds between two starts.
+        every_s: f64,
+        /// Starts, of all states together.
+        got: usize,
+        /// The most.
+        most: usize,
+    },
+    /// A nuisance that is none.
+    #[error("model {model}, the nuisance `{nuisance}`: {why}")]
+    Nuisance {
+        /// The model.
+        model: String,
+        /// The entry, as `effect:channel`.
+        nuisance: String,
+        /// What is wrong, and the remedy.
+        why: String,
+    },
+    /// The nominal model cannot follow the log.
+    #[error("{log}: the model cannot be simulated on it: {why}")]
+    Nominal {
+        /// The log.
+        log: String,
+        /// What stopped it.
+        why: String,
+    },
+}

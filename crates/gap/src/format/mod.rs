@@ -1,0 +1,10 @@
+//! The diagnosis as data, and what is said beside it: caveats, errors, progress.
+
+pub(crate) mod caveat;
+pub(crate) mod contributions;
+pub(crate) mod diagnosis;
+pub(crate) mod error;
+pub(crate) mod found;
+pub(crate) mod nuisance;
+pub(crate) mod place;
+pub(crate) mod progress;

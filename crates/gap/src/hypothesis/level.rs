@@ -1,0 +1,75 @@
+//! What a hypothesis leaves: its residuals and how large they are, on what was learnt from and on held-out data.
+
+use nalgebra::DMatrix;
+
+use super::effects::Hypothesis;
+use super::penalised_gain::Penalties;
+use crate::input::record::{LogRecord, Span};
+use crate::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
+use crate::likelihood::errors::Errors;
+use crate::likelihood::gaussian::Likelihood;
+use crate::likelihood::residuals::residuals;
+use deadtime_model::effect::Applied;
+
+/// Residuals of one hypothesis with their sizes.
+pub(crate) struct Level {
+    pub(crate) hypothesis: Option<Hypothesis>,
+    pub(crate) residuals: Vec<DMatrix<f64>>,
+    pub(crate) train: Errors,
+    pub(crate) held: Errors,
+    /// Mean squares of the whitened residuals, on the training and on the held-out data: the error beside noise of its colour.
+    pub(crate) white: [f64; 2],
+}
+
+impl Level {
+    pub(crate) fn of(likelihood: &Likelihood<'_>, hypothesis: Option<&Hypothesis>) -> Option<Self> {
+        let residuals = residuals(likelihood, hypothesis.map_or(NO_EFFECT, ActiveEffects::from))?;
+        let errors = |span: &dyn Fn(&LogRecord) -> Option<Span>| Errors::of(likelihood.records, &residuals, span);
+        let (train, held) = (errors(&|r| r.train), errors(&|r| r.held));
+        let white = [white(likelihood, &residuals, |r| r.train), white(likelihood, &residuals, |r| r.held)];
+        Some(Self { hypothesis: hypothesis.cloned(), residuals, train, held, white })
+    }
+
+    /// Training errors and residuals as large as they would be had no noise been followed.
+    pub(crate) fn noise(&self, likelihood: &Likelihood<'_>) -> (Errors, Vec<DMatrix<f64>>) {
+        let larger = self.hypothesis.as_ref().map_or(1.0, |e| e.noise_over_left(likelihood));
+        (self.train.clone().times(larger), self.residuals.iter().map(|r| r * larger).collect())
+    }
+
+    pub(crate) fn gain(&self) -> f64 {
+        self.hypothesis.as_ref().map_or(0.0, |e| e.gain)
+    }
+
+    pub(crate) fn penalised_gain(&self, penalties: &Penalties) -> f64 {
+        self.hypothesis.as_ref().map_or(0.0, |e| penalties.gain(e))
+    }
+
+    /// Noise decides single samples: its lattice speaks for it.
+    pub(crate) fn is_chance(&self) -> bool {
+        self.hypothesis.as_ref().is_some_and(|e| e.effects.iter().any(|a| a.effect.leaves_residual()))
+    }
+
+    /// Training errors without the effects whose single samples noise decides: beside a lattice, a little more or less of anything moves many samples.
+    pub(crate) fn smooth(&self, likelihood: &Likelihood<'_>) -> Option<Errors> {
+        let Some(hypothesis) = self.hypothesis.as_ref().filter(|_| self.is_chance()) else { return Some(self.train.clone()) };
+        let effects: Vec<Applied> = hypothesis.effects.iter().filter(|a| !a.effect.leaves_residual()).cloned().collect();
+        let active = ActiveEffects::from(hypothesis).with(&effects);
+        Some(Errors::of(likelihood.records, &residuals(likelihood, active)?, |r| r.train))
+    }
+
+    pub(crate) fn size(&self) -> usize {
+        self.hypothesis.as_ref().map_or(0, |e| e.effects.len())
+    }
+}
+
+/// Mean square of the whitened residuals inside a span.
+fn white(likelihood: &Likelihood<'_>, residuals: &[DMatrix<f64>], span: impl Fn(&LogRecord) -> Option<Span>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0_usize);
+    for ((at, record), residual) in likelihood.records.iter().enumerate().zip(residuals) {
+        let Some(inside) = span(record) else { continue };
+        sum += likelihood.whiten_in(at, residual, inside).norm_squared();
+        let there = |i: usize| (0..record.time_s.len()).filter(move |&k| record.measured_in(Some(inside), i, k).is_some()).count();
+        count += (0..record.measured.len()).map(there).sum::<usize>();
+    }
+    sum / count.max(1) as f64
+}

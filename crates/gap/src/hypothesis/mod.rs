@@ -1,0 +1,16 @@
+//! Effects with parameters: their fit, the commands that they lose, and what they gain once the search is paid for.
+
+pub(crate) mod arrivals;
+pub(crate) mod direction;
+pub(crate) mod dropouts;
+pub(crate) mod effects;
+pub(crate) mod fit;
+pub(crate) mod level;
+pub(crate) mod penalised_gain;
+mod queue;
+pub(crate) mod refine;
+mod response;
+pub(crate) mod sequence;
+mod skyline;
+pub(crate) mod slopes;
+pub(crate) mod waits;

@@ -1,0 +1,49 @@
+//! How much better than no effect a hypothesis is, its parameters and the search over the whole catalogue paid for; and which of several leads.
+
+use super::effects::Hypothesis;
+use crate::input::criteria::Criteria;
+use crate::likelihood::gaussian::Likelihood;
+use deadtime_model::effect::row;
+
+/// What hypotheses pay.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Penalties {
+    /// Of every parameter beyond an effect's first, in twice the log-likelihood (Schwarz 1978, doi:10.1214/aos/1176344136).
+    pub(crate) parameter: f64,
+    criteria: Criteria,
+}
+
+impl Penalties {
+    /// On these logs.
+    pub(crate) fn of(likelihood: &Likelihood<'_>) -> Self {
+        Self { parameter: likelihood.weight().max(2.0).ln(), criteria: likelihood.criteria }
+    }
+
+    /// Twice the log of the posterior odds against no effect.
+    pub(crate) fn gain(&self, hypothesis: &Hypothesis) -> f64 {
+        let (further, effects) = (hypothesis.further_parameters() as f64, hypothesis.effects.len() as f64);
+        hypothesis.gain - further * self.parameter - effects * self.criteria.selection_penalty
+    }
+
+    /// The difference in twice the log-likelihood that tells nothing where an effect gains so much.
+    pub(crate) fn slack(&self, gain: f64) -> f64 {
+        self.criteria.equals.max(self.criteria.inexact * gain)
+    }
+
+    /// The same in units of what tells nothing where little is gained.
+    pub(crate) fn temper(&self, gain: f64) -> f64 {
+        self.slack(gain) / self.criteria.equals
+    }
+
+    /// The best fitted hypothesis; of near equals the one with the fewest parameters, of equals the first in the table.
+    pub(crate) fn leader<'h>(&self, hypotheses: &'h [Hypothesis]) -> Option<&'h Hypothesis> {
+        let fitted = || hypotheses.iter().filter(|e| e.fitted);
+        let best =
+            |among: &dyn Fn(&Hypothesis) -> bool| fitted().filter(|e| among(e)).map(|e| self.gain(e)).fold(f64::NEG_INFINITY, f64::max);
+        let near = |top: f64| move |e: &&Hypothesis| self.gain(e) > top - self.criteria.equals;
+        let fewest = fitted().filter(near(best(&|_| true))).map(|e| e.free.len()).min()?;
+        let few = |e: &Hypothesis| e.free.len() <= fewest;
+        let place = |e: &Hypothesis| e.effects.iter().map(|a| row(a.effect)).collect::<Vec<_>>();
+        fitted().filter(|e| few(e)).filter(near(best(&few))).min_by_key(|e| place(e))
+    }
+}

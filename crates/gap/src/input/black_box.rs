@@ -1,0 +1,373 @@
+//! What has to be found out about a simulator that can only be called, by calling it: whether it answers the same twice, how fine it resolves, how long it
+//! remembers a push, which inputs, parameters and starts move it at all.
+//!
+//! How it can be wrong: everything is tried on one log (the longest that is learnt from) and from the nominal start; a simulator that remembers there may
+//! forget elsewhere, and a dead zone may hide an input that is pushed too little.
+
+use std::sync::Arc;
+
+use nalgebra::DMatrix;
+
+use super::record::LogRecord;
+use crate::error::Result;
+use crate::format::caveat::Caveat;
+use crate::format::error::GapError;
+use deadtime_model::simulate::{Commands, Dynamics, Plan, Remembered, System};
+use deadtime_signal::stats;
+use deadtime_signal::stop::Stop;
+
+/// The push on an input, as a part of its standard deviation.
+const PUSH: f64 = 0.1;
+/// It lasts this part of the log, and so many samples at least.
+const LASTS: (usize, usize) = (100, 3);
+/// A push is forgotten when what is left of it is less than this part of its largest effect: four time constants.
+const FORGOTTEN: f64 = 0.02;
+/// Of a push that is not forgotten more than this is left in the last tenth of the log.
+const LEFT: f64 = 0.05;
+/// What grows by more than this from the first third of a log to its last tenth is no integrator's ramp.
+pub(super) const GROWS: f64 = 10.0;
+/// What grows by more than this cannot be simulated freely by anyone.
+pub(super) const UNSTABLE: f64 = 1e3;
+/// A free run that misses by more than so many times the outputs' motion has left the log: what grew may have come to rest elsewhere.
+const FAR: f64 = 3.0;
+/// So far off a run need not be seen to grow: what fell within the first third of a log grows no more.
+const FAR_OFF: f64 = 10.0;
+/// A free run of which no line explains more than this part of an output's variance goes its own way: not the log's in another unit, or with another sign.
+const TELLS: f64 = 0.5;
+/// The relative change of the inputs that shows how fine the simulator resolves.
+const FINE: f64 = 1e-10;
+/// A simulator that this moves by more than such a part of its motion is rough or chaotic.
+const ROUGH: f64 = 1e-3;
+/// One that it moves by more than this has left the log: unstable, or turned over by rounding alone.
+const LOST: f64 = 0.1;
+/// Two answers to one call that differ by more than this part of the output's motion are two answers.
+const SAME: f64 = 1e-5;
+/// A relative change by this shows whether a parameter matters: the first guess of `parameter_error`.
+const TENTH: f64 = 0.1;
+/// Tenfold larger pushes on a start until it shows.
+const LOOKS: usize = 8;
+
+/// A system whose runs are remembered, and the memory; as it came where it is no black box.
+pub(crate) fn remembering(mut system: System, stop: &Stop) -> (System, Option<Arc<Remembered>>) {
+    let Dynamics::BlackBox(simulator, parameters) = &system.dynamics else { return (system, None) };
+    let memory = Arc::new(Remembered::new(simulator.clone(), system.outputs.clone(), stop.clone()));
+    system.dynamics = Dynamics::BlackBox(memory.clone(), parameters.clone());
+    (system, Some(memory))
+}
+
+/// What was found out.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Probed {
+    /// The time in which a push is forgotten, seconds, at most a tenth of the log.
+    pub(crate) settling_s: f64,
+    /// Why outputs are simulated freely, and how long a push is remembered.
+    pub(crate) why: String,
+    /// Per state, how far it must move to move an output as far as that moves in the log.
+    pub(crate) states: Vec<f64>,
+    /// Per output, what is no more than rounding.
+    pub(crate) resolution: Vec<f64>,
+    /// Inputs that move nothing.
+    pub(crate) idle_inputs: Vec<String>,
+    /// Parameters that move nothing.
+    pub(crate) idle_parameters: Vec<String>,
+    pub(crate) caveats: Vec<Caveat>,
+}
+
+/// One log, and how far its outputs move.
+struct Probe<'a> {
+    system: &'a System,
+    plan: Plan,
+    record: &'a LogRecord,
+    nominal: DMatrix<f64>,
+    /// Per output; where it stands still, its size, at least 1.
+    spread: Vec<f64>,
+    resolution: Vec<f64>,
+}
+
+/// A difference of answers, per sample the largest over the outputs in units of how far they move.
+type Response = Vec<f64>;
+
+impl Probe<'_> {
+    fn run(&self, inputs: &[Vec<f64>], x0: &[f64], plan: &Plan) -> Option<DMatrix<f64>> {
+        let commands = Commands { time_s: &self.record.time_s, inputs };
+        self.system.simulate(plan, commands, x0, None).ok().map(|run| run.y)
+    }
+
+    /// What lies within rounding is 0.
+    fn apart(&self, other: &DMatrix<f64>) -> Response {
+        let one = |k: usize, i: usize| {
+            let apart = (other[(k, i)] - self.nominal[(k, i)]).abs();
+            if apart <= 3.0 * self.resolution[i] { 0.0 } else { apart / self.spread[i] }
+        };
+        (0..other.nrows()).map(|k| (0..other.ncols()).map(|i| one(k, i)).fold(0.0, f64::max)).collect()
+    }
+
+    /// Answers to other inputs, a start or parameters; `None` where the simulator fails.
+    fn pushed(&self, inputs: &[Vec<f64>]) -> Option<Response> {
+        Some(self.apart(&self.run(inputs, &self.record.start, &self.plan)?))
+    }
+
+    /// How far the outputs are from what was measured, root mean square, in units of how far they move: the worst output.
+    fn misses(&self) -> f64 {
+        let one = |(i, m): (usize, &deadtime_model::simulate::Measured)| {
+            let apart = (0..self.nominal.nrows()).filter_map(|k| Some(m.get(k)? - self.nominal[(k, i)]));
+            stats::rms(apart).unwrap_or(0.0) / self.spread[i]
+        };
+        self.record.measured.iter().enumerate().map(one).fold(0.0, f64::max)
+    }
+
+    /// The output that the free run misses by far while it goes its own way, and by how many times its motion.
+    fn lost(&self) -> Option<(usize, f64)> {
+        let one = |(i, m): (usize, &deadtime_model::simulate::Measured)| {
+            let pairs: Vec<(f64, f64)> = (0..self.nominal.nrows()).filter_map(|k| Some((m.get(k)?, self.nominal[(k, i)]))).collect();
+            let missed = stats::rms(pairs.iter().map(|(y, run)| run - y)).unwrap_or(0.0) / self.spread[i];
+            (missed > FAR && explained(&pairs) < TELLS).then_some((i, missed))
+        };
+        self.record.measured.iter().enumerate().filter_map(one).max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    fn started(&self, state: usize, by: f64) -> Option<Response> {
+        let mut x0 = self.record.start.clone();
+        x0.iter_mut().skip(state).step_by(self.system.states.len()).for_each(|x| *x += by);
+        Some(self.apart(&self.run(&self.record.inputs, &x0, &self.plan)?))
+    }
+
+    fn with_parameter(&self, at: usize, share: f64) -> Option<Response> {
+        let mut plan = Plan::new(self.system);
+        if let Dynamics::BlackBox(_, parameters) = &mut plan.dynamics {
+            let value = parameters[at];
+            parameters[at] += share * if value == 0.0 { 1.0 } else { value };
+        }
+        Some(self.apart(&self.run(&self.record.inputs, &self.record.start, &plan)?))
+    }
+
+    /// An input with a push on its first samples, or throughout.
+    fn input(&self, at: usize, samples: usize) -> Vec<Vec<f64>> {
+        let mut inputs = self.record.inputs.clone();
+        let spread = spread(&inputs[at]);
+        inputs[at].iter_mut().take(samples).for_each(|v| *v += PUSH * spread);
+        inputs
+    }
+}
+
+/// How many times as large as at first a response to another start becomes.
+fn risen(response: &[f64]) -> Option<f64> {
+    let first = largest(response.get(..LASTS.1)?);
+    (first > 0.0).then(|| largest(response) / first)
+}
+
+/// The part of the variance of the first that a line through the second explains: their correlation, squared; 0 where one stands still.
+fn explained(pairs: &[(f64, f64)]) -> f64 {
+    let means = stats::mean(pairs.iter().map(|p| p.0)).zip(stats::mean(pairs.iter().map(|p| p.1)));
+    let Some((a, b)) = means else { return 0.0 };
+    let sum = |product: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(product).sum::<f64>();
+    let (aa, bb, ab) = (sum(&|p| (p.0 - a).powi(2)), sum(&|p| (p.1 - b).powi(2)), sum(&|p| (p.0 - a) * (p.1 - b)));
+    if aa > 0.0 && bb > 0.0 { ab * ab / (aa * bb) } else { 0.0 }
+}
+
+/// Standard deviation; of what stands still its size, of what is 0 one.
+pub(super) fn spread(values: &[f64]) -> f64 {
+    let std = stats::deviation(values).unwrap_or(0.0);
+    let size = values.iter().map(|v| v.abs()).fold(0.0, f64::max);
+    if std > 1e-12 * size {
+        std
+    } else if size > 0.0 {
+        size
+    } else {
+        1.0
+    }
+}
+
+fn largest(response: &[f64]) -> f64 {
+    response.iter().copied().fold(0.0, f64::max)
+}
+
+/// Finds out; `None` for a simulator that is no black box. Of one that is started again, every how many seconds and why.
+///
+/// # Errors
+/// [`GapError`]: a call with the nominal model fails, or two of them differ, or what a push does grows without bounds.
+pub(crate) fn probe(
+    system: &System,
+    memory: Option<&Arc<Remembered>>,
+    records: &[LogRecord],
+    restarted: Option<(f64, String)>,
+) -> Result<Option<Probed>> {
+    let (Some(memory), Dynamics::BlackBox(_, parameters)) = (memory, &system.dynamics) else { return Ok(None) };
+    let plan = Plan::new(system);
+    let mut answers = Vec::new();
+    for record in records {
+        let run = system.simulate(&plan, record.commands(), &record.start, None);
+        answers.push(run.map_err(|e| GapError::Nominal { log: record.name.clone(), why: e.to_string() })?.y);
+    }
+    let Some(at) = (0..records.len()).max_by_key(|&at| records[at].time_s.len()) else { return Ok(None) };
+    let record = &records[at];
+    let nominal = answers.swap_remove(at);
+    let moves = |i: usize| {
+        let measured: Vec<f64> = (0..record.time_s.len()).filter_map(|k| record.measured[i].get(k)).collect();
+        spread(&measured).max(f64::MIN_POSITIVE)
+    };
+    let spread: Vec<f64> = (0..system.outputs.len()).map(moves).collect();
+    let resolution = same_twice(system, memory, record, &nominal, parameters)?;
+    let mut probe = Probe { system, plan, record, nominal, spread, resolution: vec![0.0; system.outputs.len()] };
+    let mut found = Probed::default();
+    // As fine as a change of the inputs that only rounding could magnify.
+    let finer: Vec<Vec<f64>> = record.inputs.iter().map(|u| u.iter().map(|v| v * (1.0 + FINE)).collect()).collect();
+    let fine = probe.run(&finer, &record.start, &probe.plan);
+    for (i, repeated) in resolution.into_iter().enumerate() {
+        let moved = fine.as_ref().map_or(0.0, |y| (y.column(i) - probe.nominal.column(i)).amax());
+        probe.resolution[i] = repeated.max(moved);
+    }
+    if let Some((i, coarse)) = probe.resolution.iter().zip(&probe.spread).map(|(r, s)| r / s).enumerate().max_by(|a, b| a.1.total_cmp(&b.1))
+        && coarse > ROUGH
+    {
+        if coarse > LOST {
+            return Err(GapError::Unstable { log: record.name.clone(), factor: coarse / FINE }.into());
+        }
+        found.caveats.push(Caveat::Rough { output: system.outputs[i].name.clone(), percent: format!("{:.2}", 100.0 * coarse) });
+    }
+    let mut responses: Vec<Response> = Vec::new();
+    let mut grown: Option<f64> = None;
+    let samples = record.time_s.len();
+    for (j, input) in system.inputs.iter().enumerate() {
+        let short = probe.pushed(&probe.input(j, (samples / LASTS.0).max(LASTS.1)));
+        let moved = short.as_ref().is_some_and(|r| largest(r) > 0.0);
+        if !moved && probe.pushed(&probe.input(j, samples)).is_some_and(|r| largest(&r) == 0.0) {
+            found.idle_inputs.push(input.name.clone());
+            found.caveats.push(Caveat::InputMovesNothing { input: input.name.clone() });
+        }
+        responses.extend(short);
+    }
+    for j in 0..system.states.len() {
+        let (size, response) = start(&probe, j);
+        if size == 0.0 {
+            found.caveats.push(Caveat::StartMovesNothing { state: system.states[j].name.clone() });
+        }
+        // A start that is fitted in every window may be off by as much as the state moves at all.
+        let logged = record.states.get(j).and_then(Option::as_ref).map_or(0.0, |x| self::spread(x));
+        found.states.push(if size > 0.0 { size.max(logged) } else { 0.0 });
+        let factor = response.as_deref().and_then(risen).filter(|_| restarted.is_none());
+        grown = factor.into_iter().chain(grown).reduce(f64::max);
+        if let Some(factor) = factor.filter(|f| *f > UNSTABLE && probe.misses() > FAR) {
+            return Err(GapError::Unstable { log: record.name.clone(), factor }.into());
+        }
+        responses.extend(response);
+    }
+    if system.states.is_empty() {
+        found.caveats.push(Caveat::NoStart);
+    }
+    if restarted.is_none()
+        && let Some((i, times)) = probe.lost()
+        && (system.states.is_empty() || times > FAR_OFF || grown.is_some_and(|g| g > GROWS))
+    {
+        let (output, grown) = (system.outputs[i].name.clone(), grown.filter(|g| *g > GROWS).map(|g| format!("{g:.0}")));
+        found.caveats.push(Caveat::LeftTheLog { output, times: format!("{times:.1}"), grown });
+    }
+    for (at, port) in system.parameters.iter().enumerate() {
+        let still = |share: f64| probe.with_parameter(at, share).is_some_and(|r| largest(&r) == 0.0);
+        if still(TENTH) && still(-TENTH) {
+            found.idle_parameters.push(port.name.clone());
+            found.caveats.push(Caveat::ParameterMovesNothing { parameter: port.name.clone() });
+        }
+    }
+    match restarted {
+        Some((every_s, why)) => {
+            found.settling_s = every_s.min(0.1 * record.duration_s());
+            found.why = why;
+        }
+        None => forgetting(record, &responses, &mut found)?,
+    }
+    found.resolution = probe.resolution;
+    Ok(Some(found))
+}
+
+/// Per output, how far two answers to the same call are apart.
+fn same_twice(system: &System, memory: &Remembered, record: &LogRecord, first: &DMatrix<f64>, parameters: &[f64]) -> Result<Vec<f64>> {
+    let u = DMatrix::from_fn(record.time_s.len(), record.inputs.len(), |k, j| record.inputs[j][k]);
+    let mut second = DMatrix::zeros(first.nrows(), first.ncols());
+    deadtime_model::simulate::windows(&u, &record.time_s, &record.start, system.states.len(), |rows, u, time_s, x0| {
+        let again = memory.call(u, time_s, x0, parameters);
+        let again = again.map_err(|why| GapError::Nominal { log: record.name.clone(), why: format!("called again it failed: {why}") })?;
+        second.rows_mut(rows.start, rows.len()).copy_from(&again);
+        Ok::<(), GapError>(())
+    })?;
+    let mut apart = Vec::new();
+    for (i, output) in system.outputs.iter().enumerate() {
+        let column: Vec<f64> = first.column(i).iter().copied().collect();
+        let worst = (0..column.len()).max_by(|&a, &b| {
+            let off = |k: usize| (second[(k, i)] - column[k]).abs();
+            off(a).total_cmp(&off(b))
+        });
+        let Some(sample) = worst else { continue };
+        let off = (second[(sample, i)] - column[sample]).abs();
+        if off > SAME * spread(&column) {
+            return Err(GapError::NotRepeatable {
+                log: record.name.clone(),
+                output: output.name.clone(),
+                sample,
+                first: column[sample],
+                second: second[(sample, i)],
+            }
+            .into());
+        }
+        apart.push(off);
+    }
+    Ok(apart)
+}
+
+/// How far a state's start must be off to move an output as far as that moves in the log, and the response to such a push; 0 where it moves nothing.
+fn start(probe: &Probe<'_>, state: usize) -> (f64, Option<Response>) {
+    let known = probe.system.initial_std[state].filter(|s| *s > 0.0);
+    let mut by = known.unwrap_or_else(|| 1e-2 * probe.system.initial[state].abs().max(0.1));
+    let mut last = None;
+    for _ in 0..LOOKS {
+        let Some(response) = probe.started(state, by) else { break };
+        let moved = largest(&response);
+        if moved > 0.0 {
+            last = Some((by, moved, response));
+        }
+        // Large enough to be no rounding, small enough to be straight.
+        match moved {
+            m if m > 1.0 => by /= 3.0 * m,
+            m if m < 1e-3 => by *= if m > 0.0 { (0.1 / m).min(100.0) } else { 10.0 },
+            _ => break,
+        }
+    }
+    last.map_or((0.0, None), |(by, moved, response)| (by / moved, Some(response)))
+}
+
+/// How long pushes are remembered.
+fn forgetting(record: &LogRecord, responses: &[Response], found: &mut Probed) -> Result<()> {
+    let samples = record.time_s.len();
+    let (mut settling_s, mut left, mut growth): (f64, f64, f64) = (0.0, 0.0, 0.0);
+    for response in responses {
+        let peak = largest(response);
+        if peak <= 0.0 {
+            continue;
+        }
+        let end = largest(&response[samples - samples / 10..]);
+        left = left.max(end / peak);
+        let early = largest(&response[..samples / 3]);
+        growth = growth.max(if early > 0.0 { end / early } else { 0.0 });
+        if let Some(k) = (0..samples).rev().find(|&k| response[k] > FORGOTTEN * peak) {
+            settling_s = settling_s.max(record.time_s[k]);
+        }
+    }
+    if growth > UNSTABLE {
+        return Err(GapError::Unstable { log: record.name.clone(), factor: growth }.into());
+    }
+    found.settling_s = settling_s.min(0.1 * record.duration_s());
+    let can = "a simulator that is only called can only be simulated freely";
+    let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+    found.why = if growth > GROWS {
+        found.caveats.push(Caveat::Grows { factor: format!("{growth:.0}") });
+        format!("{can}; what a push at the start does grows {growth:.0}-fold over {}", record.name)
+    } else if left > LEFT {
+        found.caveats.push(Caveat::NeverForgets { left: percent(left), started: !found.states.is_empty() });
+        format!("{can}; of a push at the start {} is left at the end of {}", percent(left), record.name)
+    } else if responses.iter().all(|r| largest(r) == 0.0) {
+        format!("{can}; no push moves it")
+    } else {
+        format!("{can}; it forgets a push within {settling_s:.3} s")
+    };
+    Ok(())
+}

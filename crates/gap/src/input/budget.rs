@@ -1,0 +1,173 @@
+//! What a search may cost: all counts and limits, for a model file, for one of many states, and for a simulator that can only be called.
+//!
+//! None of them says what counts as an effect; too small a budget misses one, and a larger one takes longer.
+
+use deadtime_model::simulate::System;
+
+/// What one kind of candidate may cost. Of a simulator that can only be called, effects at outputs and clocks are applied to a run that is known; those on
+/// its inputs and parameters need calls.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Allowance {
+    /// First guesses of one effect; the others are thinned evenly.
+    pub(crate) first_guesses: usize,
+    /// Candidates that are fitted after the screen, of inputs and of parameters each where they need calls.
+    pub(crate) fitted: usize,
+    /// What a candidate must gain at its start to be fitted, as a part of what the search costs.
+    pub(crate) fitted_from: f64,
+    /// Hypotheses of each size that are fitted on, and again once the noise is known.
+    pub(crate) leaders: usize,
+    /// Second effects that are fitted with each first one.
+    pub(crate) seconds: usize,
+    /// Pairs that are left after the first few steps.
+    pub(crate) pairs: usize,
+}
+
+/// What the search for several causes may cost. Where two counts stand together: candidates that are fitted a few steps, and how many of them to the end.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Composing {
+    /// First guesses of a candidate that are looked at beside what is found already.
+    pub(crate) guesses: usize,
+    /// Candidates that are refitted together with everything else when one is added.
+    pub(crate) added: [usize; 2],
+    /// The same in the place of an earlier effect.
+    pub(crate) swapped: [usize; 2],
+    /// And so many at most, where more of them promise about what the best does: what cannot be told apart from an effect is told beside it.
+    pub(crate) alike: [usize; 2],
+    /// Steps of the first fits.
+    pub(crate) trial_steps: usize,
+    /// Pairs that may begin where no single effect is accepted, and that may join what is found.
+    pub(crate) pairs: usize,
+    /// So many of the most promising candidates of every step are tried in the place of earlier effects.
+    pub(crate) listed: usize,
+    /// So many of what could stand in the place of an effect are tried together with those of another.
+    pub(crate) exchanged: usize,
+    /// Numbers of a law from which on all is done again without it: it may take the shape of several plain ones.
+    pub(crate) elaborate: usize,
+    /// Effects that are doubted one after the other where something is left above the noise: each costs as much as the whole composition.
+    pub(crate) doubted: usize,
+    /// The model's own numbers that are freed together, at most: each is a simulation for every step of the fit.
+    pub(crate) numbers: usize,
+}
+
+/// All counts and limits of a search.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Budget {
+    /// What needs no call of its own; everything, of a model file.
+    pub(crate) plain: Allowance,
+    /// What needs calls.
+    pub(crate) called: Allowance,
+    /// The search for several causes.
+    pub(crate) composing: Composing,
+    /// Runs come one after the other: calls in their order.
+    pub(crate) one_by_one: bool,
+    /// Starts of one candidate that are fitted.
+    pub(crate) starts: usize,
+    /// Single effects whose fit goes on after the first few steps.
+    pub(crate) on: usize,
+    /// Steps of a full fit, and of a fit that starts where another ended.
+    pub(crate) steps: usize,
+    /// Steps after which all but the best are given up.
+    pub(crate) trial_steps: usize,
+    /// Steps to either side that are tried for one parameter beside a fit.
+    pub(crate) polishes: usize,
+    /// How often the noise model is renewed from the leading hypothesis.
+    pub(crate) rounds: usize,
+    /// First effects of pairs: so many of the best, and so many more that have one parameter; leading singles are often flexible impostors.
+    pub(crate) firsts: [usize; 2],
+    /// Starts of a candidate that are looked at before any pair is fitted.
+    pub(crate) glances: usize,
+    /// Pairs whose members are tried as first effects in their turn.
+    pub(crate) swapped: usize,
+    /// First effects beside which lost commands are looked for.
+    pub(crate) losing: usize,
+    /// The part of the best gain from which lost commands are looked for again under another noise.
+    pub(crate) again: f64,
+    /// The same for delays of single commands, which cost less to look for and were linear in the first noise.
+    pub(crate) again_late: f64,
+    /// Sequences of lost commands that are kept at a time.
+    pub(crate) sequences: usize,
+    /// Searches for lost commands, each with the last one's probability and parameters.
+    pub(crate) passes: usize,
+    /// Samples after which the response to one command counts as over, at most.
+    pub(crate) response: usize,
+    /// Leading hypotheses of each size that are compared again under other priors.
+    pub(crate) rivals: usize,
+    /// A push on a start for its response, as a part of its prior's standard deviation: what rounding adds is then a small part of what the prior lets it do.
+    pub(crate) start_push: f64,
+    /// The same in an experiment that is simulated ahead, relative to the state's motion.
+    pub(crate) ahead_push: f64,
+    /// A relative change of a parameter for a derivative that is taken once.
+    pub(crate) relative_step: f64,
+}
+
+/// Of a model file.
+pub(crate) const MODEL_FILE: Budget = {
+    let plain = Allowance { first_guesses: usize::MAX, fitted: 25, fitted_from: f64::NEG_INFINITY, leaders: 8, seconds: 6, pairs: 8 };
+    Budget {
+        plain,
+        called: plain,
+        composing: Composing {
+            guesses: 12,
+            added: [14, 8],
+            swapped: [6, 3],
+            alike: [12, 6],
+            trial_steps: 4,
+            pairs: 5,
+            listed: 20,
+            exchanged: 2,
+            elaborate: 3,
+            doubted: 3,
+            numbers: 40,
+        },
+        one_by_one: false,
+        starts: 2,
+        on: 10,
+        steps: 15,
+        trial_steps: 3,
+        polishes: 6,
+        rounds: 2,
+        firsts: [2, 4],
+        glances: 3,
+        swapped: 3,
+        losing: 3,
+        again: 0.8,
+        again_late: 0.5,
+        sequences: 32,
+        passes: 2,
+        response: 400,
+        rivals: 6,
+        start_push: 1e-3,
+        ahead_push: 1e-3,
+        relative_step: 1e-4,
+    }
+};
+
+/// Of a simulator that can only be called, may be rough and takes its time.
+pub(crate) const BLACK_BOX: Budget = Budget {
+    called: Allowance { first_guesses: 10, fitted: 10, fitted_from: 0.2, leaders: 4, seconds: 3, pairs: 4 },
+    one_by_one: true,
+    start_push: 0.2,
+    ahead_push: 1e-2,
+    relative_step: 1e-2,
+    ..MODEL_FILE
+};
+
+/// States from which a model is wide: its catalogue grows with their number, and what a simulation costs with its square.
+const WIDE_FROM: usize = 25;
+
+/// Of a wide model: of each candidate a few first guesses, and fewer that are fitted.
+pub(crate) const WIDE: Budget = {
+    let plain = Allowance { first_guesses: 2, fitted: 10, leaders: 3, seconds: 2, pairs: 3, ..MODEL_FILE.plain };
+    Budget { plain, called: plain, on: 5, polishes: 2, firsts: [1, 2], glances: 1, swapped: 1, losing: 1, rivals: 3, ..MODEL_FILE }
+};
+
+impl Budget {
+    /// Of a system.
+    pub(crate) fn of(system: &System) -> &'static Self {
+        match (system.is_black_box(), system.states.len()) {
+            (true, _) => &BLACK_BOX,
+            (false, WIDE_FROM..) => &WIDE,
+            (false, _) => &MODEL_FILE,
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! Of long logs the first part: a diagnosis simulates its logs some thousand times, and what a cause is shows in far fewer rows than a long log has.
+//!
+//! The part is the first one, in one piece, because its start is that of the model and because what a clock or a queue adds up to counts from there. Nothing is thinned:
+//! a log of every tenth row would be another log, whose commands and delays are not those of the machine.
+//!
+//! How it can be wrong: what happens later only is not seen. So the model with what was found is run over the whole log once, and the error in the rows that
+//! were not looked at stands beside that in those that were. A window of the log shows the rest.
+
+use std::borrow::Cow;
+
+use super::record::SHORTEST;
+use crate::error::Result;
+use crate::format::caveat::Caveat;
+use deadtime_log::Log;
+
+/// The parts of training and held-out logs that are looked at, and what to say of it.
+pub(crate) struct Parts<'a> {
+    pub(crate) logs: Cow<'a, [Log]>,
+    pub(crate) holdout: Cow<'a, [Log]>,
+    pub(crate) caveats: Vec<Caveat>,
+    /// The logs that were cut, and the rows of each that are looked at.
+    pub(crate) cut: Vec<(&'a Log, usize)>,
+}
+
+impl<'a> Parts<'a> {
+    /// So many rows of all logs together, a share of each; all of them where there are no more.
+    ///
+    /// # Errors
+    /// Those of [`Log::window`].
+    pub(crate) fn of(logs: &'a [Log], holdout: &'a [Log], rows: usize) -> Result<Self> {
+        let total: usize = logs.iter().chain(holdout).map(Log::len).sum();
+        if total <= rows {
+            return Ok(Self { logs: logs.into(), holdout: holdout.into(), caveats: Vec::new(), cut: Vec::new() });
+        }
+        let (mut caveats, mut cuts) = (Vec::new(), Vec::new());
+        let mut part = |log: &'a Log| -> Result<Log> {
+            let used = (((log.len() as f64) * (rows as f64) / (total as f64)) as usize).max(SHORTEST);
+            let (Some(first), Some(last)) = (log.time_s().first(), log.time_s().get(used.saturating_sub(1))) else {
+                return Ok(log.clone());
+            };
+            if used >= log.len() {
+                return Ok(log.clone());
+            }
+            let cut = log.window(None, Some(last - first))?;
+            let until_s = format!("{:.1}", last - first);
+            caveats.push(Caveat::FirstPart { log: log.source().to_owned(), rows: log.len(), used: cut.len(), until_s });
+            cuts.push((log, cut.len()));
+            Ok(cut)
+        };
+        let logs = logs.iter().map(&mut part).collect::<Result<Vec<_>>>()?;
+        let holdout = holdout.iter().map(&mut part).collect::<Result<Vec<_>>>()?;
+        Ok(Self { logs: logs.into(), holdout: holdout.into(), caveats, cut: cuts })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use deadtime_log::Channel;
+
+    fn log(name: &str, rows: u32) -> Log {
+        let time_s: Vec<f64> = (0..rows).map(|k| 5.0 + 0.1 * f64::from(k)).collect();
+        Log::new(name, time_s.clone(), vec![Channel::new("u", None, time_s)]).unwrap()
+    }
+
+    #[test]
+    fn long_logs_share_the_rows_and_say_so() {
+        let (logs, holdout) = ([log("a", 600), log("b", 300)], [log("c", 100)]);
+        let all = Parts::of(&logs, &holdout, 1000).unwrap();
+        assert!(all.caveats.is_empty() && matches!(all.logs, Cow::Borrowed(_)));
+        let part = Parts::of(&logs, &holdout, 500).unwrap();
+        assert_eq!(part.logs.iter().chain(&*part.holdout).map(Log::len).collect::<Vec<_>>(), [300, 150, 50]);
+        assert_eq!(part.logs[1].time_s(), &logs[1].time_s()[..150]);
+        assert_eq!(part.caveats.len(), 3);
+        assert!(part.caveats[0].to_string().starts_with("a has 600 rows, of which the first 300 were looked at, up to 29.9 s"));
+        // No log is cut to nothing.
+        assert_eq!(Parts::of(&logs, &holdout, 1).unwrap().holdout[0].len(), SHORTEST);
+    }
+}

@@ -1,0 +1,39 @@
+//! How to diagnose.
+
+use super::criteria::Criteria;
+use crate::format::diagnosis::Mode;
+use deadtime_signal::stop::Stop;
+
+/// How to diagnose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GapOptions {
+    /// The prediction mode; `None`: chosen from the model's poles.
+    pub prediction: Option<Mode>,
+    /// Samples over which [`Mode::Horizon`] predicts; `None`: predictions are of another mode. With it `prediction` is left open, or is that mode.
+    pub horizon: Option<usize>,
+    /// The longest delay and lag that are looked for, seconds; `None`: 35 samples or half the time in which the model settles, at most a tenth of the
+    /// shortest log. So much of every log's start carries no weight.
+    pub longest_delay_s: Option<f64>,
+    /// Rows that are looked at, of all logs together. Of longer logs that is the first part, a share of each log, and a caveat says so. Default 100 000.
+    pub rows: usize,
+    /// Seed of the bootstrap. Default 1.
+    pub seed: u64,
+    /// The thresholds on which the verdict rests.
+    pub criteria: Criteria,
+    /// A wish to stop, looked at before every prediction.
+    pub stop: Stop,
+}
+
+impl Default for GapOptions {
+    fn default() -> Self {
+        Self {
+            prediction: None,
+            horizon: None,
+            longest_delay_s: None,
+            rows: 100_000,
+            seed: 1,
+            criteria: Criteria::default(),
+            stop: Stop::default(),
+        }
+    }
+}

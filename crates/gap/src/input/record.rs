@@ -1,0 +1,160 @@
+//! The logs of a diagnosis: what was commanded and measured, what is trained on and what is held back.
+
+use crate::error::Result;
+use crate::format::error::GapError;
+use deadtime_log::{Channel, Log, LogError};
+use deadtime_model::simulate::{Commands, Measured, Port, System};
+
+/// A span of a log, seconds from its first sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Span {
+    pub(crate) from_s: f64,
+    pub(crate) to_s: f64,
+}
+
+impl Span {
+    pub(crate) fn holds(self, time_s: f64) -> bool {
+        time_s >= self.from_s && time_s <= self.to_s
+    }
+}
+
+/// One log as the model sees it.
+#[derive(Debug, Clone)]
+pub(crate) struct LogRecord {
+    pub(crate) name: String,
+    /// From the log's first sample.
+    pub(crate) time_s: Vec<f64>,
+    /// Mean sample time.
+    pub(crate) sample_time_s: f64,
+    pub(crate) inputs: Vec<Vec<f64>>,
+    pub(crate) measured: Vec<Measured>,
+    /// Where the simulator starts: its initial state, or a state for every window of the log.
+    pub(crate) start: Vec<f64>,
+    /// Per state of a simulator that is started again, what the log says of it at every sample.
+    pub(crate) states: Vec<Option<Vec<f64>>>,
+    /// Further columns of the log, by name; NaN where one is missing.
+    pub(crate) context: Vec<(String, Vec<f64>)>,
+    /// What parameters are fitted to.
+    pub(crate) train: Option<Span>,
+    /// Of a held-out log, what its start and its nuisances are estimated from, where that is not what the shrink is measured on.
+    pub(crate) anew: Option<Span>,
+    /// What the shrink is measured on.
+    pub(crate) held: Option<Span>,
+}
+
+impl LogRecord {
+    /// A log with the model's channels.
+    ///
+    /// # Errors
+    /// [`GapError`] for a sample time that does not fit or too few samples; [`deadtime_log::LogError`] for channels and units that do not fit or samples that
+    /// are missing.
+    pub(crate) fn new(log: &Log, system: &System) -> Result<Self> {
+        channels_fit(log, &system.inputs, &system.outputs)?;
+        if log.len() < SHORTEST {
+            return Err(GapError::Short { log: log.source().to_owned(), needed: SHORTEST, got: log.len() }.into());
+        }
+        if let deadtime_model::simulate::Dynamics::Sampled(_, ts) = system.dynamics {
+            let found = log.even_grid()?;
+            if ts.must_equal(found).is_err() {
+                let log = log.source().to_owned();
+                return Err(GapError::SampleTime { log, model_s: ts.seconds(), log_s: found.seconds() }.into());
+            }
+        }
+        let start = log.time_s().first().copied().unwrap_or(0.0);
+        let measured = |name: &str| -> Result<Measured> {
+            let output = log.output(name)?;
+            let values = (0..log.len()).map(|k| output.get(k).unwrap_or(0.0)).collect();
+            let present: Vec<bool> = (0..log.len()).map(|k| output.get(k).is_some()).collect();
+            Ok(Measured { values, present: present.contains(&false).then_some(present) })
+        };
+        let known = |name: &str| system.inputs.iter().chain(&system.outputs).any(|c| c.name == name);
+        let further = |c: &Channel| {
+            let samples = c.samples();
+            (c.name().to_owned(), (0..log.len()).map(|k| samples.get(k).unwrap_or(f64::NAN)).collect())
+        };
+        let sample_time_s = log.duration_s() / (log.len() - 1) as f64;
+        Ok(Self {
+            name: log.source().to_owned(),
+            time_s: log.time_s().iter().map(|t| t - start).collect(),
+            sample_time_s,
+            inputs: system.inputs.iter().map(|c| Ok(log.input(&c.name)?.to_vec())).collect::<Result<_>>()?,
+            measured: system.outputs.iter().map(|c| measured(&c.name)).collect::<Result<_>>()?,
+            start: system.initial.clone(),
+            states: logged_states(log, system)?,
+            context: log.channels().filter(|c| !known(c.name())).map(further).collect(),
+            train: None,
+            anew: None,
+            held: None,
+        })
+    }
+
+    /// Starts the simulator again after so many samples at most, from what the log says of its states there.
+    pub(crate) fn restart_after(&mut self, samples: usize, system: &System) {
+        let count = self.time_s.len().div_ceil(samples.max(1)).max(1);
+        let at = |w: usize| w * self.time_s.len() / count;
+        let state = |w: usize, j: usize| self.states[j].as_ref().map_or(system.initial[j], |x| x[at(w)]);
+        self.start = (0..count).flat_map(|w| (0..self.states.len()).map(move |j| (w, j))).map(|(w, j)| state(w, j)).collect();
+    }
+
+    pub(crate) fn duration_s(&self) -> f64 {
+        self.time_s.last().copied().unwrap_or(0.0)
+    }
+
+    /// What its start and its nuisances are estimated from.
+    pub(crate) fn estimated_from(&self) -> Option<Span> {
+        self.train.or(self.anew).or(self.held)
+    }
+
+    /// Samples up to the end of the training span.
+    pub(crate) fn trained_samples(&self) -> usize {
+        self.train.map_or(0, |span| self.time_s.partition_point(|t| *t <= span.to_s))
+    }
+
+    pub(crate) fn commands(&self) -> Commands<'_> {
+        Commands { time_s: &self.time_s, inputs: &self.inputs }
+    }
+
+    /// The sample of an output, if it is there and inside the span.
+    pub(crate) fn measured_in(&self, span: Option<Span>, output: usize, k: usize) -> Option<f64> {
+        span.filter(|s| s.holds(self.time_s[k])).and_then(|_| self.measured[output].get(k))
+    }
+}
+
+/// What a log says of the states of a simulator that is started again; straight between neighbours where a sample is missing.
+fn logged_states(log: &Log, system: &System) -> Result<Vec<Option<Vec<f64>>>> {
+    let Some(restart) = &system.restart else { return Ok(Vec::new()) };
+    let one = |name: &String| -> Result<Vec<f64>> {
+        let unknown = |found: LogError| GapError::Channel { found: found.into(), channel: name.clone() };
+        let samples = log.output(name).map_err(unknown)?;
+        let time_s = log.time_s();
+        let there: Vec<(f64, f64)> = (0..log.len()).filter_map(|k| Some((time_s[k], samples.get(k)?))).collect();
+        if there.is_empty() {
+            return Err(GapError::NoState { log: log.source().to_owned(), channel: name.clone() }.into());
+        }
+        let at = |t: &f64| {
+            let after = there.partition_point(|(s, _)| s <= t).min(there.len() - 1);
+            let (before, after) = (there[after.saturating_sub(1)], there[after]);
+            let share = if after.0 > before.0 { ((t - before.0) / (after.0 - before.0)).clamp(0.0, 1.0) } else { 0.0 };
+            before.1 + share * (after.1 - before.1)
+        };
+        Ok(time_s.iter().map(at).collect())
+    };
+    restart.channels.iter().map(|name| name.as_ref().map(one).transpose()).collect()
+}
+
+/// Fewer samples than this tell nothing about a gap.
+pub(super) const SHORTEST: usize = 50;
+
+/// That a log has the model's channels, in its units.
+pub(crate) fn channels_fit(log: &Log, inputs: &[Port], outputs: &[Port]) -> Result<()> {
+    for channel in inputs.iter().chain(outputs) {
+        match log.channel(&channel.name) {
+            Err(found @ LogError::UnknownChannel { .. }) => {
+                return Err(GapError::Channel { found: found.into(), channel: channel.name.clone() }.into());
+            }
+            other => other?,
+        };
+        log.check_unit(&channel.name, channel.unit.as_deref())?;
+    }
+    Ok(())
+}

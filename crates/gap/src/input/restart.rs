@@ -1,0 +1,133 @@
+//! Multiple shooting: a simulator whose free run says nothing is started again and again from what the log says of its states, and judged from window to window.
+//!
+//! A window is as long as it can be: twice as many samples as long as no push on a state grows more than tenfold within one.
+//!
+//! How it can be wrong:
+//! * *The logged states are noisy, biased or late.* So each start is a nuisance with a prior about the logged value, as wide as the state moves unless a standard
+//!   deviation is given, and integrated out by its straight-line response. A narrow one takes a sensor's bias or delay for certain.
+//! * *A window is too short to show the effect.* What is slower than a window is in its start: a drift, a slow lag, a small constant force. Nothing tells that it was
+//!   there; the windows are therefore the longest ones that can be had, and their length is said.
+//! * *What came before the window.* Effects act on the commands of the whole log before windows are cut, so a delay's past is the log's. An output's delay or lag
+//!   reads the window before, from that window's own start: a step where they meet, as large as the starts disagree.
+//! * *Memory that is no state.* What the simulator keeps beside the states that are named (an integrator, a filter) begins anew in each window.
+//! * *Many starts explain much.* Each takes one degree of freedom; with few samples between two starts they take up the effect itself.
+
+use super::black_box::{GROWS, UNSTABLE, spread};
+use super::record::LogRecord;
+use crate::error::Result;
+use crate::format::diagnosis::STARTED_AGAIN;
+use crate::format::error::GapError;
+use deadtime_model::simulate::{Commands, Plan, System};
+
+/// Samples of a window at least.
+const SHORTEST: usize = 10;
+/// Starts of a log at most, of all states together: each is a column beside the log's samples.
+const MOST: usize = 800;
+/// A push on the starts, as a part of how far the state moves in the log.
+const PUSH: f64 = 1e-3;
+
+/// How a simulator is started again.
+#[derive(Debug, Clone, Copy)]
+struct Restarted {
+    /// Seconds between two starts.
+    every_s: f64,
+    windows: usize,
+    /// How much a push grows within one.
+    growth: f64,
+}
+
+impl Restarted {
+    fn why(self) -> String {
+        let Self { every_s, windows, growth } = self;
+        match windows {
+            1 => "simulated freely, from what the log says of its states at the first sample".to_owned(),
+            _ => format!(
+                "{STARTED_AGAIN} from what the log says of its states, every {every_s:.3} s ({windows} windows in the longest log); within one a push grows {growth:.1}-fold"
+            ),
+        }
+    }
+}
+
+/// Sets where the simulator starts on every log, and says every how many seconds and why; `None` where it is started once.
+///
+/// # Errors
+/// [`GapError`]: the simulator fails, or a push grows without bounds even in the shortest windows, or there would be more starts than can be fitted.
+pub(crate) fn restart(system: &System, records: &mut [LogRecord]) -> Result<Option<(f64, String)>> {
+    let Some(wanted) = &system.restart else { return Ok(None) };
+    let Some(at) = (0..records.len()).max_by_key(|&at| records[at].time_s.len()) else { return Ok(None) };
+    let (samples, sample_time_s) = (records[at].time_s.len(), records[at].sample_time_s);
+    let (length, growth) = match wanted.every_s {
+        Some(every_s) => {
+            let length = (every_s / sample_time_s).round() as usize;
+            if length < SHORTEST {
+                let (log, least_s) = (records[at].name.clone(), SHORTEST as f64 * sample_time_s);
+                return Err(GapError::RestartsTooOften { log, given_s: every_s, got: length, least_s }.into());
+            }
+            (length.min(samples), grown(system, &mut records[at], length)?)
+        }
+        None => longest(system, &mut records[at])?,
+    };
+    for record in records.iter_mut() {
+        let length = (length as f64 * sample_time_s / record.sample_time_s).round() as usize;
+        record.restart_after(length.max(SHORTEST), system);
+        if record.start.len() > MOST {
+            let (log, every_s) = (record.name.clone(), length as f64 * record.sample_time_s);
+            return Err(GapError::TooManyStarts { log, every_s, got: record.start.len(), most: MOST }.into());
+        }
+    }
+    let restarted = Restarted { every_s: length as f64 * sample_time_s, windows: samples.div_ceil(length), growth };
+    Ok(Some((restarted.every_s, restarted.why())))
+}
+
+/// The longest windows, in samples, within which no push grows more than tenfold, and how much one does.
+fn longest(system: &System, record: &mut LogRecord) -> Result<(usize, f64)> {
+    let samples = record.time_s.len();
+    let mut length = SHORTEST.min(samples);
+    let mut growth = grown(system, record, length)?;
+    if growth > UNSTABLE {
+        return Err(GapError::Unstable { log: record.name.clone(), factor: growth }.into());
+    }
+    while length < samples {
+        let longer = (2 * length).min(samples);
+        // A run that leaves all bounds is too long.
+        match grown(system, record, longer) {
+            Ok(more) if more <= GROWS => (length, growth) = (longer, more),
+            _ => break,
+        }
+    }
+    Ok((length, growth))
+}
+
+/// How much a push on any state grows from the first third of a window to its last tenth, at most.
+fn grown(system: &System, record: &mut LogRecord, length: usize) -> Result<f64> {
+    record.restart_after(length, system);
+    let plan = Plan::new(system);
+    let (states, samples) = (system.states.len(), record.time_s.len());
+    let failed = |e: deadtime_model::simulate::SimulateError| GapError::Nominal { log: record.name.clone(), why: e.to_string() };
+    let commands = Commands { time_s: &record.time_s, inputs: &record.inputs };
+    let nominal = system.simulate(&plan, commands, &record.start, None).map_err(failed)?.y;
+    let moves: Vec<f64> = record.measured.iter().map(|m| spread(&m.values).max(f64::MIN_POSITIVE)).collect();
+    let windows = record.start.len() / states.max(1);
+    let mut growth: f64 = 1.0;
+    for j in 0..states {
+        let size = PUSH * record.states[j].as_ref().map_or_else(|| system.initial[j].abs().max(0.1), |x| spread(x));
+        let mut start = record.start.clone();
+        start.iter_mut().skip(j).step_by(states).for_each(|x| *x += size);
+        let pushed = system.simulate(&plan, commands, &start, None).map_err(failed)?.y;
+        // Per sample of a window, the largest over windows and outputs.
+        let mut response = vec![0.0_f64; length];
+        for w in 0..windows {
+            for (k, row) in (w * samples / windows..(w + 1) * samples / windows).enumerate() {
+                let apart = (0..moves.len()).map(|i| (pushed[(row, i)] - nominal[(row, i)]).abs() / moves[i]).fold(0.0, f64::max);
+                response[k] = response[k].max(apart);
+            }
+        }
+        let largest = |of: &[f64]| of.iter().copied().fold(0.0, f64::max);
+        let used = samples / windows;
+        let (early, end) = (largest(&response[..(used / 3).max(1)]), largest(&response[used - (used / 10).max(1)..used]));
+        if early > 0.0 {
+            growth = growth.max(end / early);
+        }
+    }
+    Ok(growth)
+}

@@ -1,0 +1,61 @@
+//! What of every log is learnt from, what is held back, and what carries no weight.
+
+use super::record::{LogRecord, Span};
+use crate::format::diagnosis::Holdout;
+
+/// The part of each log that is held back where no log is held out.
+const HELD_BACK: f64 = 0.3;
+
+/// 35 samples or half the time in which the model settles, at most a tenth of the shortest log.
+pub(crate) fn longest_delay(records: &[LogRecord], settling_s: f64) -> f64 {
+    let samples = records.iter().map(|r| 35.0 * r.sample_time_s).fold(0.5 * settling_s, f64::max);
+    records.iter().map(|r| 0.1 * r.duration_s()).fold(samples, f64::min)
+}
+
+/// The part of a held-out log from which its start and its nuisances are estimated, where there are nuisances; the rest is scored. A constant that was fitted to
+/// what it is scored on would excuse a wrong cause. A third: its variance is three times that of the whole, and twice as much is left to score.
+const ESTIMATED_ANEW: f64 = 1.0 / 3.0;
+
+/// How logs are divided.
+pub(crate) struct Divide {
+    /// There are held-out logs.
+    pub(crate) held_out: bool,
+    /// Something is to be estimated anew in every held-out log.
+    pub(crate) anew: bool,
+    /// What of every log carries no weight, s.
+    pub(crate) start_s: f64,
+    /// The time in which the model settles, s.
+    pub(crate) settling_s: f64,
+    /// What is simulated is a black box.
+    pub(crate) black_box: bool,
+}
+
+impl Divide {
+    /// Sets what is trained on and what is held back; the held-out parts by name. The first so many records are to be learnt from.
+    ///
+    /// What a black box does after the last sample is not known, and a clock that is ahead would show it: so much of its end carries no weight either.
+    pub(crate) fn set_spans(&self, records: &mut [LogRecord], training: usize) -> Vec<Holdout> {
+        let mut holdouts = Vec::new();
+        for (at, record) in records.iter_mut().enumerate() {
+            let end = record.duration_s() - if self.black_box { self.start_s } else { 0.0 };
+            let whole = Span { from_s: self.start_s, to_s: end };
+            if at >= training && self.anew {
+                let cut = self.start_s + ESTIMATED_ANEW * (end - self.start_s);
+                record.anew = Some(Span { from_s: self.start_s, to_s: cut });
+                record.held = Some(Span { from_s: cut + record.sample_time_s, to_s: end });
+            } else if at >= training {
+                record.held = Some(whole);
+            } else if self.held_out {
+                record.train = Some(whole);
+            } else {
+                let cut = (1.0 - HELD_BACK) * end;
+                record.train = Some(Span { from_s: self.start_s, to_s: cut });
+                record.held = Some(Span { from_s: (cut + self.settling_s).min(0.5 * (cut + end)), to_s: end });
+            }
+            if let Some(span) = record.held {
+                holdouts.push(Holdout { log: record.name.clone(), from_s: span.from_s, to_s: span.to_s });
+            }
+        }
+        holdouts
+    }
+}

@@ -1,0 +1,272 @@
+//! What of a residual hangs together with the commands: the share that all effects of the catalogue together explain, tried on data they were not fitted to.
+//!
+//! Every effect's signature beside the best hypothesis is a regressor: it went through the simulator's own dynamics. A ridge regression on all of them
+//! (Hoerl and Kennard 1970, doi:10.1080/00401706.1970.10488634) is no explanation, but what it predicts of a block of time that was left out (Stone 1974,
+//! doi:10.1111/j.2517-6161.1974.tb00994.x) is no noise either.
+//!
+//! What acts may hide all others: beside an output that is clipped to a constant, or a friction that sticks, no effect has a signature, and all that is left would
+//! pass for noise. So the signatures beside the model as it is are regressors, too, and its own prediction, as it is and later.
+//!
+//! A simulator that can only be called lacks the signatures of friction and all else that acts on equations; pushes on its inputs stand in for them, and what
+//! acts already may have made up for some of it, so its own parameters may move.
+//!
+//! How it can be wrong: a gap with a memory that no effect has, or one that happens once, is not predicted; then this says nothing, and windows must tell.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::perturbations::{Commanded, perturbations};
+use crate::format::diagnosis::Mode;
+use crate::hypothesis::direction::with;
+use crate::input::record::LogRecord;
+use crate::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
+use crate::likelihood::gaussian::Likelihood;
+use deadtime_model::effect::{Applied, Scales};
+
+/// Signatures of one effect.
+const EACH: usize = 2;
+/// Rows of the regression per output; longer data are thinned.
+const ROWS: usize = 4000;
+/// Blocks of time that are left out in turn.
+const FOLDS: usize = 8;
+/// A parameter of what acts already moves by this part of its distance from nominal.
+const FURTHER: f64 = 0.1;
+/// Ridge parameters that are tried, relative to a signature's mean square.
+const RIDGES: [f64; 5] = [1e-6, 1e-4, 1e-3, 1e-2, 1e-1];
+
+/// Per output, the share of the residual's mean square over the training samples that is predicted.
+pub(crate) fn shares(
+    likelihood: &Likelihood<'_>,
+    active: ActiveEffects<'_>,
+    residuals: &[DMatrix<f64>],
+    catalogue: &[Applied],
+    scales: &Scales,
+) -> Vec<f64> {
+    let outputs = residuals.first().map_or(0, DMatrix::ncols);
+    let rows = rows(likelihood);
+    let Some(base) = stacked(likelihood, active, None, &rows) else { return vec![0.0; outputs] };
+    let others = catalogue.iter().filter(|a| active.effects.iter().all(|e| e.key() != a.key()));
+    let tried: Vec<Applied> = others
+        .flat_map(|a| {
+            let starts = likelihood.first_guesses(a, scales);
+            let every = starts.len().div_ceil(EACH).max(1);
+            starts.into_iter().step_by(every).map(|start| with(a, &start)).collect::<Vec<_>>()
+        })
+        .collect();
+    let finite = |moved: DMatrix<f64>| moved.iter().all(|v| v.is_finite()).then_some(moved);
+    let signatures = |beside: ActiveEffects<'_>, without: &DMatrix<f64>| -> Vec<DMatrix<f64>> {
+        let signature = |applied: &Applied| {
+            let effects: Vec<Applied> = beside.effects.iter().cloned().chain([applied.clone()]).collect();
+            finite(stacked(likelihood, beside.with(&effects), None, &rows)? - without)
+        };
+        tried.par_iter().filter_map(signature).collect()
+    };
+    let mut columns = signatures(active, &base);
+    if !likelihood.system.is_black_box() && !active.effects.is_empty() {
+        let model = stacked(likelihood, NO_EFFECT, None, &rows).and_then(finite);
+        columns.extend(model.iter().flat_map(|model| signatures(NO_EFFECT, model)));
+        // A predictor has the measured outputs in it, and with them their noise.
+        if likelihood.predictor.mode == Mode::Simulation {
+            columns.extend(later(likelihood, &rows, scales).into_iter().filter_map(finite));
+        }
+        columns.extend(model);
+    }
+    if likelihood.system.is_black_box() {
+        let own = own_directions(active);
+        columns.par_extend(own.par_iter().filter_map(|e| finite(stacked(likelihood, active.with(e), None, &rows)? - &base)));
+        let pushed = perturbations(likelihood, active, catalogue);
+        columns.par_extend(pushed.par_iter().filter_map(|u| finite(stacked(likelihood, active, Some(u), &rows)? - &base)));
+    }
+    (0..outputs)
+        .into_par_iter()
+        .map(|i| {
+            let there: Vec<usize> =
+                (0..rows.len()).filter(|&r| likelihood.records[rows[r].0].measured[i].get(rows[r].1).is_some()).collect();
+            let left = DVector::from_iterator(there.len(), there.iter().map(|&r| residuals[rows[r].0][(rows[r].1, i)]));
+            let regressors =
+                DMatrix::from_fn(there.len(), columns.len() + 1, |r, c| if c == 0 { 1.0 } else { columns[c - 1][(there[r], i)] });
+            predicted(&left, regressors)
+        })
+        .collect()
+}
+
+/// The model's own prediction, later by delays an octave apart, up to the length of a block: a weighted sum of them responds as a machine with a memory of its own.
+fn later(likelihood: &Likelihood<'_>, rows: &[(usize, usize)], scales: &Scales) -> Vec<DMatrix<f64>> {
+    let Some(model) = trained(likelihood, NO_EFFECT, None) else { return Vec::new() };
+    let spans = likelihood.records.iter().filter_map(|r| r.train);
+    let block_s = spans.map(|span| span.to_s - span.from_s).fold(0.0, f64::max) / FOLDS as f64;
+    let delays = std::iter::successors(Some(scales.sample_time_s), |delay_s| Some(2.0 * delay_s));
+    let delays = delays.take_while(|delay_s| *delay_s > 0.0 && *delay_s <= block_s);
+    let before =
+        |(at, k): (usize, usize), delay_s: f64| (at, k.saturating_sub((delay_s / likelihood.records[at].sample_time_s).round() as usize));
+    delays.map(|delay_s| at_rows(&model, &rows.iter().map(|&row| before(row, delay_s)).collect::<Vec<_>>())).collect()
+}
+
+/// What acts with one parameter a little further from nominal.
+fn own_directions(active: ActiveEffects<'_>) -> Vec<Vec<Applied>> {
+    let all =
+        active.effects.iter().enumerate().flat_map(|(e, a)| (0..a.values.len()).map(move |i| (e, i, a.parameters[i].nominal, a.values[i])));
+    all.filter(|(.., nominal, value)| value.is_finite() && value != nominal)
+        .map(|(e, i, nominal, value)| {
+            let mut moved = active.effects.to_vec();
+            moved[e].values[i] += FURTHER * if nominal.is_finite() { value - nominal } else { value };
+            moved
+        })
+        .collect()
+}
+
+/// The rows of the regression: record and sample, evenly thinned, in the order of time.
+fn rows(likelihood: &Likelihood<'_>) -> Vec<(usize, usize)> {
+    let inside = |(at, record): (usize, &LogRecord)| {
+        let span = record.train;
+        (0..record.time_s.len()).filter(move |&k| span.is_some_and(|s| s.holds(record.time_s[k]))).map(move |k| (at, k)).collect::<Vec<_>>()
+    };
+    let all: Vec<(usize, usize)> = likelihood.records.iter().enumerate().flat_map(inside).collect();
+    let every = all.len().div_ceil(ROWS).max(1);
+    all.into_iter().step_by(every).collect()
+}
+
+/// Predictions at the rows, rows × outputs; `commanded` instead of the log's commands.
+fn stacked(
+    likelihood: &Likelihood<'_>,
+    active: ActiveEffects<'_>,
+    commanded: Option<&Commanded>,
+    rows: &[(usize, usize)],
+) -> Option<DMatrix<f64>> {
+    Some(at_rows(&trained(likelihood, active, commanded)?, rows))
+}
+
+/// Predictions of the training records; nothing of the others.
+fn trained(likelihood: &Likelihood<'_>, active: ActiveEffects<'_>, commanded: Option<&Commanded>) -> Option<Vec<Option<DMatrix<f64>>>> {
+    let inputs = |at: usize| commanded.map_or(&likelihood.records[at].inputs, |c| &c[at]);
+    let one = |at: usize| match likelihood.records[at].train {
+        Some(_) => likelihood.predict_trained(at, active, inputs(at)).map(Some),
+        None => Some(None),
+    };
+    (0..likelihood.records.len()).map(one).collect()
+}
+
+fn at_rows(predicted: &[Option<DMatrix<f64>>], rows: &[(usize, usize)]) -> DMatrix<f64> {
+    let outputs = predicted.iter().flatten().map(DMatrix::ncols).next().unwrap_or(0);
+    DMatrix::from_fn(rows.len(), outputs, |r, i| predicted[rows[r].0].as_ref().map_or(0.0, |y| y[(rows[r].1, i)]))
+}
+
+/// The share of the mean square of `left` that blocks predict of each other, at the best ridge.
+fn predicted(left: &DVector<f64>, mut regressors: DMatrix<f64>) -> f64 {
+    let (count, width) = regressors.shape();
+    let whole = left.norm_squared();
+    if count < 4 * FOLDS || whole <= 0.0 {
+        return 0.0;
+    }
+    for mut column in regressors.column_iter_mut() {
+        let size = column.norm() / (count as f64).sqrt();
+        if size > 0.0 {
+            column /= size;
+        }
+    }
+    let missed = if width > count { missed_by_rows(left, &regressors) } else { missed_by_columns(left, &regressors) };
+    let best = missed.into_iter().flatten().fold(whole, f64::min);
+    1.0 - best / whole
+}
+
+/// The rows of a block that is left out.
+fn fold(f: usize, count: usize) -> (usize, usize) {
+    (f * count / FOLDS, (f + 1) * count / FOLDS)
+}
+
+/// By ridge, the square of what is missed of the blocks that are left out in turn; `None` where it cannot be computed.
+fn missed_by_columns(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<f64>; RIDGES.len()] {
+    let (count, width) = regressors.shape();
+    let parts: Vec<(DMatrix<f64>, DVector<f64>)> = (0..FOLDS)
+        .map(|f| {
+            let (from, to) = fold(f, count);
+            let x = regressors.rows(from, to - from);
+            (x.tr_mul(&x), x.tr_mul(&left.rows(from, to - from)))
+        })
+        .collect();
+    let (gram, right) = parts.iter().fold((DMatrix::zeros(width, width), DVector::zeros(width)), |(g, r), p| (g + &p.0, r + &p.1));
+    RIDGES.map(|ridge| {
+        let mut missed = 0.0;
+        for (f, part) in parts.iter().enumerate() {
+            let mut others = &gram - &part.0;
+            for i in 0..width {
+                let weight = ridge * count as f64;
+                others[(i, i)] += weight;
+            }
+            let beta = others.cholesky()?.solve(&(&right - &part.1));
+            let (from, to) = fold(f, count);
+            missed += (left.rows(from, to - from) - regressors.rows(from, to - from) * beta).norm_squared();
+        }
+        Some(missed)
+    })
+}
+
+/// The same where there are more regressors than rows, as a wide model has: X(XᵀX + λI)⁻¹Xᵀ = XXᵀ(XXᵀ + λI)⁻¹ (Saunders, Gammerman and Vovk 1998, "Ridge regression
+/// learning algorithm in dual variables", ICML, eq. 8).
+fn missed_by_rows(left: &DVector<f64>, regressors: &DMatrix<f64>) -> [Option<f64>; RIDGES.len()] {
+    let count = regressors.nrows();
+    let kernel = regressors * regressors.transpose();
+    RIDGES.map(|ridge| {
+        let mut missed = 0.0;
+        for f in 0..FOLDS {
+            let (from, to) = fold(f, count);
+            let others: Vec<usize> = (0..from).chain(to..count).collect();
+            let weight = ridge * count as f64;
+            let among =
+                DMatrix::from_fn(others.len(), others.len(), |i, j| kernel[(others[i], others[j])] + if i == j { weight } else { 0.0 });
+            let alpha = among.cholesky()?.solve(&DVector::from_iterator(others.len(), others.iter().map(|&i| left[i])));
+            for k in from..to {
+                let predicted: f64 = others.iter().zip(alpha.iter()).map(|(&i, a)| kernel[(k, i)] * a).sum();
+                missed += (left[k] - predicted).powi(2);
+            }
+        }
+        Some(missed)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::likelihood::residuals::residuals;
+    use crate::likelihood::servo::{beside, nominal};
+    use crate::search::catalogue::catalogue;
+    use rand::RngExt;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
+
+    /// Beside an angle that is clipped to a constant nothing moves it: all of the response is left, and none of it is noise.
+    #[test]
+    fn what_a_clipped_output_hides_is_no_noise() {
+        beside(&[("actuator_lag", "u", &[0.1])], |likelihood, scales| {
+            let clipped = [with(&nominal(likelihood.system, "sensor_saturation", "angle"), &[-0.01, 0.01])];
+            let left = residuals(likelihood, &clipped).unwrap();
+            let candidates = catalogue(likelihood.system, &[], None, scales).candidates;
+            let related = shares(likelihood, ActiveEffects::from(&clipped), &left, &candidates, scales);
+            assert!(related[0] > 0.95, "{related:?}");
+        });
+    }
+
+    /// Beside a friction that sticks no effect has a signature. A slower and later machine is a weighted sum of what the model predicted before.
+    #[test]
+    fn what_a_friction_that_sticks_hides_is_no_noise() {
+        beside(&[("actuator_lag", "u", &[0.5]), ("output_delay", "*", &[0.3])], |likelihood, scales| {
+            let stuck = [with(&nominal(likelihood.system, "coulomb_friction", "v"), &[1e4])];
+            let left = residuals(likelihood, &stuck).unwrap();
+            let related = shares(likelihood, ActiveEffects::from(&stuck), &left, &[], scales);
+            assert!(related[0] > 0.95, "{related:?}");
+        });
+    }
+
+    #[test]
+    fn rows_and_columns_give_one_regression() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        for (count, width) in [(40, 12), (40, 70)] {
+            let regressors = DMatrix::from_fn(count, width, |_, _| rng.random_range(-1.0..1.0));
+            let left = regressors.column(0) + DVector::from_fn(count, |_, _| rng.random_range(-0.3..0.3));
+            for (a, b) in missed_by_columns(&left, &regressors).into_iter().zip(missed_by_rows(&left, &regressors)) {
+                let (a, b) = (a.unwrap(), b.unwrap());
+                assert!((a - b).abs() < 1e-7 * a, "{count} × {width}: {a} and {b}");
+            }
+        }
+    }
+}

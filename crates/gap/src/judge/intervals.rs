@@ -1,0 +1,244 @@
+//! Parameters with honest intervals: the nominal model's own parameters are a little off, and residuals are coloured.
+//!
+//! How it can be wrong: with a perfect nominal model a plain fit has the smallest variance, and nothing is gained; with a nominal model that is a per cent
+//! off, a plain fit takes up the error and its interval is many times too narrow. So the relative errors of all nominal parameters join the fit, with a
+//! common normal prior whose size the data choose (type-II maximum likelihood; `MacKay` 1992, doi:10.1162/neco.1992.4.3.415). The value stays that of the
+//! plain fit, which is what the model with its effects is made of; its variance is the larger of the posterior's and that of the scores of separate
+//! blocks of time (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13), and the squared distance to the joint estimate.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::hypothesis::direction::difference;
+use crate::hypothesis::effects::Hypothesis;
+use crate::likelihood::active_effects::ActiveEffects;
+use crate::likelihood::gaussian::{Likelihood, Whitened};
+use deadtime_model::effect::{Applied, EFFECTS, Scales};
+use deadtime_signal::stats::NORMAL_95;
+
+/// Prior sizes of the nominal parameters' relative errors that are tried.
+const SIZES: [f64; 7] = [0.0, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.1];
+/// Blocks of time per record for the scores.
+const BLOCKS: usize = 12;
+/// How often an interval is doubled.
+const DOUBLINGS: usize = 20;
+
+/// Standard deviations of a hypothesis's free parameters.
+pub(crate) struct Estimate {
+    /// In the order of the hypothesis's `free`; `None` at a bound, or where the data hold no information; infinite where the data allow any size.
+    pub(crate) std: Vec<Option<f64>>,
+}
+
+/// The nominal parameters whose error could be mistaken for a part of an effect: one column each for a relative error of 1.
+fn nominal_columns(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, residual: &Whitened) -> Vec<(Applied, Whitened)> {
+    let Some(effect) = EFFECTS.iter().find(|e| e.corrects_model()) else { return Vec::new() };
+    let found: Vec<String> = hypothesis.effects.iter().map(Applied::key).collect();
+    let step = likelihood.budget.relative_step;
+    let column = |channel: String| {
+        let mut applied = Applied::nominal(likelihood.system, *effect, &channel).ok().filter(|a| !found.contains(&a.key()))?;
+        let h = step * applied.values[0].abs();
+        applied.values[0] += h;
+        let moved: Vec<Applied> = hypothesis.effects.iter().cloned().chain([applied.clone()]).collect();
+        let column = difference(&likelihood.whitened(ActiveEffects::from(hypothesis).with(&moved))?, residual, 1.0 / step);
+        applied.values[0] -= h;
+        Some((applied, column))
+    };
+    if likelihood.system.is_sampled() { Vec::new() } else { effect.channels(likelihood.system).into_iter().filter_map(column).collect() }
+}
+
+/// The standard deviations of a plain fit whose nominal parameters may be off: from one Gauss-Newton step of all together.
+pub(crate) fn estimate(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, scales: &Scales) -> Option<Estimate> {
+    let slopes = hypothesis.slopes(likelihood, scales)?;
+    let own = slopes.columns.len();
+    let prior = hypothesis.prior(likelihood);
+    let mut columns = slopes.columns;
+    let (nominal, more): (Vec<Applied>, Vec<Whitened>) = nominal_columns(likelihood, hypothesis, &slopes.residual).into_iter().unzip();
+    columns.extend(more);
+    // Scaled to unit length, for conditioning.
+    let length: Vec<f64> = columns.iter().map(|c| likelihood.inner(c, c).sqrt()).collect();
+    if length[..own].iter().any(|l| l.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) || !l.is_finite()) {
+        return None;
+    }
+    let all = columns.len();
+    let gram = DMatrix::from_fn(all, all, |i, j| {
+        if length[i] * length[j] > 0.0 { likelihood.inner(&columns[i], &columns[j]) / (length[i] * length[j]) } else { 0.0 }
+    });
+    let gradient =
+        DVector::from_fn(all, |i, _| if length[i] > 0.0 { likelihood.inner(&columns[i], &slopes.residual) / length[i] } else { 0.0 });
+    let solve = |size: f64| -> Option<(f64, DMatrix<f64>)> {
+        // Nominal parameters have the precision 1/size², in units of their columns' length.
+        let mut information = gram.clone();
+        let mut determinant = 0.0;
+        for i in 0..all {
+            information[(i, i)] += if i < own {
+                1e-12 + prior[i].0 / (length[i] * length[i])
+            } else if size > 0.0 && length[i] > 0.0 {
+                let spread = size * length[i];
+                determinant += 2.0 * spread.ln();
+                spread.powi(-2)
+            } else {
+                1e12
+            };
+            if i >= own && !(size > 0.0 && length[i] > 0.0) {
+                determinant += -(1e12_f64).ln();
+            }
+        }
+        let factor = information.cholesky()?;
+        let explained = gradient.dot(&factor.solve(&gradient));
+        let log_determinant = 2.0 * factor.l().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        Some((log_determinant + determinant - explained, factor.inverse()))
+    };
+    let tried = SIZES.iter().filter_map(|&size| solve(size));
+    let (_, covariance) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let mut step = -(&covariance * &gradient);
+    if !holds(likelihood, hypothesis, &nominal, &step, &length, &slopes.residual) {
+        step.fill(0.0);
+    }
+    let blocks = block_scores(likelihood, &columns, &slopes.residual, &length, &step);
+    let spread = &covariance * &blocks * &covariance;
+    let cost = likelihood.inner(&slopes.residual, &slopes.residual);
+    let std = hypothesis.free.iter().enumerate().map(|(at, &parameter)| {
+        // How far the parameter would move if the nominal ones were free counts as uncertainty of the plain fit.
+        let variance = covariance[(at, at)].max(spread[(at, at)]) + step[at] * step[at];
+        let std = Some(variance.sqrt() / length[at]).filter(|s| s.is_finite() && !hypothesis.at_bound(parameter, scales))?;
+        Some(as_far_as_unnoticed(likelihood, hypothesis, parameter, std, cost))
+    });
+    let std = std.collect();
+    Some(Estimate { std })
+}
+
+/// No effect has an interval that holds the value at which it does nothing: as far as these data go, each is more than nominal parameters that are a little
+/// off, and each limit is reached. What has no interval counts as it is.
+pub(crate) fn established(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, scales: &Scales) -> bool {
+    estimate(likelihood, hypothesis, scales).is_none_or(|estimate| estimate.apart(hypothesis, NORMAL_95))
+}
+
+impl Estimate {
+    /// Every effect is so many standard deviations away from the value at which it does nothing.
+    pub(crate) fn apart(&self, hypothesis: &Hypothesis, deviations: f64) -> bool {
+        (0..hypothesis.effects.len()).all(|e| self.one_apart(hypothesis, e, deviations))
+    }
+
+    /// One effect is so far away, a limit where its interval has an end. What has no interval counts as it is.
+    pub(crate) fn one_apart(&self, hypothesis: &Hypothesis, e: usize, deviations: f64) -> bool {
+        let applied = &hypothesis.effects[e];
+        let own = hypothesis.free.iter().zip(&self.std).filter(|((of, _), _)| *of == e);
+        let sizes = own.map(|((_, i), std)| (&applied.parameters[*i], applied.values[*i], std));
+        let sizes = sizes.filter(|(p, _, _)| !p.role.is_shape());
+        let mut apart = sizes.map(|(p, value, std)| std.is_none_or(|s| (value - p.nominal).abs() > deviations * s));
+        let first = apart.next();
+        first.is_none_or(|first| first || apart.any(|a| a))
+    }
+}
+
+/// The standard deviation, doubled for as long as the parameter alone can move to the end of its interval, on either side, and the likelihood hardly notices:
+/// a cost with jumps or kinks (a delay beside a direct path, where uneven samples pass edges of the commands one by one) has no slope that tells its width.
+/// A smooth cost rises by 3.84 or more at the end of a 95 % interval, and nothing changes. Infinite where it is never noticed: a limit that nothing reaches.
+fn as_far_as_unnoticed(likelihood: &Likelihood<'_>, hypothesis: &Hypothesis, (e, i): (usize, usize), std: f64, cost: f64) -> f64 {
+    let mut reach = std;
+    if likelihood.calls(&hypothesis.effects[e]) {
+        return reach;
+    }
+    let unnoticed = |move_by: f64| {
+        let mut effects = hypothesis.effects.clone();
+        effects[e].values[i] += move_by;
+        let there = likelihood.whitened(ActiveEffects::from(hypothesis).with(&effects));
+        there.is_some_and(|there| likelihood.inner(&there, &there) - cost < likelihood.criteria.unnoticed)
+    };
+    for _ in 0..DOUBLINGS {
+        if !unnoticed(NORMAL_95 * reach) && !unnoticed(-NORMAL_95 * reach) {
+            return reach;
+        }
+        reach *= 2.0;
+    }
+    f64::INFINITY
+}
+
+/// The step lowers the cost in fact: where the likelihood bends too much for one step, it says nothing.
+fn holds(
+    likelihood: &Likelihood<'_>,
+    hypothesis: &Hypothesis,
+    nominal: &[Applied],
+    step: &DVector<f64>,
+    length: &[f64],
+    residual: &Whitened,
+) -> bool {
+    let own = hypothesis.free.len();
+    let by = |at: usize| if length[at] > 0.0 { step[at] / length[at] } else { 0.0 };
+    let mut effects = hypothesis.effects.clone();
+    for (at, &(e, i)) in hypothesis.free.iter().enumerate() {
+        effects[e].values[i] += by(at);
+    }
+    effects.extend(nominal.iter().enumerate().map(|(n, applied)| {
+        let mut moved = applied.clone();
+        moved.values[0] += by(own + n) * moved.values[0].abs();
+        moved
+    }));
+    let there = likelihood.whitened(ActiveEffects::from(hypothesis).with(&effects));
+    there.is_some_and(|there| likelihood.inner(&there, &there) <= likelihood.inner(residual, residual))
+}
+
+/// Σ over blocks of time of the scores' outer products, at the residual after the step.
+fn block_scores(
+    likelihood: &Likelihood<'_>,
+    columns: &[Whitened],
+    residual: &Whitened,
+    length: &[f64],
+    step: &DVector<f64>,
+) -> DMatrix<f64> {
+    let all = columns.len();
+    let mut sum = DMatrix::zeros(all, all);
+    let reduced: Vec<Whitened> = columns.iter().map(|c| likelihood.reduced(c)).collect();
+    for (at, record) in likelihood.records.iter().enumerate() {
+        if residual[at].is_empty() {
+            continue;
+        }
+        let mut left = residual[at].clone();
+        for ((column, length), step) in columns.iter().zip(length).zip(step.iter()) {
+            if *length > 0.0 {
+                left.axpy(step / length, &column[at], 1.0);
+            }
+        }
+        let samples = record.time_s.len();
+        let size = samples.div_ceil(BLOCKS).max(1);
+        for from in (0..samples).step_by(size) {
+            let score = DVector::from_fn(all, |i, _| {
+                let inside = (0..record.measured.len()).flat_map(|o| (from..(from + size).min(samples)).map(move |k| o * samples + k));
+                if length[i] > 0.0 { inside.map(|r| reduced[i][at][r] * left[r]).sum::<f64>() / length[i] } else { 0.0 }
+            });
+            sum += &score * score.transpose();
+        }
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use deadtime_model::ModelDocument;
+    use deadtime_model::effect::find;
+    use deadtime_model::simulate::System;
+
+    const MODEL: &str = r#"
+format = "deadtime/model@1"
+name = "lag"
+kind = "lti"
+inputs = [{ name = "u" }]
+states = [{ name = "x" }]
+outputs = [{ name = "y" }]
+A = [[-1.0]]
+B = [[1.0]]
+C = [[1.0]]
+D = [[0.0]]
+"#;
+
+    #[test]
+    fn a_limit_that_may_be_anywhere_is_not_established_and_one_that_is_reached_is() {
+        let document = ModelDocument::from_toml(MODEL, std::path::Path::new("lag.toml")).unwrap();
+        let system = System::new(&document, |_| Ok(0.0)).unwrap();
+        let mut stops = Applied::nominal(&system, find("saturation").unwrap(), "u").unwrap();
+        stops.values[1] = 0.7;
+        let hypothesis = Hypothesis { effects: vec![stops], free: vec![(0, 1)], gain: 0.0, fitted: true, lost: None };
+        let apart = |std: Option<f64>| Estimate { std: vec![std] }.one_apart(&hypothesis, 0, NORMAL_95);
+        assert!(apart(Some(0.1)) && apart(None) && !apart(Some(f64::INFINITY)));
+    }
+}

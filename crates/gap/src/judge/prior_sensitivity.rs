@@ -1,0 +1,99 @@
+//! Whether a verdict hangs on how far the initial state is trusted.
+//!
+//! A start that is off and a constant offset at input, state or sensor look alike over one log: which of them is named depends on the prior of the start.
+//! So the leaders are compared again with the start known ten times better and ten times worse, state by state; where another hypothesis leads, or none
+//! does, the state joins the class of what cannot be told apart. Where nothing was named, the signatures of all candidates are compared: what the start took
+//! up is not in any fit.
+
+use rayon::prelude::*;
+
+use crate::hypothesis::direction::{NEAR, between, difference, with};
+use crate::hypothesis::effects::Hypothesis;
+use crate::hypothesis::penalised_gain::Penalties;
+use crate::likelihood::active_effects::NO_EFFECT;
+use crate::likelihood::gaussian::{Likelihood, Whitened};
+use crate::search::catalogue_search::SearchResult;
+use deadtime_model::effect::{Applied, Scales};
+
+/// What takes the lead when the start of a state is trusted more or less.
+pub(crate) struct PriorSensitivity {
+    /// The state.
+    pub(crate) state: String,
+    /// The effects that lead then; none: no effect.
+    pub(crate) instead: Vec<Applied>,
+}
+
+/// The states on whose prior the lead hangs, `best` being what leads.
+pub(crate) fn prior_sensitivities(
+    likelihood: &Likelihood<'_>,
+    found: &SearchResult,
+    best: Option<&Hypothesis>,
+    catalogue: &[Applied],
+    scales: &Scales,
+) -> Vec<PriorSensitivity> {
+    let penalties = Penalties::of(likelihood);
+    // Only hypotheses of the verdict's size, and single effects where there is none.
+    let rivals: Vec<Hypothesis> = match best.map_or(0, |b| b.effects.len()) {
+        2 => &found.pairs,
+        _ => &found.singles,
+    }
+    .iter()
+    .filter(|e| e.fitted && !found.held_back.contains(&e.key()))
+    .take(likelihood.budget.rivals)
+    .cloned()
+    .collect();
+    let Some(nominal) = likelihood.whitened(NO_EFFECT) else { return Vec::new() };
+    let residuals: Vec<Option<Whitened>> = rivals.par_iter().map(|e| likelihood.whitened(e)).collect();
+    let prior = likelihood.prior().to_vec();
+    let signatures = if best.is_none() { signatures(likelihood, &nominal, catalogue, scales) } else { Vec::new() };
+    let mut sensitivities = Vec::new();
+    for (state, port) in likelihood.system.states.iter().enumerate().filter(|(j, _)| prior[*j] > 0.0) {
+        for factor in [likelihood.criteria.prior_factor.recip(), likelihood.criteria.prior_factor] {
+            let mut other = prior.clone();
+            other[state] *= factor;
+            let likelihood = likelihood.with_prior(other);
+            let cost = likelihood.inner(&nominal, &nominal);
+            let mut again = rivals.clone();
+            for (e, residual) in again.iter_mut().zip(&residuals) {
+                let price = e.lost.as_ref().map_or(0.0, |l| l.price);
+                e.gain = residual.as_ref().map_or(f64::NEG_INFINITY, |w| cost - likelihood.inner(w, w) - price);
+            }
+            let lead = penalties.leader(&again).filter(|e| penalties.gain(e) > 0.0);
+            let as_before = match (lead, best) {
+                (_, None) => {
+                    // Something that was just below the search-wide bar and now is just above it is no other verdict.
+                    let promise = |s: &Whitened| likelihood.inner(s, &nominal).powi(2) / likelihood.inner(s, s).max(f64::MIN_POSITIVE);
+                    let most = signatures.iter().map(|(a, s)| (promise(s), a)).max_by(|a, b| a.0.total_cmp(&b.0));
+                    if let Some((_, applied)) =
+                        most.filter(|(promise, _)| *promise > likelihood.criteria.newly_visible * likelihood.criteria.selection_penalty)
+                    {
+                        sensitivities.push(PriorSensitivity { state: port.name.clone(), instead: vec![applied.clone()] });
+                        break;
+                    }
+                    true
+                }
+                (None, Some(_)) => false,
+                (Some(lead), Some(best)) => {
+                    let own = again.iter().find(|e| e.key() == best.key());
+                    own.is_some_and(|own| penalties.gain(own) > penalties.gain(lead) - penalties.slack(lead.gain))
+                }
+            };
+            if !as_before {
+                sensitivities
+                    .push(PriorSensitivity { state: port.name.clone(), instead: lead.map(|e| e.effects.clone()).unwrap_or_default() });
+                break;
+            }
+        }
+    }
+    sensitivities
+}
+
+/// How every candidate of one parameter moves the residual, small.
+fn signatures(likelihood: &Likelihood<'_>, nominal: &Whitened, catalogue: &[Applied], scales: &Scales) -> Vec<(Applied, Whitened)> {
+    let one = |applied: &Applied| {
+        let start = likelihood.first_guesses(applied, scales).into_iter().next().filter(|s| s.len() == 1)?;
+        let there = likelihood.whitened(&[with(applied, &between(applied, &start, NEAR))])?;
+        Some((applied.clone(), difference(nominal, &there, 1.0)))
+    };
+    catalogue.par_iter().filter_map(one).collect()
+}

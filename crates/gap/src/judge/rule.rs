@@ -1,0 +1,178 @@
+//! The rule of the verdict: from how large errors are, before and after what explains best, to an effect, none, or something that is in no catalogue.
+
+use crate::input::criteria::Criteria;
+use crate::likelihood::errors::overall;
+
+/// What the verdict is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum GapVerdict {
+    None,
+    Unknown,
+    Effects,
+}
+
+/// Errors of all outputs as nrmse; `None` for an output that stands still.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Sizes {
+    /// Of the model as it came.
+    pub(super) before: Vec<Option<f64>>,
+    /// With what explains best.
+    pub(super) after: Vec<Option<f64>>,
+    pub(super) floor: Vec<Option<f64>>,
+}
+
+/// What the verdict is decided on.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Levels {
+    /// On what was learnt from.
+    pub(super) train: Sizes,
+    /// On held-out data.
+    pub(super) held: Sizes,
+    /// What explains best matters only beside noise of its colour: the held-out whitened error before and after, and the noise's.
+    pub(super) whitened: Option<[f64; 3]>,
+    /// How many effects explain best; 0: the model as it came.
+    pub(super) effects: usize,
+    /// Noise decides what one of them does to single samples.
+    pub(super) chance: bool,
+    /// Some hypothesis beats no effect, whether it matters or not.
+    pub(super) beaten: bool,
+}
+
+/// The verdict, and how far it is from another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Ruling {
+    pub(crate) verdict: GapVerdict,
+    /// Probability of `unknown`.
+    pub(crate) unknown: f64,
+    /// The output on which the verdict was decided, and how many times the noise floor is left of it, where that is more than noise.
+    pub(crate) left_over: Option<(usize, f64)>,
+}
+
+/// Decides.
+pub(super) fn rule(levels: &Levels, criteria: &Criteria) -> Ruling {
+    let Levels { train, effects, chance, beaten, .. } = levels;
+    let decisive = decisive(train, *effects);
+    let mut unknown: f64 = 0.0;
+    let mut left_over = None;
+    if let Some(i) = decisive
+        && let (Some(before), Some(after), Some(floor)) = (train.before[i], train.after[i], train.floor[i])
+    {
+        let above = after / floor.max(1e-9);
+        let share = if before > floor { (before * before - after * after) / (before * before - floor * floor) } else { 1.0 };
+        let limit = if *effects > 0 || *beaten { criteria.above_floor } else { criteria.above_floor_alone };
+        left_over = Some((i, above)).filter(|(_, above)| *above > limit && !chance);
+        if above > limit && share < [criteria.one_explains, criteria.two_explain][(*effects).clamp(1, 2) - 1] && !chance {
+            unknown = 1.0 - 0.5 * (limit - above).exp();
+        }
+    }
+    if *effects > 0 && !chance && !generalises(levels, decisive, criteria) {
+        unknown = f64::max(unknown, criteria.fails_held_out);
+    }
+    let verdict = match (unknown > criteria.unknown_from, effects) {
+        (true, _) => GapVerdict::Unknown,
+        (false, 0) => GapVerdict::None,
+        (false, _) => GapVerdict::Effects,
+    };
+    Ruling { verdict, unknown, left_over }
+}
+
+/// The output that gains most; where nothing gains, the one that is furthest above its floor.
+fn decisive(train: &Sizes, effects: usize) -> Option<usize> {
+    let gained = |i: usize| Some(train.before[i]?.powi(2) - train.after[i]?.powi(2));
+    let ratio = |i: usize| Some(train.after[i]? / train.floor[i]?.max(1e-9));
+    let key = |i: usize| if effects > 0 { gained(i) } else { ratio(i) }.unwrap_or(0.0);
+    (0..train.before.len()).max_by(|&a, &b| key(a).total_cmp(&key(b)))
+}
+
+/// What does not hold on data that it was not fitted to explains nothing. A single effect answers for the decisive output, a pair for all of them; what
+/// matters only beside noise of its colour is asked by that measure.
+fn generalises(levels: &Levels, decisive: Option<usize>, criteria: &Criteria) -> bool {
+    let held = |each: &[Option<f64>]| if levels.effects == 1 { decisive.and_then(|i| each[i]) } else { overall(each) }.unwrap_or(0.0);
+    let Sizes { before, after, floor } = &levels.held;
+    let [before, after, floor] = levels.whitened.unwrap_or_else(|| [held(before), held(after), held(floor)]);
+    let needed = [criteria.one_generalises, criteria.two_generalise][levels.effects.clamp(1, 2) - 1];
+    let missed = before * before - after * after < needed * (before * before - floor * floor).max(0.0);
+    !missed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sizes(before: f64, after: f64, floor: f64) -> Sizes {
+        Sizes { before: vec![Some(before)], after: vec![Some(after)], floor: vec![Some(floor)] }
+    }
+
+    fn one_effect(train: Sizes, held: Sizes) -> Levels {
+        Levels { train, held, effects: 1, beaten: true, ..Levels::default() }
+    }
+
+    fn verdict(levels: &Levels) -> GapVerdict {
+        rule(levels, &Criteria::default()).verdict
+    }
+
+    #[test]
+    fn an_effect_that_reaches_the_floor_is_the_verdict() {
+        let ruling = rule(&one_effect(sizes(0.5, 0.1, 0.1), sizes(0.5, 0.12, 0.1)), &Criteria::default());
+        assert_eq!(ruling, Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None });
+    }
+
+    /// 0.2 is twice the floor; of 0.25 − 0.01 it leaves 0.03, which is 87.5 % explained: less than 93 %.
+    #[test]
+    fn an_effect_that_leaves_twice_the_floor_and_explains_too_little_is_unknown() {
+        let ruling = rule(&one_effect(sizes(0.5, 0.2, 0.1), sizes(0.5, 0.2, 0.1)), &Criteria::default());
+        assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Unknown, Some((0, 2.0))));
+        assert!((ruling.unknown - (1.0 - 0.5 * (-0.5_f64).exp())).abs() < 1e-12);
+    }
+
+    /// The same twice the floor of a ten times larger gap: 99.9 % explained. It is named, and what is left is told.
+    #[test]
+    fn an_effect_that_explains_nearly_all_of_a_large_gap_is_named_whatever_is_left() {
+        let ruling = rule(&one_effect(sizes(5.0, 0.2, 0.1), sizes(5.0, 0.2, 0.1)), &Criteria::default());
+        assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Effects, Some((0, 2.0))));
+    }
+
+    /// 1.6 times the floor: between the limits for a gap that nothing beats and for one that something beats.
+    #[test]
+    fn without_an_effect_the_limit_depends_on_whether_anything_beats_the_search() {
+        let levels = |beaten| Levels { train: sizes(0.16, 0.16, 0.1), held: sizes(0.16, 0.16, 0.1), beaten, ..Levels::default() };
+        assert_eq!(verdict(&levels(false)), GapVerdict::None);
+        assert_eq!(verdict(&levels(true)), GapVerdict::Unknown);
+    }
+
+    #[test]
+    fn an_effect_that_fails_on_held_out_data_is_unknown_even_at_the_floor() {
+        let ruling = rule(&one_effect(sizes(0.5, 0.1, 0.1), sizes(0.5, 0.4, 0.1)), &Criteria::default());
+        assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Unknown, None));
+        assert!((ruling.unknown - 0.9).abs() < 1e-12);
+    }
+
+    /// Held out 0.25 − 0.09 of 0.24 is 67 %: enough for one effect, not for two.
+    #[test]
+    fn a_pair_must_generalise_better_than_a_single_effect() {
+        let one = one_effect(sizes(0.5, 0.1, 0.1), sizes(0.5, 0.3, 0.1));
+        assert_eq!(verdict(&one), GapVerdict::Effects);
+        assert_eq!(verdict(&Levels { effects: 2, ..one }), GapVerdict::Unknown);
+    }
+
+    #[test]
+    fn what_noise_decides_sample_by_sample_is_excused() {
+        let lattice = Levels { chance: true, ..one_effect(sizes(0.5, 0.4, 0.1), sizes(0.5, 0.5, 0.1)) };
+        assert_eq!(rule(&lattice, &Criteria::default()), Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None });
+    }
+
+    /// A single effect answers for the output that gains most, not for another that was off before.
+    #[test]
+    fn a_single_effect_answers_for_the_output_that_gains_most() {
+        let two = |a: [f64; 2]| a.map(Some).to_vec();
+        let of = |held| Sizes { before: two([0.5, 0.3]), after: two(held), floor: two([0.1, 0.1]) };
+        let levels = one_effect(of([0.1, 0.3]), of([0.1, 0.3]));
+        assert_eq!(verdict(&levels), GapVerdict::Effects);
+    }
+
+    #[test]
+    fn an_output_that_stands_still_decides_nothing() {
+        let levels = Levels { train: Sizes { before: vec![None], after: vec![None], floor: vec![None] }, ..Levels::default() };
+        assert_eq!(verdict(&levels), GapVerdict::None);
+    }
+}

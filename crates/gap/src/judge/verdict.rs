@@ -1,0 +1,125 @@
+//! The verdict: no effect, an effect, two of them, or something that is in no catalogue.
+
+use nalgebra::DMatrix;
+
+use super::explainable;
+use super::floor::{self, Floor};
+use super::intervals;
+use super::rule::{GapVerdict, Levels, Ruling, Sizes, rule};
+use crate::hypothesis::effects::Hypothesis;
+use crate::hypothesis::level::Level;
+use crate::hypothesis::penalised_gain::Penalties;
+use crate::input::criteria::Criteria;
+use crate::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
+use crate::likelihood::errors::Errors;
+use crate::likelihood::gaussian::Likelihood;
+use crate::search::catalogue_search::SearchResult;
+use deadtime_model::effect::{Applied, Scales};
+
+/// The verdict and what it rests on.
+pub(crate) struct Judged {
+    pub(crate) verdict: GapVerdict,
+    /// What was found to act; `None` for the other verdicts.
+    pub(crate) found: Option<Hypothesis>,
+    /// What explains best, even where the verdict is another.
+    pub(crate) best: Option<Hypothesis>,
+    /// Probability of `unknown`.
+    pub(crate) unknown: f64,
+    /// The output on which the verdict was decided, and how many times the noise floor is left of it, where that is more than noise.
+    pub(crate) left_over: Option<(usize, f64)>,
+    /// Twice the log-likelihood that a further effect would gain which does not matter: so far off is the simulator beside what was found.
+    pub(crate) inexact: f64,
+    pub(crate) floor: Floor,
+    /// Errors and residuals of the leading hypotheses, no effect first: no floor is above what any of them reaches.
+    pub(crate) reached: Vec<(Errors, Vec<DMatrix<f64>>)>,
+    /// The effect that is not named, because the model's numbers, each a little off, explain as much.
+    pub(crate) of_the_numbers: Option<String>,
+}
+
+/// `after` lowers the whitened error by more than a factor, on data that it was not fitted to as well: what noise with a long memory hides from the rms.
+fn stands_out(before: &Level, after: &Level, factor: f64) -> bool {
+    !after.is_chance() && before.white.iter().zip(after.white).all(|(b, a)| *b > factor * factor * a)
+}
+
+/// The factor by which a hypothesis must lower the error of the one before it.
+fn needed(before: &Level, after: &Level, criteria: &Criteria) -> f64 {
+    let parameters = |level: &Level| level.hypothesis.as_ref().map_or(0, |e| e.free.len());
+    let steps: f64 = [criteria.first_matters, criteria.second_matters][before.size().min(1)..after.size().min(2)].iter().product();
+    let further = if after.size() > 1 { parameters(after).saturating_sub(parameters(before) + after.size() - before.size()) } else { 0 };
+    let flexible = criteria.flexible.powf(further as f64);
+    steps * flexible
+}
+
+/// Decides between no effect, the leaders of the search and something that is in no catalogue; `None` where the model cannot be simulated.
+pub(crate) fn judge(likelihood: &Likelihood<'_>, found: &SearchResult, catalogue: &[Applied], scales: &Scales) -> Option<Judged> {
+    let (criteria, penalties) = (likelihood.criteria, Penalties::of(likelihood));
+    let nothing = Level::of(likelihood, None)?;
+    let mut best = Level::of(likelihood, None)?;
+    // Something beats no effect, by whatever measure; the best matters only beside noise of its colour; what a further effect would gain that does not matter.
+    let (mut beaten, mut hidden, mut inexact) = (false, false, 0.0);
+    let mut reached = vec![nothing.noise(likelihood)];
+    for (size, hypotheses) in [&found.singles, &found.pairs].into_iter().enumerate() {
+        let Some(next) = penalties.leader(hypotheses).and_then(|e| Level::of(likelihood, Some(e))) else { continue };
+        reached.push(next.noise(likelihood));
+        let better = next.penalised_gain(&penalties) > best.penalised_gain(&penalties);
+        // A lattice needs not lower the error to be seen.
+        let lattice = next.is_chance() && !best.is_chance();
+        let factor = needed(&best, &next, &criteria);
+        let held = (size > 0).then_some([&best.held, &next.held]);
+        let (before, after) = (best.smooth(likelihood)?, next.smooth(likelihood)?);
+        let clear = before.largest_fall(&after, held) > factor.max(criteria.clear);
+        let matters = lattice || before.largest_fall(&after, held) > factor;
+        // Two effects that do not matter clearly are named only where each is more than a nominal model that is a little off.
+        let established = |e: &Hypothesis| e.effects.len() < 2 || clear || intervals::established(likelihood, e, scales);
+        beaten |= better;
+        if better && (matters || stands_out(&best, &next, factor)) && next.hypothesis.as_ref().is_none_or(established) {
+            hidden = !matters;
+            best = next;
+        } else if better && best.size() > 0 {
+            inexact = next.gain() - best.gain();
+        }
+    }
+    let (floor, Ruling { verdict, unknown, left_over }) =
+        ruled(likelihood, [&nothing, &best], &reached, catalogue, scales, [beaten, hidden]);
+    // What one of several explains alone orders them.
+    let alone = |a: &Applied| found.singles.iter().find(|s| s.effects.iter().all(|e| e.key() == a.key())).map_or(0.0, |s| s.gain);
+    let best = best.hypothesis.map(|e| e.ordered(alone));
+    Some(Judged {
+        verdict,
+        found: best.clone().filter(|_| verdict == GapVerdict::Effects),
+        best,
+        unknown,
+        left_over,
+        inexact,
+        floor,
+        reached,
+        of_the_numbers: None,
+    })
+}
+
+/// The floor beside what explains best, and what follows from it. `reached`: as in [`Judged`]. `beaten`: something beats no effect, by whatever measure;
+/// `hidden`: the best matters only beside noise of its colour.
+pub(crate) fn ruled(
+    likelihood: &Likelihood<'_>,
+    [nothing, best]: [&Level; 2],
+    reached: &[(Errors, Vec<DMatrix<f64>>)],
+    catalogue: &[Applied],
+    scales: &Scales,
+    [beaten, hidden]: [bool; 2],
+) -> (Floor, Ruling) {
+    let active = best.hypothesis.as_ref().map_or(NO_EFFECT, ActiveEffects::from);
+    let explainable = explainable::shares(likelihood, active, &best.residuals, catalogue, scales);
+    let floor = floor::estimate(likelihood, &best.noise(likelihood).1, reached, &explainable);
+    let sizes =
+        |before: &Errors, after: &Errors| Sizes { before: before.nrmse(), after: after.nrmse(), floor: before.relative(&floor.floor) };
+    let levels = Levels {
+        train: sizes(&nothing.train, &best.train),
+        held: sizes(&nothing.held, &best.held),
+        whitened: hidden.then(|| [nothing.white[1].sqrt(), best.white[1].sqrt(), best.white[0].sqrt()]),
+        effects: best.size(),
+        chance: best.is_chance(),
+        beaten,
+    };
+    let ruling = rule(&levels, &likelihood.criteria);
+    (floor, ruling)
+}

@@ -1,0 +1,428 @@
+//! The likelihood that all rivals share: predictions, what is a nuisance, whitened residuals.
+
+use std::sync::Arc;
+
+use nalgebra::{Const, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
+
+use super::active_effects::{ActiveEffects, NO_EFFECT};
+use super::nuisances::{Common, Nuisances, Responses};
+use super::simulated::{Key, Simulated};
+use crate::baseline::feedback;
+use crate::baseline::noise::Noise;
+use crate::baseline::predictor::Predictor;
+use crate::format::error::GapError;
+use crate::input::budget::{Allowance, Budget};
+use crate::input::criteria::Criteria;
+use crate::input::nuisance::Nuisance;
+use crate::input::record::{LogRecord, Span};
+use deadtime_model::effect::{Applied, Chance, Scales, Site};
+use deadtime_model::simulate::{Commands, Correction, Plan, SimulateError, System, Term, Tolerance, Wanted};
+use deadtime_signal::stop::Stop;
+
+/// What a likelihood is made of.
+pub(crate) struct Terms<'a> {
+    pub(crate) system: &'a System,
+    pub(crate) records: &'a [LogRecord],
+    pub(crate) predictor: &'a Predictor,
+    /// Effects that belong to the simulator.
+    pub(crate) model_effects: Vec<Applied>,
+    /// What is unknown anew in every log.
+    pub(crate) nuisances: &'a [Nuisance],
+    /// Prior standard deviations of the start; 0: exactly known.
+    pub(crate) prior: Vec<f64>,
+    /// Standard deviation of every output's noise.
+    pub(crate) noise_std: &'a [f64],
+    /// Per output of a black box, what is no more than rounding.
+    pub(crate) resolution: Vec<f64>,
+    pub(crate) criteria: Criteria,
+    pub(crate) stop: Stop,
+}
+
+/// The likelihood of the logs under whatever is at work. It never changes: another noise or another prior makes a new one.
+#[derive(Clone)]
+pub(crate) struct Likelihood<'a> {
+    pub(crate) system: &'a System,
+    pub(crate) records: &'a [LogRecord],
+    pub(crate) predictor: &'a Predictor,
+    /// The thresholds of the verdict.
+    pub(crate) criteria: Criteria,
+    /// What a search may cost.
+    pub(crate) budget: &'static Budget,
+    /// Effects that belong to the simulator.
+    model_effects: Vec<Applied>,
+    /// What the model file declares as unknown anew in every log.
+    pub(crate) declared: &'a [Nuisance],
+    /// Prior standard deviations of the start; 0: exactly known.
+    pub(super) prior: Vec<f64>,
+    pub(super) noise: Vec<Noise>,
+    pub(super) nuisances: Vec<Nuisances>,
+    /// Per record, what the constants that it has of its own do beyond their straight responses; nothing where they do nothing.
+    bends: Vec<Option<DMatrix<f64>>>,
+    /// Integration steps allowed, per record.
+    step_limits: Vec<usize>,
+    /// Per output of a black box, what is no more than rounding.
+    resolution: Vec<f64>,
+    /// The relative standard deviation of every number of the model about the value that came; `None`: numbers that are fitted are free.
+    shrinkage: Option<f64>,
+    stop: Stop,
+    /// What was simulated of late: neither noise nor priors change it.
+    simulated: Arc<Simulated>,
+}
+
+/// Far below the noise of any sensor; a rival on its way to infinity gives up early.
+const TOLERANCE: Tolerance = Tolerance { relative: 1e-6, absolute: 1e-9, steps: 2000, budget: usize::MAX, past_samples: true };
+/// A rival that needs more integration steps than so many per sample and this multiple of the nominal model's is given up.
+const STEPS_PER_SAMPLE: usize = 10;
+const STEPS_OF_NOMINAL: usize = 4;
+
+/// Per record, what a whitened residual has in common with the nuisances; `None` without nuisances.
+type Projected = Vec<Option<Common>>;
+
+/// A whitened residual, one column of all samples and outputs per record.
+pub(crate) type Whitened = Vec<DVector<f64>>;
+
+impl<'a> Likelihood<'a> {
+    /// With white noise.
+    ///
+    /// # Errors
+    /// [`GapError::Nominal`] where the nominal model cannot be simulated, [`crate::Error::Stopped`].
+    pub(crate) fn new(terms: Terms<'a>) -> crate::Result<Self> {
+        let Terms { system, records, predictor, model_effects, nuisances, prior, noise_std, resolution, criteria, stop } = terms;
+        let budget = Budget::of(system);
+        let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
+        let prior_states = prior.len().max(1);
+        let plan = Applied::plan(system, &model_effects, Chance::Mean)?;
+        // A linear model takes no steps, but a rival with friction does: what it takes, an effect that does nothing tells.
+        let mut integrated = Applied::plan(system, &model_effects, Chance::Mean)?;
+        if !(system.is_sampled() || system.is_black_box() || system.states.is_empty()) {
+            integrated.terms.push(Term::Function { to: 0, from: 0, f: Arc::new(|_| 0.0) });
+        }
+        let noise = vec![Noise::white(noise_std); records.len()];
+        let mut likelihood = Self {
+            system,
+            records,
+            predictor,
+            criteria,
+            budget,
+            model_effects,
+            declared: nuisances,
+            prior,
+            noise,
+            nuisances: Vec::new(),
+            bends: Vec::new(),
+            step_limits: Vec::new(),
+            resolution,
+            shrinkage: None,
+            stop,
+            simulated: Arc::default(),
+        };
+        for (at, record) in records.iter().enumerate() {
+            likelihood.stop.check()?;
+            let scale: Vec<f64> = likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
+            let failed = |e: SimulateError| GapError::Nominal { log: record.name.clone(), why: e.to_string() };
+            let all = system.sensitivity(&plan, record.commands(), &record.start, &scale, likelihood.correction(at)).map_err(failed)?;
+            let run = |plan: &Plan| system.simulate(plan, record.commands(), &record.start, likelihood.correction(at));
+            let steps = match run(&plan).map_err(failed)?.steps {
+                // A linear model that is too stiff to be integrated is simulated all the same.
+                0 => run(&integrated).map_or(0, |run| run.steps),
+                steps => steps,
+            };
+            likelihood.step_limits.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
+            let shape = (record.time_s.len(), system.outputs.len());
+            // Of a simulator that is started again every start is a nuisance of its own, window by window.
+            let starts: Vec<usize> = (0..all.ncols()).filter(|c| free.contains(&(c % prior_states))).collect();
+            let column = |j: &usize| DMatrix::from_column_slice(shape.0, shape.1, all.column(*j).as_slice());
+            let mut raw = Responses { starts: starts.iter().map(column).collect(), ..Responses::default() };
+            if let Some(predicted) = likelihood.predict(at, NO_EFFECT) {
+                raw.feedback = feedback::regressors(record, &likelihood.residual(at, &predicted), &likelihood.criteria);
+            }
+            let alone = likelihood.declared_responses(at, NO_EFFECT, &vec![0.0; nuisances.len()]);
+            let why = "what it does with a nuisance at half a standard deviation to either side is not finite; lower its `std`";
+            raw.declared = alone.ok_or_else(|| GapError::Nominal { log: record.name.clone(), why: why.to_owned() })?;
+            raw.declared_std = nuisances.iter().map(|n| n.std).collect();
+            likelihood.nuisances.push(Nuisances::new(raw, record, &likelihood.noise[at], &likelihood.prior));
+            if let Some((declared, bend)) = likelihood.about_own_constants(at) {
+                let raw = Responses { declared, ..likelihood.nuisances[at].raw().clone() };
+                likelihood.nuisances[at] = Nuisances::new(raw, record, &likelihood.noise[at], &likelihood.prior);
+                likelihood.bends.resize(at, None);
+                likelihood.bends.push(Some(bend));
+            }
+        }
+        Ok(likelihood)
+    }
+
+    /// Under another noise model; one per record.
+    pub(crate) fn with_noise(&self, noise: Vec<Noise>) -> Self {
+        let whitened = self.nuisances.iter().zip(self.records).zip(&noise);
+        let nuisances = whitened.map(|((nuisances, record), noise)| nuisances.with_noise(record, noise, &self.prior)).collect();
+        Self { noise, nuisances, ..self.clone() }
+    }
+
+    /// With other prior standard deviations of the start; those that are 0 stay so.
+    pub(crate) fn with_prior(&self, prior: Vec<f64>) -> Self {
+        let nuisances = self.nuisances.iter().map(|nuisances| nuisances.with_prior(&prior)).collect();
+        Self { prior, nuisances, ..self.clone() }
+    }
+
+    /// With a normal prior on every number of the model that is fitted: about the value that came, of this relative standard deviation.
+    pub(crate) fn with_shrinkage(&self, size: f64) -> Self {
+        Self { shrinkage: Some(size), ..self.clone() }
+    }
+
+    /// Mean and standard deviation of the prior on an effect's parameter; `None`: it is free.
+    pub(crate) fn prior_of(&self, applied: &Applied, parameter: usize) -> Option<(f64, f64)> {
+        let nominal = applied.parameters[parameter].nominal;
+        let std = self.shrinkage? * nominal.abs();
+        (applied.effect.corrects_model() && std > 0.0 && std.is_finite()).then_some((nominal, std))
+    }
+
+    /// To try the effect a black box must be called: what comes after it costs nothing.
+    pub(crate) fn calls(&self, applied: &Applied) -> bool {
+        self.system.is_black_box() && matches!(applied.effect.site(), Site::Input | Site::Dynamics)
+    }
+
+    /// What trying the effect may cost.
+    pub(crate) fn allowance(&self, applied: &Applied) -> &'static Allowance {
+        if self.calls(applied) { &self.budget.called } else { &self.budget.plain }
+    }
+
+    /// First guesses of an effect's parameters, fewer where each is a call.
+    pub(crate) fn first_guesses(&self, applied: &Applied, scales: &Scales) -> Vec<Vec<f64>> {
+        let all = applied.starts(self.system, scales);
+        let every = all.len().div_ceil(self.allowance(applied).first_guesses).max(1);
+        all.into_iter().step_by(every).collect()
+    }
+
+    /// The length of a whitened residual that rounding in a black box makes.
+    pub(crate) fn rounding(&self) -> f64 {
+        let noise = self.noise_std();
+        let parts = self.resolution.iter().zip(&noise).map(|(r, s)| (r / s.max(f64::MIN_POSITIVE)).powi(2));
+        let samples = self.records.iter().filter(|r| r.train.is_some()).map(|r| r.time_s.len()).sum::<usize>() as f64;
+        (parts.sum::<f64>() * samples).sqrt()
+    }
+
+    /// The nuisances' whitened responses of one record, as columns.
+    pub(super) fn nuisances_of(&self, record: usize) -> &DMatrix<f64> {
+        self.nuisances[record].whitened()
+    }
+
+    /// The precision of their prior.
+    pub(super) fn precision_of(&self, record: usize) -> DMatrix<f64> {
+        self.nuisances[record].precision(&self.prior)
+    }
+
+    pub(crate) fn prior(&self) -> &[f64] {
+        &self.prior
+    }
+
+    pub(crate) fn correction(&self, record: usize) -> Option<Correction<'_>> {
+        self.predictor.correction(record, &self.records[record].measured)
+    }
+
+    /// The plan of the simulator with its own and these effects.
+    pub(crate) fn plan(&self, effects: &[Applied], chance: Chance<'_>) -> Option<Plan> {
+        Applied::plan(self.system, self.model_effects.iter().chain(effects), chance).ok()
+    }
+
+    /// Predicted outputs of one record from the nominal start, samples × outputs.
+    pub(crate) fn predict<'e>(&self, record: usize, active: impl Into<ActiveEffects<'e>>) -> Option<DMatrix<f64>> {
+        self.predict_samples(record, active.into(), &self.records[record].inputs, usize::MAX)
+    }
+
+    /// The same with other commands than those of the log, and as far as parameters are fitted to it: samples after the training span are 0.
+    pub(crate) fn predict_trained(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>]) -> Option<DMatrix<f64>> {
+        self.predict_samples(record, active, inputs, self.records[record].trained_samples())
+    }
+
+    /// The plan of a run over one record.
+    pub(super) fn plan_on(&self, record: usize, active: ActiveEffects<'_>, samples: usize) -> Option<Plan> {
+        if self.stop.is_set() {
+            return None;
+        }
+        let ActiveEffects { effects, lost } = active;
+        let known = lost.and_then(|l| l.get(record));
+        let mut plan = self.plan(effects, known.map_or(Chance::Mean, |sequences| Chance::Known(sequences)))?;
+        plan.tolerance = Tolerance { budget: self.step_limits.get(record).copied().unwrap_or(usize::MAX), ..TOLERANCE };
+        plan.wanted = Wanted { samples, states: false };
+        Some(plan)
+    }
+
+    /// The outputs of a real run, as long as the record: nothing in it is a straight line.
+    pub(super) fn run(&self, record: usize, active: ActiveEffects<'_>) -> Option<DMatrix<f64>> {
+        self.run_samples(record, active, &self.records[record].inputs, usize::MAX)
+    }
+
+    fn predict_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
+        let y = self.run_samples(record, active, inputs, samples)?;
+        Some(match self.bends.get(record) {
+            Some(Some(bend)) => y + bend,
+            _ => y,
+        })
+    }
+
+    fn run_samples(&self, record: usize, active: ActiveEffects<'_>, inputs: &[Vec<f64>], samples: usize) -> Option<DMatrix<f64>> {
+        let log = &self.records[record];
+        let simulate = || {
+            let plan = self.plan_on(record, active, samples)?;
+            let commands = Commands { time_s: &log.time_s, inputs };
+            Some(self.system.simulate(&plan, commands, &log.start, self.correction(record)).ok()?.y)
+        };
+        if active.lost.is_some() || !std::ptr::eq(inputs, log.inputs.as_slice()) {
+            return simulate();
+        }
+        // A run that a stop broke off says nothing.
+        self.simulated.of(Key::new(record, samples.min(log.time_s.len()), active.effects), simulate, || !self.stop.is_set())
+    }
+
+    /// measured − predicted, 0 where there is no measurement.
+    pub(crate) fn residual(&self, record: usize, predicted: &DMatrix<f64>) -> DMatrix<f64> {
+        let (samples, outputs) = predicted.shape();
+        let mut residual = Vec::with_capacity(samples * outputs);
+        for (predicted, measured) in predicted.as_slice().chunks_exact(samples.max(1)).zip(&self.records[record].measured) {
+            let both = measured.values.iter().zip(predicted);
+            match &measured.present {
+                None => residual.extend(both.map(|(y, predicted)| y - predicted)),
+                Some(present) => residual.extend(both.zip(present).map(|((y, predicted), there)| if *there { y - predicted } else { 0.0 })),
+            }
+        }
+        DMatrix::from_vec(samples, outputs, residual)
+    }
+
+    /// Whitened residuals of all training records; `None` where a simulation fails.
+    pub(crate) fn whitened<'e>(&self, active: impl Into<ActiveEffects<'e>>) -> Option<Whitened> {
+        let active = active.into();
+        let one = |at: usize| {
+            let record = &self.records[at];
+            if record.train.is_none() {
+                return Some(DVector::zeros(0));
+            }
+            let residual = self.residual(at, &self.predict_trained(at, active, &record.inputs)?);
+            let e = self.noise[at].whiten(record, record.train, &residual);
+            let rows = e.len();
+            e.iter().all(|v| v.is_finite()).then(|| e.reshape_generic(Dyn(rows), Const::<1>))
+        };
+        if self.budget.one_by_one {
+            return (0..self.records.len()).map(one).collect();
+        }
+        (0..self.records.len()).into_par_iter().map(one).collect()
+    }
+
+    /// Every record can be simulated to its end.
+    pub(crate) fn holds_throughout<'e>(&self, active: impl Into<ActiveEffects<'e>>) -> bool {
+        let active = active.into();
+        (0..self.records.len()).into_par_iter().all(|at| self.predict(at, active).is_some())
+    }
+
+    /// A residual whitened over the whole record, whatever is trained on.
+    pub(crate) fn whiten_whole(&self, at: usize, residual: &DMatrix<f64>) -> DMatrix<f64> {
+        self.whiten_in(at, residual, Span { from_s: 0.0, to_s: self.records[at].duration_s() })
+    }
+
+    /// A residual whitened over a span, whatever is trained on; 0 outside it.
+    pub(crate) fn whiten_in(&self, at: usize, residual: &DMatrix<f64>, span: Span) -> DMatrix<f64> {
+        self.noise[at].whiten(&self.records[at], Some(span), residual)
+    }
+
+    /// Anything that moves as a residual does, from any sample on, through the noise's whitening filter.
+    pub(crate) fn filter(&self, at: usize, response: &DMatrix<f64>) -> DMatrix<f64> {
+        self.noise[at].filter(response)
+    }
+
+    /// The inner product of whitened residuals with the start integrated out: aᵀ(I + W P Wᵀ)⁻¹b over the training records.
+    pub(crate) fn inner(&self, a: &Whitened, b: &Whitened) -> f64 {
+        let projected = self.projected(b);
+        if std::ptr::eq(a, b) {
+            self.product((a, &projected), (b, &projected))
+        } else {
+            self.product((a, &self.projected(a)), (b, &projected))
+        }
+    }
+
+    /// All inner products among a list.
+    pub(crate) fn inner_of_all(&self, all: &[&Whitened]) -> DMatrix<f64> {
+        let projected: Vec<Projected> = all.iter().map(|a| self.projected(a)).collect();
+        let mut products = DMatrix::zeros(all.len(), all.len());
+        for i in 0..all.len() {
+            for j in 0..=i {
+                products[(i, j)] = self.product((all[i], &projected[i]), (all[j], &projected[j]));
+                products[(j, i)] = products[(i, j)];
+            }
+        }
+        products
+    }
+
+    fn product(&self, (a, left): (&Whitened, &Projected), (b, right): (&Whitened, &Projected)) -> f64 {
+        let mut sum = 0.0;
+        for ((a, b), (left, right)) in a.iter().zip(b).zip(left.iter().zip(right)) {
+            sum += a.dot(b);
+            if let (Some((by_start, _)), Some((_, solved))) = (left, right) {
+                sum -= by_start.dot(solved);
+            }
+        }
+        sum
+    }
+
+    /// What a whitened residual has in common with the nuisances: Wᵀa and (P⁻¹ + WᵀW)⁻¹Wᵀa per record.
+    fn projected(&self, a: &Whitened) -> Projected {
+        a.iter().zip(&self.nuisances).map(|(a, nuisances)| nuisances.projected(a)).collect()
+    }
+
+    /// (I + W P Wᵀ)⁻¹a, record by record: [`Self::inner`] is its scalar product with the other vector.
+    pub(crate) fn reduced(&self, a: &Whitened) -> Whitened {
+        a.iter().zip(&self.nuisances).map(|(a, nuisances)| nuisances.reduced(a)).collect()
+    }
+
+    /// Predicted outputs from the posterior mean of the start, given the samples in `span` of each record.
+    pub(crate) fn predict_from_posterior<'e>(
+        &self,
+        record: usize,
+        active: impl Into<ActiveEffects<'e>>,
+        span: Span,
+    ) -> Option<DMatrix<f64>> {
+        let y = self.predict(record, active)?;
+        self.moved_to_posterior(record, y, span)
+    }
+
+    /// The same of the training span given its own samples; samples after it are of no use.
+    pub(crate) fn predict_trained_from_posterior<'e>(&self, record: usize, active: impl Into<ActiveEffects<'e>>) -> Option<DMatrix<f64>> {
+        let y = self.predict_trained(record, active.into(), &self.records[record].inputs)?;
+        self.moved_to_posterior(record, y, self.records[record].train?)
+    }
+
+    fn moved_to_posterior(&self, record: usize, mut y: DMatrix<f64>, span: Span) -> Option<DMatrix<f64>> {
+        let nuisances = &self.nuisances[record];
+        if nuisances.is_empty() {
+            return Some(y);
+        }
+        let (noise, log) = (&self.noise[record], &self.records[record]);
+        let whitened = noise.whiten(log, Some(span), &self.residual(record, &y));
+        let e = DVector::from_column_slice(whitened.as_slice());
+        let deviation =
+            if log.train == Some(span) { nuisances.posterior(&e)? } else { nuisances.posterior_in(span, &e, log, noise, &self.prior)? };
+        nuisances.add_to(&mut y, &deviation);
+        Some(y)
+    }
+
+    /// Standard deviation of each output's innovations.
+    pub(crate) fn noise_std(&self) -> Vec<f64> {
+        let trained = self.records.iter().zip(&self.noise).find(|(r, _)| r.train.is_some());
+        trained.map_or_else(|| vec![1.0; self.system.outputs.len()], |(_, noise)| noise.std())
+    }
+
+    /// How many samples of each output's noise count as one.
+    pub(crate) fn memory(&self) -> Vec<f64> {
+        let trained = self.records.iter().zip(&self.noise).find(|(r, _)| r.train.is_some());
+        (0..self.system.outputs.len()).map(|i| trained.map_or(1.0, |(_, noise)| noise.memory(i))).collect()
+    }
+
+    /// Samples with weight.
+    pub(crate) fn weight(&self) -> f64 {
+        let here = |record: &LogRecord| {
+            let inside = (0..record.time_s.len()).flat_map(|k| (0..record.measured.len()).map(move |i| (i, k)));
+            inside.filter(|&(i, k)| record.measured_in(record.train, i, k).is_some()).count()
+        };
+
+        self.records.iter().map(here).sum::<usize>() as f64
+    }
+}

@@ -1,0 +1,13 @@
+//! How well effects at work describe the logs: whitened residuals with the nuisances integrated out.
+
+pub(crate) mod active_effects;
+mod best_start;
+pub(crate) mod constants;
+mod cross_validation;
+pub(crate) mod errors;
+pub(crate) mod gaussian;
+mod nuisances;
+pub(crate) mod residuals;
+#[cfg(test)]
+pub(crate) mod servo;
+mod simulated;

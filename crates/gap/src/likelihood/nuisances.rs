@@ -1,0 +1,158 @@
+//! The nuisances of one record, integrated out alike in all rivals: the initial state with a prior N(0, P) on its deviation, what the model file declares
+//! (constants of which every log has its own, each with its prior), and commands that react to the noise of their own sample.
+//!
+//! How declared ones can be wrong:
+//! - The response to one is a straight line: that of the model as it came, between half a standard deviation to either side of the value that fits this model best.
+//!   A clock that is off by much of the time in which outputs move bends, and so does a push on a nonlinear model. What the line misses at that best value is added
+//!   to every rival's predictions, so without a cause nothing is missing; a cause that moves the value by much leaves what bends in between. What is told and what
+//!   is scored on held-out data comes of real simulations (`constants.rs`, `best_start.rs`).
+//! - It swallows a cause: with a wide prior a constant that is the same in all logs costs next to nothing, log by log. What is alike in all logs beyond
+//!   chance is told as such, and so is an estimate that its prior contradicts.
+//! - It does what the start does: an offset of a sensor beside an integrating state whose start is unknown. The two share the difference by their priors; the sum is
+//!   right, and the standard deviation of each says how little is known of it alone.
+
+use std::sync::Arc;
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+use crate::baseline::noise::Noise;
+use crate::input::record::{LogRecord, Span};
+
+/// The nuisances of one record.
+#[derive(Debug, Clone)]
+pub(super) struct Nuisances {
+    raw: Arc<Responses>,
+    /// W: the same whitened, as columns.
+    whitened: Arc<DMatrix<f64>>,
+    /// (P⁻¹ + WᵀW)⁻¹Wᵀ is applied with this factor.
+    factor: Option<Cholesky<f64, Dyn>>,
+}
+
+/// How the outputs answer to nuisances, samples × outputs each.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Responses {
+    /// ∂y/∂x0, of each free state.
+    pub(super) starts: Vec<DMatrix<f64>>,
+    /// Per unit of what the model file declares.
+    pub(super) declared: Vec<DMatrix<f64>>,
+    /// Standard deviations of the priors of those.
+    pub(super) declared_std: Vec<f64>,
+    /// The regressors of feedback without a delay, which have no prior.
+    pub(super) feedback: Vec<DMatrix<f64>>,
+}
+
+impl Responses {
+    /// With a prior.
+    fn known(&self) -> impl Iterator<Item = &DMatrix<f64>> {
+        self.starts.iter().chain(&self.declared)
+    }
+
+    fn all(&self) -> impl Iterator<Item = &DMatrix<f64>> {
+        self.known().chain(&self.feedback)
+    }
+
+    fn count(&self) -> usize {
+        self.starts.len() + self.declared.len() + self.feedback.len()
+    }
+
+    /// Whitened over a span, as columns.
+    pub(super) fn whitened(&self, record: &LogRecord, span: Option<Span>, noise: &Noise) -> DMatrix<f64> {
+        let mut whitened = DMatrix::zeros(record.time_s.len() * record.measured.len(), self.count());
+        for (mut column, raw) in whitened.column_iter_mut().zip(self.all()) {
+            column.copy_from_slice(noise.whiten(record, span, raw).as_slice());
+        }
+        whitened
+    }
+
+    /// P⁻¹; regressors without a prior get next to none, so that the sum can be factored. `prior`: standard deviations of the start.
+    pub(super) fn precision(&self, prior: &[f64]) -> DMatrix<f64> {
+        // Of several starts each has the same prior.
+        let starts = prior.iter().copied().filter(|s| *s > 0.0).cycle().take(self.starts.len());
+        let known = starts.chain(self.declared_std.iter().copied()).map(|s| 1.0 / (s * s));
+        let all: Vec<f64> = known.chain(std::iter::repeat_n(1e-9, self.feedback.len())).collect();
+        DMatrix::from_diagonal(&DVector::from_vec(all))
+    }
+}
+
+/// What a whitened residual a has in common with the nuisances: Wᵀa and (P⁻¹ + WᵀW)⁻¹Wᵀa.
+pub(super) type Common = (DVector<f64>, DVector<f64>);
+
+impl Nuisances {
+    pub(super) fn new(raw: Responses, record: &LogRecord, noise: &Noise, prior: &[f64]) -> Self {
+        Self { raw: Arc::new(raw), whitened: Arc::new(DMatrix::zeros(0, 0)), factor: None }.with_noise(record, noise, prior)
+    }
+
+    pub(super) fn with_noise(&self, record: &LogRecord, noise: &Noise, prior: &[f64]) -> Self {
+        Self { whitened: Arc::new(self.raw.whitened(record, record.train, noise)), ..self.clone() }.with_prior(prior)
+    }
+
+    pub(super) fn with_prior(&self, prior: &[f64]) -> Self {
+        let factor = (self.whitened.tr_mul(&self.whitened) + self.precision(prior)).cholesky();
+        Self { factor, ..self.clone() }
+    }
+
+    /// W, of the training span.
+    pub(super) fn whitened(&self) -> &DMatrix<f64> {
+        &self.whitened
+    }
+
+    /// P⁻¹.
+    pub(super) fn precision(&self, prior: &[f64]) -> DMatrix<f64> {
+        self.raw.precision(prior)
+    }
+
+    pub(super) fn raw(&self) -> &Responses {
+        &self.raw
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.raw.count() == 0
+    }
+
+    /// The factor, where a whitened residual has anything in common with the nuisances.
+    fn factor_for(&self, a: &DVector<f64>) -> Option<&Cholesky<f64, Dyn>> {
+        self.factor.as_ref().filter(|_| !a.is_empty() && self.whitened.ncols() > 0)
+    }
+
+    /// What a whitened residual has in common with the nuisances; `None` without any.
+    pub(super) fn projected(&self, a: &DVector<f64>) -> Option<Common> {
+        let factor = self.factor_for(a)?;
+        let by_start = self.whitened.tr_mul(a);
+        let solved = factor.solve(&by_start);
+        Some((by_start, solved))
+    }
+
+    /// (I + W P Wᵀ)⁻¹a.
+    pub(super) fn reduced(&self, a: &DVector<f64>) -> DVector<f64> {
+        match self.factor_for(a) {
+            Some(factor) => a - &*self.whitened * factor.solve(&self.whitened.tr_mul(a)),
+            None => a.clone(),
+        }
+    }
+
+    /// The posterior mean, given the whitened residual of the training span.
+    pub(super) fn posterior(&self, e: &DVector<f64>) -> Option<DVector<f64>> {
+        Some(self.factor.as_ref()?.solve(&self.whitened.tr_mul(e)))
+    }
+
+    /// The same, given that of another span.
+    pub(super) fn posterior_in(
+        &self,
+        span: Span,
+        e: &DVector<f64>,
+        record: &LogRecord,
+        noise: &Noise,
+        prior: &[f64],
+    ) -> Option<DVector<f64>> {
+        let w = self.raw.whitened(record, Some(span), noise);
+        let information = w.tr_mul(&w) + self.precision(prior);
+        Some(information.cholesky()?.solve(&w.tr_mul(e)))
+    }
+
+    /// Moves predictions by the deviations of what is no noise; feedback moves a residual but is no part of what a model predicts.
+    pub(super) fn add_to(&self, y: &mut DMatrix<f64>, deviation: &DVector<f64>) {
+        for (raw, by) in self.raw.known().zip(deviation.iter()) {
+            *y += raw * *by;
+        }
+    }
+}

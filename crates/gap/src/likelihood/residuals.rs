@@ -1,0 +1,47 @@
+//! Residuals of whatever is at work, from the posterior start of each record.
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use super::active_effects::ActiveEffects;
+use super::gaussian::Likelihood;
+
+/// Residuals from the posterior start of each record, by the same rule for every hypothesis: of a held-out log its own samples, else the training span.
+pub(crate) fn residuals<'e>(likelihood: &Likelihood<'_>, active: impl Into<ActiveEffects<'e>>) -> Option<Vec<DMatrix<f64>>> {
+    let active = active.into();
+    (0..likelihood.records.len())
+        .into_par_iter()
+        .map(|at| {
+            let record = &likelihood.records[at];
+            let span = record.estimated_from()?;
+            Some(likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?))
+        })
+        .collect()
+}
+
+/// Residuals of runs from the start of each record that fits best, of a held-out log by its own samples, else by the training span: what whoever runs the model gets.
+pub(crate) fn simulated<'e>(likelihood: &Likelihood<'_>, active: impl Into<ActiveEffects<'e>>) -> Option<Vec<DMatrix<f64>>> {
+    let active = active.into();
+    (0..likelihood.records.len())
+        .into_par_iter()
+        .map(|at| {
+            let record = &likelihood.records[at];
+            let span = record.estimated_from()?;
+            Some(likelihood.residual(at, &likelihood.predict_from_best_start(at, active, span)?))
+        })
+        .collect()
+}
+
+/// Residuals of the training spans alone from their posterior starts; of anything else nothing that means something.
+pub(crate) fn trained<'e>(likelihood: &Likelihood<'_>, active: impl Into<ActiveEffects<'e>>) -> Option<Vec<DMatrix<f64>>> {
+    let active = active.into();
+    (0..likelihood.records.len())
+        .map(|at| {
+            let record = &likelihood.records[at];
+            if record.train.is_none() {
+                return Some(DMatrix::zeros(record.time_s.len(), record.measured.len()));
+            }
+            Some(likelihood.residual(at, &likelihood.predict_trained_from_posterior(at, active)?))
+        })
+        .collect()
+}

@@ -1,0 +1,76 @@
+//! The candidates: every effect on every channel of a system that it can act on.
+
+use crate::format::diagnosis::NotTried;
+use crate::input::black_box::Probed;
+use crate::input::nuisance::Nuisance;
+use deadtime_model::effect::{Applied, EFFECTS, Effect, Scales, Site};
+use deadtime_model::simulate::System;
+
+/// What is tried, in the order of the effects' table, and what cannot act.
+pub(crate) struct Catalogue {
+    pub(crate) candidates: Vec<Applied>,
+    pub(crate) left_out: Vec<NotTried>,
+}
+
+/// All candidates of a system, with the reasons for those that cannot act.
+pub(crate) fn catalogue(system: &System, nuisances: &[Nuisance], probed: Option<&Probed>, scales: &Scales) -> Catalogue {
+    let (mut all, mut left_out) = (Vec::new(), Vec::new());
+    for effect in EFFECTS {
+        if effect.is_declared() && effect.channels(system).is_empty() {
+            continue;
+        }
+        if effect.site() == Site::Dynamics && system.is_sampled() {
+            left_out.push(not_tried(effect, "the model is sampled".to_owned()));
+            continue;
+        }
+        if effect.needs_equations() && system.is_black_box() {
+            left_out.push(not_tried(effect, "the simulator is a black box: its equations cannot be changed".to_owned()));
+            continue;
+        }
+        // Beside laws that cannot be tried, friction above all, what may take many shapes makes up causes.
+        if effect.site() == Site::Output && effect.elaborates().is_some() && system.is_black_box() {
+            left_out.push(not_tried(
+                effect,
+                "the simulator is a black box: laws of its own that cannot be tried would take the same shape".to_owned(),
+            ));
+            continue;
+        }
+        let mut channels = effect.channels(system);
+        if channels.is_empty() && effect.site() == Site::Dynamics && system.is_black_box() {
+            left_out.push(not_tried(effect, "the simulator is a black box, and no parameter of it is named".to_owned()));
+        } else if channels.is_empty() {
+            left_out.push(not_tried(effect, "the model has no channel for it".to_owned()));
+        }
+        let idle = probed.map_or(&[][..], |p| match effect.site() {
+            Site::Input => &p.idle_inputs,
+            Site::Dynamics => &p.idle_parameters,
+            Site::Output | Site::Clock => &[],
+        });
+        for channel in channels.extract_if(.., |channel| idle.contains(channel)) {
+            let what = if effect.site() == Site::Input { "input" } else { "parameter" };
+            left_out.push(not_tried(effect, format!("no output of the simulator depends on the {what} `{channel}`")));
+        }
+        for nuisance in nuisances {
+            left_out.extend(channels.extract_if(.., |c| nuisance.is(effect, c)).map(|_| not_tried(effect, nuisance.why_not_tried())));
+        }
+        let on = |channel: &String| Some(Applied::nominal(system, effect, channel).ok()?.shown_by(system, scales));
+        all.extend(channels.iter().filter_map(on));
+    }
+    Catalogue { candidates: all, left_out }
+}
+
+/// Every number of a model as it came, also where a law that acts in continuous time could not be tried; none of a simulator that can only be called.
+pub(crate) fn numbers(system: &System) -> Vec<Applied> {
+    let of = |effect: &'static dyn Effect| {
+        effect.channels(system).into_iter().filter_map(move |channel| {
+            let parameters = effect.parameters(system, &channel).ok()?;
+            let values = parameters.iter().map(|p| p.nominal).collect();
+            Some(Applied { effect, channel, parameters, values })
+        })
+    };
+    EFFECTS.into_iter().filter(|e| e.corrects_model() && !system.is_black_box()).flat_map(of).collect()
+}
+
+fn not_tried(effect: &dyn Effect, why: String) -> NotTried {
+    NotTried { effect: effect.name().to_owned(), why }
+}

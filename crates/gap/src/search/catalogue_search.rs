@@ -1,0 +1,144 @@
+//! The search through the catalogue: candidates screened, the promising ones fitted in full, pairs built on them, all compared under one noise model.
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use super::elaborations::held_back;
+use super::late::beside_lost;
+use super::screen::screen;
+use super::several::pairs;
+use super::singles::{fit_first, frugal};
+use crate::baseline::noise::Noise;
+use crate::format::progress::Stage;
+use crate::hypothesis::dropouts::decoded;
+use crate::hypothesis::effects::Hypothesis;
+use crate::hypothesis::penalised_gain::Penalties;
+use crate::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
+use crate::likelihood::gaussian::{Likelihood, Whitened};
+use crate::likelihood::residuals::residuals;
+use deadtime_model::effect::{Applied, Lateness, Scales};
+
+/// What a search found, best first.
+pub(crate) struct SearchResult {
+    /// Single effects: those fitted, then the rest of the catalogue as screened.
+    pub(crate) singles: Vec<Hypothesis>,
+    pub(crate) pairs: Vec<Hypothesis>,
+    /// Keys of elaborate forms of a plain effect that do no more than it: they count as gaining as much.
+    pub(crate) held_back: Vec<String>,
+}
+
+/// A search's result, and the likelihood under the noise of the largest hypothesis in play.
+pub(crate) struct Searched<'a> {
+    pub(crate) likelihood: Likelihood<'a>,
+    pub(crate) found: SearchResult,
+}
+
+/// Searches the whole catalogue, from a likelihood under white noise. `remedies`: what the checks ask for.
+pub(crate) fn search<'a>(
+    mut likelihood: Likelihood<'a>,
+    catalogue: Vec<Applied>,
+    remedies: &[Applied],
+    scales: &Scales,
+    smallest: &[f64],
+    progress: &dyn Fn(Stage),
+) -> Option<Searched<'a>> {
+    let budget = likelihood.budget;
+    let nominal = likelihood.whitened(NO_EFFECT)?;
+    progress(Stage::Screening(catalogue.len()));
+    let pool = screen(&likelihood, catalogue, scales, &nominal);
+    progress(Stage::Fitting);
+    let mut found = SearchResult { singles: fit_first(&likelihood, &pool, scales, &nominal), pairs: Vec::new(), held_back: Vec::new() };
+    progress(Stage::Pairing);
+    found.pairs = pairs(&likelihood, &found.singles, remedies, &pool, scales, &nominal);
+    members_alone(&likelihood, &mut found, scales, &nominal);
+    for hypotheses in [&mut found.singles, &mut found.pairs] {
+        give_up_what_breaks(&likelihood, hypotheses, usize::MAX);
+    }
+    for round in 0..budget.rounds {
+        progress(Stage::Refitting(round));
+        let penalties = Penalties::of(&likelihood);
+        let leading =
+            |all: &[Hypothesis]| all.iter().filter(|e| e.fitted).max_by(|a, b| penalties.gain(a).total_cmp(&penalties.gain(b))).cloned();
+        let single = leading(&found.singles);
+        let pair = leading(&found.pairs).filter(|pair| single.as_ref().is_none_or(|s| penalties.gain(pair) > penalties.gain(s)));
+        let largest = pair.or(single);
+        let Some(noise) = noise_of(&likelihood, largest.as_ref(), smallest) else { break };
+        likelihood = likelihood.with_noise(noise);
+        let nominal = likelihood.whitened(NO_EFFECT)?;
+        let cost = likelihood.inner(&nominal, &nominal);
+        for hypotheses in [&mut found.singles, &mut found.pairs] {
+            hypotheses.par_iter_mut().for_each(|e| e.rescore(&likelihood, cost));
+            hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+            let steps = if round + 1 < budget.rounds { budget.steps } else { budget.steps / 2 };
+            let best = hypotheses.first().map_or(0.0, |e| e.gain);
+            let leaders = frugal(&likelihood, hypotheses.iter().take(budget.plain.leaders).map(|e| e.effects.as_slice()));
+            hypotheses.par_iter_mut().zip(leaders).filter(|(e, leads)| *leads && e.gain.is_finite()).for_each(|(e, _)| {
+                // A sequence that explains much less than the best hypothesis is not worth another search.
+                let late = e.effects.iter().any(|a| a.effect.lateness() == Some(Lateness::Random));
+                let again = e.lost.is_none() || e.gain > if late { budget.again_late } else { budget.again } * best;
+                let sequences = if again { decoded(&likelihood, e.clone(), scales, cost, steps) } else { Some(e.clone()) };
+                if let Some(better) = sequences.and_then(|e| Hypothesis::refit(&likelihood, e, scales, cost, steps)) {
+                    *e = better.with_missing_limits(&likelihood, scales, cost, steps);
+                    if round == 0 {
+                        *e = e.clone().polished(&likelihood, scales, cost, steps);
+                    }
+                }
+            });
+            give_up_what_breaks(&likelihood, hypotheses, budget.plain.leaders);
+            hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        }
+    }
+    beside_lost(&likelihood, &mut found.singles);
+    beside_lost(&likelihood, &mut found.pairs);
+    found.held_back = held_back(&likelihood, &mut found.singles, &mut found.pairs);
+    Some(Searched { likelihood, found })
+}
+
+/// Fits see the training spans only: what breaks in the rest of a log explains nothing. Of the first so many.
+fn give_up_what_breaks(likelihood: &Likelihood<'_>, hypotheses: &mut [Hypothesis], first: usize) {
+    let known = likelihood.budget.one_by_one;
+    hypotheses.par_iter_mut().take(first).filter(|e| e.fitted && !known).for_each(|e| {
+        if !likelihood.holds_throughout(&*e) {
+            (e.fitted, e.gain) = (false, f64::NEG_INFINITY);
+        }
+    });
+}
+
+/// The noise of the residuals that one hypothesis leaves, or the model as it is, per record; records of one sample time share it.
+pub(crate) fn noise_of(likelihood: &Likelihood<'_>, hypothesis: Option<&Hypothesis>, smallest: &[f64]) -> Option<Vec<Noise>> {
+    let residuals = residuals(likelihood, hypothesis.map_or(NO_EFFECT, ActiveEffects::from))?;
+    let larger = hypothesis.map_or(1.0, |e| e.noise_over_left(likelihood));
+    Some(noise_in(likelihood, &residuals, larger, smallest))
+}
+
+/// The noise of residuals, so many times as large, per record; records of one sample time share it.
+pub(crate) fn noise_in(likelihood: &Likelihood<'_>, residuals: &[DMatrix<f64>], larger: f64, smallest: &[f64]) -> Vec<Noise> {
+    let same = |a: f64, b: f64| (a - b).abs() <= 0.02 * b;
+    let noise = |ts: f64| {
+        let members: Vec<usize> = (0..residuals.len())
+            .filter(|&i| likelihood.records[i].train.is_some() && same(likelihood.records[i].sample_time_s, ts))
+            .collect();
+        // A held-out record of another sample time: all training records, as a stand-in.
+        let members =
+            if members.is_empty() { (0..residuals.len()).filter(|&i| likelihood.records[i].train.is_some()).collect() } else { members };
+        let records: Vec<_> = members.iter().map(|&i| &likelihood.records[i]).collect();
+        let residuals: Vec<_> = members.iter().map(|&i| &residuals[i]).collect();
+        Noise::fit(&records, &residuals, smallest, &likelihood.criteria).times(larger)
+    };
+    likelihood.records.iter().map(|r| noise(r.sample_time_s)).collect()
+}
+
+/// Members of the best pair of a black box as hypotheses of their own, from where they stand in it: one that few calls were spent on may lead alone.
+fn members_alone(likelihood: &Likelihood<'_>, found: &mut SearchResult, scales: &Scales, nominal: &Whitened) {
+    let cost = likelihood.inner(nominal, nominal);
+    let Some(pair) = found.pairs.first().filter(|_| likelihood.budget.one_by_one) else { return };
+    let members: Vec<Hypothesis> = (0..pair.effects.len()).map(|place| pair.only(place)).filter(|e| !e.loses_commands()).collect();
+    let better: Vec<Hypothesis> =
+        members.into_par_iter().filter_map(|e| Hypothesis::refit(likelihood, e, scales, cost, likelihood.budget.steps)).collect();
+    for alone in better {
+        if let Some(single) = found.singles.iter_mut().find(|s| s.key() == alone.key()).filter(|s| !s.fitted || s.gain < alone.gain) {
+            *single = alone;
+        }
+    }
+    found.singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+}

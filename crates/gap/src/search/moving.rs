@@ -1,0 +1,260 @@
+//! First guesses of what changes with time: delays that move, and gains and parameters that step.
+//!
+//! Delays, from fixed ones: how well each of a grid of delays does at every time of the logs says when another does better. Where one delay holds until a time
+//! and another from then on, the sum of the best prefix and the best suffix of squared errors is lowest at that time (a change-point scan with two segments;
+//! Hinkley 1970, doi:10.1093/biomet/57.1.1). A drift is the straight line through the grid along which the errors are lowest, a slower loop a period about twice
+//! the best fixed delay.
+//!
+//! Steps of anything else, from its signature s, the residual e being about v·s: with v of its own before and behind a time the squared error falls by (Σ s·e)²/Σ s²
+//! of each side (a generalised likelihood ratio on the cumulated score; Basseville and Nikiforov 1993, Detection of Abrupt Changes, section 2.4).
+//!
+//! How it can be wrong: a plant that remembers smears the time over its own memory, the grid is coarse, and a signature is that of a small change; so these are
+//! first guesses, which are fitted and compared as all others are.
+
+use rayon::prelude::*;
+
+use crate::hypothesis::direction::{NEAR, between, difference, with};
+use crate::likelihood::active_effects::NO_EFFECT;
+use crate::likelihood::gaussian::{Likelihood, Whitened};
+use deadtime_model::effect::{Applied, Change, EFFECTS, Effect, Lateness, Scales, Scanned, find};
+use deadtime_model::simulate::System;
+
+/// Short delays of the grid, all of them; and so many of the longer ones. Beside none.
+const SHORT: usize = 12;
+const LONG: usize = 14;
+/// Stretches of time at whose edges a change is looked for.
+const BINS: usize = 240;
+/// A change is looked for no closer than this part of the logs to their ends.
+const MARGIN: f64 = 0.03;
+/// So many stretches before and behind a first guess its time is looked for.
+const EARLIER: i32 = 16;
+const LATER: i32 = 6;
+/// A step is looked at where it takes this part of the squared residual that one value leaves. Chosen: a tenth, as for further causes.
+const STEPS: f64 = 0.1;
+/// Periods of a slower loop, in units of the best fixed delay; and so many at most, with so many phases each.
+const PERIODS: [f64; 2] = [1.2, 3.2];
+const TRIED: usize = 16;
+const PHASES: usize = 6;
+/// First guesses of a slower loop that are handed on.
+const KEPT: usize = 3;
+
+/// What a scan suggests for every candidate that changes with time.
+pub(crate) fn scanned(likelihood: &Likelihood<'_>, candidates: &[Applied], scales: &Scales) -> Vec<Scanned> {
+    let Some(nominal) = likelihood.whitened(NO_EFFECT) else { return Vec::new() };
+    let late = candidates.iter().filter(|a| a.effect.lateness() == Some(Lateness::Fixed));
+    let mut all: Vec<Scanned> = late.flat_map(|delay| of_delay(likelihood, scales, &nominal, delay).unwrap_or_default()).collect();
+    let steps: Vec<&Applied> = candidates.iter().filter(|a| a.effect.changes() == Some(Change::Jump) && !moves_a_delay(a.effect)).collect();
+    let of_step = |step: &&Applied| of_step(likelihood, scales, &nominal, step);
+    // One simulation a candidate; where each is a call, one after the other.
+    let calls = steps.iter().any(|step| likelihood.calls(step));
+    all.extend(if calls { steps.iter().filter_map(of_step).collect::<Vec<_>>() } else { steps.par_iter().filter_map(of_step).collect() });
+    all
+}
+
+/// Guesses that only say what such effects are like: delays of a few samples, steps as large as a first guess of what steps. For what is never fitted.
+pub(crate) fn typical(system: &System, candidates: &[Applied], scales: &Scales) -> Vec<Scanned> {
+    let few_s = (4.0 * scales.sample_time_s).min(0.5 * scales.longest_delay_s);
+    let guess = |a: &Applied| {
+        let (changes, delays) = (a.effect.changes(), moves_a_delay(a.effect));
+        Some(match (changes, a.effect.lateness()) {
+            (Some(Change::Jump), _) if delays => vec![0.5 * few_s, 0.5 * scales.duration_s, 1.5 * few_s],
+            (Some(Change::Drift), _) if delays => vec![0.5 * few_s, few_s / scales.duration_s.max(f64::MIN_POSITIVE)],
+            (Some(Change::Jump), _) => {
+                let plain = plain(system, a)?;
+                let [value] = *plain.starts(system, scales).first()?.as_slice() else { return None };
+                vec![*plain.values.first()?, 0.5 * scales.duration_s, value]
+            }
+            (None, Some(Lateness::SlowerLoop)) => vec![few_s, 0.0],
+            _ => return None,
+        })
+    };
+    candidates.iter().filter_map(|a| Some(found(a.effect, &a.channel, vec![guess(a)?]))).collect()
+}
+
+fn found(effect: &dyn Effect, channel: &str, starts: Vec<Vec<f64>>) -> Scanned {
+    Scanned { effect: effect.name(), channel: channel.to_owned(), starts }
+}
+
+/// What changes with time is a fixed delay.
+fn moves_a_delay(effect: &dyn Effect) -> bool {
+    let plain = effect.elaborates().and_then(|plain| find(plain).ok());
+    effect.changes().is_some() && plain.is_some_and(|plain| plain.lateness() == Some(Lateness::Fixed))
+}
+
+/// What a candidate is where nothing changes with time.
+fn plain(system: &System, a: &Applied) -> Option<Applied> {
+    Applied::nominal(system, find(a.effect.elaborates()?).ok()?, &a.channel).ok()
+}
+
+/// The lowest cost with one value of a number before a time and another behind it, where that is worth more than one value throughout.
+fn of_step(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, step: &Applied) -> Option<Scanned> {
+    let plain = plain(likelihood.system, step)?;
+    let start = plain.starts(likelihood.system, scales).into_iter().next()?;
+    let near = likelihood.whitened(&[with(&plain, &between(&plain, &start, NEAR))])?;
+    let signature = difference(nominal, &near, 1.0 / NEAR);
+    let bin_s = scales.duration_s / BINS as f64;
+    let along = products(likelihood, &signature, nominal, bin_s);
+    let length = products(likelihood, &signature, &signature, bin_s);
+    let fall = |along: f64, length: f64| if length > 0.0 { along * along / length } else { 0.0 };
+    let whole = (along.iter().sum::<f64>(), length.iter().sum::<f64>());
+    let (mut before, mut best) = ((0.0, 0.0), (f64::NEG_INFINITY, 0, [0.0; 2]));
+    for bin in 0..BINS {
+        if (MARGIN..1.0 - MARGIN).contains(&(bin as f64 / BINS as f64)) && before.1 > 0.0 && whole.1 - before.1 > 0.0 {
+            let behind = (whole.0 - before.0, whole.1 - before.1);
+            let sum = fall(before.0, before.1) + fall(behind.0, behind.1);
+            if sum > best.0 {
+                best = (sum, bin, [before.0 / before.1, behind.0 / behind.1]);
+            }
+        }
+        before = (before.0 + along[bin], before.1 + length[bin]);
+    }
+    let (sum, bin, shares) = best;
+    // Beside a larger fault of another kind a step takes a little of anything, and what it takes would count as noise explained.
+    let one = fall(whole.0, whole.1);
+    if sum - one <= likelihood.criteria.selection_penalty.max(STEPS * (likelihood.inner(nominal, nominal) - one)) {
+        return None;
+    }
+    let at = |share: f64| between(&plain, &start, share).first().copied();
+    let guess = vec![at(shares[0])?, bin as f64 * bin_s, at(shares[1])?];
+    // Where each try is a call the first guess must do.
+    let guess = if likelihood.calls(step) { guess } else { sharpened(likelihood, step, guess, bin_s) };
+    Some(found(step.effect, &step.channel, vec![guess]))
+}
+
+/// The time of a jump once more, by the jump itself: a plant that remembers shows it late, and beside the right time there are minima where the command rests.
+fn sharpened(likelihood: &Likelihood<'_>, jump: &Applied, guess: Vec<f64>, bin_s: f64) -> Vec<f64> {
+    let moved = |bins: i32| {
+        guess.iter().enumerate().map(|(i, v)| if i == 1 { (v + f64::from(bins) * bin_s).max(0.0) } else { *v }).collect::<Vec<f64>>()
+    };
+    let cost = |values: Vec<f64>| {
+        let there = likelihood.whitened(&[with(jump, &values)])?;
+        Some((likelihood.inner(&there, &there), values))
+    };
+    let tried = (-EARLIER..=LATER).filter_map(|bins| cost(moved(bins)));
+    tried.min_by(|a, b| a.0.total_cmp(&b.0)).map_or_else(|| guess.clone(), |(_, values)| values)
+}
+
+/// The squared errors of a grid of delays, by stretch of time.
+struct Grid {
+    delays_s: Vec<f64>,
+    /// Per delay and stretch.
+    squares: Vec<Vec<f64>>,
+    /// The length of a stretch, seconds.
+    bin_s: f64,
+}
+
+/// What the delay of an input seems to do; nothing where it seems to stand still.
+fn of_delay(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, delay: &Applied) -> Option<Vec<Scanned>> {
+    let guesses = likelihood.first_guesses(delay, scales);
+    let (short, long) = guesses.split_at(SHORT.min(guesses.len()));
+    let every = long.len().div_ceil(LONG).max(1);
+    // The last one stands for all that are longer.
+    let chosen: Vec<f64> = short.iter().chain(long.iter().rev().step_by(every).rev()).filter_map(|g| g.first().copied()).collect();
+    let errors = |delay_s: &f64| Some((*delay_s, likelihood.whitened(&[with(delay, &[*delay_s])])?));
+    let errors: Vec<(f64, Whitened)> =
+        if likelihood.calls(delay) { chosen.iter().filter_map(errors).collect() } else { chosen.par_iter().filter_map(errors).collect() };
+    let bin_s = scales.duration_s / BINS as f64;
+    let mut grid = Grid { delays_s: vec![0.0], squares: vec![products(likelihood, nominal, nominal, bin_s)], bin_s };
+    for (delay_s, whitened) in &errors {
+        grid.delays_s.push(*delay_s);
+        grid.squares.push(products(likelihood, whitened, whitened, bin_s));
+    }
+    let sums: Vec<f64> = grid.squares.iter().map(|s| s.iter().sum()).collect();
+    let best = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b]))?;
+    let least = likelihood.criteria.selection_penalty;
+    let worth = |(cost, start): (f64, Vec<f64>)| (sums[best] - cost > least).then_some(start);
+    let is_late = grid.delays_s[best] > 0.0 && sums[0] - sums[best] > least;
+    // Drifts of a sample over the logs, which the grid may be too coarse to show.
+    let turns = [-1.0, 1.0].map(|sign| vec![grid.delays_s[best], sign * scales.sample_time_s / scales.duration_s]);
+    let starts = |effect: &'static dyn Effect| match (effect.changes().filter(|_| moves_a_delay(effect)), effect.lateness()) {
+        (Some(Change::Jump), _) => grid.jump().and_then(worth).into_iter().collect(),
+        (Some(Change::Drift), _) => grid.drift().and_then(worth).into_iter().chain(turns.clone().into_iter().filter(|_| is_late)).collect(),
+        // A slower loop is late on average: where no fixed delay helps it is none.
+        (None, Some(Lateness::SlowerLoop)) if is_late => match Applied::nominal(likelihood.system, effect, &delay.channel) {
+            Ok(applied) => slower(likelihood, scales, nominal, &applied, grid.delays_s[best]),
+            Err(_) => Vec::new(),
+        },
+        _ => Vec::new(),
+    };
+    Some(EFFECTS.iter().map(|effect| found(*effect, &delay.channel, starts(*effect))).filter(|s| !s.starts.is_empty()).collect())
+}
+
+/// Products of two whitened residuals summed by stretch of time, all training records together.
+fn products(likelihood: &Likelihood<'_>, a: &Whitened, b: &Whitened, bin_s: f64) -> Vec<f64> {
+    let mut bins = vec![0.0; BINS];
+    for (record, (a, b)) in likelihood.records.iter().zip(a.iter().zip(b)) {
+        let samples = record.time_s.len();
+        for (at, (a, b)) in a.iter().zip(b.iter()).enumerate() {
+            let bin = (record.time_s[at % samples] / bin_s) as usize;
+            bins[bin.min(BINS - 1)] += a * b;
+        }
+    }
+    bins
+}
+
+impl Grid {
+    /// The lowest cost with one delay before a time and one behind it, and both with the time.
+    fn jump(&self) -> Option<(f64, Vec<f64>)> {
+        let whole: Vec<f64> = self.squares.iter().map(|s| s.iter().sum()).collect();
+        let mut before = vec![0.0; self.squares.len()];
+        let mut best: Option<(f64, Vec<f64>)> = None;
+        for bin in 0..BINS {
+            let place = bin as f64 / BINS as f64;
+            if (MARGIN..1.0 - MARGIN).contains(&place) {
+                let lowest = |cost: &dyn Fn(usize) -> f64| (0..before.len()).min_by(|&a, &b| cost(a).total_cmp(&cost(b)));
+                let (behind, first) = (|d: usize| whole[d] - before[d], lowest(&|d| before[d])?);
+                let second = lowest(&behind)?;
+                let cost = before[first] + behind(second);
+                if first != second && best.as_ref().is_none_or(|(lowest, _)| cost < *lowest) {
+                    best = Some((cost, vec![self.delays_s[first], bin as f64 * self.bin_s, self.delays_s[second]]));
+                }
+            }
+            for (sum, squares) in before.iter_mut().zip(&self.squares) {
+                *sum += squares[bin];
+            }
+        }
+        best
+    }
+
+    /// The lowest cost along a straight line from one delay to another, and the delay at the start with its rate.
+    fn drift(&self) -> Option<(f64, Vec<f64>)> {
+        let nearest = |delay_s: f64| {
+            let above = self.delays_s.partition_point(|d| *d < delay_s).min(self.delays_s.len() - 1);
+            let below = above.saturating_sub(1);
+            if delay_s - self.delays_s[below] < self.delays_s[above] - delay_s { below } else { above }
+        };
+        let last_s = self.bin_s * BINS as f64;
+        let along = |(from, to): (f64, f64)| {
+            let at = |bin: usize| from + (to - from) * (bin as f64 + 0.5) / BINS as f64;
+            let cost = (0..BINS).map(|bin| self.squares[nearest(at(bin))][bin]).sum::<f64>();
+            (cost, vec![from, (to - from) / last_s])
+        };
+        let ends = self.delays_s.iter().flat_map(|&from| self.delays_s.iter().map(move |&to| (from, to))).filter(|(from, to)| from != to);
+        ends.map(along).min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+}
+
+/// The best periods and phases of a slower loop that is as late on average as a fixed delay.
+fn slower(likelihood: &Likelihood<'_>, scales: &Scales, nominal: &Whitened, applied: &Applied, delay_s: f64) -> Vec<Vec<f64>> {
+    let cost = likelihood.inner(nominal, nominal);
+    let step_s = scales.sample_time_s;
+    let [shortest, longest] = PERIODS.map(|times| (times * delay_s / step_s).round() as usize);
+    let periods: Vec<usize> = (shortest.max(2)..=longest.max(4)).collect();
+    let (tried, phases) = if likelihood.calls(applied) { (TRIED / 4, PHASES / 3) } else { (TRIED, PHASES) };
+    let every = periods.len().div_ceil(tried).max(1);
+    let guesses: Vec<Vec<f64>> = (periods.into_iter().step_by(every))
+        .flat_map(|samples| {
+            let period_s = samples as f64 * step_s;
+            (0..phases).map(move |at| vec![period_s, (at as f64 + 0.5) / phases as f64 * period_s])
+        })
+        .collect();
+    let gain = |guess: &Vec<f64>| {
+        let there = likelihood.whitened(&[with(applied, guess)])?;
+        Some((cost - likelihood.inner(&there, &there), guess.clone()))
+    };
+    let mut gains: Vec<(f64, Vec<f64>)> =
+        if likelihood.calls(applied) { guesses.iter().filter_map(gain).collect() } else { guesses.par_iter().filter_map(gain).collect() };
+    gains.retain(|(gain, _)| *gain > likelihood.criteria.selection_penalty);
+    gains.sort_by(|a, b| b.0.total_cmp(&a.0));
+    gains.into_iter().take(KEPT).map(|(_, guess)| guess).collect()
+}

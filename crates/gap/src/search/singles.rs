@@ -1,0 +1,77 @@
+//! Single effects: the most promising of the screen, fitted.
+
+use rayon::prelude::*;
+
+use super::screen::Screened;
+use super::slower_loop::from_arrivals;
+use crate::hypothesis::arrivals::beside_fixed;
+use crate::hypothesis::direction::with;
+use crate::hypothesis::dropouts::decoded;
+use crate::hypothesis::effects::Hypothesis;
+use crate::likelihood::gaussian::{Likelihood, Whitened};
+use deadtime_model::effect::{Applied, Scales, Site};
+
+/// Which of a list of hypotheses are worth their price: all that cost no call, and so many of the others as the budget holds.
+pub(crate) fn frugal<'e>(likelihood: &Likelihood<'_>, all: impl Iterator<Item = &'e [Applied]>) -> Vec<bool> {
+    let mut called = 0;
+    all.map(|effects| {
+        let calls = effects.iter().any(|a| likelihood.calls(a));
+        called += usize::from(calls);
+        !calls || called <= likelihood.budget.called.leaders
+    })
+    .collect()
+}
+
+/// Which of the pool are fitted. Of a black box so many on its inputs and so many parameters beside what costs no call: commands can mimic much, and a far
+/// wrong parameter promises less than it keeps.
+fn worth_a_fit(likelihood: &Likelihood<'_>, pool: &[Screened]) -> Vec<bool> {
+    let (mut free, mut inputs, mut parameters) = (0, 0, 0);
+    let worth = |screened: &Screened| {
+        let count = match (likelihood.calls(&screened.applied), screened.applied.effect.site()) {
+            (false, _) => &mut free,
+            (true, Site::Dynamics) => &mut parameters,
+            (true, _) => &mut inputs,
+        };
+        *count += 1;
+        let allowance = likelihood.allowance(&screened.applied);
+        *count <= allowance.fitted && screened.gain > allowance.fitted_from * likelihood.criteria.selection_penalty
+    };
+    pool.iter().map(worth).collect()
+}
+
+/// Fits the most promising of the pool, each from its best starts, the best of them to the end; the others stay as screened.
+pub(crate) fn fit_first(likelihood: &Likelihood<'_>, pool: &[Screened], scales: &Scales, nominal: &Whitened) -> Vec<Hypothesis> {
+    let cost = likelihood.inner(nominal, nominal);
+    let fitted = worth_a_fit(likelihood, pool);
+    let mut singles: Vec<Hypothesis> = pool
+        .par_iter()
+        .enumerate()
+        .map(|(at, screened)| {
+            let values = screened.starts.first().map_or(screened.applied.values.as_slice(), Vec::as_slice);
+            let as_screened = Hypothesis::screened(with(&screened.applied, values), screened.gain);
+            let starts = screened.starts.iter().take(if fitted[at] { likelihood.budget.starts } else { 0 });
+            let fits = starts.filter_map(|start| {
+                Hypothesis::fit(likelihood, &[with(&screened.applied, start)], scales, cost, likelihood.budget.trial_steps)
+            });
+            fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened)
+        })
+        .collect();
+    singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    let on = frugal(likelihood, singles.iter().take(likelihood.budget.on).map(|e| e.effects.as_slice()));
+    singles.par_iter_mut().zip(on).filter(|(e, on)| *on && e.gain.is_finite()).for_each(|(single, _)| {
+        let better = if single.loses_commands() && single.gain > likelihood.criteria.selection_penalty {
+            decoded(likelihood, single.clone(), scales, cost, likelihood.budget.steps)
+        } else {
+            Hypothesis::refit(likelihood, single.clone(), scales, cost, likelihood.budget.steps)
+        };
+        if let Some(better) = better {
+            *single = better;
+        }
+    });
+    if !likelihood.system.is_black_box() {
+        beside_fixed(likelihood, &mut singles, cost);
+    }
+    from_arrivals(likelihood, &mut singles, scales, cost);
+    singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    singles
+}

@@ -1,0 +1,242 @@
+//! Why no model can be had from a log.
+
+use crate::matching::MatchingError;
+use crate::structured::StructuredError;
+use deadtime_log::LogError;
+use deadtime_model::DerivedError;
+use deadtime_model::ModelError;
+use deadtime_model::effect::EffectError;
+use deadtime_model::simulate::SimulateError;
+use deadtime_signal::SignalError;
+use deadtime_signal::file::FileError;
+use deadtime_signal::flatten;
+use deadtime_signal::registry::RegistryError;
+use deadtime_signal::stop::Stopped;
+use deadtime_signal::time::TimeError;
+
+/// Whatever keeps a model from being identified.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A model that cannot be identified.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// A model file's parameters that cannot be fitted.
+    #[error(transparent)]
+    Structured(#[from] StructuredError),
+    /// Two models that cannot be matched.
+    #[error(transparent)]
+    Matching(#[from] MatchingError),
+    /// A model that cannot be built, read or converted.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A channel that cannot be calculated from others.
+    #[error(transparent)]
+    Derived(#[from] DerivedError),
+    /// A simulation that cannot be run.
+    #[error(transparent)]
+    Simulate(#[from] SimulateError),
+    /// An effect that cannot be applied.
+    #[error(transparent)]
+    Effect(#[from] EffectError),
+    /// A signal that cannot be made.
+    #[error(transparent)]
+    Signal(#[from] SignalError),
+    /// A log that cannot be read or used.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// A file that the operating system refuses, or that is no such file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A sample time or delay that cannot be.
+    #[error(transparent)]
+    Time(#[from] TimeError),
+    /// A name or option that a registry does not know.
+    #[error(transparent)]
+    Registry(#[from] RegistryError),
+    /// Nobody waits for the answer any more.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
+}
+
+flatten!(deadtime_log::Error => Error { Log, File, Time });
+flatten!(deadtime_model::Error => Error { Model, Derived, Simulate, Effect, Signal, Log, File, Time });
+
+/// The result of an identification.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// A model that cannot be identified; every variant holds the facts, every message says what to do.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum IdentifyError {
+    /// No input or no output was named.
+    #[error("no {what} channel is named; name at least one")]
+    NoChannel {
+        /// Input or output.
+        what: &'static str,
+    },
+    /// One channel in two places.
+    #[error("`{channel}` is named twice; each channel is one input or one output")]
+    Twice {
+        /// The channel.
+        channel: String,
+    },
+    /// A channel that never moves.
+    #[error("`{channel}` never changes in the data that the model is learnt from: {remedy}")]
+    Constant {
+        /// The channel.
+        channel: String,
+        /// What to do about an input, or about an output.
+        remedy: &'static str,
+    },
+    /// Logs of different sample times.
+    #[error("{file}: its sample time is {found_s} s, that of the first record {first_s} s; resample one of them (--resample)")]
+    SampleTimes {
+        /// The log.
+        file: String,
+        /// Its sample time, s.
+        found_s: f64,
+        /// That of the first record, s.
+        first_s: f64,
+    },
+    /// Too few rows for the parameters of the long predictor.
+    #[error(
+        "a past window of {past} samples needs {needed} samples with all of their past, and there are {got}; \
+         {remedy}", remedy = remedy(*longest)
+    )]
+    TooFewRows {
+        /// The past window, samples.
+        past: usize,
+        /// Rows needed.
+        needed: usize,
+        /// Rows there are.
+        got: usize,
+        /// The longest past window that these data carry; 0: none.
+        longest: usize,
+    },
+    /// Inputs of which one is a combination of the others.
+    #[error(
+        "the input `{channel}` is a combination of the other inputs ({others}) at every sample: their effects cannot be told apart; \
+             leave it out or move it on its own"
+    )]
+    Collinear {
+        /// The input.
+        channel: String,
+        /// The others.
+        others: String,
+    },
+    /// An input that excites fewer directions than the model has.
+    #[error(
+        "the inputs are not rich enough: `{channel}` is told apart from its own past at {orders} lags only, and an order of {needed} needs more; \
+         use an excitation such as a random binary or multisine signal (deadtime excite)"
+    )]
+    NotRich {
+        /// The input.
+        channel: String,
+        /// The order of persistent excitation.
+        orders: usize,
+        /// What the model asks for.
+        needed: usize,
+    },
+    /// An order that the windows cannot show.
+    #[error("order {order}: a past window of {past} samples shows at most {most} states; choose a smaller order or a longer past")]
+    Order {
+        /// The order asked for.
+        order: usize,
+        /// The past window, samples.
+        past: usize,
+        /// Most states.
+        most: usize,
+    },
+    /// Records that are too short for a frequency response.
+    #[error(
+        "{method}: a record of at least {needed} samples is needed, and there are {got}; record longer, or lower what its options ask for"
+    )]
+    TooShort {
+        /// The method.
+        method: &'static str,
+        /// Samples needed.
+        needed: usize,
+        /// Samples there are.
+        got: usize,
+    },
+    /// Inputs that excite no frequency.
+    #[error(
+        "the input `{inputs}` excites no frequency enough for a response and its noise; \
+         use an excitation that fills its band, such as a random binary signal (deadtime excite)"
+    )]
+    NotExcited {
+        /// The inputs.
+        inputs: String,
+    },
+    /// Another number of references than of inputs.
+    #[error("{references} references for {inputs} inputs; name one reference for each input")]
+    References {
+        /// References named.
+        references: usize,
+        /// Inputs named.
+        inputs: usize,
+    },
+    /// References that do not move the inputs.
+    #[error(
+        "the references do not move the inputs beyond noise at any frequency; name what is fed into the loop from outside, or excite it more"
+    )]
+    Unmoved,
+    /// An option outside its range.
+    #[error("{option} is {value}: {rule}")]
+    Option {
+        /// Which option.
+        option: &'static str,
+        /// The value.
+        value: f64,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// A method of one output and several outputs.
+    #[error("{method} makes a model of one output, and {outputs} are named; run it once for each of them, or use pbsidopt")]
+    Outputs {
+        /// The method.
+        method: &'static str,
+        /// Outputs named.
+        outputs: usize,
+    },
+    /// A method of one input and several inputs.
+    #[error("{method} makes a model of one input, and {inputs} are named; riv takes several (common poles), and so does pbsidopt")]
+    Inputs {
+        /// The method.
+        method: &'static str,
+        /// Inputs named.
+        inputs: usize,
+    },
+    /// A delay given to a method that finds the delays itself.
+    #[error(
+        "{method} finds the dead times itself, so none is taken out first: leave --delay out; of riv `nk=[LAG,…]` in samples says what is known"
+    )]
+    OwnDelays {
+        /// The method.
+        method: &'static str,
+    },
+    /// No model of the structure fits.
+    #[error("{method}: {reason}")]
+    Unfit {
+        /// The method.
+        method: &'static str,
+        /// Why, and what to do.
+        reason: String,
+    },
+    /// The inputs explain nothing, or a decomposition failed.
+    #[error("{method}: {reason}")]
+    Numeric {
+        /// The method.
+        method: &'static str,
+        /// What went wrong.
+        reason: &'static str,
+    },
+}
+
+fn remedy(longest: usize) -> String {
+    if longest == 0 {
+        "record longer, or name fewer channels".to_owned()
+    } else {
+        format!("record longer, name fewer channels or take a past window of {longest} or less")
+    }
+}

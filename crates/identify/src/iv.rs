@@ -1,0 +1,458 @@
+//! Models y = B(q)/F(q) u(t − nk) + e/D(q) by refined instrumental variables, for many delays.
+
+use std::borrow::Cow;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::lag_products::lag_matrix;
+use super::polynomial::{filter, filter_both, is_stable, reflected};
+use super::regression::{Record, dot};
+use deadtime_signal::stop::Stop;
+
+/// Orders of the model.
+///
+/// Each round simulates B/F u, the noise-free output; fits an autoregression D to what is left; filters input, output and simulation by D/F; and solves for F and B
+/// with the filtered simulation as instruments. Poles outside the unit circle are mirrored into it before the next round. Of all rounds the one with the smallest
+/// loss Σ(D v)²/rows, v = y − B/F u, is the answer, because rounds need not end where the model is too small for the data.
+///
+/// Source: Young (2011), "Recursive Estimation and Time-Series Analysis", 2nd ed., chapter 7 (RIV with autoregressive noise), doi:10.1007/978-3-642-21981-8;
+/// Ljung (1999), "System Identification", 2nd ed., section 7.6.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RefinedIv {
+    /// Numerator coefficients.
+    pub nb: usize,
+    /// Poles of the plant.
+    pub nf: usize,
+    /// Poles of the noise.
+    pub noise: usize,
+}
+
+/// A model of one delay.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IvFit {
+    /// Σ(D v)²/rows.
+    pub loss: f64,
+    /// b₀ …
+    pub b: Vec<f64>,
+    /// f₁ … f_nf.
+    pub f: Vec<f64>,
+    /// d₁ … of D = 1 + d₁q⁻¹ + …
+    pub d: Vec<f64>,
+    /// The rounds ended because nothing changed any more.
+    pub converged: bool,
+}
+
+/// Rounds; where they converge at all, some ten suffice.
+const ROUNDS: usize = 30;
+/// Largest change of a pole polynomial's coefficient between rounds that counts as none.
+const SETTLED: f64 = 1e-6;
+/// Relative change of the loss between rounds that counts as none: a thousandth of what tells delays apart, at a million samples.
+const LEVEL: f64 = 1e-9;
+/// A relative ridge of rounding size stands for a rank decision.
+const RIDGE: f64 = 1e-13;
+
+fn solve(mut gram: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
+    for i in 0..gram.nrows() {
+        gram[(i, i)] += RIDGE * gram[(i, i)].abs() + f64::MIN_POSITIVE;
+    }
+    gram.lu().solve(right).filter(|x| x.iter().all(|v| v.is_finite()))
+}
+
+fn through(x: &[f64], f: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; x.len()];
+    filter(x, f, &mut out);
+    out
+}
+
+/// D x, x being zero before the record.
+pub(crate) fn whitened(x: &[f64], d: &[f64]) -> Vec<f64> {
+    if let &[d1, d2, d3, d4] = d {
+        let padded = [&[0.0; 4], x].concat();
+        return padded.windows(5).map(|w| w[4] + d1 * w[3] + d2 * w[2] + d3 * w[1] + d4 * w[0]).collect();
+    }
+    let mut out = x.to_vec();
+    for (i, d) in d.iter().enumerate() {
+        for (o, x) in out.iter_mut().skip(i + 1).zip(x) {
+            *o += d * x;
+        }
+    }
+    out
+}
+
+/// The product of x(t − i) and y(t − j) over a record, both zero before it.
+fn lagged(x: &[f64], y: &[f64], i: usize, j: usize) -> f64 {
+    let (n, most) = (x.len(), i.max(j));
+    if most >= n { 0.0 } else { dot(&x[most - i..n - i], &y[most - j..n - j]) }
+}
+
+/// The autoregression that predicts the signals best, and Σ of its squared errors from row `order` on.
+fn autoregression(signals: &[Vec<f64>], order: usize) -> Option<(Vec<f64>, f64)> {
+    let mut products = DMatrix::zeros(order + 1, order + 1);
+    let long = || signals.iter().filter(|v| v.len() > order);
+    for v in long() {
+        products += lag_matrix(v, None, order, (order + 1, order + 1));
+    }
+    let gram = products.view((1, 1), (order, order)).into_owned();
+    let right = -DVector::from_fn(order, |i, _| products[(i + 1, 0)]);
+    let d: Vec<f64> = solve(gram, &right)?.iter().copied().collect();
+    let squares = long().map(|v| {
+        let e = whitened(v, &d);
+        dot(&e[order..], &e[order..])
+    });
+    let loss = squares.sum();
+    Some((d, loss))
+}
+
+/// One input of a model: its samples by record (`None`: zero throughout), the lag of its first coefficient and how many there are.
+pub struct IvInput<'a> {
+    pub samples: Vec<Option<Cow<'a, [f64]>>>,
+    pub lag: usize,
+    pub count: usize,
+}
+
+/// What is fitted to what: every input, and the outputs by record.
+pub struct IvProblem<'a> {
+    pub inputs: Vec<IvInput<'a>>,
+    pub outputs: Vec<&'a [f64]>,
+}
+
+impl<'a> IvProblem<'a> {
+    fn single(records: &'a [Record], lag: usize, count: usize) -> Self {
+        let samples = records.iter().map(|r| Some(Cow::Borrowed(&r.u[..r.len()]))).collect();
+        Self { inputs: vec![IvInput { samples, lag, count }], outputs: records.iter().map(|r| &r.y[..r.len()]).collect() }
+    }
+
+    /// Input and lag of every coefficient.
+    fn places(&self) -> Vec<(usize, usize)> {
+        self.inputs.iter().enumerate().flat_map(|(j, input)| (0..input.count).map(move |i| (j, input.lag + i))).collect()
+    }
+
+    /// Every record with its inputs divided by F.
+    fn filtered(&self, f: &[f64]) -> Vec<Filtered<'_>> {
+        let one = |(r, y): (usize, &&'a [f64])| {
+            let uf = self.inputs.iter().map(|input| input.samples.get(r)?.as_ref().map(|u| through(u, f))).collect();
+            Filtered { y, uf }
+        };
+        self.outputs.iter().enumerate().map(one).collect()
+    }
+}
+
+/// A record with F given: the output, and the inputs divided by F.
+struct Filtered<'a> {
+    y: &'a [f64],
+    uf: Vec<Option<Vec<f64>>>,
+}
+
+/// And with D given: all through it, the inputs divided by F before.
+struct White {
+    u: Vec<Option<Vec<f64>>>,
+    y: Vec<f64>,
+}
+
+/// Inputs, output and the simulated output that stands in for it as an instrument, all through the same filter.
+struct Regressors {
+    u: Vec<Option<Vec<f64>>>,
+    y: Vec<f64>,
+    x: Vec<f64>,
+}
+
+impl Filtered<'_> {
+    fn white(&self, d: &[f64]) -> White {
+        White { u: self.uf.iter().map(|u| u.as_ref().map(|u| whitened(u, d))).collect(), y: whitened(self.y, d) }
+    }
+}
+
+impl White {
+    /// All by D/F: the inputs are already.
+    fn regressors(self, f: &[f64], places: &[(usize, usize)], b: &[f64]) -> Regressors {
+        let Self { u, y } = self;
+        let simulated = combined(&u, places, b, y.len());
+        let (mut yf, mut xf) = (vec![0.0; y.len()], vec![0.0; y.len()]);
+        filter_both([&y, &simulated], f, [&mut yf, &mut xf]);
+        Regressors { u, y: yf, x: xf }
+    }
+}
+
+/// Σ b·u(t − lag) over all coefficients, the inputs being zero before the record.
+fn combined(u: &[Option<Vec<f64>>], places: &[(usize, usize)], b: &[f64], samples: usize) -> Vec<f64> {
+    let mut out = vec![0.0; samples];
+    for ((input, lag), b) in places.iter().zip(b) {
+        for (o, x) in out.iter_mut().skip(*lag).zip(u[*input].iter().flatten()) {
+            *o += b * x;
+        }
+    }
+    out
+}
+
+impl RefinedIv {
+    /// The best model for nk = 0 … `max_delay`, on records that begin at rest and have no missing sample; `None` for a delay that has none.
+    #[must_use]
+    pub fn scan(&self, records: &[Record], max_delay: usize) -> Vec<Option<IvFit>> {
+        self.scan_until(records, max_delay, &Stop::default())
+    }
+
+    /// [`Self::scan`] that breaks off once it is wished; what it gives then says nothing.
+    #[must_use]
+    pub fn scan_until(&self, records: &[Record], max_delay: usize, stop: &Stop) -> Vec<Option<IvFit>> {
+        let mut fits: Vec<Option<IvFit>> = vec![None; max_delay + 1];
+        for upwards in [true, false] {
+            for step in 0..=max_delay {
+                let nk = if upwards { step } else { max_delay - step };
+                if stop.is_set() {
+                    return fits;
+                }
+                let neighbour = if upwards { nk.checked_sub(1) } else { Some(nk + 1) };
+                let neighbour = neighbour.and_then(|n| fits.get(n)?.as_ref()).map(|f| f.f.clone());
+                let first = if upwards { self.least_squares(records, nk) } else { None };
+                for start in first.into_iter().chain(neighbour) {
+                    let known = fits[nk].as_ref();
+                    if known.is_some_and(|k| k.f.iter().zip(&start).all(|(a, b)| (a - b).abs() <= 1e-3)) {
+                        continue;
+                    }
+                    if let Some(fit) = self.refine(&IvProblem::single(records, nk, self.nb), start)
+                        && known.is_none_or(|k| fit.loss < k.loss)
+                    {
+                        fits[nk] = Some(fit);
+                    }
+                }
+            }
+        }
+        fits
+    }
+
+    /// Σ of squared errors without any input, over the rows of [`Self::scan`]'s losses.
+    #[must_use]
+    pub fn loss_without_input(&self, records: &[Record]) -> Option<f64> {
+        let y: Vec<Vec<f64>> = records.iter().map(|r| r.y[..r.len()].to_vec()).collect();
+        Some(autoregression(&y, self.noise)?.1 / self.rows(y.iter().map(Vec::len)))
+    }
+
+    fn rows(&self, lengths: impl Iterator<Item = usize>) -> f64 {
+        let rows: usize = lengths.map(|n| n.saturating_sub(self.noise)).sum();
+
+        rows.max(1) as f64
+    }
+
+    /// Σ over rows of instruments times regressors, and of instruments times the output; with `symmetric` the instruments stand in for the regressors too.
+    fn products(&self, signals: &[Regressors], places: &[(usize, usize)], symmetric: bool) -> (DMatrix<f64>, DVector<f64>) {
+        let (nf, k) = (self.nf, self.nf + places.len());
+        let (mut cross, mut right) = (DMatrix::zeros(k, k), DVector::zeros(k));
+        for Regressors { u, y, x } in signals {
+            // Signal, lag and sign of a column.
+            let column = |own, i: usize| -> Option<(&Vec<f64>, usize, f64)> {
+                if i < nf {
+                    return Some((own, i + 1, -1.0));
+                }
+                let (input, lag) = places[i - nf];
+                Some((u[input].as_ref()?, lag, 1.0))
+            };
+            for i in 0..k {
+                let Some((z, lag, sign)) = column(x, i) else { continue };
+                right[i] += sign * lagged(z, y, lag, 0);
+                for j in 0..k {
+                    if let Some((past, other, own)) = column(if symmetric { x } else { y }, j) {
+                        cross[(i, j)] += sign * own * lagged(z, past, lag, other);
+                    }
+                }
+            }
+        }
+        (cross, right)
+    }
+
+    /// F with the given instruments in the place of the past outputs.
+    fn instrumental(&self, signals: &[Regressors], places: &[(usize, usize)]) -> Option<Vec<f64>> {
+        let (cross, right) = self.products(signals, places, false);
+        Some(solve(cross, &right)?.iter().take(self.nf).copied().collect())
+    }
+
+    /// The start: least squares, the outputs being their own instruments.
+    fn least_squares(&self, records: &[Record], nk: usize) -> Option<Vec<f64>> {
+        self.start(&IvProblem::single(records, nk, self.nb))
+    }
+
+    /// F by least squares, biased by coloured noise: a start for [`Self::refine`].
+    pub fn start(&self, problem: &IvProblem<'_>) -> Option<Vec<f64>> {
+        let signals: Vec<Regressors> =
+            problem.filtered(&[]).into_iter().map(|Filtered { y, uf }| Regressors { u: uf, y: y.to_vec(), x: y.to_vec() }).collect();
+        self.instrumental(&signals, &problem.places())
+    }
+
+    /// B for given F and D, by least squares on the whitened signals.
+    fn numerator(white: &[White], places: &[(usize, usize)]) -> Option<Vec<f64>> {
+        let k = places.len();
+        let (mut gram, mut right) = (DMatrix::zeros(k, k), DVector::zeros(k));
+        for White { u, y } in white {
+            for (i, (one, lag)) in places.iter().enumerate() {
+                let Some(first) = &u[*one] else { continue };
+                right[i] += lagged(first, y, *lag, 0);
+                for (j, (other, late)) in places.iter().enumerate() {
+                    if let Some(second) = &u[*other] {
+                        gram[(i, j)] += lagged(first, second, *lag, *late);
+                    }
+                }
+            }
+        }
+        Some(solve(gram, &right)?.iter().copied().collect())
+    }
+
+    /// The model of one set of lags, from F as it is before the first round; its b are those of all inputs, one after the other.
+    pub fn refine(&self, problem: &IvProblem<'_>, start: Vec<f64>) -> Option<IvFit> {
+        let rows = self.rows(problem.outputs.iter().map(|y| y.len()));
+        let places = problem.places();
+        let mut f = start;
+        let mut d = Vec::new();
+        let mut best: Option<IvFit> = None;
+        let (mut settled, mut last) = (false, f64::INFINITY);
+        for _ in 0..ROUNDS {
+            f = match reflected(&f).filter(|f| is_stable(f)) {
+                Some(f) => f,
+                None => break,
+            };
+            let filtered = problem.filtered(&f);
+            let whitened_by = |d: &[f64]| filtered.iter().map(|r| r.white(d)).collect::<Vec<White>>();
+            let Some(first) = Self::numerator(&whitened_by(&d), &places) else { break };
+            let rest: Vec<Vec<f64>> = filtered.iter().map(|r| r.left(&places, &first)).collect();
+            let Some((noise, _)) = autoregression(&rest, self.noise) else { break };
+            d = noise;
+            // B again, under the noise just found.
+            let white = whitened_by(&d);
+            let Some(b) = Self::numerator(&white, &places) else { break };
+            let errors = white.iter().filter(|w| w.y.len() > self.noise).map(|w| {
+                // D(y − B/F u).
+                let e: Vec<f64> = w.y.iter().zip(combined(&w.u, &places, &b, w.y.len())).map(|(y, x)| y - x).collect();
+                dot(&e[self.noise..], &e[self.noise..])
+            });
+            let loss = errors.sum::<f64>() / rows;
+            if !loss.is_finite() {
+                break;
+            }
+            if best.as_ref().is_none_or(|b| loss < b.loss) {
+                best = Some(IvFit { loss, b: b.clone(), f: f.clone(), d: d.clone(), converged: false });
+            }
+            settled |= (loss - last).abs() <= LEVEL * loss;
+            if settled {
+                break;
+            }
+            last = loss;
+            let signals: Vec<Regressors> = white.into_iter().map(|w| w.regressors(&f, &places, &b)).collect();
+            let Some(next) = self.instrumental(&signals, &places) else { break };
+            let change = next.iter().zip(&f).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            settled = change <= SETTLED;
+            f = next;
+        }
+        best.map(|fit| IvFit { converged: settled, ..fit })
+    }
+
+    /// The asymptotic covariance of f₁ … f_nf and then of all b: σ²·(Σ φ̂φ̂ᵀ)⁻¹, φ̂ the regressors with the simulated output in the place of the measured one, through
+    /// D/F, and σ² with as many degrees of freedom as are left. It holds where the autoregression is the noise's own.
+    ///
+    /// Source: Jakeman and Young (1979), Int. J. Control 29(4), 621-644, doi:10.1080/00207177908922724; Young (2011), section 7.3.
+    pub fn covariance(&self, problem: &IvProblem<'_>, fit: &IvFit) -> Option<DMatrix<f64>> {
+        let places = problem.places();
+        let white = problem.filtered(&fit.f).into_iter().map(|r| r.white(&fit.d));
+        let signals: Vec<Regressors> = white.map(|w| w.regressors(&fit.f, &places, &fit.b)).collect();
+        let (gram, _) = self.products(&signals, &places, true);
+        let (k, rows) = (gram.nrows(), self.rows(problem.outputs.iter().map(|y| y.len())));
+        let freedom = (rows - (k + self.noise) as f64).max(1.0);
+        inverse(gram).map(|inverse| inverse * (fit.loss * rows / freedom))
+    }
+
+    /// What the model leaves of every output, y − B/F u.
+    pub fn left(&self, problem: &IvProblem<'_>, fit: &IvFit) -> Vec<Vec<f64>> {
+        let places = problem.places();
+        problem.filtered(&fit.f).iter().map(|r| r.left(&places, &fit.b)).collect()
+    }
+}
+
+impl Filtered<'_> {
+    /// y − B/F u.
+    fn left(&self, places: &[(usize, usize)], b: &[f64]) -> Vec<f64> {
+        self.y.iter().zip(combined(&self.uf, places, b, self.y.len())).map(|(y, x)| y - x).collect()
+    }
+}
+
+/// The inverse of a positive definite matrix whose columns may differ in size by many powers of ten.
+pub(crate) fn inverse(mut gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let size: Vec<f64> = gram.diagonal().iter().map(|v| v.max(f64::MIN_POSITIVE).sqrt()).collect();
+    for i in 0..gram.nrows() {
+        for j in 0..gram.ncols() {
+            gram[(i, j)] /= size[i] * size[j];
+        }
+        gram[(i, i)] += RIDGE;
+    }
+    let mut inverse = gram.cholesky()?.inverse();
+    for i in 0..inverse.nrows() {
+        for j in 0..inverse.ncols() {
+            inverse[(i, j)] /= size[i] * size[j];
+        }
+    }
+    inverse.iter().all(|v| v.is_finite()).then_some(inverse)
+}
+
+/// The autoregression of what a model leaves.
+pub(crate) struct NoiseModel {
+    /// d₁ … of D = 1 + d₁q⁻¹ + …
+    pub d: Vec<f64>,
+    /// The variance of its errors.
+    pub variance: f64,
+    /// The covariance of d.
+    pub covariance: DMatrix<f64>,
+}
+
+/// The autoregression of signals, its order by Schwarz's criterion among 1 to `most`.
+///
+/// Source: Schwarz (1978), Ann. Statist. 6(2), 461-464, doi:10.1214/aos/1176344136.
+pub(crate) fn noise_model(left: &[Vec<f64>], most: usize) -> Option<NoiseModel> {
+    let samples: usize = left.iter().map(Vec::len).sum();
+    let most = most.min(samples / 20).max(1);
+    let fit = |order: usize| {
+        let rows = left.iter().map(|v| v.len().saturating_sub(order)).sum::<usize>().max(1) as f64;
+        let (d, squares) = autoregression(left, order)?;
+        let criterion = rows * (squares / rows).max(f64::MIN_POSITIVE).ln() + order as f64 * rows.ln();
+        criterion.is_finite().then_some((criterion / rows, d, squares / (rows - order as f64).max(1.0)))
+    };
+    let (_, d, variance) = (1..=most).filter_map(fit).min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let order = d.len();
+    let mut products = DMatrix::zeros(order + 1, order + 1);
+    for v in left.iter().filter(|v| v.len() > order) {
+        products += lag_matrix(v, None, order, (order + 1, order + 1));
+    }
+    let covariance = inverse(products.view((1, 1), (order, order)).into_owned())? * variance;
+    Some(NoiseModel { d, variance, covariance })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// y = 0.5·q⁻³/(1 − 1.5q⁻¹ + 0.7q⁻²) u + e/(1 − 0.9q⁻¹), where least squares is biased.
+    fn record(samples: usize, seed: u64) -> Record<'static> {
+        let mut state = seed;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        };
+        let u: Vec<f64> = (0..samples).map(|_| next()).collect();
+        let e: Vec<f64> = (0..samples).map(|_| next()).collect();
+        let delayed: Vec<f64> = (0..samples).map(|t| if t < 3 { 0.0 } else { 0.5 * u[t - 3] }).collect();
+        let (x, v) = (through(&delayed, &[-1.5, 0.7]), through(&e, &[-0.9]));
+        Record::new(u, x.iter().zip(&v).map(|(x, v)| x + v).collect::<Vec<f64>>())
+    }
+
+    #[test]
+    fn plant_and_noise_are_found_where_least_squares_is_biased() {
+        let records = [record(6000, 3), record(5000, 4)];
+        let orders = RefinedIv { nb: 1, nf: 2, noise: 1 };
+        let biased = orders.least_squares(&records, 3).unwrap();
+        assert!((biased[0] + 1.5).abs() > 0.1, "{biased:?}");
+        let fits = orders.scan(&records, 6);
+        let best = (0..7).min_by(|&a, &b| fits[a].as_ref().unwrap().loss.total_cmp(&fits[b].as_ref().unwrap().loss)).unwrap();
+        let fit = fits[best].as_ref().unwrap();
+        assert_eq!((best, fit.converged), (3, true));
+        for (got, want) in fit.f.iter().chain(&fit.b).chain(&fit.d).zip([-1.5, 0.7, 0.5, -0.9]) {
+            assert!((got - want).abs() < 0.03, "{fit:?}");
+        }
+        // Uniform errors of width 1.
+        assert!((fit.loss * 12.0 - 1.0).abs() < 0.05, "{fit:?}");
+    }
+}

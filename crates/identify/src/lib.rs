@@ -1,0 +1,47 @@
+//! Models from data: finite impulse responses, ARX, ARMAX and output-error models; state-space models by subspace methods; many parameters of a model file at
+//! once, by time (`structured`) and by frequency (`matching`).
+
+mod armax;
+mod arx;
+mod error;
+mod fir;
+mod fir_regularised;
+mod iv;
+mod lag_products;
+mod laguerre;
+mod least_squares;
+mod many_zeros;
+pub mod matching;
+mod oe;
+mod parametric;
+mod polynomial;
+mod regression;
+pub mod response;
+pub mod structured;
+pub mod subspace;
+mod transfer;
+mod triangle;
+
+pub use armax::{Armax, ArmaxFit, ArmaxScan};
+pub use arx::{ArxScan, JointArx, scan as arx_scan};
+pub use error::{Error, IdentifyError, Result};
+pub use fir::{Fir, fit as fir};
+pub use fir_regularised::{RegularisedFir, fit as fir_regularised};
+pub use iv::{IvFit, RefinedIv};
+pub use oe::{Initial, OeFit, OutputError};
+pub use parametric::{Guess, Parameter, Parametric};
+pub use polynomial::MAX_ORDER as MAX_OE_ORDER;
+pub use regression::dot;
+pub use regression::{Record, Regression};
+pub use subspace::{Identified, Identifier, Innovations, Subspace};
+pub use transfer::Riv;
+
+pub use arx::beside;
+pub use fir::estimate as fir_or_rank;
+pub use fir_regularised::Evidence;
+pub use lag_products::{lag_matrix, lag_vector};
+pub use laguerre::{Laguerre, laguerre, laguerre_spectra};
+pub use many_zeros::ManyZeros;
+pub use oe::power;
+pub use parametric::{Cloud, Coloured, coloured, given, usable};
+pub use polynomial::{filtered, largest_pole, prefiltered};

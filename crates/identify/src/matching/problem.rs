@@ -1,0 +1,196 @@
+//! The search: cost, gradient and information of the differences' singular values in a power, from several starts.
+
+use nalgebra::{Complex, DMatrix, DVector};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::StandardNormal;
+use rayon::prelude::*;
+
+use super::norm::{At, NORMS, Norm};
+use super::structure::{Free, Structure};
+use super::system::Response;
+use deadtime_signal::fit::{LevenbergMarquardt, Normal};
+
+/// Differences are differentiated over this share of the response.
+const STEP: f64 = 1e-4;
+/// A start is off by this factor, at one standard deviation.
+const FACTOR: f64 = 3.0;
+/// Values whose power is below this share of the largest one's count for nothing.
+const NOTHING: f64 = 1e-16;
+/// A cost below this share of the identified model's own size, squared, is rounding.
+const FLOOR: f64 = 1e-26;
+
+/// A difference below this share of the identified model's own size is none, whatever the search says of its minimum: at whole samples of delay a response bends.
+const NONE: f64 = 1e-7;
+
+/// Everything about a match that no parameter changes.
+pub(super) struct Problem<'a> {
+    pub(super) structure: &'a Structure<'a>,
+    pub(super) omegas: Vec<f64>,
+    pub(super) at: Vec<At>,
+    pub(super) sizes: Vec<f64>,
+}
+
+/// Where one search ended.
+#[derive(Debug, Clone)]
+pub(super) struct Descent {
+    pub(super) z: Vec<f64>,
+    /// The norm.
+    pub(super) value: f64,
+    pub(super) converged: bool,
+}
+
+/// Differences and their slopes, frequency by frequency.
+pub(super) type Parts = Vec<(Response, Vec<Response>)>;
+
+impl Problem<'_> {
+    pub(super) fn values(&self, z: &[f64]) -> Vec<f64> {
+        self.structure.nominal.iter().zip(&self.sizes).zip(z).map(|((n, s), z)| n + s * z).collect()
+    }
+
+    pub(super) fn parts(&self, norm: &Norm, z: &[f64]) -> Option<Parts> {
+        let responses = self.structure.responses(&self.values(z), &self.sizes, &self.omegas)?;
+        let part = |(at, (g, slopes)): (&At, (Response, Vec<Response>))| {
+            let slope = |dg: &Response| {
+                let step = Complex::new(STEP * (g.norm() / dg.norm().max(f64::MIN_POSITIVE)).clamp(1e-6, 1e6), 0.0);
+                ((norm.difference)(at, &(&g + dg * step)) - (norm.difference)(at, &(&g - dg * step))) / (step + step)
+            };
+            ((norm.difference)(at, &g), slopes.iter().map(slope).collect())
+        };
+        Some(self.at.iter().zip(responses).map(part).collect())
+    }
+
+    /// The norm of the identified model itself: what the structured one would leave if it had no response.
+    fn whole(&self, norm: &Norm) -> f64 {
+        self.at.iter().map(|at| (norm.difference)(at, &(&at.target * Complex::new(0.0, 0.0))).norm_squared()).sum()
+    }
+
+    /// One search after another, of each of the norm's powers (or the last of them) from where the one before ended.
+    pub(super) fn descend(&self, norm: &Norm, powers: &[f64], start: &[f64]) -> Option<Descent> {
+        let delays = self.structure.free.iter().zip(&self.structure.nominal).zip(&self.sizes);
+        let lower = delays.map(|((free, nominal), size)| match free {
+            Free::Delay(_) => -nominal / size,
+            Free::Parameter(_) => f64::NEG_INFINITY,
+        });
+        let (lower, whole) = (lower.collect::<Vec<f64>>(), self.whole(norm));
+        let mut found: Option<Descent> = None;
+        for &power in powers {
+            let exact = if power == 2.0 { 1e-10 } else { 1e-7 };
+            let search = LevenbergMarquardt {
+                max_iterations: 100,
+                gradient_tolerance: exact,
+                step_tolerance: exact,
+                cost_floor: FLOOR * whole,
+                lower: lower.clone(),
+                ..LevenbergMarquardt::default()
+            };
+            let z = found.as_ref().map_or(start, |f| &f.z);
+            let fit = search.minimise(z, |z| Some(normal(&self.parts(norm, z)?, power)));
+            if fit.normal.cost.is_infinite() {
+                return None;
+            }
+            let still = fit.normal.slope(&vec![true; z.len()]) < 1e-4;
+            let none = fit.normal.cost <= NONE * NONE * whole;
+            let converged = none || fit.stopped.converged() || fit.stopped == deadtime_signal::fit::Stopped::Stalled && still;
+            found = Some(Descent { z: fit.parameters, value: fit.normal.cost.sqrt(), converged });
+        }
+        found
+    }
+
+    /// The best of several starts and how many of them ended as low: the file's values, then values that are off by factors. Norms other than the first begin where
+    /// least squares end, which see all frequencies alike.
+    pub(super) fn best(&self, norm: &Norm, starts: usize) -> Option<(Descent, usize)> {
+        let from = |k: usize| {
+            let start = self.start(k);
+            let first = &NORMS[0];
+            let warm = if norm.name == first.name { None } else { self.descend(first, first.powers, &start).map(|d| d.z) };
+            self.descend(norm, norm.powers, &warm.unwrap_or(start))
+        };
+        let ends: Vec<Descent> = (0..starts.max(1)).into_par_iter().map(from).collect::<Vec<_>>().into_iter().flatten().collect();
+        let best = ends.iter().min_by(|a, b| a.value.total_cmp(&b.value))?.clone();
+        let floor = NONE * self.whole(norm).sqrt();
+        let alike = ends.iter().filter(|e| e.value <= best.value * 1.001 + floor).count();
+        Some((best, alike))
+    }
+
+    fn start(&self, k: usize) -> Vec<f64> {
+        if k == 0 {
+            return vec![0.0; self.sizes.len()];
+        }
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        random.set_stream(k as u64);
+        let off = |(nominal, size): (&f64, &f64)| {
+            let drawn: f64 = random.sample(StandardNormal);
+            if *nominal == 0.0 { drawn } else { nominal * (FACTOR.powf(drawn) - 1.0) / size }
+        };
+        let start: Vec<f64> = self.structure.nominal.iter().zip(&self.sizes).map(off).collect();
+        // A delay starts about the identified model's: from a sample or two away the search ends at another one. It is not negative.
+        let delay = |(at, z): (usize, &f64)| match self.structure.identified_delay_s(at) {
+            Some((delay_s, step_s)) => {
+                let drawn: f64 = random.sample(StandardNormal);
+                ((delay_s + drawn * step_s.max(self.sizes[at])).abs() - self.structure.nominal[at]) / self.sizes[at]
+            }
+            None => *z,
+        };
+        start.iter().enumerate().map(delay).collect()
+    }
+}
+
+/// F² with F = (Σ σ^p)^(1/p), half its gradient, and half its second derivative without that of the slopes.
+///
+/// dσ_i = Re(u_i* dΨ v_i); what else of U* dΨ V is not 0 bends σ.
+pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
+    let count = parts.first().map_or(0, |p| p.1.len());
+    let mut all = Normal { cost: 0.0, gradient: DVector::zeros(count), information: DMatrix::zeros(count, count) };
+    if power == 2.0 {
+        for (psi, slopes) in parts {
+            all.cost += psi.norm_squared();
+            for (a, slope) in slopes.iter().enumerate() {
+                all.gradient[a] += slope.dotc(psi).re;
+                for (b, other) in slopes.iter().enumerate().take(a + 1) {
+                    all.information[(a, b)] += slope.dotc(other).re;
+                }
+            }
+        }
+        all.information.fill_upper_triangle_with_lower_triangle();
+        return all;
+    }
+    let decomposed: Vec<_> = parts.iter().map(|(psi, _)| psi.clone().svd(true, true)).collect();
+    let top = decomposed.iter().flat_map(|s| s.singular_values.iter().copied()).fold(0.0, f64::max);
+    if !(top > 0.0 && top.is_finite()) {
+        return normal(parts, 2.0);
+    }
+    let sum: f64 = decomposed.iter().flat_map(|s| s.singular_values.iter()).map(|s| (s / top).powf(power)).sum();
+    let value = top * sum.powf(1.0 / power);
+    let mut first = DVector::zeros(count);
+    for ((_, slopes), svd) in parts.iter().zip(&decomposed) {
+        let (Some(u), Some(vt)) = (&svd.u, &svd.v_t) else { continue };
+        let shares: Vec<f64> = svd.singular_values.iter().map(|s| s / value).collect();
+        let weight = |i: usize| shares[i].powf(power - 2.0);
+        let largest = (0..shares.len()).map(weight).fold(0.0, f64::max);
+        if largest < NOTHING {
+            continue;
+        }
+        let turned: Vec<Response> = slopes.iter().map(|s| u.ad_mul(s) * vt.adjoint()).collect();
+        for (a, m) in turned.iter().enumerate() {
+            for i in 0..shares.len() {
+                first[a] += shares[i] * weight(i) * m[(i, i)].re;
+            }
+            for (b, other) in turned.iter().enumerate().take(a + 1) {
+                for i in 0..shares.len() {
+                    for l in 0..shares.len() {
+                        let (x, y) = (m[(i, l)], other[(i, l)]);
+                        let bends = if i == l { (power - 1.0) * x.re * y.re + x.im * y.im } else { (x.conj() * y).re };
+                        all.information[(a, b)] += weight(i).max(weight(l)) * bends;
+                    }
+                }
+            }
+        }
+    }
+    all.information.fill_upper_triangle_with_lower_triangle();
+    all.information -= (power - 2.0) * &first * first.transpose();
+    all.cost = value * value;
+    all.gradient = first * value;
+    all
+}

@@ -1,0 +1,219 @@
+//! Models of a given structure: named numbers with their intervals, and models drawn from the numbers' covariance.
+
+use nalgebra::{DMatrix, DVector};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::IdentifyError;
+use super::iv::{NoiseModel, inverse, noise_model, whitened};
+use super::polynomial::is_stable;
+use super::regression::dot;
+use super::subspace::{Draws, InnovationsModel, OrderChoice, Recordings, Sure};
+use deadtime_model::{Continuous, StateSpace};
+
+/// What a model of a given structure has beside matrices.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parametric {
+    /// The structure, as a formula.
+    pub structure: String,
+    /// Its numbers.
+    pub parameters: Vec<Parameter>,
+    /// Whole samples by which each input acts later than in the matrices.
+    pub delays: Vec<usize>,
+    /// The noise e/D: d₁ … of D = 1 + d₁q⁻¹ + …
+    pub noise: Vec<f64>,
+    /// The continuous model that the matrices are sampled from, with its dead times; absent where the structure is a sampled one.
+    pub continuous: Option<StateSpace<Continuous>>,
+    /// First guesses of a model of one lag, where the data allow them.
+    pub guesses: Vec<Guess>,
+}
+
+/// A number of a model and how well it is known.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Parameter {
+    /// `K`, `T1`, `dead_time`, `b0` …
+    pub name: String,
+    /// The input that it belongs to; absent where it belongs to all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub input: Option<String>,
+    /// Its value.
+    pub value: f64,
+    /// Its unit, where it is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// Standard deviation; absent where it cannot be had.
+    pub std: Option<f64>,
+    /// The interval of 95 %.
+    pub ci95: Option<[f64; 2]>,
+}
+
+/// A model K/(1 + T·s)·e^(−τ·s) read from a step response.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Guess {
+    /// How: `area` or `tangent`.
+    pub by: &'static str,
+    /// K.
+    pub gain: f64,
+    /// T, s.
+    pub lag_s: f64,
+    /// τ, s.
+    pub dead_time_s: f64,
+}
+
+/// Numbers with the covariance of their estimates.
+pub struct Cloud {
+    mean: Vec<f64>,
+    /// A root of the covariance: the covariance is this times its transpose.
+    root: DMatrix<f64>,
+    seed: u64,
+}
+
+/// A model of drawn numbers with its delays, samples.
+pub(crate) type Build<'a> = dyn Fn(&[f64]) -> Option<(InnovationsModel, Vec<usize>)> + Sync + 'a;
+
+/// Size of the small draws, of a whole one.
+const STEP: f64 = 1e-3;
+
+impl Cloud {
+    /// `None` where the covariance is no covariance.
+    pub fn of(mean: Vec<f64>, covariance: &DMatrix<f64>, seed: u64) -> Option<Self> {
+        let size: Vec<f64> = covariance.diagonal().iter().map(|v| v.max(f64::MIN_POSITIVE).sqrt()).collect();
+        let n = size.len();
+        let alike = DMatrix::from_fn(n, n, |i, j| covariance[(i, j)] / (size[i] * size[j]) + if i == j { 1e-10 } else { 0.0 });
+        let factor = alike.cholesky()?.l();
+        let root = DMatrix::from_fn(n, n, |i, j| size[i] * factor[(i, j)]);
+        root.iter().all(|v| v.is_finite()).then_some(Self { mean, root, seed })
+    }
+
+    /// The numbers as the noise would have made them; `size` 1 for a whole draw.
+    pub fn draw(&self, number: usize, size: f64) -> Vec<f64> {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        rng.set_stream(number as u64);
+        let normal: Vec<f64> = self.mean.iter().map(|_| StandardNormal.sample(&mut rng)).collect();
+        let moved = |(i, mean): (usize, &f64)| mean + size * self.root.row(i).iter().zip(&normal).map(|(r, z)| r * z).sum::<f64>();
+        self.mean.iter().enumerate().map(moved).collect()
+    }
+
+    /// Models of drawn numbers, each with its own delays.
+    pub fn models(&self, count: usize, build: &Build<'_>) -> Draws {
+        let all = |size: f64| -> (Vec<InnovationsModel>, Vec<Vec<usize>>) {
+            (0..count)
+                .into_par_iter()
+                .filter_map(|i| build(&self.draw(i, size)))
+                .filter(|(m, _)| m.is_finite())
+                .collect::<Vec<_>>()
+                .into_iter()
+                .unzip()
+        };
+        let ((whole, whole_delays), (small, small_delays)) = (all(1.0), all(STEP));
+        Draws { whole, small, step: STEP, whole_delays, small_delays }
+    }
+}
+
+/// The order of a model whose structure was given.
+pub fn given(order: usize) -> OrderChoice {
+    OrderChoice { order, sure: Sure::Given, by_schwarz: order, by_gap: order, by_akaike: order, candidates: Vec::new() }
+}
+
+/// The records of one output that are long enough, and what is said of those left out.
+///
+/// # Errors
+/// [`IdentifyError::Outputs`] for several outputs, [`IdentifyError::TooShort`] where none is long enough.
+pub fn usable(method: &'static str, recordings: &Recordings, needed: usize) -> Result<(Recordings, Option<String>), IdentifyError> {
+    if recordings.outputs.len() != 1 {
+        return Err(IdentifyError::Outputs { method, outputs: recordings.outputs.len() });
+    }
+    let stretches: Vec<_> = recordings.stretches.iter().filter(|s| s.len() >= needed).cloned().collect();
+    if stretches.is_empty() {
+        let got = recordings.stretches.iter().map(|s| s.len()).max().unwrap_or(0);
+        return Err(IdentifyError::TooShort { method, needed, got });
+    }
+    let short = recordings.stretches.len() - stretches.len();
+    let said = (short > 0).then(|| format!("{short} stretches between gaps, of fewer than {needed} samples, were left out"));
+    Ok((Recordings { stretches, ..recordings.clone() }, said))
+}
+
+/// What least squares under coloured noise come to once the noise is known.
+pub struct Coloured {
+    /// By how much the numbers move.
+    pub change: Vec<f64>,
+    /// The covariance of the moved numbers.
+    pub covariance: DMatrix<f64>,
+    /// d₁ … of the noise e/D.
+    pub d: Vec<f64>,
+    /// The variance of e.
+    pub variance: f64,
+    /// What is left, the change and levels taken off.
+    pub residual: Vec<f64>,
+}
+
+/// One step from least squares to the estimate that weighs by the noise's own autoregression, and its covariance σ²(JᵀDᵀDJ)⁻¹, the mean of it over
+/// what D may be; with `levels` a level of each record is fitted with it.
+/// A column of zeros is a number that is not known to move.
+///
+/// How it can be wrong: a step so long that the model is no straight line over it; the caller says which that is.
+/// Source: Ljung (1999), "System Identification", 2nd ed., sections 9.3 and 10.2: a step of Gauss and Newton from a consistent estimate is as good as the minimum.
+pub fn coloured(jacobian: &[Vec<f64>], residual: &[f64], lengths: &[usize], levels: bool) -> Option<Coloured> {
+    let mut from = 0;
+    let parts: Vec<std::ops::Range<usize>> = lengths
+        .iter()
+        .map(|n| {
+            from += n;
+            from - n..from
+        })
+        .collect();
+    let moving: Vec<usize> = (0..jacobian.len()).filter(|i| jacobian[*i].iter().any(|v| *v != 0.0)).collect();
+    let mut columns: Vec<Vec<f64>> = moving.iter().map(|i| jacobian[*i].clone()).collect();
+    columns.extend(parts.iter().filter(|_| levels).map(|p| (0..residual.len()).map(|t| f64::from(u8::from(p.contains(&t)))).collect()));
+    let (k, mut left) = (columns.len(), residual.to_vec());
+    let mut found = None;
+    // The first samples of each record lack what the filter would remember.
+    let white =
+        |x: &[f64], d: &[f64]| -> Vec<f64> { parts.iter().flat_map(|p| whitened(&x[p.clone()], d).into_iter().skip(d.len())).collect() };
+    let gram = |columns: &[Vec<f64>]| DMatrix::from_fn(k, k, |i, j| dot(&columns[i], &columns[j]));
+    for _ in 0..ROUNDS {
+        let own: Vec<Vec<f64>> = parts.iter().map(|p| left.get(p.clone()).map(<[f64]>::to_vec)).collect::<Option<_>>()?;
+        let noise = noise_model(&own, NOISE)?;
+        let (through, target) = (columns.iter().map(|c| white(c, &noise.d)).collect::<Vec<_>>(), white(residual, &noise.d));
+        let right = DVector::from_fn(k, |i, _| dot(&through[i], &target));
+        let change = inverse(gram(&through))? * right;
+        left = (0..residual.len()).map(|t| residual[t] - columns.iter().zip(change.iter()).map(|(c, w)| w * c[t]).sum::<f64>()).collect();
+        let freedom = residual.len() as f64 / (residual.len() as f64 - k as f64).max(1.0);
+        found = Some((change, noise, freedom));
+    }
+    let (change, NoiseModel { d, variance, covariance }, freedom) = found?;
+    let variance = variance * freedom;
+    // Over what the noise may be: its slow part is what slow columns are told from, and it is known from few samples.
+    let cloud = Cloud::of(d.clone(), &covariance, 1)?;
+    let drawn = (0..NOISES).into_par_iter().map(|i| cloud.draw(i, 1.0)).filter(|d| is_stable(d) && 1.0 + d.iter().sum::<f64>() > SLOWEST);
+    let each: Vec<DMatrix<f64>> = drawn.filter_map(|d| inverse(gram(&columns.iter().map(|c| white(c, &d)).collect::<Vec<_>>()))).collect();
+    let through: Vec<Vec<f64>> = columns.iter().map(|c| white(c, &d)).collect();
+    let mean = if each.is_empty() { inverse(gram(&through))? } else { each.iter().sum::<DMatrix<f64>>() / each.len() as f64 };
+    let mut all = Coloured {
+        change: vec![0.0; jacobian.len()],
+        covariance: DMatrix::zeros(jacobian.len(), jacobian.len()),
+        d,
+        variance,
+        residual: left,
+    };
+    for (i, row) in moving.iter().enumerate() {
+        all.change[*row] = change[i];
+        for (j, column) in moving.iter().enumerate() {
+            all.covariance[(*row, *column)] = mean[(i, j)] * variance;
+        }
+    }
+    let finite = all.change.iter().chain(all.covariance.iter()).all(|v| v.is_finite());
+    finite.then_some(all)
+}
+
+/// Autoregressions drawn from what the residuals know of theirs.
+const NOISES: usize = 40;
+/// 1 + Σ d of noise that hardly forgets: it is no noise about a level.
+const SLOWEST: f64 = 0.02;
+/// Rounds of noise and step.
+const ROUNDS: usize = 4;
+/// Most poles of the noise.
+const NOISE: usize = 10;

@@ -1,0 +1,58 @@
+//! Closed loops: the response from u to y by way of a reference r that no noise reaches.
+//!
+//! Equation: G = G_yr·G_ur⁻¹, and δG = [I, −G]·δG_zr·G_ur⁻¹ with z = [y; u].
+
+use nalgebra::{Complex, DMatrix};
+
+use super::lines::{Line, Seen};
+use crate::IdentifyError;
+
+/// The responses from the m inputs, which are the last m of the l + m outputs of `seen`, to the first l; lines where references do not move the inputs go.
+///
+/// Assumes: the references do not depend on noise, and one reference at least moves each input.
+/// Fails when: the references move inputs alike at every line: [`IdentifyError::References`] names the numbers.
+/// Source: Pintelon and Schoukens (2012), 2nd ed., section 2.6.4, doi:10.1002/9781118287422 (joint input-output approach).
+pub(super) fn divided(seen: Seen, outputs: usize) -> Result<Seen, IdentifyError> {
+    let all = seen.lines.len();
+    let lines: Vec<Line> = seen.lines.into_iter().filter_map(|line| at(line, outputs)).collect();
+    if lines.is_empty() {
+        return Err(IdentifyError::Unmoved);
+    }
+    let mut notes = seen.notes;
+    if lines.len() < all {
+        notes.push(format!("{} frequencies are left out: the references do not move the inputs there beyond noise", all - lines.len()));
+    }
+    Ok(Seen { lines, notes })
+}
+
+fn at(line: Line, outputs: usize) -> Option<Line> {
+    let m = line.g.nrows().checked_sub(outputs)?;
+    let (y, u) = (line.g.rows(0, outputs).into_owned(), line.g.rows(outputs, m).into_owned());
+    let back = u.clone().try_inverse().filter(|b| b.iter().all(|v| v.re.is_finite() && v.im.is_finite()))?;
+    // Where noise hides the inputs' own responses, the division would be by noise: no first-order variance holds.
+    let moved = (0..m).all(|i| {
+        let power: f64 = u.row(i).iter().map(|v| v.norm_sqr()).sum();
+        let noise: f64 = (0..m).map(|r| line.noise[(outputs + i, outputs + i)].re * line.weight[(r, r)].re).sum();
+        power > LEAST_RATIO * noise
+    });
+    if !moved {
+        return None;
+    }
+    let g = &y * &back;
+    // [I, −G]
+    let from = DMatrix::from_fn(outputs, outputs + m, |a, b| match b.checked_sub(outputs) {
+        Some(i) => -g[(a, i)],
+        None => Complex::from(if a == b { 1.0 } else { 0.0 }),
+    });
+    Some(Line {
+        omega_rad_s: line.omega_rad_s,
+        noise: &from * &line.noise * from.adjoint(),
+        weight: back.adjoint() * &line.weight * &back,
+        inverse_power: back.adjoint() * &line.inverse_power * &back,
+        freedom: line.freedom,
+        g,
+    })
+}
+
+/// Responses of the inputs to the references over the variance of their errors: below it the first-order variance of a ratio is too small (ten parts in power, about a third in size).
+const LEAST_RATIO: f64 = 10.0;

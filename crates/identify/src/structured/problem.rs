@@ -1,0 +1,288 @@
+//! The weighted least-squares problem over all windows: cost, gradient and information of each cluster of windows.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::record::Record;
+use super::window::{Buffers, Point, Simulator};
+use deadtime_signal::fit::Normal;
+
+/// Rounds of Gauss-Newton for the starts of unlogged states within a window.
+const START_ROUNDS: usize = 4;
+
+/// Sizes of the errors by group and horizon, `scale[group][horizon - 1]`, and where they stop to count as squares.
+#[derive(Debug, Clone)]
+pub(super) struct Weights {
+    pub(super) scale: Vec<Vec<f64>>,
+    /// Huber's threshold in scales.
+    pub(super) threshold: f64,
+    /// The loss's own curvature in place of the weighted squares': what a covariance needs. Beyond the threshold an error's length has none.
+    pub(super) curvature: bool,
+}
+
+/// Windows of one record that lie together: the unit of resampling for the covariance.
+#[derive(Debug, Clone)]
+pub(super) struct Cluster {
+    pub(super) record: usize,
+    pub(super) starts: Vec<usize>,
+}
+
+/// States whose start is not logged and not trusted exactly.
+#[derive(Debug, Clone)]
+pub(super) struct Starts {
+    pub(super) states: Vec<usize>,
+    /// How far the model trusts each start; infinite: not at all.
+    pub(super) std: Vec<f64>,
+}
+
+/// Everything about the windows that no parameter changes.
+#[derive(Debug)]
+pub(super) struct Problem<'a> {
+    pub(super) simulator: Simulator<'a>,
+    pub(super) records: &'a [Record],
+    pub(super) clusters: Vec<Cluster>,
+    pub(super) starts: Starts,
+    pub(super) nominal: Vec<f64>,
+    /// Parameters of all records: index and size of a unit step.
+    pub(super) free: Vec<(usize, f64)>,
+    /// Parameters that may differ from record to record.
+    pub(super) own: Vec<(usize, f64)>,
+}
+
+impl Problem<'_> {
+    /// Unknowns: the shared ones, then each record's own.
+    pub(super) fn unknowns(&self) -> usize {
+        self.free.len() + self.own.len() * self.records.len()
+    }
+
+    /// A record's parameters.
+    pub(super) fn parameters(&self, record: usize, z: &[f64]) -> Vec<f64> {
+        let mut p = self.nominal.clone();
+        for (&(i, unit), v) in self.free.iter().zip(z) {
+            p[i] += unit * v;
+        }
+        let own = self.free.len() + record * self.own.len();
+        for (&(i, unit), v) in self.own.iter().zip(z.get(own..).unwrap_or(&[])) {
+            p[i] += unit * v;
+        }
+        p
+    }
+
+    /// Where a cluster's directions stand among the unknowns.
+    pub(super) fn place(&self, record: usize, direction: usize) -> usize {
+        if direction < self.free.len() { direction } else { direction + record * self.own.len() }
+    }
+
+    /// Cost, gradient and information of every cluster, in its own directions (shared, then its record's). `None` where a window diverges.
+    pub(super) fn clusters(&self, z: &[f64], weights: &Weights) -> Option<Vec<Normal>> {
+        let columns: Vec<(usize, f64)> = self.free.iter().chain(&self.own).copied().collect();
+        let one = |cluster: &Cluster| {
+            let p = self.parameters(cluster.record, z);
+            let record = &self.records[cluster.record];
+            let mut buffers = Buffers::default();
+            let mut sum = Sum::new(columns.len() + self.starts.states.len());
+            let mut total = Sum::new(columns.len());
+            for &start in &cluster.starts {
+                self.window(record, start, &p, &columns, weights, &mut buffers, &mut sum)?;
+                total.add_reduced(&sum);
+            }
+            Some(total.normal())
+        };
+        self.clusters.par_iter().map(one).collect()
+    }
+
+    /// One window into `sum`, the starts of unlogged states at their best, which are returned as what is added to the model's own. `None` where it diverges.
+    #[allow(clippy::too_many_arguments)]
+    fn window(
+        &self,
+        record: &Record,
+        start: usize,
+        p: &[f64],
+        columns: &[(usize, f64)],
+        weights: &Weights,
+        buffers: &mut Buffers,
+        sum: &mut Sum,
+    ) -> Option<Vec<f64>> {
+        let Starts { states, std } = &self.starts;
+        let mut shift = vec![0.0; states.len()];
+        let shared = columns.len();
+        // Only where the log starts is the model's own start known.
+        let trusted = |s: f64| if start == 0 { s } else { f64::INFINITY };
+        let mut pass = |shift: &[f64], curvature: bool, sum: &mut Sum| {
+            sum.clear();
+            let at = Point { p, columns, starts: states, shift };
+            let finite = self.simulator.walk(record, start, at, buffers, |seen| {
+                let scale = weights.scale[seen.group][seen.horizon - 1];
+                sum.add(seen.error, seen.slopes, scale, weights.threshold, curvature);
+            });
+            for (j, (s, v)) in std.iter().zip(shift).enumerate() {
+                sum.prior(shared + j, *v, trusted(*s));
+            }
+            finite.then_some(())
+        };
+        // Steps by weighted squares: the loss's own curvature is that of no minimum while the start is far off.
+        for _ in 0..if states.is_empty() { 0 } else { START_ROUNDS } {
+            pass(&shift, false, sum)?;
+            let Some(step) = sum.start_step(shared) else { break };
+            let small = step.iter().zip(std).all(|(d, s)| d.abs() <= 1e-9 * if s.is_finite() { *s } else { d.abs().max(1.0) });
+            shift.iter_mut().zip(&step).for_each(|(v, d)| *v += d);
+            if small {
+                break;
+            }
+        }
+        pass(&shift, weights.curvature, sum)?;
+        Some(shift)
+    }
+
+    /// Plain squares, each group's errors in how far it moves in a record.
+    pub(super) fn plain_weights(&self, record: usize) -> Weights {
+        let (y, outputs) = (&self.records[record].y, self.simulator.equations.output_variables().len());
+        let scale = self.simulator.groups.iter().map(|group| vec![group.spread(y, outputs); self.simulator.horizon]).collect();
+        Weights { scale, threshold: f64::INFINITY, curvature: false }
+    }
+
+    /// The best starts of a window with these weights.
+    pub(super) fn start_of(&self, record: usize, start: usize, p: &[f64], weights: &Weights, buffers: &mut Buffers) -> Option<Vec<f64>> {
+        if self.starts.states.is_empty() {
+            return Some(Vec::new());
+        }
+        self.window(&self.records[record], start, p, &[], weights, buffers, &mut Sum::new(self.starts.states.len()))
+    }
+
+    /// The clusters' sums over all unknowns, with a prior of unit size times `weight` on each.
+    pub(super) fn normal(&self, clusters: &[Normal], z: &[f64], prior: &[f64]) -> Normal {
+        let size = self.unknowns();
+        let mut all = Normal { cost: 0.0, gradient: DVector::zeros(size), information: DMatrix::zeros(size, size) };
+        for (cluster, normal) in self.clusters.iter().zip(clusters) {
+            self.scatter(cluster.record, normal, &mut all, 1.0);
+        }
+        for i in 0..size {
+            all.cost += prior[i] * z[i] * z[i];
+            all.gradient[i] += prior[i] * z[i];
+            all.information[(i, i)] += prior[i];
+        }
+        all
+    }
+
+    /// Adds a cluster's sums times `sign` to those of all unknowns.
+    pub(super) fn scatter(&self, record: usize, normal: &Normal, all: &mut Normal, sign: f64) {
+        all.cost += sign * normal.cost;
+        let places: Vec<usize> = (0..normal.gradient.len()).map(|i| self.place(record, i)).collect();
+        for (i, &to) in places.iter().enumerate() {
+            all.gradient[to] += sign * normal.gradient[i];
+            for (j, &other) in places.iter().enumerate() {
+                all.information[(to, other)] += sign * normal.information[(i, j)];
+            }
+        }
+    }
+}
+
+/// Sums of one window or cluster; only the lower half of the information is kept.
+#[derive(Debug)]
+struct Sum {
+    size: usize,
+    cost: f64,
+    gradient: Vec<f64>,
+    information: Vec<f64>,
+}
+
+impl Sum {
+    fn new(size: usize) -> Self {
+        Self { size, cost: 0.0, gradient: vec![0.0; size], information: vec![0.0; size * size] }
+    }
+
+    fn clear(&mut self) {
+        self.cost = 0.0;
+        self.gradient.fill(0.0);
+        self.information.fill(0.0);
+    }
+
+    /// Huber's loss of an error's length in scales, as weighted squares (twice the loss, so that small errors count as their squares).
+    fn add(&mut self, error: &[f64], slopes: &[f64], scale: f64, threshold: f64, curvature: bool) {
+        let n = self.size;
+        let length = error.iter().map(|e| e * e).sum::<f64>().sqrt() / scale;
+        let mut weight = 1.0 / (scale * scale);
+        if length <= threshold {
+            self.cost += length * length;
+        } else {
+            self.cost += threshold * (2.0 * length - threshold);
+            weight *= threshold / length;
+            if curvature {
+                let along = |i: usize| error.iter().enumerate().map(|(k, e)| e * slopes[k * n + i]).sum::<f64>() / (length * scale);
+                let along: Vec<f64> = (0..n).map(along).collect();
+                for (i, by) in along.iter().enumerate() {
+                    for (to, of) in self.information[i * n..=i * n + i].iter_mut().zip(&along) {
+                        *to -= weight * by * of;
+                    }
+                }
+            }
+        }
+        for (e, row) in error.iter().zip(slopes.chunks_exact(n.max(1))) {
+            for i in 0..n {
+                let by = weight * row[i];
+                if by != 0.0 {
+                    self.gradient[i] += by * e;
+                    for (to, s) in self.information[i * n..=i * n + i].iter_mut().zip(row) {
+                        *to += by * s;
+                    }
+                }
+            }
+        }
+    }
+
+    fn prior(&mut self, at: usize, value: f64, std: f64) {
+        if std.is_finite() {
+            self.cost += (value / std).powi(2);
+            self.gradient[at] += value / (std * std);
+            self.information[at * self.size + at] += 1.0 / (std * std);
+        }
+    }
+
+    fn lower(&self, i: usize, j: usize) -> f64 {
+        let (i, j) = (i.max(j), i.min(j));
+        self.information[i * self.size + j]
+    }
+
+    /// The information of the directions from `first` on, with a trace of ridge against directions that nothing shows.
+    fn of_starts(&self, first: usize) -> Option<nalgebra::Cholesky<f64, nalgebra::Dyn>> {
+        let count = self.size - first;
+        let largest = (first..self.size).map(|i| self.lower(i, i)).fold(f64::MIN_POSITIVE, f64::max);
+        DMatrix::from_fn(count, count, |i, j| self.lower(first + i, first + j) + if i == j { 1e-12 * largest } else { 0.0 }).cholesky()
+    }
+
+    fn start_step(&self, first: usize) -> Option<Vec<f64>> {
+        let right = DVector::from_iterator(self.size - first, self.gradient[first..].iter().map(|g| -g));
+        Some(self.of_starts(first)?.solve(&right).iter().copied().collect())
+    }
+
+    /// Adds a window, its own starts eliminated (Schur complement).
+    fn add_reduced(&mut self, window: &Self) {
+        let n = self.size;
+        self.cost += window.cost;
+        for i in 0..n {
+            self.gradient[i] += window.gradient[i];
+            for j in 0..=i {
+                self.information[i * n + j] += window.lower(i, j);
+            }
+        }
+        let count = window.size - n;
+        let Some(factor) = (count > 0).then(|| window.of_starts(n)).flatten() else { return };
+        let cross = DMatrix::from_fn(count, n, |i, j| window.lower(n + i, j));
+        let solved = factor.solve(&cross);
+        let own = DVector::from_column_slice(&window.gradient[n..]);
+        for i in 0..n {
+            self.gradient[i] -= solved.column(i).dot(&own);
+            for j in 0..=i {
+                self.information[i * n + j] -= solved.column(i).dot(&cross.column(j));
+            }
+        }
+    }
+
+    fn normal(&self) -> Normal {
+        Normal {
+            cost: self.cost,
+            gradient: DVector::from_column_slice(&self.gradient),
+            information: DMatrix::from_fn(self.size, self.size, |i, j| self.lower(i, j)),
+        }
+    }
+}

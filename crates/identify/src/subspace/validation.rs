@@ -1,0 +1,173 @@
+//! How well a model does on data that it has not seen: fits, and tests of its one-step errors.
+
+use nalgebra::DMatrix;
+use serde::Serialize;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+use super::innovations::InnovationsModel;
+use super::recordings::{Named, Stretch};
+use crate::iv::whitened;
+
+/// How one output is met.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Fit {
+    /// 100·(1 − rms error/standard deviation of the measurement).
+    pub fit_percent: f64,
+    /// 100·(1 − variance of the error/variance of the measurement).
+    pub vaf_percent: f64,
+    /// rms error/standard deviation of the measurement.
+    pub nrmse: f64,
+}
+
+/// A test of the one-step errors; a small p speaks against the model.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Test {
+    /// Lags that it looks at.
+    pub lags: usize,
+    /// Its statistic, chi-squared where the model is right.
+    pub statistic: f64,
+    /// Chance of a larger one where the model is right.
+    pub p: f64,
+}
+
+/// How one output is met, and what its one-step errors still contain.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct OutputCheck {
+    /// The output.
+    pub output: String,
+    /// One-step predictions; absent where the output stands still.
+    pub one_step: Option<Fit>,
+    /// Free run from the best start; absent for an unstable model or an output that stands still.
+    pub simulation: Option<Fit>,
+    /// The errors are white (Ljung and Box 1978, doi:10.1093/biomet/65.2.297).
+    pub white: Option<Test>,
+    /// The errors do not depend on earlier inputs; one test per input.
+    pub inputs: Vec<InputTest>,
+}
+
+/// Whether an output's errors depend on an input of earlier samples.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct InputTest {
+    /// The input.
+    pub input: String,
+    /// The test.
+    #[serde(flatten)]
+    pub test: Test,
+    /// The largest correlation by size and its lag, samples.
+    pub largest: f64,
+    /// Its lag.
+    pub at_lag: usize,
+}
+
+/// Lags that the tests look at.
+const LAGS: usize = 25;
+
+/// Every output of deviations `s` (centred, the channels' units), the first `skip` samples of each stretch left out of one-step errors. With a noise polynomial D the
+/// one-step errors are D times those of a free run, else those of the model's own predictor.
+pub(super) fn check(
+    (model, noise): (&InnovationsModel, Option<&[f64]>),
+    stretches: &[Stretch],
+    skip: usize,
+    (inputs, outputs): (&[Named], &[Named]),
+    stable: bool,
+) -> Vec<OutputCheck> {
+    let used: Vec<&Stretch> = stretches.iter().filter(|s| s.len() > skip + LAGS + 2).collect();
+    let free: Vec<DMatrix<f64>> = if stable { used.iter().map(|s| model.free_run(s)).collect() } else { Vec::new() };
+    let error = |(i, s): (usize, &&Stretch)| match (noise, free.get(i)) {
+        (Some(d), Some(y)) => {
+            let left = &s.y - y;
+            let rows: Vec<_> = left.row_iter().map(|r| whitened(&r.iter().copied().collect::<Vec<f64>>(), d)).collect();
+            DMatrix::from_fn(left.nrows(), left.ncols(), |i, t| rows[i][t])
+        }
+        _ => model.innovations(s),
+    };
+    let errors: Vec<DMatrix<f64>> = used.iter().enumerate().map(error).collect();
+    outputs
+        .iter()
+        .enumerate()
+        .map(|(i, named)| {
+            let measured: Vec<Vec<f64>> = used.iter().map(|s| s.y.row(i).iter().skip(skip).copied().collect()).collect();
+            let late: Vec<Vec<f64>> = errors.iter().map(|e| e.row(i).iter().skip(skip).copied().collect()).collect();
+            let all: Vec<Vec<f64>> = used.iter().map(|s| s.y.row(i).iter().copied().collect()).collect();
+            let missed: Vec<Vec<f64>> =
+                free.iter().zip(&used).map(|(y, s)| s.y.row(i).iter().zip(y.row(i).iter()).map(|(a, b)| a - b).collect()).collect();
+            let test = |(j, input): (usize, &Named)| {
+                let u: Vec<Vec<f64>> = used.iter().map(|s| s.u.row(j).iter().skip(skip).copied().collect()).collect();
+                cross(&late, &u).map(|(test, largest, at_lag)| InputTest { input: input.name.clone(), test, largest, at_lag })
+            };
+            OutputCheck {
+                output: named.name.clone(),
+                one_step: fit(&measured, &late),
+                simulation: if stable { fit(&all, &missed) } else { None },
+                white: white(&late),
+                inputs: inputs.iter().enumerate().filter_map(test).collect(),
+            }
+        })
+        .collect()
+}
+
+fn fit(measured: &[Vec<f64>], error: &[Vec<f64>]) -> Option<Fit> {
+    let n = measured.iter().map(Vec::len).sum::<usize>() as f64;
+    let mean = |x: &[Vec<f64>]| x.iter().flatten().sum::<f64>() / n;
+    let variance = |x: &[Vec<f64>], about: f64| x.iter().flatten().map(|v| (v - about).powi(2)).sum::<f64>() / n;
+    let spread = variance(measured, mean(measured));
+    let (square, own) = (variance(error, 0.0), variance(error, mean(error)));
+    let nrmse = (square / spread).sqrt();
+    (spread > 0.0 && nrmse.is_finite()).then(|| Fit {
+        fit_percent: 100.0 * (1.0 - nrmse),
+        vaf_percent: 100.0 * (1.0 - own / spread),
+        nrmse,
+    })
+}
+
+/// Σ over stretches and samples of a(t)·b(t−lag).
+fn product(a: &[Vec<f64>], b: &[Vec<f64>], lag: usize) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a.iter().skip(lag).zip(b).map(|(x, y)| x * y).sum::<f64>()).sum()
+}
+
+fn centred(x: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let n = x.iter().map(Vec::len).sum::<usize>().max(1) as f64;
+    let mean = x.iter().flatten().sum::<f64>() / n;
+    x.iter().map(|x| x.iter().map(|v| v - mean).collect()).collect()
+}
+
+fn chance(statistic: f64, freedom: f64) -> Option<f64> {
+    ChiSquared::new(freedom).ok().map(|d| d.sf(statistic))
+}
+
+fn white(errors: &[Vec<f64>]) -> Option<Test> {
+    let e = centred(errors);
+    let n = e.iter().map(Vec::len).sum::<usize>() as f64;
+    let power = product(&e, &e, 0);
+    if power <= 0.0 || n <= 2.0 * LAGS as f64 {
+        return None;
+    }
+    let statistic = n * (n + 2.0) * (1..=LAGS).map(|lag| (product(&e, &e, lag) / power).powi(2) / (n - lag as f64)).sum::<f64>();
+    Some(Test { lags: LAGS, statistic, p: chance(statistic, LAGS as f64)? })
+}
+
+/// n·rᵀ·Ru⁻¹·r of the correlations r of the errors with the input 1 to `LAGS` samples earlier, Ru the input's own correlations: chi-squared where the
+/// errors are white and depend on no earlier input.
+fn cross(errors: &[Vec<f64>], u: &[Vec<f64>]) -> Option<(Test, f64, usize)> {
+    let (e, u) = (centred(errors), centred(u));
+    let n = e.iter().map(Vec::len).sum::<usize>() as f64;
+    let (pe, pu) = (product(&e, &e, 0), product(&u, &u, 0));
+    if pe <= 0.0 || pu <= 0.0 || n <= 2.0 * LAGS as f64 {
+        return None;
+    }
+    let own: Vec<f64> = (0..LAGS).map(|lag| product(&u, &u, lag) / pu).collect();
+    let r: Vec<f64> = (1..=LAGS).map(|lag| product(&e, &u, lag) / (pe * pu).sqrt()).collect();
+    let matrix = DMatrix::from_fn(LAGS, LAGS, |i, j| own[i.abs_diff(j)]);
+    // Directions that the input hardly has are left out.
+    let eigen = matrix.symmetric_eigen();
+    let (mut statistic, mut freedom) = (0.0, 0);
+    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        if *value > 1e-3 {
+            let share: f64 = vector.iter().zip(&r).map(|(v, r)| v * r).sum();
+            statistic += n * share * share / value;
+            freedom += 1;
+        }
+    }
+    let (at, largest) = r.iter().enumerate().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+    Some((Test { lags: LAGS, statistic, p: chance(statistic, f64::from(freedom))? }, *largest, at + 1))
+}

@@ -1,0 +1,371 @@
+//! Transfer functions of given orders by refined instrumental variables, of one output and one or more inputs.
+
+use std::borrow::Cow;
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+use super::IdentifyError;
+use super::iv::{IvFit, IvInput, IvProblem, RefinedIv, noise_model};
+use super::parametric::{Cloud, Parameter, Parametric, given, usable};
+use super::subspace::{Direct, Identified, Identifier, InnovationsModel, Recordings, Scales, Stretch};
+use deadtime_signal::progress::HowFar;
+use deadtime_signal::stats::NORMAL_95;
+
+/// y = Σ B_j(q)/F(q)·u_j(t − nk_j) + e/D(q), by refined instrumental variables: F is common to all inputs, each has a B and a dead time of its own.
+///
+/// Inputs with poles of their own are in it: F is then the product of their polynomials, and each B has as many coefficients more. Every delay up to `max_delay` is
+/// tried, of several inputs one input after the other until none changes; the smallest loss decides. Every record has a level and a start of its own.
+/// Intervals are those of the asymptotic covariance (`RefinedIv`), given the delays; they hold where D is the noise's own.
+/// Assumes: open loop, inputs that are rich, a stable plant.
+/// Fails when: the input depends on the output (biased); there are too few coefficients (the rest is called noise or dead time); or the noise is no autoregression.
+/// Source: Young (2011), "Recursive Estimation and Time-Series Analysis", 2nd ed., chapter 7, doi:10.1007/978-3-642-21981-8; Jakeman and Young (1979),
+/// Int. J. Control 29(4), 621-644, doi:10.1080/00207177908922724 (several inputs, covariance).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Riv {
+    /// Coefficients of F, the poles; default 2. `order` is another name.
+    #[serde(alias = "order")]
+    pub nf: usize,
+    /// Coefficients of B, for each input; default 2.
+    pub nb: usize,
+    /// Coefficients of D, the noise's poles; `None`: by Schwarz's criterion, at most 10.
+    pub noise: Option<usize>,
+    /// The lag of each input's first coefficient, samples; `None`: the best is searched.
+    pub nk: Option<Vec<usize>>,
+    /// Longest lag that is searched, samples; default 35.
+    pub max_delay: usize,
+    /// Whether inputs act within the sample: lags from 0 on; default not, lags from 1 on.
+    pub direct: Direct,
+    /// Drawn models for bands, and as many small ones for standard deviations of poles; default 200, 0: none.
+    pub draws: usize,
+    /// Seed of the draws; default 1.
+    pub seed: u64,
+}
+
+impl Default for Riv {
+    fn default() -> Self {
+        Self { nf: 2, nb: 2, noise: None, nk: None, max_delay: 35, direct: Direct::None, draws: 200, seed: 1 }
+    }
+}
+
+const NAME: &str = "riv";
+/// Most poles of the noise that are tried.
+const NOISE: usize = 10;
+/// Poles of the noise while delays are searched.
+const ROUGH_NOISE: usize = 2;
+/// Turns in which the delay of each input is searched.
+const TURNS: usize = 6;
+/// How often noise may pass for a response.
+const BY_CHANCE: f64 = 0.003;
+/// Most records, or stretches between gaps, whose starts are estimated.
+const STRETCHES: usize = 100;
+
+/// Stretches in scaled units, and how they are cut: the longest lag comes off the front of the output.
+struct Data {
+    scaled: Vec<Stretch>,
+    longest: usize,
+    /// Coefficients of a start.
+    starts: usize,
+}
+
+impl Data {
+    /// The inputs at these lags, then of every stretch its start and its level, as inputs of their own.
+    ///
+    /// A start is C/F of an impulse: it holds what the plant remembers of the time before the stretch, and the inputs that B reaches there.
+    fn problem<'a>(&'a self, lags: &[usize], nb: usize, outputs: &'a [Vec<f64>]) -> IvProblem<'a> {
+        let rows = |s: &Stretch| s.len() - self.longest;
+        let input = |(j, lag): (usize, &usize)| {
+            let late = |s: &Stretch| Some(Cow::Owned((0..rows(s)).map(|t| s.u[(j, t + self.longest - lag)]).collect::<Vec<f64>>()));
+            IvInput { samples: self.scaled.iter().map(late).collect(), lag: 0, count: nb }
+        };
+        let mut inputs: Vec<IvInput<'a>> = lags.iter().enumerate().map(input).collect();
+        for r in 0..self.scaled.len() {
+            let alone = |from: fn(usize) -> f64| {
+                let of = |(i, s): (usize, &Stretch)| (i == r).then(|| Cow::Owned((0..rows(s)).map(from).collect::<Vec<f64>>()));
+                self.scaled.iter().enumerate().map(of).collect()
+            };
+            inputs.push(IvInput { samples: alone(|t| f64::from(u8::from(t == 0))), lag: 0, count: self.starts });
+            inputs.push(IvInput { samples: alone(|_| 1.0), lag: 0, count: 1 });
+        }
+        IvProblem { inputs, outputs: outputs.iter().map(Vec::as_slice).collect() }
+    }
+}
+
+impl Identifier for Riv {
+    fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError> {
+        let m = recordings.inputs.len();
+        let (nf, nb) = (self.nf, self.nb);
+        for (option, value) in [("nf", nf), ("nb", nb), ("noise", self.noise.unwrap_or(1))] {
+            if !(1..=20).contains(&value) {
+                return Err(IdentifyError::Option { option, value: value as f64, rule: "it must be 1 to 20" });
+            }
+        }
+        let least = usize::from(self.direct == Direct::None);
+        let (from, to) = match &self.nk {
+            Some(lags) if lags.len() != m => {
+                return Err(IdentifyError::Option { option: "number of lags in nk", value: lags.len() as f64, rule: "one for each input" });
+            }
+            Some(lags) => (lags.clone(), lags.clone()),
+            None => (vec![least; m], vec![self.max_delay.max(least); m]),
+        };
+        let longest = to.iter().copied().max().unwrap_or(0);
+        let starts = nf.max(nb - 1);
+        let (used, said) = usable(NAME, recordings, longest + 3 * (nf + m * nb + starts + 1))?;
+        if used.stretches.len() > STRETCHES {
+            let rule = "at most 100: fill the gaps, or name fewer logs";
+            return Err(IdentifyError::Option { option: "number of stretches without a gap", value: used.stretches.len() as f64, rule });
+        }
+        let scales = used.scales()?;
+        let data = Data { scaled: used.stretches.iter().map(|s| scales.scaled(s)).collect(), longest, starts };
+        let outputs: Vec<Vec<f64>> = data.scaled.iter().map(|s| s.y.row(0).iter().skip(longest).copied().collect()).collect();
+        let rough = RefinedIv { nb, nf, noise: self.noise.unwrap_or(ROUGH_NOISE) };
+        let search = Search { data: &data, outputs: &outputs, rough, nb };
+        let failed = |reason: &str| IdentifyError::Unfit { method: NAME, reason: reason.to_owned() };
+        let found = search.best(&from, &to, far).ok_or_else(|| {
+            failed("no model of these orders is stable and explains the data; take smaller nf and nb, or record with a stronger excitation")
+        })?;
+        // The noise's own order, and all again under it.
+        let problem = data.problem(&found.lags, nb, &outputs);
+        let left = rough.left(&problem, &found.fit);
+        let orders = match (self.noise, noise_model(&left, NOISE)) {
+            (None, Some(noise)) => RefinedIv { noise: noise.d.len(), ..rough },
+            _ => rough,
+        };
+        let fit =
+            orders.refine(&problem, found.fit.f.clone()).ok_or_else(|| failed("the rounds have no finite end; take smaller orders"))?;
+        let rows: usize = outputs.iter().map(Vec::len).sum();
+        let without = noise_model(&outputs.iter().map(|y| centred(y)).collect::<Vec<_>>(), orders.noise.max(ROUGH_NOISE));
+        let gain = rows as f64 * (without.map_or(f64::INFINITY, |w| w.variance) / fit.loss.max(f64::MIN_POSITIVE)).ln();
+        // Poles may settle on any of N/2 frequencies, where a lag is but a phase; and the starts are free beside the model without inputs, too.
+        let tries = (1 + longest) as f64 * (rows as f64 / 2.0).max(1.0);
+        let free = nf + m * nb + used.stretches.len() * starts;
+        if gain < ChiSquared::new(free as f64).map_or(0.0, |d| d.inverse_cdf(1.0 - BY_CHANCE / tries)) {
+            return Err(failed("the output does not visibly follow the inputs; check the channels, or record with a stronger excitation"));
+        }
+        let covariance = orders.covariance(&problem, &fit);
+        Ok(self.answer(Answer { used: &used, scales, lags: &found.lags, ends: &found.ends, fit, covariance, rows, said }))
+    }
+}
+
+fn centred(y: &[f64]) -> Vec<f64> {
+    let mean = y.iter().sum::<f64>() / y.len().max(1) as f64;
+    y.iter().map(|v| v - mean).collect()
+}
+
+/// Where the lags are searched.
+struct Search<'a> {
+    data: &'a Data,
+    outputs: &'a [Vec<f64>],
+    rough: RefinedIv,
+    nb: usize,
+}
+
+/// The lags with the smallest loss, and the first and last of each input that fit as well but for chance.
+struct Found {
+    lags: Vec<usize>,
+    ends: Vec<[usize; 2]>,
+    fit: IvFit,
+}
+
+impl Search<'_> {
+    fn best(&self, from: &[usize], to: &[usize], far: &HowFar) -> Option<Found> {
+        let m = from.len();
+        let (mut lags, mut ends) = (from.to_vec(), from.iter().map(|l| [*l; 2]).collect::<Vec<_>>());
+        let mut best: Option<IvFit> = None;
+        let turns = if m == 1 { 1 } else { TURNS };
+        let steps = far.steps(turns * m, "delays tried");
+        for _ in 0..turns {
+            let before = lags.clone();
+            for j in 0..m {
+                let mut all = self.along(&lags, j, (from[j], to[j]), best.as_ref());
+                // Once more from the best poles, which one delay finds and its neighbour may not.
+                let lowest = all.iter().flatten().min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)).map(|l| l.1.clone())?;
+                for (old, new) in all.iter_mut().zip(self.along(&lags, j, (from[j], to[j]), Some(&lowest))) {
+                    if let Some(new) = new.filter(|n| old.as_ref().is_none_or(|o| n.1.loss < o.1.loss)) {
+                        *old = Some(new);
+                    }
+                }
+                let (lag, fit) = all.iter().flatten().min_by(|a, b| a.1.loss.total_cmp(&b.1.loss))?.clone();
+                ends[j] = self.as_good(&all, fit.loss);
+                lags[j] = lag;
+                best = Some(fit);
+                steps.one_more();
+            }
+            if lags == before {
+                break;
+            }
+        }
+        Some(Found { lags, ends, fit: best? })
+    }
+
+    /// The best model at every lag of one input, the others' lags staying.
+    fn along(&self, lags: &[usize], input: usize, (from, to): (usize, usize), known: Option<&IvFit>) -> Vec<Option<(usize, IvFit)>> {
+        let at = |lag: usize| {
+            let mut own = lags.to_vec();
+            own[input] = lag;
+            let problem = self.data.problem(&own, self.nb, self.outputs);
+            let starts = self.rough.start(&problem).into_iter().chain(known.map(|k| k.f.clone()));
+            let fits = starts.filter_map(|start| self.rough.refine(&problem, start));
+            fits.min_by(|a, b| a.loss.total_cmp(&b.loss)).map(|fit| (lag, fit))
+        };
+        (from..=to).into_par_iter().map(at).collect()
+    }
+
+    /// First and last of the most likely lags, of which together 95 % of the likelihood is.
+    fn as_good(&self, all: &[Option<(usize, IvFit)>], best: f64) -> [usize; 2] {
+        let rows: usize = self.outputs.iter().map(Vec::len).sum();
+        let floor = f64::MIN_POSITIVE;
+        let mut weights: Vec<(usize, f64)> = all
+            .iter()
+            .flatten()
+            .map(|(lag, fit)| (*lag, (-0.5 * rows as f64 * (fit.loss.max(floor) / best.max(floor)).ln()).exp()))
+            .collect();
+        weights.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let total: f64 = weights.iter().map(|w| w.1).sum();
+        let mut held = 0.0;
+        let mut ends = [weights.first().map_or(0, |w| w.0); 2];
+        for (lag, weight) in weights {
+            ends = [ends[0].min(lag), ends[1].max(lag)];
+            held += weight;
+            if held >= 0.95 * total {
+                break;
+            }
+        }
+        ends
+    }
+}
+
+/// What an answer is made of.
+struct Answer<'a> {
+    used: &'a Recordings,
+    scales: Scales,
+    lags: &'a [usize],
+    ends: &'a [[usize; 2]],
+    fit: IvFit,
+    covariance: Option<DMatrix<f64>>,
+    rows: usize,
+    said: Option<String>,
+}
+
+impl Riv {
+    fn answer(&self, of: Answer<'_>) -> Identified {
+        let Answer { used, mut scales, lags, ends, fit, covariance, rows, said } = of;
+        let (nf, nb, m) = (self.nf, self.nb, lags.len());
+        let (sy, count) = (scales.outputs[0].1, nf + m * nb);
+        // f, then every b in the channels' units.
+        let unit = |i: usize| if i < nf { 1.0 } else { sy / scales.inputs[(i - nf) / nb].1 };
+        let values: Vec<f64> = fit.f.iter().chain(fit.b.iter().take(m * nb)).enumerate().map(|(i, v)| v * unit(i)).collect();
+        let covariance = covariance.map(|c| DMatrix::from_fn(count, count, |i, j| c[(i, j)] * unit(i) * unit(j)));
+        let delays: Vec<usize> = lags.iter().map(|l| l.saturating_sub(1)).collect();
+        // Lags of the first coefficient that are left in the matrices.
+        let inside: Vec<usize> = lags.iter().zip(&delays).map(|(l, d)| l - d).collect();
+        let build = |values: &[f64]| Some((observer(&values[..nf], &values[nf..], &inside), delays.clone()));
+        let cloud = covariance.as_ref().and_then(|c| Cloud::of(values.clone(), c, self.seed));
+        let draws = cloud.map(|c| c.models(self.draws, &build)).unwrap_or_default();
+        let name = |i: usize| {
+            if i < nf {
+                return (format!("f{}", i + 1), None);
+            }
+            let (input, at) = ((i - nf) / nb, (i - nf) % nb);
+            (format!("b{at}"), Some(used.inputs[input].name.clone()))
+        };
+        let mut parameters: Vec<Parameter> = lags
+            .iter()
+            .zip(ends)
+            .zip(&used.inputs)
+            .map(|((lag, ends), input)| Parameter {
+                name: "nk".to_owned(),
+                input: Some(input.name.clone()),
+                value: *lag as f64,
+                unit: Some("samples".to_owned()),
+                std: None,
+                ci95: Some(ends.map(|e| e as f64)),
+            })
+            .collect();
+        parameters.extend(values.iter().enumerate().map(|(i, value)| {
+            let std = covariance.as_ref().map(|c| c[(i, i)].max(0.0).sqrt());
+            let (name, input) = name(i);
+            Parameter { name, input, value: *value, unit: None, std, ci95: std.map(|s| [value - NORMAL_95 * s, value + NORMAL_95 * s]) }
+        }));
+        let mut notes: Vec<String> = said.into_iter().collect();
+        if !fit.converged {
+            notes.push(
+                "the rounds did not settle: orders that are too large or too small for the data; look at the fits of other orders"
+                    .to_owned(),
+            );
+        }
+        if self.nk.is_none() {
+            for ((lag, ends), input) in lags.iter().zip(ends).zip(&used.inputs) {
+                if ends[0] < ends[1] {
+                    let (name, [from, to]) = (&input.name, ends);
+                    notes.push(format!(
+                        "{name}: lags from {from} to {to} samples fit about as well; the other intervals are those of {lag}"
+                    ));
+                }
+                if *lag == self.max_delay {
+                    notes.push(format!("{}: the best lag is the longest that was searched; set a longer max_delay", input.name));
+                }
+            }
+        }
+        if m > 1 {
+            notes.push(
+                "all inputs have the poles F in common; where they have poles of their own, nf is the number of all and nb as many more"
+                    .to_owned(),
+            );
+        }
+        // A level of y is c/F of 1: where it settles.
+        let at_rest = 1.0 + fit.f.iter().sum::<f64>();
+        let each = self.nf.max(nb - 1) + 1;
+        let weight = |s: &Stretch| s.len() as f64 / used.samples().max(1) as f64;
+        let settled: Vec<f64> =
+            (0..used.stretches.len()).map(|r| fit.b.get(m * nb + r * each + each - 1).map_or(0.0, |c| c / at_rest)).collect();
+        scales.outputs[0].0 += sy * settled.iter().zip(&used.stretches).map(|(c, s)| c * weight(s)).sum::<f64>();
+        let model = observer(&values[..nf], &values[nf..], &inside);
+        let freedom = (rows as f64 - (fit.b.len() + nf + fit.d.len()) as f64).max(1.0);
+        Identified {
+            method: NAME,
+            sample_time: used.sample_time,
+            inputs: used.inputs.clone(),
+            outputs: used.outputs.clone(),
+            past: fit.d.len(),
+            rows,
+            order: given(model.order()),
+            innovations: DMatrix::from_element(1, 1, fit.loss * rows as f64 / freedom * sy * sy),
+            model,
+            draws,
+            notes,
+            scales,
+            parametric: Some(Parametric {
+                structure: format!(
+                    "y(t) = {}B(q)/F(q)·u(t − nk) + e(t)/D(q), B = b0 + b1·q⁻¹ + …, F = 1 + f1·q⁻¹ + …",
+                    if m > 1 { "Σ " } else { "" }
+                ),
+                parameters,
+                delays,
+                noise: fit.d,
+                continuous: None,
+                guesses: Vec::new(),
+            }),
+        }
+    }
+}
+
+/// Σ B_j/F u_j in observer form, the first coefficient of input j at the lag `lags[j]`, 0 or 1; B of all inputs one after the other.
+fn observer(f: &[f64], b: &[f64], lags: &[usize]) -> InnovationsModel {
+    let (m, nb) = (lags.len(), b.len() / lags.len().max(1));
+    let last = lags.iter().map(|l| l + nb - 1).max().unwrap_or(0);
+    let n = f.len().max(last);
+    let pole = |i: usize| f.get(i).copied().unwrap_or(0.0);
+    let at = |lag: usize, j: usize| lag.checked_sub(lags[j]).filter(|i| *i < nb).map_or(0.0, |i| b[j * nb + i]);
+    InnovationsModel {
+        a: DMatrix::from_fn(n, n, |i, j| if j == 0 { -pole(i) } else { f64::from(u8::from(j == i + 1)) }),
+        // What goes straight through is fed back by F too.
+        b: DMatrix::from_fn(n, m, |i, j| at(i + 1, j) - pole(i) * at(0, j)),
+        c: DMatrix::from_fn(1, n, |_, j| f64::from(u8::from(j == 0))),
+        d: DMatrix::from_fn(1, m, |_, j| at(0, j)),
+        k: DMatrix::zeros(n, 1),
+    }
+}

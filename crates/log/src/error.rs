@@ -1,0 +1,579 @@
+//! What can be wrong with a log; every variant holds the facts, every message says what, where and what to do.
+
+use std::path::Path;
+
+use deadtime_signal::file::FileError;
+use deadtime_signal::time::TimeError;
+
+use super::Place;
+
+/// Whatever keeps a log from being read or used.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A log that cannot be read or used.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// A file that the operating system refuses.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A sample time that cannot be.
+    #[error(transparent)]
+    Time(#[from] TimeError),
+}
+
+impl Error {
+    /// An operating-system error with the file it is about.
+    pub fn io(path: &Path, source: std::io::Error) -> Self {
+        FileError::io(path, source).into()
+    }
+}
+
+/// A log that cannot be read or used. `file` is the log's source, `row` the line as an editor counts it (the header is row 1), `place` that line
+/// or, of numbers in memory, the sample counted from 0.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LogError {
+    /// Nothing in the file.
+    #[error("{file}: the file is empty; it needs a header row that begins with `time` and one row per sample")]
+    Empty {
+        /// The log.
+        file: String,
+    },
+    /// No samples in memory.
+    #[error("{file}: no samples; a log has at least one")]
+    Nothing {
+        /// The log.
+        file: String,
+    },
+    /// A header and nothing below it.
+    #[error("{file}: no samples below the header row; record or export at least one row")]
+    NoSamples {
+        /// The log.
+        file: String,
+    },
+    /// Bytes that are no UTF-8 text.
+    #[error("{file}, row {row}: not text; export the log as CSV in UTF-8 (or as .csv.gz)")]
+    NotText {
+        /// The log.
+        file: String,
+        /// The line with the first such byte.
+        row: usize,
+    },
+    /// Called .gz and is none.
+    #[error("{file}: called .gz but not compressed by gzip; rename it to .csv if it is plain text, or compress it with gzip")]
+    NotGzip {
+        /// The log.
+        file: String,
+    },
+    /// A gzip stream that breaks off or does not decode.
+    #[error("{file}: the gzip stream is damaged or cut off after row {row} ({reason}); copy or compress the file again")]
+    Gzip {
+        /// The log.
+        file: String,
+        /// The last line that could be read; 0 when there was none.
+        row: usize,
+        /// What the decoder said.
+        reason: String,
+    },
+    /// No column can be the time.
+    #[error(
+        "{file}, row {row}: no column is called `time` (the first is `{found}`); call it `time`, or say which it is with `--time COLUMN`"
+    )]
+    FirstColumn {
+        /// The log.
+        file: String,
+        /// The line of the header.
+        row: usize,
+        /// The first cell of the header.
+        found: String,
+    },
+    /// Time in a unit that is not known.
+    #[error("{file}, row {row}: time is in `{unit}`; convert it to seconds, or say the unit with `--time-unit s|ms|us|ns|iso`")]
+    TimeUnit {
+        /// The log.
+        file: String,
+        /// The line of the header.
+        row: usize,
+        /// The unit that the header gives.
+        unit: String,
+    },
+    /// Several topics where one log is wanted.
+    #[error("{file}: several topics; name channels as TOPIC.FIELD; there are {}", listing(topics))]
+    SeveralTopics {
+        /// The log.
+        file: String,
+        /// The topics.
+        topics: Vec<String>,
+    },
+    /// A file of a known format that does not begin as the format says, or asks for what is not supported.
+    #[error("{file}: {format}: {what}")]
+    Format {
+        /// The log.
+        file: String,
+        /// What the file is.
+        format: &'static str,
+        /// What is wrong with it and what to do.
+        what: String,
+    },
+    /// A file of topics without a single number.
+    #[error("{file}: {format}: no topic with numbers{}", why(notes))]
+    NoTopics {
+        /// The log.
+        file: String,
+        /// What the file is.
+        format: &'static str,
+        /// What was said while it was read.
+        notes: Vec<String>,
+    },
+    /// A channel in another unit than the model's.
+    #[error("{file}: `{channel}` is in {logged} here and in {modelled} in the model; convert one of them")]
+    Unit {
+        /// The log.
+        file: String,
+        /// The channel.
+        channel: String,
+        /// The unit that the log's header gives.
+        logged: String,
+        /// The unit that the model gives.
+        modelled: String,
+    },
+    /// Event times that do not increase.
+    #[error("{file}, row {row}: the event of `{channel}` at {time} is not behind the one before it ({before}); event times must increase")]
+    EventOrder {
+        /// The log.
+        file: String,
+        /// The line of the event.
+        row: usize,
+        /// The column.
+        channel: String,
+        /// Time of the event before it.
+        before: f64,
+        /// Its time.
+        time: f64,
+    },
+    /// A column without a name.
+    #[error("{file}, row {row}: column {column} has no name; name it or delete it")]
+    UnnamedColumn {
+        /// The log.
+        file: String,
+        /// The line of the header.
+        row: usize,
+        /// Its number; the first is 1.
+        column: usize,
+    },
+    /// Two columns of one name.
+    #[error("{file}: two columns are called `{channel}`; rename or delete one of them")]
+    DuplicateChannel {
+        /// The log.
+        file: String,
+        /// Their name.
+        channel: String,
+    },
+    /// A name or unit that a header could not carry: empty, `time`, with control characters, or ending like a unit.
+    #[error(
+        "{file}: `{channel}` cannot be the header of a channel; choose a name other than `time`, of one line, that \
+         does not end like ` [unit]`"
+    )]
+    BadName {
+        /// The log.
+        file: String,
+        /// The header it would get.
+        channel: String,
+    },
+    /// Too many or too few cells.
+    #[error(
+        "{file}, row {row}: {found} cells where the header has {expected}; complete or delete the row, and write \
+         numbers with a decimal point"
+    )]
+    RowLength {
+        /// The log.
+        file: String,
+        /// The line.
+        row: usize,
+        /// The cells of the header.
+        expected: usize,
+        /// The cells of this row.
+        found: usize,
+    },
+    /// A quoted cell does not end in its line.
+    #[error("{file}, row {row}: a quote is opened and not closed; keep each sample on one line and close the quote")]
+    OpenQuote {
+        /// The log.
+        file: String,
+        /// The line.
+        row: usize,
+    },
+    /// Channels of different lengths.
+    #[error("{file}: channel `{channel}` has {found} samples where time has {expected}; give every channel one value per time stamp")]
+    Length {
+        /// The log.
+        file: String,
+        /// The channel.
+        channel: String,
+        /// The number of time stamps.
+        expected: usize,
+        /// The channel's number of values (or of marks for missing ones).
+        found: usize,
+    },
+    /// Text where a number belongs.
+    #[error(
+        "{file}, {place}: channel `{channel}` holds `{text}`, which is no number; correct it, or {}",
+        place.either("leave the cell empty for a missing sample", "mark a missing sample as such")
+    )]
+    NotANumber {
+        /// The log.
+        file: String,
+        /// Where.
+        place: Place,
+        /// The column.
+        channel: String,
+        /// The cell, shortened if long.
+        text: String,
+    },
+    /// A comma in a number that commas separate from others.
+    #[error(
+        "{file}, {place}: channel `{channel}` holds `{text}`, whose comma may be a decimal one or stand between thousands; \
+         write numbers with a decimal point, or separate the columns by semicolons"
+    )]
+    Comma {
+        /// The log.
+        file: String,
+        /// Where.
+        place: Place,
+        /// The column.
+        channel: String,
+        /// The cell, shortened if long.
+        text: String,
+    },
+    /// NaN, an infinity, or a number beyond the range of `f64`.
+    #[error(
+        "{file}, {place}: channel `{channel}` holds `{text}`, which is no finite number; {}",
+        place.either("leave the cell empty for a missing sample", "mark a missing sample as such")
+    )]
+    NotFinite {
+        /// The log.
+        file: String,
+        /// Where.
+        place: Place,
+        /// The column.
+        channel: String,
+        /// The cell, shortened if long.
+        text: String,
+    },
+    /// A row without a time.
+    #[error("{file}, row {row}: the `time` cell is empty; give every row its time in seconds or delete the row")]
+    EmptyTime {
+        /// The log.
+        file: String,
+        /// The line.
+        row: usize,
+    },
+    /// A time stamp too large for arithmetic.
+    #[error(
+        "{file}, {place}: channel `time` holds {time_s:e} s, beyond ±1e100 s; {}",
+        place.either("correct it or delete the row", "correct it or leave the sample out")
+    )]
+    TimeRange {
+        /// The log.
+        file: String,
+        /// Where.
+        place: Place,
+        /// The time stamp, in seconds.
+        time_s: f64,
+    },
+    /// The same time stamp twice running.
+    #[error(
+        "{file}, {place}: channel `time` stands still at {time_s} s; {}, or log time with more digits",
+        place.either("delete the repeated row", "leave the repeated sample out")
+    )]
+    TimeStandsStill {
+        /// The log.
+        file: String,
+        /// Where the second of the two is.
+        place: Place,
+        /// Both time stamps, in seconds.
+        time_s: f64,
+    },
+    /// A time stamp before its predecessor.
+    #[error(
+        "{file}, {place}: channel `time` runs back from {before_s} s to {time_s} s; {}",
+        place.either(
+            "sort the rows, or, if the file holds several records, name the column that tells them apart to `read_records`",
+            "sort the samples by time, or, if they are of several records, make a log of each"
+        )
+    )]
+    TimeRunsBack {
+        /// The log.
+        file: String,
+        /// Where time runs back.
+        place: Place,
+        /// The time stamp before, in seconds.
+        before_s: f64,
+        /// The time stamp there, in seconds.
+        time_s: f64,
+    },
+    /// A frequency response that cannot be used.
+    #[error("{file}: {error}")]
+    Frequency {
+        /// The file.
+        file: String,
+        /// What is wrong with it.
+        error: super::FrequencyError,
+    },
+    /// A step that a table of its response cannot have.
+    #[error(
+        "{file}: the step at {at_s} s is not at a row of the table, which reaches from {first_s} s to {last_s} s, a row every {step_s} s; give the time of a row as `step_time`"
+    )]
+    StepTime {
+        /// The table.
+        file: String,
+        /// Where the step is said to be, s.
+        at_s: f64,
+        /// The first row, s.
+        first_s: f64,
+        /// The last, s.
+        last_s: f64,
+        /// Their distance, s.
+        step_s: f64,
+    },
+    /// A row that belongs to no record.
+    #[error("{file}, row {row}: the cell of `{channel}`, which names the record, is empty; fill it or delete the row")]
+    EmptyRecord {
+        /// The log.
+        file: String,
+        /// The line.
+        row: usize,
+        /// The column that tells the records apart.
+        channel: String,
+    },
+    /// No such channel.
+    #[error("{file}: no channel is called `{channel}`{}; it has {}", suggestion(closest.as_deref()), listing(existing))]
+    UnknownChannel {
+        /// The log.
+        file: String,
+        /// The name asked for.
+        channel: String,
+        /// The name nearest to it by edit distance, if any is near.
+        closest: Option<String>,
+        /// The log's channels.
+        existing: Vec<String>,
+    },
+    /// Several channels end in the name asked for.
+    #[error("{file}: several channels are called `{channel}`; say which: {}", listing(matches))]
+    AmbiguousChannel {
+        /// The log.
+        file: String,
+        /// The name asked for.
+        channel: String,
+        /// Their full names.
+        matches: Vec<String>,
+    },
+    /// Channels of topics that were never logged at the same time.
+    #[error("{file}: the channels have no time in common: {}", spans.iter().map(|(name, a, b)| format!("`{name}` {a} s to {b} s")).collect::<Vec<_>>().join(", "))]
+    NoCommonTime {
+        /// The log.
+        file: String,
+        /// Name, first and last stamp of each, s.
+        spans: Vec<(String, f64, f64)>,
+    },
+    /// An input must be known at every sample.
+    #[error(
+        "{file}, {place}: input `{channel}` has no sample at {time_s} s; {} (only outputs may miss samples)",
+        place.either(
+            "fill the cell, delete the row, or take another `window` of the log",
+            "fill it in, leave the sample out, or take another `window` of the log"
+        )
+    )]
+    MissingInput {
+        /// The log.
+        file: String,
+        /// Where the first missing sample is.
+        place: Place,
+        /// The input.
+        channel: String,
+        /// Its time as logged, in seconds.
+        time_s: f64,
+    },
+    /// A channel without a single sample.
+    #[error("{file}: channel `{channel}` has no sample in any row; choose another channel or another part of the log")]
+    MissingThroughout {
+        /// The log.
+        file: String,
+        /// The channel.
+        channel: String,
+    },
+    /// A grid needs two samples.
+    #[error("{file}: {found} samples, at least {needed} are needed; give a longer log or a wider `window`")]
+    TooShort {
+        /// The log.
+        file: String,
+        /// The samples needed.
+        needed: usize,
+        /// The samples there are.
+        found: usize,
+    },
+    /// Time stamps off the straight line through all of them.
+    #[error(
+        "{file}, {place}: time is uneven: the stamp {time_s} s is {deviation_samples:.3} samples from the straight \
+         line through all stamps \
+         (at most 0.05 counts as even); put the log on an even grid with `resample(sample_time)`, for instance `resample({suggested_s})`"
+    )]
+    UnevenTime {
+        /// The log.
+        file: String,
+        /// Where the worst stamp is.
+        place: Place,
+        /// The worst stamp as logged, in seconds.
+        time_s: f64,
+        /// Its distance from the line, in samples; positive when it is late.
+        deviation_samples: f64,
+        /// The median step to six digits, in seconds.
+        suggested_s: f64,
+    },
+    /// A window that holds no sample.
+    #[error(
+        "{file}: no sample from {from_s} s to {to_s} s; choose a `window` within 0 s to {duration_s} s, \
+         counted from the first sample"
+    )]
+    EmptyWindow {
+        /// The log.
+        file: String,
+        /// Where the window begins, in seconds from the first sample.
+        from_s: f64,
+        /// Where it ends, in seconds from the first sample.
+        to_s: f64,
+        /// The log's last sample, in seconds from its first.
+        duration_s: f64,
+    },
+    /// A resampled log that would not fit.
+    #[error("{file}: a sample time of {sample_time_s} s makes {samples:e} samples of {duration_s} s; give `resample` a larger sample time")]
+    TooFine {
+        /// The log.
+        file: String,
+        /// The sample time asked for, in seconds.
+        sample_time_s: f64,
+        /// The samples that it would make.
+        samples: f64,
+        /// The log's length, in seconds.
+        duration_s: f64,
+    },
+    /// More numbers than are read into memory.
+    #[error("{file}, row {row}: more than {most:e} numbers, {gb:.1} GB of memory; leave out columns, or cut the file into parts")]
+    TooLarge {
+        /// The log.
+        file: String,
+        /// The first row that is too much.
+        row: usize,
+        /// The numbers of all rows that are read.
+        most: f64,
+        /// What they take, 10⁹ bytes.
+        gb: f64,
+    },
+    /// A column is given two names.
+    #[error("{file}: column `{channel}` is mapped twice, to `{first}` and to `{second}`; `rename` each column once")]
+    MappedTwice {
+        /// The log.
+        file: String,
+        /// The column.
+        channel: String,
+        /// Its first new name.
+        first: String,
+        /// Its second new name.
+        second: String,
+    },
+    /// Two columns would have the same name.
+    #[error(
+        "{file}: the new names make two columns called `{channel}`; give each column a name of its own, and map an \
+         existing `{channel}` to another name"
+    )]
+    NameTaken {
+        /// The log.
+        file: String,
+        /// The name.
+        channel: String,
+    },
+}
+
+impl Place {
+    /// What is to be said of a file, or of numbers in memory.
+    fn either(self, file: &'static str, memory: &'static str) -> &'static str {
+        match self {
+            Self::Row(_) => file,
+            Self::Sample(_) => memory,
+        }
+    }
+}
+
+/// Names in a message beyond this many are counted, not listed.
+const LISTED: usize = 40;
+
+fn why(notes: &[String]) -> String {
+    if notes.is_empty() { String::new() } else { format!(" ({})", notes.join("; ")) }
+}
+
+fn suggestion(closest: Option<&str>) -> String {
+    closest.map_or_else(String::new, |name| format!(" (did you mean `{name}`?)"))
+}
+
+fn listing(names: &[String]) -> String {
+    if names.is_empty() {
+        return "no channels besides `time`".into();
+    }
+    let shown: Vec<String> = names.iter().take(LISTED).map(|name| format!("`{name}`")).collect();
+    let rest = names.len() - shown.len();
+    if rest == 0 { shown.join(", ") } else { format!("{} and {rest} more", shown.join(", ")) }
+}
+
+/// The name nearest to `wanted` by edit distance, capitals ignored, unless more than half of the letters differ.
+pub(super) fn closest<'a>(wanted: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let wanted: Vec<char> = wanted.to_lowercase().chars().collect();
+    names
+        .map(|name| {
+            let letters: Vec<char> = name.to_lowercase().chars().collect();
+            (edit_distance(&wanted, &letters), wanted.len().max(letters.len()), name)
+        })
+        .filter(|(distance, length, _)| 2 * distance <= *length)
+        .min_by_key(|(distance, _, _)| *distance)
+        .map(|(_, _, name)| name)
+}
+
+/// Insertions, deletions and substitutions that lead from `a` to `b` (Levenshtein 1966), row by row.
+fn edit_distance(a: &[char], b: &[char]) -> usize {
+    let mut above: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.iter().enumerate() {
+        let mut row = Vec::with_capacity(above.len());
+        let mut left = i + 1;
+        row.push(left);
+        for (y, (diagonal, up)) in b.iter().zip(super::neighbours(&above)) {
+            left = (diagonal + usize::from(x != y)).min(up + 1).min(left + 1);
+            row.push(left);
+        }
+        above = row;
+    }
+    above.last().copied().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn distance(a: &str, b: &str) -> usize {
+        edit_distance(&a.chars().collect::<Vec<_>>(), &b.chars().collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn edit_distance_counts_insertions_deletions_and_substitutions() {
+        assert_eq!(distance("kitten", "sitting"), 3);
+        assert_eq!(distance("", "abc"), 3);
+        assert_eq!(distance("abc", ""), 3);
+        assert_eq!(distance("same", "same"), 0);
+    }
+
+    #[test]
+    fn closest_ignores_capitals_and_offers_nothing_far_away() {
+        let names = ["heater", "temperature"];
+        assert_eq!(closest("Heater", names.into_iter()), Some("heater"));
+        assert_eq!(closest("temprature", names.into_iter()), Some("temperature"));
+        assert_eq!(closest("zzz", names.into_iter()), None);
+    }
+}

@@ -1,0 +1,323 @@
+//! What a file holds before anyone chooses channels: topics, each with stamps of its own.
+
+use super::{Channel, Log, LogError, Numbers, Origin, Rows, neighbours};
+use deadtime_signal::progress::HowFar;
+
+/// The unit of time stamps in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TimeUnit {
+    /// Seconds.
+    S,
+    /// Milliseconds.
+    Ms,
+    /// Microseconds.
+    Us,
+    /// Nanoseconds.
+    Ns,
+    /// Dates by ISO 8601.
+    Iso,
+}
+
+impl TimeUnit {
+    /// How many of them a second has; dates are counted in nanoseconds.
+    #[must_use]
+    pub fn per_second(self) -> f64 {
+        match self {
+            Self::S => 1.0,
+            Self::Ms => 1e3,
+            Self::Us => 1e6,
+            Self::Ns | Self::Iso => 1e9,
+        }
+    }
+
+    /// Its name in a sentence.
+    #[must_use]
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::S => "seconds",
+            Self::Ms => "milliseconds",
+            Self::Us => "microseconds",
+            Self::Ns => "nanoseconds",
+            Self::Iso => "dates",
+        }
+    }
+}
+
+/// Which clock stamps the messages of a bag.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Stamps {
+    /// When the recorder got them: the same clock for all topics.
+    #[default]
+    Arrival,
+    /// What the sender wrote into `header.stamp` or `timestamp`, of the topics that have it.
+    Header,
+}
+
+/// How a file is to be read.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// The column of time; `None`: by its name.
+    pub time: Option<String>,
+    /// The unit of time; `None`: by the name of its column and the size of its numbers.
+    pub time_unit: Option<TimeUnit>,
+    /// The clock of bags.
+    pub stamps: Stamps,
+    /// Where it is said how much of the file is read.
+    pub far: HowFar,
+}
+
+/// A file that was read: its topics and what has to be said about the reading.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recording {
+    /// The file as it was given.
+    pub source: String,
+    /// The name of its format.
+    pub format: &'static str,
+    /// What it holds, in the file's order.
+    pub topics: Vec<Topic>,
+    /// What was guessed, left out, or cut off, a sentence each.
+    pub notes: Vec<String>,
+}
+
+/// Channels that share their time stamps.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Topic {
+    /// Its name; empty where the file has no topics.
+    pub name: String,
+    /// Its samples.
+    pub log: Log,
+}
+
+impl Recording {
+    /// A file without topics.
+    pub(super) fn single(format: &'static str, log: Log, notes: Vec<String>) -> Self {
+        Self { source: log.source.clone(), format, topics: vec![Topic { name: String::new(), log }], notes }
+    }
+
+    /// The log of a file that has one topic.
+    ///
+    /// # Errors
+    /// [`LogError::SeveralTopics`].
+    pub fn into_log(self) -> Result<Log, LogError> {
+        let names = || self.topics.iter().map(|t| t.name.clone()).collect();
+        let error = LogError::SeveralTopics { file: self.source.clone(), topics: names() };
+        let mut topics = self.topics.into_iter();
+        match (topics.next(), topics.next()) {
+            (Some(only), None) => Ok(only.log),
+            _ => Err(error),
+        }
+    }
+}
+
+/// A topic while it is read: rows of numbers, whatever order their stamps have.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Table {
+    name: String,
+    time_s: Vec<f64>,
+    columns: Vec<TableColumn>,
+    endless: usize,
+}
+
+#[derive(Debug, Clone)]
+struct TableColumn {
+    name: String,
+    unit: Option<String>,
+    values: Numbers,
+    present: Option<Vec<bool>>,
+}
+
+impl TableColumn {
+    fn set(&mut self, row: usize, value: Option<f64>) {
+        if self.values.len() > row {
+            // A row has one value a column.
+            return;
+        }
+        if self.values.len() < row || value.is_none() {
+            self.present.get_or_insert_with(|| vec![true; self.values.len()]);
+        }
+        self.values.resize(row);
+        self.values.push(value.unwrap_or(0.0));
+        if let Some(present) = &mut self.present {
+            present.resize(row, false);
+            present.push(value.is_some());
+        }
+    }
+}
+
+impl Table {
+    pub(super) fn new(name: impl Into<String>) -> Self {
+        Self { name: name.into(), ..Self::default() }
+    }
+
+    /// Its name.
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The number of a column.
+    pub(super) fn place(&self, name: &str) -> Option<usize> {
+        self.columns.iter().position(|column| column.name == name)
+    }
+
+    /// A column's value in the row that was begun last.
+    pub(super) fn last(&self, column: usize) -> Option<f64> {
+        let row = self.time_s.len().checked_sub(1)?;
+        let column = self.columns.get(column)?;
+        let there = column.present.as_ref().is_none_or(|p| p.get(row).copied().unwrap_or(false));
+        if there { column.values.get(row) } else { None }
+    }
+
+    /// Gives the row that was begun last another time stamp.
+    pub(super) fn restamp(&mut self, time_s: f64) {
+        if let Some(last) = self.time_s.last_mut() {
+            *last = time_s;
+        }
+    }
+
+    /// Takes back the row that was begun last.
+    pub(super) fn drop_row(&mut self) {
+        self.time_s.pop();
+        let rows = self.time_s.len();
+        for column in &mut self.columns {
+            if column.values.len() > rows {
+                column.values.resize(rows);
+            }
+            if let Some(present) = &mut column.present {
+                present.truncate(rows);
+            }
+        }
+    }
+
+    /// Gives it another name.
+    pub(super) fn rename(&mut self, name: String) {
+        self.name = name;
+    }
+
+    /// Adds a column and gives its number.
+    pub(super) fn column(&mut self, name: impl Into<String>, unit: Option<&str>) -> usize {
+        self.column_of(name, unit, Numbers::F64(Vec::new()))
+    }
+
+    /// Adds a column whose numbers have the type of `empty` in the file, and gives its number.
+    pub(super) fn column_of(&mut self, name: impl Into<String>, unit: Option<&str>, empty: Numbers) -> usize {
+        self.columns.push(TableColumn { name: name.into(), unit: unit.map(Into::into), values: empty, present: None });
+        self.columns.len() - 1
+    }
+
+    /// Begins a row.
+    pub(super) fn row(&mut self, time_s: f64) {
+        self.time_s.push(time_s);
+    }
+
+    /// Begins several rows.
+    pub(super) fn rows(&mut self, times: impl FnOnce(&mut Vec<f64>)) {
+        times(&mut self.time_s);
+    }
+
+    /// Puts numbers into all rows that were begun and in which the column has none yet; what is not finite counts as missing.
+    pub(super) fn extend(&mut self, column: usize, numbers: impl FnOnce(&mut Numbers)) {
+        let rows = self.time_s.len();
+        let Some(column) = self.columns.get_mut(column) else { return };
+        let before = column.values.len();
+        numbers(&mut column.values);
+        let added = column.values.len() - before;
+        if before + added < rows {
+            // Rows before these have no number: the new ones belong to the last rows.
+            column.present.get_or_insert_with(|| vec![true; before]).resize(rows - added, false);
+            column.values.move_to_end(before, rows);
+        }
+        let from = column.values.len() - added;
+        let bad = column.values.not_finite(from);
+        if bad.is_some() {
+            column.present.get_or_insert_with(|| vec![true; from]);
+        }
+        let Some(present) = &mut column.present else { return };
+        present.resize(from + added, true);
+        for at in bad.into_iter().flat_map(|first| first..from + added) {
+            let Some(value) = column.values.get(at).filter(|x| !x.is_finite()) else { continue };
+            self.endless += usize::from(value.is_infinite());
+            column.values.clear(at);
+            if let Some(there) = present.get_mut(at) {
+                *there = false;
+            }
+        }
+    }
+
+    /// The number of rows.
+    pub(super) fn len(&self) -> usize {
+        self.time_s.len()
+    }
+
+    /// Puts a number into the row that was begun last. What is not finite counts as missing: autopilots log NaN for what is not set.
+    pub(super) fn set(&mut self, column: usize, value: f64) {
+        let Some(row) = self.time_s.len().checked_sub(1) else { return };
+        if value.is_infinite() {
+            self.endless += 1;
+        }
+        if let Some(column) = self.columns.get_mut(column) {
+            column.set(row, Some(value).filter(|v| v.is_finite()));
+        }
+    }
+
+    /// The topic: rows in order of time, of rows with the same stamp the first, columns without a number left out; notes say what went. `None` when nothing is left.
+    pub(super) fn finish(mut self, source: &str, notes: &mut Vec<String>) -> Result<Option<Topic>, LogError> {
+        let rows = self.time_s.len();
+        let what = if self.name.is_empty() { String::new() } else { format!("{}: ", self.name) };
+        for column in &mut self.columns {
+            if column.values.len() < rows {
+                column.present.get_or_insert_with(|| vec![true; column.values.len()]);
+                column.values.resize(rows);
+                if let Some(present) = &mut column.present {
+                    present.resize(rows, false);
+                }
+            }
+        }
+        if self.endless > 0 {
+            notes.push(format!("{what}{} infinite values count as missing", self.endless));
+        }
+        let usable = |t: &f64| t.is_finite() && t.abs() <= super::TIME_LIMIT_S;
+        let increasing = self.time_s.iter().all(usable) && neighbours(&self.time_s).all(|(before, after)| before < after);
+        if !increasing {
+            let mut order: Vec<usize> = (0..rows).filter(|&i| self.time_s.get(i).is_some_and(usable)).collect();
+            let at = |i: usize| self.time_s.get(i).copied().unwrap_or(0.0);
+            let back = neighbours(&order).filter(|(before, after)| at(*after) < at(*before)).count();
+            order.sort_by(|&a, &b| at(a).total_cmp(&at(b)));
+            order.dedup_by(|b, a| at(*a) == at(*b));
+            if order.len() < rows {
+                notes.push(format!(
+                    "{what}{} of {rows} samples have the time stamp of another one, or none, and are left out",
+                    rows - order.len()
+                ));
+            }
+            if back > 0 {
+                notes.push(format!("{what}time runs back {back} times; its samples are put in order"));
+            }
+            self.time_s = order.iter().map(|&i| at(i)).collect();
+            for column in &mut self.columns {
+                column.values = column.values.picked(&order);
+                column.present = column.present.as_ref().map(|p| order.iter().map(|&i| p.get(i).copied().unwrap_or(false)).collect());
+            }
+        }
+        if self.time_s.is_empty() {
+            return Ok(None);
+        }
+        let mut seen = std::collections::HashSet::new();
+        let mut channels = Vec::with_capacity(self.columns.len());
+        for column in self.columns {
+            let there = column.present.as_ref().is_none_or(|p| p.iter().any(|x| *x));
+            // Names come from files: what cannot be a header is made one.
+            let name: String = column.name.chars().filter(|c| !c.is_control()).collect();
+            let name = if name.trim().is_empty() || name.trim() == "time" { format!("{}_", name.trim()) } else { name.trim().to_owned() };
+            if there && seen.insert(name.clone()) {
+                channels.push(Channel { name, unit: column.unit, values: column.values.into(), present: column.present });
+            }
+        }
+        if channels.is_empty() {
+            return Ok(None);
+        }
+        let source = if self.name.is_empty() { source.to_owned() } else { format!("{source}:{}", self.name) };
+        let log = Log::assemble(source, self.time_s, channels, Vec::new(), Rows::new(Origin::Memory))?;
+        Ok(Some(Topic { name: self.name, log }))
+    }
+}

@@ -1,0 +1,169 @@
+//! Channels by name: `name`, `from->to`, `u->site:name`, `*`.
+
+use std::borrow::Cow;
+
+use super::{Effect, EffectError, Parameter, Role};
+use crate::Wrt;
+use crate::simulate::{Dynamics, Port, Source, System};
+
+/// All outputs.
+pub(super) const ALL: &str = "*";
+
+/// A parameter without bounds: a size, or a limit where it is infinite when nominal.
+pub(super) fn free(name: impl Into<Cow<'static, str>>, unit: String, nominal: f64) -> Parameter {
+    let role = if nominal.is_infinite() { Role::Limit } else { Role::Size };
+    Parameter { name: name.into(), unit, role, nominal, lower: f64::NEG_INFINITY, upper: f64::INFINITY }
+}
+
+/// A parameter that is not negative.
+pub(super) fn not_negative(name: impl Into<Cow<'static, str>>, unit: String, nominal: f64) -> Parameter {
+    Parameter { lower: 0.0, ..free(name, unit, nominal) }
+}
+
+/// A dead time.
+pub(super) fn delay(name: impl Into<Cow<'static, str>>) -> Parameter {
+    Parameter { role: Role::Delay, ..not_negative(name, "s".to_owned(), 0.0) }
+}
+
+/// The time constant of a lag.
+pub(super) fn time_constant(name: impl Into<Cow<'static, str>>) -> Parameter {
+    Parameter { role: Role::TimeConstant, ..not_negative(name, "s".to_owned(), 0.0) }
+}
+
+/// A frequency.
+pub(super) fn frequency(name: impl Into<Cow<'static, str>>) -> Parameter {
+    Parameter { role: Role::Frequency, lower: 1e-9, ..free(name, "Hz".to_owned(), 1.0) }
+}
+
+fn unknown(effect: &dyn Effect, system: &System, channel: &str) -> EffectError {
+    EffectError::Channel { effect: effect.name(), channel: channel.to_owned(), known: effect.channels(system) }
+}
+
+pub(super) fn names(ports: &[Port]) -> Vec<String> {
+    ports.iter().map(|p| p.name.clone()).collect()
+}
+
+fn position(ports: &[Port], name: &str) -> Option<usize> {
+    ports.iter().position(|p| p.name == name)
+}
+
+pub(super) fn unit(port: &Port) -> String {
+    port.unit.clone().unwrap_or_else(|| "1".to_owned())
+}
+
+/// The unit of a port per another unit, as in `m/s^2`.
+pub(super) fn per(port: &Port, other: &str) -> String {
+    match port.unit.as_deref() {
+        Some(unit) if unit != "1" => format!("({unit})/{other}"),
+        _ => format!("1/{other}"),
+    }
+}
+
+/// One unit over another, as of a gain between channels.
+pub(super) fn ratio(to: &Port, from: &Port) -> String {
+    if to.unit == from.unit { "1".to_owned() } else { format!("({})/({})", unit(to), unit(from)) }
+}
+
+pub(super) fn input(effect: &dyn Effect, system: &System, channel: &str) -> Result<usize, EffectError> {
+    position(&system.inputs, channel).ok_or_else(|| unknown(effect, system, channel))
+}
+
+pub(super) fn state(effect: &dyn Effect, system: &System, channel: &str) -> Result<usize, EffectError> {
+    position(&system.states, channel).ok_or_else(|| unknown(effect, system, channel))
+}
+
+pub(super) fn output(effect: &dyn Effect, system: &System, channel: &str) -> Result<usize, EffectError> {
+    position(&system.outputs, channel).ok_or_else(|| unknown(effect, system, channel))
+}
+
+/// The outputs that a name or `*` means.
+pub(super) fn outputs(effect: &dyn Effect, system: &System, channel: &str) -> Result<Vec<usize>, EffectError> {
+    if channel == ALL { Ok((0..system.outputs.len()).collect()) } else { output(effect, system, channel).map(|i| vec![i]) }
+}
+
+/// The channels of an effect that outputs may share: each output and `*`, or `*` alone where there is one.
+pub(super) fn shared(system: &System) -> Vec<String> {
+    let mut channels = if system.outputs.len() > 1 { names(&system.outputs) } else { Vec::new() };
+    channels.push(ALL.to_owned());
+    channels
+}
+
+/// `from->to` between two ports of one kind.
+pub(super) fn arrow(effect: &dyn Effect, system: &System, channel: &str, ports: &[Port]) -> Result<(usize, usize), EffectError> {
+    let find = |(from, to)| Some((position(ports, from)?, position(ports, to)?)).filter(|(from, to)| from != to);
+    channel.split_once("->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
+}
+
+/// `a<->b` between two states.
+pub(super) fn exchange(effect: &dyn Effect, system: &System, channel: &str) -> Result<(usize, usize), EffectError> {
+    let find = |(a, b)| Some((position(&system.states, a)?, position(&system.states, b)?)).filter(|(a, b)| a != b);
+    channel.split_once("<->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
+}
+
+/// `from->to`, from a state or an input to a state.
+pub(super) fn coupling(effect: &dyn Effect, system: &System, channel: &str) -> Result<(Source, usize), EffectError> {
+    let find = |(from, to): (&str, &str)| {
+        let from = position(&system.states, from).map(Source::State).or_else(|| position(&system.inputs, from).map(Source::Input))?;
+        Some((from, position(&system.states, to)?))
+    };
+    channel.split_once("->").and_then(find).ok_or_else(|| unknown(effect, system, channel))
+}
+
+/// The derivative of state `to` depends on `from` in the model.
+#[must_use]
+pub fn depends(system: &System, to: usize, from: Source) -> bool {
+    match (&system.dynamics, from) {
+        (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Source::State(j)) => matrices.a[(to, j)] != 0.0,
+        (Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _), Source::Input(j)) => matrices.b[(to, j)] != 0.0,
+        (Dynamics::Equations(equations, _), Source::State(j)) => equations.derivative_depends(to, Wrt::States, j),
+        // Not known, so nothing can be said to be missing.
+        (Dynamics::BlackBox(..), _) => true,
+        (Dynamics::Equations(equations, _), Source::Input(j)) => equations.derivative_depends(to, Wrt::Inputs, j),
+    }
+}
+
+/// ± each size.
+pub(super) fn both_signs(sizes: impl IntoIterator<Item = f64>) -> Vec<Vec<f64>> {
+    sizes.into_iter().flat_map(|v| [vec![v], vec![-v]]).collect()
+}
+
+/// The time of the log from which on something is otherwise.
+pub(super) fn instant() -> Parameter {
+    Parameter { role: Role::Instant, ..not_negative("time", "s".to_owned(), 0.0) }
+}
+
+/// Delays of half a sample, one and a half and so on up to the longest looked for: through a direct path, and with fast edges, the cost has a minimum per sample.
+pub(super) fn delays(scales: &super::Scales) -> Vec<Vec<f64>> {
+    // Not more than 40 of them, however long the longest.
+    let step = scales.sample_time_s.max(scales.longest_delay_s / 40.0);
+    let mut delay = 0.5 * step;
+    let mut delays = Vec::new();
+    while delay <= scales.longest_delay_s && delays.len() < 50 {
+        delays.push(vec![delay]);
+        delay += step;
+    }
+    delays
+}
+
+/// Time constants from below a sample to the longest delay looked for, one per octave.
+pub(super) fn times(scales: &super::Scales) -> Vec<Vec<f64>> {
+    let mut times = Vec::new();
+    let mut time = 0.5 * scales.sample_time_s;
+    while time < scales.longest_delay_s {
+        times.push(vec![time]);
+        time *= 2.0;
+    }
+    times.push(vec![scales.longest_delay_s]);
+    times
+}
+
+/// Limits that a part of the data reaches: on both sides, and on each alone.
+pub(super) fn limits(spread: &super::Spread) -> Vec<Vec<f64>> {
+    let (middle, half) = (0.5 * (spread.largest + spread.smallest), 0.5 * (spread.largest - spread.smallest));
+    let mut starts = Vec::new();
+    for share in [1.0, 0.9, 0.7, 0.45, 0.25] {
+        let (lower, upper) = (middle - share * half, middle + share * half);
+        starts.extend([vec![lower, upper], vec![f64::NEG_INFINITY, upper], vec![lower, f64::INFINITY]]);
+    }
+    starts
+}

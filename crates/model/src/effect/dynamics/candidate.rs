@@ -1,0 +1,130 @@
+//! A term that the user suspects to be missing, as it stands in the model file or on the command line.
+//!
+//! Equation: x′ = f(x, u; p) + g(x, u, t; k), with g as the user wrote it and k its free parameters; g = 0 at k = 0.
+
+use std::sync::Arc;
+
+use crate::effect::channel;
+use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site};
+use crate::simulate::{Dynamics, Plan, System};
+use crate::{Candidate as Suspected, Candidates};
+
+/// How large a first guess of a term is, of the rms of the derivative that it is added to.
+const FIRST_GUESS: f64 = 0.2;
+
+/// x′ gains the expression that the user wrote for the state x.
+///
+/// Assumes: its free parameters are numbers, and the term is nothing where they are 0.
+/// Fails when: another term of the catalogue moves the outputs in the same way; both then stand in one class.
+/// Source: Ljung (1999), System Identification: Theory for the User, section 4.3, grey-box models.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Candidate;
+
+impl Effect for Candidate {
+    fn name(&self) -> &'static str {
+        "candidate"
+    }
+
+    fn summary(&self) -> &'static str {
+        "a term that the user suspects to be missing"
+    }
+
+    fn site(&self) -> Site {
+        Site::Dynamics
+    }
+
+    fn rule(&self) -> &'static str {
+        "a candidate of the model file or of `--candidate`: `state += expression`"
+    }
+
+    fn is_declared(&self) -> bool {
+        true
+    }
+
+    fn channels(&self, system: &System) -> Vec<String> {
+        system.candidates.iter().flat_map(|all| &all.list).map(|c| c.name.clone()).collect()
+    }
+
+    fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
+        let (_, suspected) = self.place(system, channel)?;
+        let parameter = |(name, said): &(String, crate::CandidateParameter)| {
+            let free = channel::free(name.clone(), said.unit.clone().unwrap_or_else(|| "1".to_owned()), said.value);
+            Parameter {
+                role: if said.value == 0.0 { Role::Size } else { Role::Shape },
+                lower: said.lower.unwrap_or(free.lower),
+                upper: said.upper.unwrap_or(free.upper),
+                ..free
+            }
+        };
+        Ok(suspected.parameters.iter().map(parameter).collect())
+    }
+
+    fn starts(&self, system: &System, channel: &str, scales: &Scales) -> Vec<Vec<f64>> {
+        let Ok((all, suspected)) = self.place(system, channel) else { return Vec::new() };
+        let moved = scales.derivatives.get(suspected.state).copied().unwrap_or(0.0);
+        let sizes: Vec<usize> = (0..suspected.parameters.len()).filter(|&i| suspected.parameters[i].1.value == 0.0).collect();
+        let nominal: Vec<f64> = suspected.parameters.iter().map(|(_, p)| p.value).collect();
+        let mut starts = Vec::new();
+        for &i in &sizes {
+            let unit = term_of_one(all, suspected, i, scales);
+            let size = if unit > 0.0 && moved > 0.0 { FIRST_GUESS * moved / unit } else { 1.0 };
+            for sign in [1.0, -1.0] {
+                let (lower, upper) = (suspected.parameters[i].1.lower, suspected.parameters[i].1.upper);
+                let mut start = nominal.clone();
+                start[i] = (sign * size).clamp(lower.unwrap_or(f64::NEG_INFINITY), upper.unwrap_or(f64::INFINITY));
+                if start[i] != 0.0 && !starts.contains(&start) {
+                    starts.push(start);
+                }
+            }
+        }
+        starts
+    }
+
+    /// Without any size it is nothing, whatever its shape.
+    fn is_identity(&self, values: &[f64], parameters: &[Parameter]) -> bool {
+        values.iter().zip(parameters).all(|(v, p)| p.role == Role::Shape || *v == p.nominal)
+    }
+
+    fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
+        let (all, suspected) = self.place(system, channel)?;
+        let Dynamics::Equations(equations, parameters) = &mut plan.dynamics else { return Ok(()) };
+        let nominal = all.equations.nominal();
+        if let Some(added) = nominal.get(parameters.len()..) {
+            parameters.extend_from_slice(added);
+            *equations = Arc::clone(&all.equations);
+        }
+        if let Some(own) = parameters.get_mut(suspected.first..suspected.first + values.len()) {
+            own.copy_from_slice(values);
+        }
+        Ok(())
+    }
+}
+
+impl Candidate {
+    fn place<'s>(&self, system: &'s System, channel: &str) -> Result<(&'s Candidates, &'s Suspected), EffectError> {
+        let all = system.candidates.as_deref();
+        let found = all.and_then(|all| Some((all, all.list.iter().find(|c| c.name == channel)?)));
+        found.ok_or_else(|| EffectError::Channel { effect: self.name(), channel: channel.to_owned(), known: self.channels(system) })
+    }
+}
+
+/// The largest size of the term for a parameter of 1, over states and inputs that are as large as in the nominal run, of either sign.
+fn term_of_one(all: &Candidates, suspected: &Suspected, parameter: usize, scales: &Scales) -> f64 {
+    let equations = &all.equations;
+    let mut p = equations.nominal();
+    let mut workspace = equations.workspace();
+    let (states, inputs) = (equations.state_variables().len(), equations.input_symbols().len());
+    let mut slope = |p: &[f64], turn: usize| {
+        let signed = |list: &[crate::effect::Spread], count: usize, shift: usize| -> Vec<f64> {
+            let sign = |i: usize| if (turn >> ((i + shift) % 4)) & 1 == 1 { -1.0 } else { 1.0 };
+            (0..count).map(|i| sign(i) * list.get(i).map_or(0.0, |s| s.rms)).collect()
+        };
+        let (x, u) = (signed(&scales.states, states, 0), signed(&scales.inputs, inputs, 1));
+        let mut dx = vec![0.0; states];
+        equations.derivatives(0.0, &x, &u, p, &mut workspace, &mut dx);
+        dx[suspected.state]
+    };
+    let own: Vec<f64> = (0..16).map(|turn| slope(&p, turn)).collect();
+    p[suspected.first + parameter] = 1.0;
+    (0..16).map(|turn| (slope(&p, turn) - own[turn]).abs()).filter(|v| v.is_finite()).fold(0.0, f64::max)
+}

@@ -1,0 +1,196 @@
+//! A model with its effects on the inputs of a log: what the simulator says to measured commands, beside what was measured.
+
+use nalgebra::{DMatrix, DVector};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+use super::{Applied, Chance};
+use crate::error::Result;
+use crate::simulate::{Commands, Hold, Options, Response, SimulateError, System, Tolerance, lsim};
+use crate::{ModelDocument, ModelFile};
+use deadtime_log::{Channel, Log, LogError};
+use deadtime_signal::progress::HowFar;
+use deadtime_signal::stats;
+use deadtime_signal::time::TimeError;
+use deadtime_signal::{Noise, NoiseColour, NoiseScaling, SignalError};
+
+/// Tight: a simulation on paper is to differ from a measurement by the model alone.
+const TOLERANCE: Tolerance = Tolerance { relative: 1e-9, absolute: 1e-12, steps: 100_000, budget: usize::MAX, past_samples: false };
+
+/// Where model and log both give a unit, it is the same.
+///
+/// # Errors
+/// [`LogError`] naming the channel.
+pub fn check_units(model: &ModelDocument, log: &Log) -> std::result::Result<(), LogError> {
+    model.inputs().iter().chain(model.outputs()).try_for_each(|c| log.check_unit(&c.name, c.unit.as_deref()))
+}
+
+/// Why a simulated output has no error beside the measured one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Still {
+    /// The measured channel stands still, so that nothing scales its error.
+    Stands,
+    /// The log has the channel but no sample of it.
+    Empty,
+}
+
+/// A model on a log.
+#[derive(Debug, Clone)]
+pub struct OnLog<'a> {
+    model: &'a ModelDocument,
+    log: &'a Log,
+    system: System,
+    /// How the inputs run between samples.
+    pub hold: Hold,
+    /// Seed of all chance: the noise, and the losses of dropped commands.
+    pub seed: u64,
+    /// Where it is said how far the simulation is.
+    pub far: HowFar,
+}
+
+impl<'a> OnLog<'a> {
+    /// The two together; an operating point that is `"mean"` is the log's.
+    ///
+    /// # Errors
+    /// [`crate::ModelError`] for a file that describes no model, [`LogError`] where the log has not what the operating points ask for.
+    pub fn new(model: &'a ModelDocument, log: &'a Log) -> Result<Self> {
+        let system = System::new(model, |channel| {
+            let measured = log.output(channel)?;
+            Ok(mean((0..log.len()).filter_map(|k| measured.get(k))))
+        })?;
+        Ok(Self { model, log, system, hold: Hold::Zero, seed: 1, far: HowFar::default() })
+    }
+
+    /// A delay of an input on top of the model's own, seconds.
+    ///
+    /// # Errors
+    /// [`SimulateError::SampledDelay`], [`SimulateError::NoInput`], [`TimeError::Delay`] where the sum is negative or not finite.
+    pub fn delay(&mut self, input: &str, seconds: f64) -> Result<()> {
+        if self.model.is_sampled() {
+            return Err(SimulateError::SampledDelay { model: self.model.name().to_owned() }.into());
+        }
+        let Some(at) = self.system.inputs.iter().position(|port| port.name == input) else {
+            let known = self.system.inputs.iter().map(|port| port.name.clone()).collect();
+            return Err(SimulateError::NoInput { input: input.to_owned(), known }.into());
+        };
+        let total = &mut self.system.input_delay_s[at];
+        *total += seconds;
+        if total.is_finite() && *total >= 0.0 { Ok(()) } else { Err(TimeError::Delay { seconds: *total }.into()) }
+    }
+
+    /// The response to the log's inputs.
+    ///
+    /// # Errors
+    /// [`SimulateError`], [`super::EffectError`], [`LogError`] for an input that misses samples, [`TimeError`] for a log off a sampled model's grid.
+    pub fn response(&self) -> Result<Response> {
+        match self.model {
+            ModelDocument::Lti(file) if file.effects.is_empty() => self.linear(file),
+            _ => self.with_effects(),
+        }
+    }
+
+    /// A bare linear model.
+    fn linear(&self, model: &ModelFile) -> Result<Response> {
+        let (log, system) = (self.log, &self.system);
+        let mut u = DMatrix::zeros(log.len(), system.inputs.len());
+        for (j, (port, operating)) in system.inputs.iter().zip(&system.input_operating).enumerate() {
+            let values = log.input(&port.name)?;
+            u.set_column(j, &DVector::from_iterator(values.len(), values.iter().map(|v| v - operating)));
+        }
+        let options = Options { initial: Some(DVector::from_column_slice(&system.initial)), hold: self.hold, ..Options::default() };
+        let mut response = if model.is_sampled() {
+            let sys = model.sampled()?;
+            sys.sample_time().must_equal(log.even_grid()?)?;
+            lsim(&sys, &u, sys.sample_time(), &options)?
+        } else {
+            let sys = model.continuous()?.with_input_delay(system.input_delay_s.clone())?;
+            match log.even_grid() {
+                Ok(ts) => lsim(&sys, &u, ts, &options)?,
+                Err(_) => lsim(&sys, &u, log.time_s(), &options)?,
+            }
+        };
+        for (mut column, operating) in response.y.column_iter_mut().zip(&system.output_operating) {
+            column.add_scalar_mut(*operating);
+        }
+        Ok(response)
+    }
+
+    /// A model of any kind with its effects.
+    fn with_effects(&self) -> Result<Response> {
+        let (log, system) = (self.log, &self.system);
+        let effects = self.model.effects().iter().map(|entry| Applied::from_entry(system, entry));
+        let effects = effects.collect::<std::result::Result<Vec<_>, _>>()?;
+        let mut plan = Applied::plan(system, &effects, Chance::Seed(self.seed))?;
+        (plan.hold, plan.tolerance, plan.far) = (self.hold, TOLERANCE, self.far.clone());
+        if let ModelDocument::Lti(file) = self.model
+            && file.is_sampled()
+        {
+            file.sampled()?.sample_time().must_equal(log.even_grid()?)?;
+        }
+        let start_s = log.time_s().first().copied().unwrap_or(0.0);
+        let time_s: Vec<f64> = log.time_s().iter().map(|t| t - start_s).collect();
+        let inputs = system.inputs.iter().map(|port| log.input(&port.name).map(<[f64]>::to_vec));
+        let inputs = inputs.collect::<std::result::Result<Vec<_>, _>>()?;
+        let run = system.simulate(&plan, Commands { time_s: &time_s, inputs: &inputs }, &system.initial, None)?;
+        Ok(Response { y: run.y, x: run.x })
+    }
+
+    /// A log of the model's inputs and its response, called `source`; with the states where they are wanted, and with white noise at a ratio of variances.
+    ///
+    /// # Errors
+    /// [`SignalError::Noise`] for a signal that stands still, [`LogError`] for inputs that miss samples.
+    pub fn to_log(&self, response: &Response, source: &str, states: bool, snr: Option<f64>) -> Result<Log> {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        let mut channels: Vec<Channel> = Vec::new();
+        for c in self.model.inputs() {
+            channels.push(Channel::new(&c.name, c.unit.as_deref(), self.log.input(&c.name)?.to_vec()));
+        }
+        let outputs = self.model.outputs().iter().map(|c| (c.name.as_str(), c.unit.as_deref())).zip(response.y.column_iter());
+        let states = self.model.states().zip(response.x.column_iter()).filter(|_| states);
+        for ((name, unit), values) in outputs.chain(states) {
+            // An output that is an input or a state is there already.
+            if channels.iter().any(|c| c.name() == name) {
+                continue;
+            }
+            let mut values: Vec<f64> = values.iter().copied().collect();
+            if let Some(snr) = snr {
+                let noise = Noise { snr, colour: NoiseColour::White, scaling: NoiseScaling::Expected };
+                let wrong = |cause| SignalError::Noise { channel: name.to_owned(), cause: Box::new(cause) };
+                values = noise.add(&values, &mut rng).map_err(wrong)?;
+            }
+            channels.push(Channel::new(name, unit, values));
+        }
+        Ok(Log::new(source, self.log.time_s().to_vec(), channels)?)
+    }
+
+    /// The nrmse of those outputs that the log has: rms(measured − simulated)/std(measured) over the samples there are.
+    ///
+    /// # Errors
+    /// [`LogError`] for a column that holds something else than numbers.
+    pub fn nrmse(&self, response: &Response) -> Result<Vec<(&'a str, std::result::Result<f64, Still>)>> {
+        let mut comparison = Vec::new();
+        for (c, simulated) in self.model.outputs().iter().zip(response.y.column_iter()) {
+            match self.log.output(&c.name) {
+                Ok(measured) => {
+                    let pairs = simulated.iter().enumerate().filter_map(|(k, s)| Some((*s, measured.get(k)?)));
+                    comparison.push((c.name.as_str(), nrmse(&pairs.collect::<Vec<_>>()).ok_or(Still::Stands)));
+                }
+                Err(LogError::MissingThroughout { .. }) => comparison.push((c.name.as_str(), Err(Still::Empty))),
+                Err(LogError::UnknownChannel { .. }) => {}
+                Err(unusable) => return Err(unusable.into()),
+            }
+        }
+        Ok(comparison)
+    }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    stats::mean(values).unwrap_or(0.0)
+}
+
+/// Of pairs (simulated, measured); `None` where the measurement stands still.
+fn nrmse(pairs: &[(f64, f64)]) -> Option<f64> {
+    let centre = mean(pairs.iter().map(|p| p.1));
+    let variance = mean(pairs.iter().map(|p| (p.1 - centre).powi(2)));
+    (variance > 0.0).then(|| (mean(pairs.iter().map(|p| (p.1 - p.0).powi(2))) / variance).sqrt())
+}

@@ -1,0 +1,256 @@
+//! A model file of any kind.
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::{
+    CandidateEntry, Channel, EffectEntry, EquationsFile, GroupEntry, GroupKind, ModelFile, NuisanceEntry, Operating, Syntax, read_text,
+};
+use crate::ModelError;
+use crate::error::Result;
+use deadtime_log::{Log, LogError};
+
+/// A model file, linear or as equations.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum ModelDocument {
+    /// `kind = "lti"`; `tf` and `zpk` are read as such.
+    Lti(ModelFile),
+    /// `kind = "equations"`.
+    Equations(EquationsFile),
+}
+
+impl ModelDocument {
+    /// Reads and checks a model file of any kind.
+    ///
+    /// # Errors
+    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and what is wrong in it.
+    pub fn read(path: &Path) -> Result<Self> {
+        let (text, syntax) = read_text(path)?;
+        Ok(Self::parse(&text, syntax, path)?)
+    }
+
+    /// From the text of a TOML file; `source` is what error messages call it.
+    ///
+    /// # Errors
+    /// A [`ModelError`] that says what is wrong in it.
+    pub fn from_toml(text: &str, source: &Path) -> std::result::Result<Self, ModelError> {
+        Self::parse(text, Syntax::Toml, source)
+    }
+
+    /// From the same keys as JSON.
+    ///
+    /// # Errors
+    /// As [`Self::from_toml`].
+    pub fn from_json(text: &str, source: &Path) -> std::result::Result<Self, ModelError> {
+        Self::parse(text, Syntax::Json, source)
+    }
+
+    fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
+        let kind = super::kind(text, syntax, path)?;
+        Ok(if kind == "equations" {
+            Self::Equations(EquationsFile::parse(text, syntax, path)?)
+        } else {
+            Self::Lti(ModelFile::parse(text, syntax, path)?)
+        })
+    }
+
+    /// Writes the file, as TOML or JSON by its extension.
+    ///
+    /// # Errors
+    /// [`FileError`](deadtime_signal::file::FileError), [`ModelError::Extension`].
+    pub fn write(&self, path: &Path) -> Result<()> {
+        match self {
+            Self::Lti(file) => file.write(path),
+            Self::Equations(file) => file.write(path),
+        }
+    }
+
+    /// The file's text as TOML.
+    ///
+    /// # Errors
+    /// [`ModelError::File`] if the writer refuses it.
+    pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
+        match self {
+            Self::Lti(file) => file.to_toml(),
+            Self::Equations(file) => file.to_toml(),
+        }
+    }
+
+    /// The file's kind, `lti` or `equations`.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Lti(_) => "lti",
+            Self::Equations(_) => "equations",
+        }
+    }
+
+    /// The model's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Lti(file) => &file.name,
+            Self::Equations(file) => &file.name,
+        }
+    }
+
+    /// The inputs, in order.
+    #[must_use]
+    pub fn inputs(&self) -> &[Channel] {
+        match self {
+            Self::Lti(file) => &file.inputs,
+            Self::Equations(file) => &file.inputs,
+        }
+    }
+
+    /// The log as the model takes it: angles without whole turns, attitudes of one sign, and the slopes that inputs ask for (`derivative_of`) and the log lacks.
+    ///
+    /// # Errors
+    /// [`deadtime_log::LogError`] where the log lacks the input of a slope, or samples of it.
+    pub fn complete(&self, mut log: Log) -> std::result::Result<Log, LogError> {
+        for (channel, turn) in self.inputs().iter().chain(self.outputs()).filter_map(|c| Some((c, c.turn()?))) {
+            if log.channel(&channel.name).is_ok() {
+                log = log.without_turns(&channel.name, turn)?;
+            }
+        }
+        for names in self.attitudes().filter(|names| names.iter().all(|name| log.channel(name).is_ok())).collect::<Vec<_>>() {
+            log = log.of_one_sign(names)?;
+        }
+        for (name, of) in self.inputs().iter().filter_map(|c| Some((c.name.as_str(), c.derivative_of.as_deref()?))) {
+            if !log.names().any(|n| n == name) {
+                log = log.with_slope(name, of)?;
+            }
+        }
+        Ok(log)
+    }
+
+    /// Whether [`Self::complete`] may change a log.
+    #[must_use]
+    pub fn asks_of_logs(&self) -> bool {
+        let of_channel = |c: &Channel| c.turn().is_some() || c.derivative_of.is_some();
+        self.inputs().iter().chain(self.outputs()).any(of_channel) || self.attitudes().next().is_some()
+    }
+
+    /// The outputs that are quaternions, scalar last.
+    fn attitudes(&self) -> impl Iterator<Item = [&str; 4]> {
+        let groups: &[(String, GroupEntry)] = match self {
+            Self::Lti(_) => &[],
+            Self::Equations(file) => &file.groups,
+        };
+        groups.iter().filter(|(_, group)| group.kind == GroupKind::Attitude).filter_map(|(_, group)| match group.outputs.as_slice() {
+            [x, y, z, w] => Some([x.as_str(), y.as_str(), z.as_str(), w.as_str()]),
+            _ => None,
+        })
+    }
+
+    /// The outputs, in order.
+    #[must_use]
+    pub fn outputs(&self) -> &[Channel] {
+        match self {
+            Self::Lti(file) => &file.outputs,
+            Self::Equations(file) => &file.outputs,
+        }
+    }
+
+    /// Name and unit of each state, in order.
+    pub fn states(&self) -> impl Iterator<Item = (&str, Option<&str>)> {
+        let (lti, equations): (&[_], &[_]) = match self {
+            Self::Lti(file) => (&file.states, &[]),
+            Self::Equations(file) => (&[], &file.states),
+        };
+        let lti = lti.iter().map(|s: &super::State| (s.name.as_str(), s.unit.as_deref()));
+        lti.chain(equations.iter().map(|(name, s)| (name.as_str(), s.unit.as_deref())))
+    }
+
+    /// The model as equations, about its operating point: what has parameters to fit. Of a linear one they are the entries of A and B that are not 0, `A_x_from` and
+    /// `B_x_from`.
+    ///
+    /// # Errors
+    /// [`ModelError`] for a sampled model, a name that cannot stand in an expression, or an operating point `"mean"`.
+    pub fn structure(&self) -> std::result::Result<EquationsFile, ModelError> {
+        let file = match self {
+            Self::Equations(file) => return Ok(file.clone()),
+            Self::Lti(file) => file,
+        };
+        let about = |channels: &[Channel]| {
+            let value = |c: &Channel| match c.operating {
+                Operating::Value(value) => Ok(value),
+                Operating::Mean(_) => Err(ModelError::File {
+                    path: file.name.clone().into(),
+                    detail: format!("the operating point of `{}` is \"mean\", which equations do not have: write its number", c.name),
+                }),
+            };
+            channels.iter().map(value).collect::<std::result::Result<Vec<f64>, ModelError>>()
+        };
+        let (inputs, outputs) = (about(&file.inputs)?, about(&file.outputs)?);
+        // A state that is measured under its own name has the measurement's level.
+        let sys = file.continuous()?;
+        let level = |(j, state): (usize, &super::State)| {
+            let Some(i) = file.outputs.iter().position(|o| o.name == state.name) else { return Ok(0.0) };
+            let itself =
+                (0..sys.order()).all(|k| sys.c()[(i, k)] == f64::from(u8::from(k == j))) && sys.d().row(i).iter().all(|d| *d == 0.0);
+            if itself {
+                return Ok(outputs.get(i).copied().unwrap_or(0.0));
+            }
+            Err(ModelError::Unmatched {
+                path: file.name.clone().into(),
+                what: "the state",
+                name: state.name.clone(),
+                lacks: "has the name of an output that is another quantity; windows of a log would start there: give it another name",
+            })
+        };
+        let states = file.states.iter().enumerate().map(level).collect::<std::result::Result<Vec<f64>, ModelError>>()?;
+        file.to_equations([&inputs, &states, &outputs])
+    }
+
+    /// Adds a term that is suspected to be missing.
+    ///
+    /// # Errors
+    /// [`ModelError`] where the model cannot have it.
+    pub fn suspect(&mut self, candidate: CandidateEntry) -> std::result::Result<(), ModelError> {
+        match self {
+            Self::Lti(file) => {
+                file.candidates.push(candidate);
+                file.to_equations([&[], &[], &[]])?.candidates().map(drop)
+            }
+            Self::Equations(file) => {
+                file.candidates.push(candidate);
+                file.candidates().map(drop)
+            }
+        }
+    }
+
+    /// Effects that already belong to the simulator.
+    #[must_use]
+    pub fn effects(&self) -> &[EffectEntry] {
+        match self {
+            Self::Lti(file) => &file.effects,
+            Self::Equations(file) => &file.effects,
+        }
+    }
+
+    /// The same, to be changed.
+    pub fn effects_mut(&mut self) -> &mut Vec<EffectEntry> {
+        match self {
+            Self::Lti(file) => &mut file.effects,
+            Self::Equations(file) => &mut file.effects,
+        }
+    }
+
+    /// What is unknown anew in every log and no cause of a gap.
+    #[must_use]
+    pub fn nuisances(&self) -> &[NuisanceEntry] {
+        match self {
+            Self::Lti(file) => &file.nuisances,
+            Self::Equations(file) => &file.nuisances,
+        }
+    }
+
+    /// Sampled, not continuous.
+    #[must_use]
+    pub fn is_sampled(&self) -> bool {
+        matches!(self, Self::Lti(file) if file.is_sampled())
+    }
+}

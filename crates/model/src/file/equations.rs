@@ -1,0 +1,343 @@
+//! The model file of a nonlinear model, `kind = "equations"`.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize, Serializer};
+
+use super::nuisance::check_nuisances;
+use super::table::{self, Table};
+use super::{
+    CandidateEntry, Candidates, Channel, ChannelKind, EffectEntry, FORMAT, NuisanceEntry, Operating, Sign, Syntax, parse_text, read_text,
+    syntax, write_text,
+};
+use crate::error::Result;
+use crate::{Definition, EquationError, Equations, ModelError, OutputVariable, Parameter, StateVariable, Symbol};
+
+/// A state's unit and start.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StateEntry {
+    /// Its unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// The value when a log starts.
+    #[serde(default)]
+    pub initial: f64,
+    /// How far `initial` is trusted, 0: exactly; `None`: the start is unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub initial_std: Option<f64>,
+}
+
+/// A parameter's unit and value.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ParameterEntry {
+    /// Its unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// Its value.
+    pub value: f64,
+}
+
+/// What the outputs of a group are together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum GroupKind {
+    /// A vector: its error is the length of the difference.
+    #[default]
+    Vector,
+    /// A unit quaternion, scalar last: its error is the angle of the rotation between the two.
+    Attitude,
+}
+
+/// Outputs that are judged together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GroupEntry {
+    /// The outputs' names.
+    pub outputs: Vec<String>,
+    /// What they are together.
+    #[serde(default)]
+    pub kind: GroupKind,
+}
+
+/// A nonlinear model as it stands in its file. The tables keep the file's order; that of `states` is the order of the states.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EquationsFile {
+    pub(super) format: String,
+    /// The model's name.
+    pub name: String,
+    pub(super) kind: String,
+    #[serde(default, skip_serializing)]
+    pub(super) sample_time_s: f64,
+    /// The inputs.
+    #[serde(serialize_with = "without_operating")]
+    pub inputs: Vec<Channel>,
+    /// The outputs.
+    #[serde(serialize_with = "without_operating")]
+    pub outputs: Vec<Channel>,
+    /// One delay per input, seconds; empty: none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub input_delay_s: Vec<f64>,
+    /// The states, in order.
+    #[serde(with = "table")]
+    pub states: Vec<(String, StateEntry)>,
+    /// The parameters, in order.
+    #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
+    pub parameters: Vec<(String, ParameterEntry)>,
+    /// Named expressions that equations, and definitions after them, can use.
+    #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
+    pub definitions: Vec<(String, String)>,
+    /// Where states start in a window of a log, in what is known at its first row; others start from their column, else from `initial`.
+    #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
+    pub starts: Vec<(String, String)>,
+    /// dx/dt of each state.
+    #[serde(with = "table")]
+    pub derivatives: Vec<(String, String)>,
+    /// Each output.
+    #[serde(with = "table")]
+    pub output_equations: Vec<(String, String)>,
+    /// Outputs that are judged together; an output of no group is one of its own.
+    #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
+    pub groups: Vec<(String, GroupEntry)>,
+    /// Effects that belong to the simulator.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<EffectEntry>,
+    /// Terms that are suspected to be missing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub candidates: Vec<CandidateEntry>,
+    /// What is unknown anew in every log and no cause of a gap.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub nuisances: Vec<NuisanceEntry>,
+}
+
+/// Channels without the operating point, which only linear models have.
+fn without_operating<S: Serializer>(channels: &[Channel], serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Named<'a> {
+        name: &'a str,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        unit: Option<&'a str>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        derivative_of: Option<&'a str>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        kind: Option<ChannelKind>,
+    }
+    let named = |c| {
+        let Channel { name, unit, derivative_of, kind, .. }: &Channel = c;
+        Named { name, unit: unit.as_deref(), derivative_of: derivative_of.as_deref(), kind: *kind }
+    };
+    serializer.collect_seq(channels.iter().map(named))
+}
+
+/// The value of a key.
+fn entry<'a, T>(table: &'a Table<T>, key: &str) -> Option<&'a T> {
+    table.iter().find(|(name, _)| name == key).map(|(_, value)| value)
+}
+
+impl EquationsFile {
+    /// A file for compiled equations.
+    #[must_use]
+    pub fn from_equations(name: &str, model: &Equations) -> Self {
+        let channel = |name: &str, unit: Option<&String>| Channel::plain(name, unit.map(String::as_str));
+        let states = model.state_variables();
+        let outputs = model.output_variables();
+        Self {
+            inputs: model.input_symbols().iter().map(|s| channel(&s.name, s.unit.as_ref())).collect(),
+            outputs: outputs.iter().map(|o| channel(&o.name, o.unit.as_ref())).collect(),
+            states: states
+                .iter()
+                .map(|s| (s.name.clone(), StateEntry { unit: s.unit.clone(), initial: s.initial, initial_std: s.initial_std }))
+                .collect(),
+            parameters: model
+                .parameters()
+                .iter()
+                .map(|p| (p.name.clone(), ParameterEntry { unit: p.unit.clone(), value: p.value }))
+                .collect(),
+            definitions: model.definitions().iter().map(|d| (d.name.clone(), d.expression.clone())).collect(),
+            derivatives: states.iter().map(|s| (s.name.clone(), s.derivative.clone())).collect(),
+            output_equations: outputs.iter().map(|o| (o.name.clone(), o.equation.clone())).collect(),
+            ..Self::empty(name)
+        }
+    }
+
+    /// A file that holds nothing yet.
+    pub(super) fn empty(name: &str) -> Self {
+        Self {
+            format: FORMAT.to_owned(),
+            name: name.to_owned(),
+            kind: "equations".to_owned(),
+            sample_time_s: 0.0,
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+            input_delay_s: Vec::new(),
+            states: Vec::new(),
+            parameters: Vec::new(),
+            definitions: Vec::new(),
+            starts: Vec::new(),
+            derivatives: Vec::new(),
+            output_equations: Vec::new(),
+            groups: Vec::new(),
+            effects: Vec::new(),
+            candidates: Vec::new(),
+            nuisances: Vec::new(),
+        }
+    }
+
+    /// Reads and checks a model file.
+    ///
+    /// # Errors
+    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and what is wrong in it.
+    pub fn read(path: &Path) -> Result<Self> {
+        let (text, syntax) = read_text(path)?;
+        Ok(Self::parse(&text, syntax, path)?)
+    }
+
+    pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
+        let kind = super::kind(text, syntax, path)?;
+        if kind != "equations" {
+            return Err(ModelError::Kind { path: path.to_owned(), key: "kind", found: kind, known: "equations here" });
+        }
+        let file: Self = parse_text(text, syntax, path)?;
+        file.check(path)?;
+        Ok(file)
+    }
+
+    fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
+        super::check_sizes(path, [self.inputs.len(), self.states.len(), self.parameters.len(), self.outputs.len()])?;
+        super::check_channels(path, &self.inputs, &self.outputs)?;
+        check_nuisances(path, &self.nuisances)?;
+        super::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;
+        let number = |key, value, rule| Err(ModelError::Number { path: path.to_owned(), key, value, rule });
+        if self.sample_time_s != 0.0 {
+            return number("sample_time_s", self.sample_time_s, "equations are in continuous time; leave it out");
+        }
+        self.check_groups(path)?;
+        let rule = "only a linear model has an operating point; leave it out";
+        match self.inputs.iter().chain(&self.outputs).map(|c| c.operating).find(|o| *o != Operating::default()) {
+            Some(Operating::Value(value)) => return number("operating", value, rule),
+            Some(Operating::Mean(_)) => return number("operating", f64::NAN, rule),
+            None => {}
+        }
+        self.compile_starts(path)?;
+        self.compile_candidates(path)?;
+        self.compile(path).map(drop)
+    }
+
+    /// Groups and slopes name what there is.
+    fn check_groups(&self, path: &Path) -> std::result::Result<(), ModelError> {
+        let unmatched = |what, name: &str, lacks| Err(ModelError::Unmatched { path: path.to_owned(), what, name: name.to_owned(), lacks });
+        for input in &self.inputs {
+            if let Some(of) = &input.derivative_of
+                && !self.inputs.iter().any(|i| i.name == *of && i.derivative_of.is_none())
+            {
+                return unmatched("`derivative_of`", of, "is no input that is measured itself; name one of `inputs`");
+            }
+        }
+        let mut seen: Vec<&String> = Vec::new();
+        for (name, group) in &self.groups {
+            for output in &group.outputs {
+                if !self.outputs.iter().any(|o| o.name == *output) {
+                    return unmatched("the group's output", output, "is none of `outputs`; correct its name");
+                }
+                if seen.contains(&output) {
+                    return unmatched("the output", output, "stands in a group twice; leave it in one");
+                }
+                seen.push(output);
+            }
+            if group.outputs.is_empty() {
+                return unmatched("the group", name, "has no output; name some");
+            }
+            if group.kind == GroupKind::Attitude && group.outputs.len() != 4 {
+                return unmatched("the attitude", name, "needs four outputs, a quaternion with its scalar last");
+            }
+        }
+        Ok(())
+    }
+
+    /// The compiled model.
+    ///
+    /// # Errors
+    /// [`ModelError::Equations`], which points into the expression; [`ModelError::Unmatched`] for a state without a derivative and its like.
+    pub fn equations(&self) -> std::result::Result<Equations, ModelError> {
+        self.compile(Path::new(&self.name))
+    }
+
+    /// The states' starts as the outputs of a model with the same names, an output named after its state; `None` where the file has none.
+    ///
+    /// # Errors
+    /// As [`Self::equations`].
+    pub fn start_equations(&self) -> std::result::Result<Option<Equations>, ModelError> {
+        self.compile_starts(Path::new(&self.name))
+    }
+
+    /// The compiled model with the file's candidates in it; `None` where it has none.
+    ///
+    /// # Errors
+    /// As [`Self::equations`], and [`ModelError::Candidate`].
+    pub fn candidates(&self) -> std::result::Result<Option<Candidates>, ModelError> {
+        self.compile_candidates(Path::new(&self.name))
+    }
+
+    fn compile_starts(&self, path: &Path) -> std::result::Result<Option<Equations>, ModelError> {
+        if self.starts.is_empty() {
+            return Ok(None);
+        }
+        if let Some((name, _)) = self.starts.iter().find(|(name, _)| entry(&self.states, name).is_none()) {
+            let lacks = "belongs to no state; add it to [states] or correct its name";
+            return Err(ModelError::Unmatched { path: path.to_owned(), what: "the start", name: name.clone(), lacks });
+        }
+        let outputs = self.starts.iter().map(|(name, _)| Channel::plain(name, None)).collect();
+        Self { outputs, output_equations: self.starts.clone(), starts: Vec::new(), groups: Vec::new(), ..self.clone() }
+            .compile(path)
+            .map(Some)
+    }
+
+    pub(super) fn compile(&self, path: &Path) -> std::result::Result<Equations, ModelError> {
+        let unmatched = |what, name: &str, lacks| ModelError::Unmatched { path: path.to_owned(), what, name: name.to_owned(), lacks };
+        if let Some((name, _)) = self.derivatives.iter().find(|(name, _)| entry(&self.states, name).is_none()) {
+            return Err(unmatched("the derivative", name, "belongs to no state; add it to [states] or correct its name"));
+        }
+        if let Some((name, _)) = self.output_equations.iter().find(|(name, _)| !self.outputs.iter().any(|o| o.name == *name)) {
+            return Err(unmatched("the output equation", name, "belongs to no output; add it to `outputs` or correct its name"));
+        }
+        let states = self.states.iter().map(|(name, state)| {
+            let derivative = entry(&self.derivatives, name)
+                .ok_or_else(|| unmatched("the state", name, "has no derivative; add its equation to [derivatives]"))?;
+            let StateEntry { unit, initial, initial_std } = state.clone();
+            Ok(StateVariable { name: name.clone(), unit, initial, initial_std, derivative: derivative.clone() })
+        });
+        let states = states.collect::<std::result::Result<_, ModelError>>()?;
+        let outputs = self.outputs.iter().map(|output| {
+            let equation = entry(&self.output_equations, &output.name)
+                .ok_or_else(|| unmatched("the output", &output.name, "has no equation; add one to [output_equations]"))?;
+            Ok(OutputVariable { name: output.name.clone(), unit: output.unit.clone(), equation: equation.clone() })
+        });
+        let outputs = outputs.collect::<std::result::Result<_, ModelError>>()?;
+        let inputs = self.inputs.iter().map(|c| Symbol { name: c.name.clone(), unit: c.unit.clone() }).collect();
+        let parameter =
+            |(name, entry): &(String, ParameterEntry)| Parameter { name: name.clone(), unit: entry.unit.clone(), value: entry.value };
+        let parameters = self.parameters.iter().map(parameter).collect();
+        let wrong = |source: EquationError| ModelError::Equations { path: path.to_owned(), source: Box::new(source) };
+        let definition = |(name, expression): &(String, String)| Definition { name: name.clone(), expression: expression.clone() };
+        let definitions = self.definitions.iter().map(definition).collect();
+        Equations::with_definitions(inputs, states, parameters, definitions, outputs).map_err(wrong)
+    }
+
+    /// Writes the file, as TOML or JSON by its extension.
+    ///
+    /// # Errors
+    /// [`FileError`](deadtime_signal::file::FileError), [`ModelError::Extension`].
+    pub fn write(&self, path: &Path) -> Result<()> {
+        write_text(path, self, syntax(path)?)
+    }
+
+    /// The file's text as TOML.
+    ///
+    /// # Errors
+    /// [`ModelError::File`] if the writer refuses it.
+    pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
+        super::text(self, Syntax::Toml).map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
+    }
+}

@@ -1,0 +1,39 @@
+//! Linear models, their conversion between continuous and sampled time, their optimal gains, nonlinear models as equations, and the model file.
+
+pub mod c2d;
+mod cascade;
+mod d2c;
+mod derived;
+pub mod effect;
+mod equations;
+mod error;
+mod file;
+mod hinf;
+mod matrix;
+mod nu_gap;
+mod parts;
+mod riccati;
+pub mod simulate;
+mod state_space;
+mod transfer_function;
+pub mod uav;
+mod zeros;
+
+pub use d2c::d2c;
+pub use derived::{Derived, DerivedError};
+pub use equations::{
+    Breakdown, Definition, Directions, EquationError, Equations, Fault, Linearisation, NonFinite, OutputVariable, Parameter, StateVariable,
+    Symbol, Workspace, Wrt,
+};
+pub use error::{Error, ModelError, Result};
+pub use file::{
+    Candidate, CandidateEntry, CandidateParameter, Candidates, Channel, ChannelKind, EffectEntry, EquationsFile, GroupEntry, GroupKind,
+    ModelDocument, ModelFile, NuisanceEntry, Operating, ParameterEntry, State, StateEntry, whole_turn,
+};
+pub use hinf::Peak;
+pub use nu_gap::{NuGap, nu_gap};
+pub use riccati::{Lqr, dare, dlqr};
+pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};
+pub use transfer_function::TransferFunction;
+
+pub use matrix::exp;

@@ -1,0 +1,361 @@
+//! What is put around and into a simulator before it runs: hooks on the way in, in the dynamics, on the way out and on the clock.
+//!
+//! A fresh plan adds nothing. The order in which a signal meets the hooks is fixed here and nowhere else: on the way in `drops`, `late`, `passing`, `delay_s`, `gain` and
+//! `quadratic`, `maps` in the order pushed, `lags`, `modes`; on the way out modes, `mixing`, `lag_s`, `delay_s` and the clock, `maps`.
+
+use deadtime_signal::progress::HowFar;
+use std::sync::Arc;
+
+use super::system::{Dynamics, ModelNumber, System};
+use super::{Hold, Piecewise};
+
+/// A map of a whole signal of straight pieces: memoryless, or with a memory such as a play's.
+pub type SignalMap = Arc<dyn Fn(Piecewise) -> Piecewise + Send + Sync>;
+/// A map of one sample: log time (s) and value.
+pub type SampleMap = Arc<dyn Fn(f64, f64) -> f64 + Send + Sync>;
+
+/// How commands get lost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Losses {
+    /// Probability of a loss.
+    pub probability: f64,
+    /// Mean length of a loss, commands; `None`: each is lost for itself.
+    pub burst: Option<f64>,
+}
+
+impl Losses {
+    /// Probabilities that a loss begins, and that it goes on.
+    #[must_use]
+    pub fn begins_and_goes_on(&self) -> [f64; 2] {
+        let p = self.probability;
+        self.burst.map_or([p, p], |burst| [(p / (burst * (1.0 - p))).min(1.0), 1.0 - burst.recip()])
+    }
+}
+
+/// Commands that do not arrive: the last one that did is held. The first sample always arrives.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Drops {
+    /// Which samples of the log are lost.
+    Sequence(Vec<bool>),
+    /// They are lost at random; the sequence is drawn from the seed.
+    Random {
+        /// How they get lost.
+        losses: Losses,
+        /// Seed of the sequence.
+        seed: u64,
+    },
+    /// The mean over all such sequences: what a fit can predict.
+    Mean(Losses),
+}
+
+/// Commands that arrive late, each by a delay of its own: draws of a gamma distribution. The first sample has always arrived.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Late {
+    /// Mean delay, seconds.
+    pub delay_s: f64,
+    /// Standard deviation of the delay, seconds.
+    pub spread_s: f64,
+    /// No command overtakes another: it waits for those sent before it. Else the last to arrive acts.
+    pub ordered: bool,
+    /// The delays of single commands.
+    pub delays: Delays,
+}
+
+/// The delays of single commands.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Delays {
+    /// Each is the mean: what a fit can predict.
+    Mean,
+    /// They are drawn from this seed.
+    Seed(u64),
+    /// They are known, seconds, one for each sample of the log.
+    Known(Vec<f64>),
+}
+
+/// The way of one input from the log to the plant.
+#[derive(Clone, Default)]
+pub struct InputPath {
+    /// Commands that are lost.
+    pub drops: Option<Drops>,
+    /// Commands that arrive late, each by a delay of its own.
+    pub late: Option<Late>,
+    /// Period and phase, seconds: commands pass at phase + n·period only, and are held.
+    pub passing: Option<(f64, f64)>,
+    /// Delay, seconds.
+    pub delay_s: f64,
+    /// Static curve gain·v + quadratic·v·|v|; `None`: v.
+    pub curve: Option<Curve>,
+    /// Maps, in the order in which they act.
+    pub maps: Vec<SignalMap>,
+    /// Time constants of first-order lags, seconds, in series.
+    pub lags_s: Vec<f64>,
+}
+
+/// gain·v + quadratic·v·|v|.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Curve {
+    /// Gain at 0.
+    pub gain: f64,
+    /// Per unit of the input.
+    pub quadratic: f64,
+}
+
+impl Default for Curve {
+    fn default() -> Self {
+        Self { gain: 1.0, quadratic: 0.0 }
+    }
+}
+
+/// The way of one output from the plant to the log.
+#[derive(Clone)]
+pub struct OutputPath {
+    /// (other output, gain): what is added of the others, as they are before any is added.
+    pub mixing: Vec<(usize, f64)>,
+    /// Time constants of first-order lags, seconds, in series.
+    pub lags_s: Vec<f64>,
+    /// Delay, seconds.
+    pub delay_s: f64,
+    /// Maps of the samples, in the order in which they act.
+    pub maps: Vec<SampleMap>,
+    /// The slope of those maps that a correction by measured outputs is divided by, so that the observer's poles are the same whatever a sensor's gain.
+    pub slope: f64,
+}
+
+impl Default for OutputPath {
+    fn default() -> Self {
+        Self { mixing: Vec::new(), lags_s: Vec::new(), delay_s: 0.0, maps: Vec::new(), slope: 1.0 }
+    }
+}
+
+impl OutputPath {
+    /// What a correction of this output's innovation is multiplied by; 1 where the sensor shows next to nothing.
+    pub(super) fn correction(&self) -> f64 {
+        if self.slope.abs() > 1e-3 { 1.0 / self.slope } else { 1.0 }
+    }
+}
+
+/// Where a resonance is added.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Site {
+    /// An input of the plant.
+    Input(usize),
+    /// A state's derivative.
+    State(usize),
+    /// An output.
+    Output(usize),
+}
+
+/// A resonance q'' + 2ζω q' + ω² q = ω² v, driven by an input; gain·q is added at the site.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mode {
+    /// The input that drives it: on its way in where it is added to the same input, else at the end of that way (before an operating point is taken off).
+    pub input: usize,
+    /// Where it is added.
+    pub site: Site,
+    /// ω, rad/s.
+    pub omega_rad_s: f64,
+    /// ζ.
+    pub damping: f64,
+    /// Gain.
+    pub gain: f64,
+}
+
+/// A term that is added to a state's derivative.
+pub enum Term {
+    /// gain times another state or an input of the plant.
+    Linear {
+        /// The state whose derivative changes.
+        to: usize,
+        /// What drives it.
+        from: Source,
+        /// Gain.
+        gain: f64,
+    },
+    /// A level.
+    Constant {
+        /// The state whose derivative changes.
+        to: usize,
+        /// Level, the derivative's unit.
+        level: f64,
+    },
+    /// amplitude·sin(ωt + phase), t from the log's first sample.
+    Sine {
+        /// The state whose derivative changes.
+        to: usize,
+        /// ω, rad/s.
+        omega_rad_s: f64,
+        /// Amplitude, the derivative's unit.
+        amplitude: f64,
+        /// Phase, rad.
+        phase_rad: f64,
+    },
+    /// A function of one state.
+    Function {
+        /// The state whose derivative changes.
+        to: usize,
+        /// The state that it depends on.
+        from: usize,
+        /// The function.
+        f: Arc<dyn Fn(f64) -> f64 + Send + Sync>,
+    },
+    /// −level·sign(x) on the derivative of x, which sticks at 0 while the rest of its derivative is within ±level.
+    Friction {
+        /// The state.
+        state: usize,
+        /// Level, the derivative's unit.
+        level: f64,
+    },
+    /// −level·z on the derivative of x, where z follows x: ż = x/displacement·(1 − |z|^sharpness) while x and z have one sign, else ż = x/displacement.
+    Hysteresis {
+        /// The state x.
+        velocity: usize,
+        /// Level, the derivative's unit.
+        level: f64,
+        /// Displacement, the unit of x times s.
+        displacement: f64,
+        /// Sharpness, 1.
+        sharpness: f64,
+    },
+}
+
+/// A number of the model that is another from a time on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Switch {
+    /// The time, seconds from the log's first sample.
+    pub time_s: f64,
+    /// Which number.
+    pub number: ModelNumber,
+    /// Its value from then on.
+    pub value: f64,
+}
+
+/// What drives a linear term.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// A state.
+    State(usize),
+    /// An input, as the plant receives it.
+    Input(usize),
+}
+
+/// The sensors' clock: when the commands' clock reads t, it reads ratio·t + offset.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SensorClock {
+    /// Ratio.
+    pub ratio: f64,
+    /// Offset, seconds.
+    pub offset_s: f64,
+}
+
+impl SensorClock {
+    /// The commands' time at which the sensors' clock reads `stamp_s`.
+    #[must_use]
+    pub fn commands_time_s(&self, stamp_s: f64) -> f64 {
+        (stamp_s - self.offset_s) / self.ratio
+    }
+}
+
+impl Default for SensorClock {
+    fn default() -> Self {
+        Self { ratio: 1.0, offset_s: 0.0 }
+    }
+}
+
+/// How closely nonlinear dynamics are integrated: the error allowed in one step. Linear dynamics are exact whatever it says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tolerance {
+    /// Relative to a state's size.
+    pub relative: f64,
+    /// Beside that, in the states' units.
+    pub absolute: f64,
+    /// Steps between two edges or samples before the simulation gives up.
+    pub steps: usize,
+    /// Steps of the whole run before it gives up.
+    pub budget: usize,
+    /// Steps may go past samples, up to the next edge: the state there is then read off the step's curve, to the same tolerance but one order lower.
+    pub past_samples: bool,
+}
+
+impl Default for Tolerance {
+    /// Errors far below what a sensor resolves, at a price that a fit can pay.
+    fn default() -> Self {
+        Self { relative: 1e-8, absolute: 1e-10, steps: 100_000, budget: usize::MAX, past_samples: false }
+    }
+}
+
+/// What of a simulation is wanted; the rest is not calculated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Wanted {
+    /// So many samples of the log, from its first on: outputs after them stay 0. A sampled model and a simulator that is only called give all.
+    pub samples: usize,
+    /// The plant's states at the log's stamps, beside the outputs.
+    pub states: bool,
+}
+
+impl Default for Wanted {
+    /// Everything.
+    fn default() -> Self {
+        Self { samples: usize::MAX, states: true }
+    }
+}
+
+/// All hooks of one simulation, on a copy of the dynamics that a wrong parameter may change.
+pub struct Plan {
+    /// The dynamics.
+    pub dynamics: Dynamics,
+    /// Numbers of the dynamics that are others from a time on; a sampled model and a simulator that is only called know none.
+    pub switches: Vec<Switch>,
+    /// One path per input.
+    pub inputs: Vec<InputPath>,
+    /// Terms of the dynamics.
+    pub terms: Vec<Term>,
+    /// Resonances.
+    pub modes: Vec<Mode>,
+    /// One path per output.
+    pub outputs: Vec<OutputPath>,
+    /// The sensors' clock.
+    pub clock: SensorClock,
+    /// How the commands run between samples. Straight lines pass delays, lags and modes only; a sampled model and a simulator that is
+    /// only called know nothing between the samples.
+    pub hold: Hold,
+    /// How closely nonlinear dynamics are integrated.
+    pub tolerance: Tolerance,
+    /// What of it is wanted.
+    pub wanted: Wanted,
+    /// Where it is said how far the simulation is.
+    pub far: HowFar,
+}
+
+impl Plan {
+    /// The simulator as it stands.
+    #[must_use]
+    pub fn new(system: &System) -> Self {
+        let inputs = system.input_delay_s.iter().map(|&delay_s| InputPath { delay_s, ..InputPath::default() }).collect();
+        let outputs = system.outputs.iter().map(|_| OutputPath::default()).collect();
+        Self {
+            dynamics: system.dynamics.clone(),
+            switches: Vec::new(),
+            inputs,
+            terms: Vec::new(),
+            modes: Vec::new(),
+            outputs,
+            clock: SensorClock::default(),
+            hold: Hold::Zero,
+            tolerance: Tolerance::default(),
+            wanted: Wanted::default(),
+            far: HowFar::default(),
+        }
+    }
+
+    /// The dynamics from every switch on, with its time, in order of time.
+    pub(super) fn phases(&self) -> Vec<(f64, Dynamics)> {
+        let mut switches = self.switches.clone();
+        switches.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        let mut dynamics = self.dynamics.clone();
+        let phase = |switch: Switch| {
+            dynamics.set(switch.number, switch.value);
+            (switch.time_s, dynamics.clone())
+        };
+        switches.into_iter().map(phase).collect()
+    }
+}

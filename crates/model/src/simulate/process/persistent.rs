@@ -1,0 +1,164 @@
+//! A program that keeps running and is asked line by line.
+//!
+//! A request is a line `run N`, a line `parameter NAME VALUE` for every parameter, `start NAME VALUE` for every start, a header `time,INPUT,…` and N rows. The answer is a
+//! header and N rows, or one line `error WORDS`. The program ends when its standard input does.
+
+use std::fmt::Write as _;
+use std::io::{BufRead, BufReader, Write};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+use std::time::Instant;
+
+use nalgebra::DMatrix;
+
+use super::child::{Children, Running, ended};
+use super::{Asked, Names, Program, table};
+use crate::simulate::Simulator;
+
+#[derive(Debug)]
+pub(super) struct Lines {
+    program: Program,
+    names: Names,
+    children: Children,
+    /// The process; none before the first request, and after one that failed.
+    talk: Mutex<Option<Talking>>,
+}
+
+/// A process with its pipes.
+#[derive(Debug)]
+struct Talking {
+    requests: Sender<String>,
+    lines: Receiver<String>,
+    // Last: the pipes are closed before the process is ended.
+    running: Running,
+}
+
+impl Talking {
+    fn start(program: &Program, children: &Children) -> Result<Self, String> {
+        let mut running = Running::start(&program.command, program.folder.as_deref(), children)?;
+        let ((requests, asked), (sender, lines)) = (channel::<String>(), channel());
+        let (Some(mut pipe), Some(out)) = (running.child.stdin.take(), running.child.stdout.take()) else {
+            return Err("its pipes could not be opened".to_owned());
+        };
+        let feed = move || {
+            for text in asked {
+                if pipe.write_all(text.as_bytes()).and_then(|()| pipe.flush()).is_err() {
+                    break;
+                }
+            }
+        };
+        let listen = move || {
+            let mut reader = BufReader::new(out);
+            let mut bytes = Vec::new();
+            while let Ok(1..) = reader.read_until(b'\n', &mut bytes) {
+                let line = String::from_utf8_lossy(&bytes).trim_end().to_owned();
+                bytes.clear();
+                if sender.send(line).is_err() {
+                    break;
+                }
+            }
+        };
+        let spawn = |name: &str, work: Box<dyn FnOnce() + Send>| {
+            thread::Builder::new().name(name.to_owned()).spawn(work).map(drop).map_err(|e| e.to_string())
+        };
+        spawn("deadtime stdin", Box::new(feed))?;
+        spawn("deadtime stdout", Box::new(listen))?;
+        Ok(Self { requests, lines, running })
+    }
+}
+
+/// Why there is no answer.
+enum Failed {
+    /// The program said so, and goes on.
+    Said(String),
+    /// It is of no use any more.
+    Broken(String),
+}
+
+impl Lines {
+    pub(super) fn new(program: Program, names: Names, children: Children) -> Self {
+        Self { program, names, children, talk: Mutex::new(None) }
+    }
+
+    fn request(&self, asked: Asked<'_>) -> String {
+        let mut text = format!("run {}\n", asked.time_s.len());
+        let named = asked.named(&self.names);
+        for (at, (name, value)) in named.iter().enumerate() {
+            let what = if at < self.names.parameters.len() { "parameter" } else { "start" };
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "{what} {name} {value}");
+        }
+        text + &table::written(asked, &self.names)
+    }
+
+    fn ask(&self, talk: &mut Talking, asked: Asked<'_>) -> Result<DMatrix<f64>, Failed> {
+        let until = Instant::now() + self.program.timeout;
+        let broken = |why: String| Failed::Broken(why);
+        // A closed pipe shows when the answer does not come.
+        let _ = talk.requests.send(self.request(asked));
+        let samples = asked.time_s.len();
+        let (mut columns, mut values) = (None, Vec::new());
+        let mut rows = 0;
+        while columns.is_none() || rows < samples {
+            let line = match talk.lines.recv_timeout(until.saturating_duration_since(Instant::now())) {
+                Ok(line) => line,
+                Err(RecvTimeoutError::Timeout) => {
+                    talk.running.end();
+                    let at = format!("after {rows} of {samples} rows");
+                    return Err(broken(format!(
+                        "it did not answer within {} s ({at}){}",
+                        self.program.timeout.as_secs_f64(),
+                        talk.running.last_words()
+                    )));
+                }
+                Err(RecvTimeoutError::Disconnected) => {
+                    let how = talk.running.wait(until).map_or_else(|| "it closed its standard output".to_owned(), ended);
+                    return Err(broken(format!("{how} after {rows} of {samples} rows{}", talk.running.last_words())));
+                }
+            };
+            if line.is_empty() || line.starts_with('#') {
+                continue;
+            }
+            if let Some(words) = line.strip_prefix("error") {
+                return Err(Failed::Said(format!("it answered: {}", deadtime_signal::text::shown(words.trim()))));
+            }
+            match &columns {
+                None => {
+                    let header = csv::ReaderBuilder::new().has_headers(false).from_reader(line.as_bytes()).into_records().next();
+                    let header: Vec<String> =
+                        header.and_then(Result::ok).map(|r| r.iter().map(str::to_owned).collect()).unwrap_or_default();
+                    columns = Some(table::columns(&header, &self.names).map_err(broken)?);
+                }
+                Some(columns) => {
+                    rows += 1;
+                    let fields: Vec<&str> = line.split(',').collect();
+                    values.extend(table::row(&fields, columns, &self.names, rows).map_err(broken)?);
+                }
+            }
+        }
+        Ok(DMatrix::from_row_slice(samples, self.names.outputs.len(), &values))
+    }
+}
+
+impl Simulator for Lines {
+    fn simulate(&self, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Result<DMatrix<f64>, String> {
+        let mut slot = self.talk.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut talk = match slot.take() {
+            Some(talk) => talk,
+            None => Talking::start(&self.program, &self.children)?,
+        };
+        match self.ask(&mut talk, Asked { u, time_s, x0, parameters }) {
+            Ok(answer) => {
+                *slot = Some(talk);
+                Ok(answer)
+            }
+            Err(Failed::Said(why)) => {
+                *slot = Some(talk);
+                Err(why)
+            }
+            // What may stand half-read in the pipe belongs to no later request: it is started anew.
+            Err(Failed::Broken(why)) => Err(why),
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! Models from logs: [`deadtime::identify::subspace`].
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde_json::Value;
+
+use super::convert::json as from_python;
+use super::error::in_python;
+use super::log::Log;
+use super::model::Model;
+use super::work::long;
+use deadtime::delay::{TakenOut, identify_behind_delays};
+use deadtime::identify::subspace::Recordings;
+use deadtime::model::ModelDocument;
+use deadtime::progress::HowFar;
+use deadtime::report::identify::Report;
+
+/// What was asked for: the keyword arguments of `deadtime.identify`.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct Asked {
+    name: String,
+    inputs: Vec<String>,
+    outputs: Vec<String>,
+    method: String,
+    /// `auto`, `none`, or empty where `delays` are given.
+    delay: String,
+    delays: Vec<(String, f64)>,
+    continuous: bool,
+    /// The share of each log that the model is learnt from where nothing else is named to judge it on.
+    learnt: f64,
+}
+
+/// The model, the text of `deadtime/identify@1`, and what the command line prints.
+#[pyfunction]
+fn _identify(
+    py: Python<'_>,
+    logs: Vec<PyRef<'_, Log>>,
+    holdout: Vec<PyRef<'_, Log>>,
+    options: &Bound<'_, PyAny>,
+    asked: Asked,
+    threads: Option<usize>,
+) -> PyResult<(Model, String, String)> {
+    let options: Value = from_python(options)?;
+    let taken_out = match asked.delay.as_str() {
+        "auto" => TakenOut::Estimated,
+        "none" => TakenOut::Nothing,
+        _ => TakenOut::Given(asked.delays.clone()),
+    };
+    let copies = |logs: &[PyRef<'_, Log>]| logs.iter().map(|log| log.0.clone()).collect::<Vec<_>>();
+    let (logs, holdout) = (copies(&logs), copies(&holdout));
+    let (file, data, text) = long(py, threads, move |stop| {
+        let all = Recordings::from_logs(&logs, &asked.inputs, &asked.outputs)?;
+        let (learnt, judged, held_out) = if holdout.is_empty() {
+            let (learnt, judged) = all.split(asked.learnt);
+            (learnt, judged, format!("the last {:.0} % of each record", 100.0 * (1.0 - asked.learnt)))
+        } else {
+            let judged = Recordings::from_logs(&holdout, &asked.inputs, &asked.outputs)?;
+            all.sample_time.must_equal(judged.sample_time)?;
+            (all, judged, holdout.iter().map(|l| l.source().to_owned()).collect::<Vec<_>>().join(", "))
+        };
+        let found = identify_behind_delays(&learnt, &logs, &asked.method, &options, &taken_out, (stop, &HowFar::default()))?;
+        let file = found.model.file(&asked.name, &found.delays, asked.continuous)?;
+        let judged = judged.behind_delays(&found.delays)?;
+        let report = Report {
+            logs: logs.iter().map(|l| l.source().to_owned()).collect(),
+            model: &found.model,
+            delays: &found.delays,
+            delay_notes: found.notes,
+            held_out,
+            held_out_samples: judged.samples(),
+            checks: found.model.check(&judged),
+        };
+        Ok((file, report.data()?, report.text()))
+    })?;
+    let data = serde_json::to_string_pretty(&data).map_err(|e| PyValueError::new_err(e.to_string()))?;
+    Ok((Model(ModelDocument::Lti(file)), data, in_python(text.trim_end())))
+}
+
+pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_function(wrap_pyfunction!(_identify, m)?)
+}

@@ -1,0 +1,197 @@
+//! What keeps a study from being planned, run or read.
+
+use std::path::{Path, PathBuf};
+
+use deadtime_signal::text::shown;
+
+use crate::blind::BlindError;
+use deadtime_delay::DelayError;
+use deadtime_gap::DiagnosisError;
+use deadtime_gap::GapError;
+use deadtime_gap::export::ExportError;
+use deadtime_identify::IdentifyError;
+use deadtime_identify::matching::MatchingError;
+use deadtime_identify::structured::StructuredError;
+use deadtime_log::LogError;
+use deadtime_model::DerivedError;
+use deadtime_model::ModelError;
+use deadtime_model::effect::EffectError;
+use deadtime_model::simulate::SimulateError;
+use deadtime_signal::SignalError;
+use deadtime_signal::file::FileError;
+use deadtime_signal::flatten;
+use deadtime_signal::registry::RegistryError;
+use deadtime_signal::stop::Stopped;
+use deadtime_signal::time::TimeError;
+
+/// Whatever keeps a study, a gate or a blind check from being run or read.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A study that cannot be planned, run or read.
+    #[error(transparent)]
+    Study(#[from] StudyError),
+    /// Blind cases, verdicts or labels that cannot be used.
+    #[error(transparent)]
+    Blind(#[from] BlindError),
+    /// A gap that cannot be diagnosed.
+    #[error(transparent)]
+    Gap(#[from] GapError),
+    /// A diagnosis that cannot be read or written.
+    #[error(transparent)]
+    Diagnosis(#[from] DiagnosisError),
+    /// A diagnosis that cannot be handed over.
+    #[error(transparent)]
+    Export(#[from] ExportError),
+    /// An estimation that cannot be set up.
+    #[error(transparent)]
+    Delay(DelayError),
+    /// A model that cannot be identified.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// A model file's parameters that cannot be fitted.
+    #[error(transparent)]
+    Structured(#[from] StructuredError),
+    /// Two models that cannot be matched.
+    #[error(transparent)]
+    Matching(#[from] MatchingError),
+    /// A model that cannot be built, read or converted.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A channel that cannot be calculated from others.
+    #[error(transparent)]
+    Derived(#[from] DerivedError),
+    /// A simulation that cannot be run.
+    #[error(transparent)]
+    Simulate(#[from] SimulateError),
+    /// An effect that cannot be applied.
+    #[error(transparent)]
+    Effect(#[from] EffectError),
+    /// A signal that cannot be made.
+    #[error(transparent)]
+    Signal(#[from] SignalError),
+    /// A log that cannot be read or used.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// A file that the operating system refuses, or that is no such file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A sample time or delay that cannot be.
+    #[error(transparent)]
+    Time(#[from] TimeError),
+    /// A name or option that a registry does not know.
+    #[error(transparent)]
+    Registry(#[from] RegistryError),
+    /// Nobody waits for the answer any more.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
+}
+
+flatten!(deadtime_log::Error => Error { Log, File, Time });
+flatten!(deadtime_model::Error => Error { Model, Derived, Simulate, Effect, Signal, Log, File, Time });
+flatten!(deadtime_identify::Error => Error { Identify, Structured, Matching, Model, Derived, Simulate, Effect, Signal, Log, File, Time, Registry, Stopped });
+flatten!(deadtime_delay::Error => Error { Delay, Identify, Structured, Matching, Model, Derived, Simulate, Effect, Signal, Log, File, Time, Registry, Stopped });
+flatten!(deadtime_gap::Error => Error { Gap, Diagnosis, Export, Model, Derived, Simulate, Effect, Signal, Log, File, Time, Registry, Stopped });
+
+impl Error {
+    /// An operating-system error with the file it is about.
+    pub fn io(path: &Path, source: std::io::Error) -> Self {
+        FileError::io(path, source).into()
+    }
+}
+
+impl From<DelayError> for Error {
+    fn from(error: DelayError) -> Self {
+        deadtime_delay::Error::from(error).into()
+    }
+}
+
+/// The result of work on studies.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// A plan, a folder of results or a file of results that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StudyError {
+    /// Neither a shipped plan nor a file.
+    #[error("plan `{name}`: no such file, and no shipped plan of that name; there are: {known}", name = shown(name), known = known.join(", "))]
+    UnknownPlan {
+        /// What was asked for.
+        name: String,
+        /// The shipped plans.
+        known: Vec<&'static str>,
+    },
+    /// The file is no `deadtime/plan@1`, or says what cannot be.
+    #[error("plan {plan}: {detail}", plan = shown(plan))]
+    Plan {
+        /// The plan's name or file.
+        plan: String,
+        /// What is wrong, and the remedy.
+        detail: String,
+    },
+    /// The folder holds another study, or one that was stopped.
+    #[error("{folder}: {detail}", folder = folder.display())]
+    Folder {
+        /// The folder.
+        folder: PathBuf,
+        /// What is there, and the remedy.
+        detail: String,
+    },
+    /// A file of results that cannot be read.
+    #[error("{path}: {detail}", path = path.display())]
+    Results {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and the remedy.
+        detail: String,
+    },
+    /// A plan that needs more than it may.
+    #[error(
+        "plan {plan}: {settings} settings, {cells} cells and {estimates} estimates need about {needed_gb:.1} GB of {what}, at most {limit_gb} GB are allowed; \
+         ask for less, or lift the limit by {option} {lifted}",
+        plan = shown(plan), lifted = (1.1 * needed_gb).ceil()
+    )]
+    Budget {
+        /// The plan's name.
+        plan: String,
+        /// Combinations of its lists.
+        settings: f64,
+        /// Settings times methods.
+        cells: f64,
+        /// Cells times trials.
+        estimates: f64,
+        /// Memory, or room on the disk.
+        what: &'static str,
+        /// 10⁹ bytes estimated.
+        needed_gb: f64,
+        /// 10⁹ bytes allowed.
+        limit_gb: f64,
+        /// The option that lifts the limit.
+        option: &'static str,
+    },
+    /// The operating system gives no threads, or one stopped.
+    #[error("no worker thread: {detail}")]
+    Threads {
+        /// What it said.
+        detail: String,
+    },
+    /// Two studies that cannot be compared.
+    #[error("{detail}")]
+    Gate {
+        /// What is wrong with which of them, and the remedy.
+        detail: String,
+    },
+    /// A record that cannot be made.
+    #[error("plan {plan}, {setting}, trial {trial} (seed {seed}): {source}")]
+    Record {
+        /// The plan's name.
+        plan: String,
+        /// The plant, input and delay that were asked for.
+        setting: String,
+        /// The record's number in its setting, from 0.
+        trial: usize,
+        /// The record's seed.
+        seed: u64,
+        /// Why not.
+        source: Box<crate::Error>,
+    },
+}
