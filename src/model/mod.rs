@@ -33,6 +33,7 @@ pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 pub use transfer_function::TransferFunction;
 
 pub(crate) use matrix::exp;
+pub(crate) use zeros::iterated_eigenvalues;
 
 /// A model that cannot be built, read or converted.
 #[derive(Debug, thiserror::Error)]

@@ -4,8 +4,8 @@ use nalgebra::DMatrix;
 
 use super::black_box::Probed;
 use super::record::LogRecord;
-use crate::model::StateSpace;
 use crate::model::c2d::transition;
+use crate::model::{StateSpace, iterated_eigenvalues};
 use crate::signal::stats;
 use crate::simulate::{Dynamics, Hold, Matrices, System};
 use crate::time::SampleTime;
@@ -29,7 +29,7 @@ impl Poles {
             let Ok(ts) = SampleTime::new(record.sample_time_s) else { continue };
             let Some([phi, ..]) = sampled(system, record, ts) else { continue };
             let limit = 1.0 - 1.0 / record.time_s.len() as f64;
-            for z in phi.complex_eigenvalues().iter().map(|z| z.norm()) {
+            for z in iterated_eigenvalues(&phi).iter().map(|z| z.norm()) {
                 if z >= limit && z > slowest {
                     slowest = z;
                     slow = Some(format!("a pole at |z| = {z:.4}"));
