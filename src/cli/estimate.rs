@@ -93,7 +93,7 @@ pub(super) struct Estimate {
     #[arg(long)]
     full: bool,
     /// Also draw the answers and the impulse responses, as SVG
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = super::picture::picture())]
     plot: Option<PathBuf>,
     /// Also write a page with input and output over time, zoomable, and every method's answer: one HTML file that needs no network
     #[arg(long, value_name = "FILE")]

@@ -26,6 +26,7 @@ mod log;
 mod manual;
 mod methods;
 mod model;
+mod picture;
 mod progress;
 mod response;
 mod show;
@@ -212,6 +213,25 @@ mod tests {
     fn all(command: &clap::Command, found: &mut Vec<clap::Command>) {
         found.push(command.clone());
         command.get_subcommands().for_each(|c| all(c, found));
+    }
+
+    #[test]
+    fn every_option_that_writes_svg_refuses_the_name_of_another_kind() {
+        let mut commands = Vec::new();
+        all(&Cli::command(), &mut commands);
+        let writes = |a: &&clap::Arg| a.get_help().is_some_and(|help| help.to_string().contains("as SVG"));
+        let mut found = 0;
+        for command in &commands {
+            for option in command.get_arguments().filter(writes).filter_map(clap::Arg::get_long) {
+                found += 1;
+                for (name, refused) in [("a.png", true), ("b/c.PDF", true), ("d.jpeg", true), ("e.svg", false), ("f", false)] {
+                    let told = Cli::try_parse_from(["deadtime", command.get_name(), &format!("--{option}={name}")]);
+                    let why = told.err().map(|e| e.to_string()).unwrap_or_default();
+                    assert_eq!(why.contains("name it ") && why.contains(".svg"), refused, "{} {name}: {why}", command.get_name());
+                }
+            }
+        }
+        assert!(found >= 2, "{found}");
     }
 
     #[test]

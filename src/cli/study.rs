@@ -52,7 +52,7 @@ pub(super) struct Study {
     #[arg(long, value_name = "GB", default_value_t = Budget::default().disk_gb)]
     max_disk_gb: f64,
     /// Also draw errors beside the Cramér-Rao bound, for grids that lay out `over_bound: snr` or `over_bound: samples`, as SVG
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = super::picture::picture())]
     plot: Option<PathBuf>,
     /// Every column of every table, as wide as it comes
     #[arg(long)]

@@ -116,6 +116,7 @@ mod sampled_models;
 mod several_inputs;
 #[cfg(all(feature = "cli", unix))]
 mod simulator_program;
+mod stateless;
 #[cfg(feature = "cli")]
 mod structured;
 mod structures;

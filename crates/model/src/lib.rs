@@ -37,3 +37,4 @@ pub use state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 pub use transfer_function::TransferFunction;
 
 pub use matrix::exp;
+pub use zeros::iterated_eigenvalues;

@@ -132,6 +132,9 @@ fn left_factor(sys: &Matrices) -> Result<Matrices, ModelError> {
 
 /// W^(−1/2) of a symmetric positive matrix.
 fn inverse_root(weight: &DMatrix<f64>) -> DMatrix<f64> {
+    if weight.is_empty() {
+        return weight.clone();
+    }
     let eigen = SymmetricEigen::new(weight.clone());
     &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(|v| 1.0 / v.sqrt())) * eigen.eigenvectors.transpose()
 }

@@ -24,15 +24,21 @@ pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
         let i = left.remove(at);
         found.push(Complex::new(a[(i, i)], 0.0));
     }
-    if left.is_empty() {
-        return found;
+    found.extend(iterated_eigenvalues(&a.select_rows(&left).select_columns(&left)));
+    found
+}
+
+/// Eigenvalues of a real square matrix of finite entries by the bounded iteration of [`eigenvalues`] alone: none without rows, NaN where it stands still.
+pub fn iterated_eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
+    let n = a.nrows();
+    if n == 0 {
+        return Vec::new();
     }
-    let rest = a.select_rows(&left).select_columns(&left);
-    if let Some(schur) = Schur::try_new(rest.clone(), f64::EPSILON, 100 * left.len()) {
-        found.extend(schur.complex_eigenvalues().iter());
-    } else if let Ok(values) = Mat::from_fn(left.len(), left.len(), |i, j| rest[(i, j)]).eigenvalues() {
-        found.extend(values.iter().map(|v| Complex::new(v.re, v.im)));
+    if let Some(schur) = Schur::try_new(a.clone(), f64::EPSILON, 100 * n) {
+        return schur.complex_eigenvalues().iter().copied().collect();
     }
+    let values = Mat::from_fn(n, n, |i, j| a[(i, j)]).eigenvalues().unwrap_or_default();
+    let mut found: Vec<Complex<f64>> = values.iter().map(|v| Complex::new(v.re, v.im)).collect();
     found.resize(n, Complex::new(f64::NAN, f64::NAN));
     found
 }
@@ -158,6 +164,16 @@ mod tests {
             assert!((v.re.abs() - 1.51874354).abs() < 1e-8 && (v.im.abs() - 0.42865482).abs() < 1e-8, "{found:?}");
         }
         assert!((found.iter().sum::<Complex<f64>>()).norm() < 1e-12, "{found:?}");
+    }
+
+    #[test]
+    fn a_matrix_without_rows_has_no_eigenvalues_and_the_iteration_alone_finds_those_of_a_companion() {
+        assert!(eigenvalues(&DMatrix::zeros(0, 0)).is_empty() && iterated_eigenvalues(&DMatrix::zeros(0, 0)).is_empty());
+        // (x − 1)(x − 2)(x − 4) = x³ − 7x² + 14x − 8.
+        let companion = DMatrix::from_row_slice(3, 3, &[7.0, -14.0, 8.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+        let mut found = iterated_eigenvalues(&companion);
+        found.sort_by(|a, b| a.re.total_cmp(&b.re));
+        assert!(found.iter().zip([1.0, 2.0, 4.0]).all(|(v, root)| (v - root).norm() < 1e-12), "{found:?}");
     }
 
     #[test]

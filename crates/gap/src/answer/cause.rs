@@ -34,7 +34,8 @@ pub(crate) fn cause(
     let Composed { judged, stand_ins, estimate, .. } = composed;
     let estimate = estimate.as_ref();
     let effects: Vec<FoundEffect> = judged.found.iter().flat_map(|e| found_effects(likelihood, e, estimate)).collect();
-    let ranking = ranking(judged, found, &Probabilities::new(judged, found, Penalties::of(likelihood)), acts::list(&effects), after);
+    let list = acts::list(judged.found.as_ref().map_or(&[], |e| &e.effects), &effects);
+    let ranking = ranking(judged, found, &Probabilities::new(judged, found, Penalties::of(likelihood)), list, after);
     let classes = judged
         .found
         .as_ref()

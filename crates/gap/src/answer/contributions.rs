@@ -98,7 +98,7 @@ impl GapBudget<'_, '_> {
             effect: found[at].effect.clone(),
             channel: found[at].channel.clone(),
             parameters: found[at].parameters.clone(),
-            probability: Some(probability(&found[at].parameters)),
+            probability: self.composed.hypothesis.as_ref().map(|e| probability(&e.effects[at], &found[at])),
             strength: self.strength(without[part].as_deref().unwrap_or(self.before)),
             share: share(&|s: &Squares| s.share(part)),
             without_it: without[part].as_ref().and_then(|r| overall(&Errors::of(self.likelihood.records, r, |r| r.train).nrmse())),

@@ -10,6 +10,7 @@ use super::moments::{correlation, deviation, mean};
 use crate::baseline::predictor::Predictor;
 use crate::input::record::LogRecord;
 use deadtime_model::effect::{Applied, Chance};
+use deadtime_model::iterated_eigenvalues;
 use deadtime_model::simulate::{Commands, Correction, Dynamics, Matrices, Measured, Plan, System};
 
 /// Lags that are looked at: so many samples to either side,
@@ -80,7 +81,7 @@ impl<'a> View<'a> {
                 Dynamics::Sampled(_, ts) => -ts.seconds() / norm.ln(),
                 _ => -1.0 / re,
             };
-            time_constants_s = matrices.a.complex_eigenvalues().iter().map(|p| seconds(p.re, p.norm())).filter(|t| *t > 0.0).collect();
+            time_constants_s = iterated_eigenvalues(&matrices.a).iter().map(|p| seconds(p.re, p.norm())).filter(|t| *t > 0.0).collect();
             time_constants_s.retain(|t| t.is_finite());
             time_constants_s.sort_by(f64::total_cmp);
             if !predictor.gains.is_empty() {

@@ -129,6 +129,9 @@ impl Ranges {
     }
 }
 
+/// Effects whose numbers are the model's own when nominal, which no table of effects knows.
+const OF_MODEL: [&str; 2] = ["parameter_error", "parameter_jump"];
+
 fn range(lines: &[Line], (effect, channel): (&str, &str), found: &FoundParameter, widen: f64) -> Option<Range> {
     let value = found.value?;
     let line = lines.iter().find(|line| line.effect == effect);
@@ -145,7 +148,7 @@ fn range(lines: &[Line], (effect, channel): (&str, &str), found: &FoundParameter
         parameter: found.name.clone(),
         unit: found.unit.clone(),
         operation: Operation::of(effect),
-        nominal: parameter.map(|p| p.nominal).filter(|v| v.is_finite() && effect != "parameter_error"),
+        nominal: parameter.map(|p| p.nominal).filter(|v| v.is_finite() && !OF_MODEL.contains(&effect)),
         value,
         low: inside(low),
         high: inside(high),
@@ -226,5 +229,30 @@ impl Noise {
             ("std", self.std.into()),
             ("of_deviation", self.of_deviation.into()),
         ])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_range_holds_a_nominal_value_only_where_the_table_knows_it() {
+        let lines = table();
+        for (effect, parameter, nominal) in [
+            ("input_gain", "gain", Some(1.0)),
+            ("gain_jump", "later", Some(1.0)),
+            ("clock_skew", "ratio", Some(1.0)),
+            ("input_delay", "delay", Some(0.0)),
+            ("saturation", "upper", None),
+            ("parameter_error", "value", None),
+            ("parameter_jump", "value", None),
+            ("parameter_jump", "later", None),
+        ] {
+            let found = FoundParameter { name: parameter.into(), unit: "1".into(), value: Some(2.0), std: None, ci95: None };
+            let line = lines.iter().find(|line| line.effect == effect).unwrap();
+            assert!(line.parameters.iter().any(|p| p.name == parameter), "{effect} has no {parameter}");
+            assert_eq!(range(&lines, (effect, "u"), &found, 1.0).unwrap().nominal, nominal, "{effect} {parameter}");
+        }
     }
 }

@@ -4,9 +4,9 @@ use nalgebra::DMatrix;
 
 use super::black_box::Probed;
 use super::record::LogRecord;
-use deadtime_model::StateSpace;
 use deadtime_model::c2d::transition;
 use deadtime_model::simulate::{Dynamics, Hold, Matrices, System};
+use deadtime_model::{StateSpace, iterated_eigenvalues};
 use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
 
@@ -29,7 +29,7 @@ impl Poles {
             let Ok(ts) = SampleTime::new(record.sample_time_s) else { continue };
             let Some([phi, ..]) = sampled(system, record, ts) else { continue };
             let limit = 1.0 - 1.0 / record.time_s.len() as f64;
-            for z in phi.complex_eigenvalues().iter().map(|z| z.norm()) {
+            for z in iterated_eigenvalues(&phi).iter().map(|z| z.norm()) {
                 if z >= limit && z > slowest {
                     slowest = z;
                     slow = Some(format!("a pole at |z| = {z:.4}"));

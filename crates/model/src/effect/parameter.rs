@@ -85,6 +85,12 @@ impl Parameter {
         if self.nominal.is_finite() { (value - self.nominal).abs() } else { value.abs() }
     }
 
+    /// How far a value is from where the effect is the identity. A shape's nominal value is no such place: its size counts, as that of a limit.
+    #[must_use]
+    pub fn departure(&self, value: f64) -> f64 {
+        if self.role.is_shape() { value.abs() } else { self.distance(value) }
+    }
+
     /// The step for a numerical derivative at a value, inside the bounds.
     #[must_use]
     pub fn derivative_step(&self, value: f64, scales: &Scales) -> f64 {

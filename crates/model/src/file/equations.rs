@@ -80,8 +80,8 @@ pub struct EquationsFile {
     /// One delay per input, seconds; empty: none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub input_delay_s: Vec<f64>,
-    /// The states, in order.
-    #[serde(with = "table")]
+    /// The states, in order; none where every output follows its inputs at once.
+    #[serde(with = "table", default)]
     pub states: Vec<(String, StateEntry)>,
     /// The parameters, in order.
     #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
@@ -93,7 +93,7 @@ pub struct EquationsFile {
     #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
     pub starts: Vec<(String, String)>,
     /// dx/dt of each state.
-    #[serde(with = "table")]
+    #[serde(with = "table", default)]
     pub derivatives: Vec<(String, String)>,
     /// Each output.
     #[serde(with = "table")]
