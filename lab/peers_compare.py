@@ -1,6 +1,6 @@
 """Times deadtime against python-control, scipy, numpy and SIPPY on the same data, alternating, in one run.
 
-Called by scripts/peers with the path of our timing program; prints a Markdown table.
+Called by lab/peers with the path of our timing program; prints a Markdown table.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 //! How often an open record is said to be of a loop, how often a loop is seen, and how often the verdict's interval holds the dead time in a loop: tables in Markdown.
 //!
-//! `cargo run --release --example loop_study -- [DRAWS] [FIRST SEED]`; `scripts/loop_study` writes them into the documents.
+//! `cargo run --release --package deadtime-lab --bin loop_study -- [DRAWS] [FIRST SEED]`; `lab/study loop` writes them into the documents.
 
 use std::collections::BTreeMap;
 use std::error::Error;

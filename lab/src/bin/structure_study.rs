@@ -1,6 +1,6 @@
 //! How often the 95 % intervals of process models and transfer functions hold the truth, over drawn records, as a table in Markdown.
 //!
-//! `cargo run --release --example structure_study -- [RECORDS] [FIRST SEED]`; `scripts/structure_study` writes it into the documents.
+//! `cargo run --release --package deadtime-lab --bin structure_study -- [RECORDS] [FIRST SEED]`; `lab/study structures` writes it into the documents.
 //! Responses are closed forms of steps that add up, none of the crate's own.
 
 use std::error::Error;

@@ -2,7 +2,7 @@
 """Fits the numbers of examples/machines/*.toml that nobody has published, from the measured logs.
 
 Every fit includes the effect that the model then leaves out, so that the simulator's other numbers are those of the machine and only that effect is
-missing. The logs are not part of this repository. Usage: $(scripts/venv) scripts/machines/fit.py [FOLDER] [NAME …]; FOLDER defaults to
+missing. The logs are not part of this repository. Usage: $(scripts/venv) lab/machines/fit.py [FOLDER] [NAME …]; FOLDER defaults to
 ../shared/data. It prints the numbers; they were copied into the model files by hand, rounded to four digits. No part depends on chance.
 """
 

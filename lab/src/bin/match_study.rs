@@ -1,7 +1,7 @@
 //! The thesis' way from flights to physical parameters, many times over: a quadrotor flies in a loop, its response is identified without structure (PBSIDopt), and the
 //! structured model is matched to it by frequency. Bias, spread and coverage of every parameter, as tables in Markdown.
 //!
-//! `cargo run --release --example match_study -- [TRIALS] [FIRST SEED]`; `scripts/match_study` writes them into the documents.
+//! `cargo run --release --package deadtime-lab --bin match_study -- [TRIALS] [FIRST SEED]`; `lab/study matching` writes them into the documents.
 
 use std::collections::BTreeMap;
 use std::error::Error;

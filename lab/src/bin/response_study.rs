@@ -1,6 +1,6 @@
 //! How often the 95 % interval of a dead time from a frequency response, or from a table of a step response, holds the true one, over random plants: tables in Markdown.
 //!
-//! `cargo run --release --example response_study -- [DRAWS] [FIRST SEED]`; `scripts/response_study` writes them into the documents.
+//! `cargo run --release --package deadtime-lab --bin response_study -- [DRAWS] [FIRST SEED]`; `lab/study responses` writes them into the documents.
 
 use std::collections::BTreeMap;
 use std::error::Error;

@@ -1,6 +1,6 @@
 """Logs read by deadtime and by each format's own Python reader: time and peak memory, each run in a process of its own, in turns; prints Markdown tables.
 
-Called by scripts/peers with the path of our timing program. Memory is the peak of the process less what it held before the file was read. The sums of all channels agree.
+Called by lab/peers with the path of our timing program. Memory is the peak of the process less what it held before the file was read. The sums of all channels agree.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def main() -> int:
     options = arguments.parse_args()
     frames = {"pandas `read_csv`": ("pandas", None), "polars `read_csv`, one thread": ("polars", "1"), "polars `read_csv`, all threads": ("polars", None)}
     print("# Reading logs beside other tools\n")
-    print("`scripts/peers --logs` prints this page: files of one kind each, read whole by `deadtime` and by the reader that their users have in Python.")
+    print("`lab/peers --logs` prints this page: files of one kind each, read whole by `deadtime` and by the reader that their users have in Python.")
     print("The sums of what they read agree. Memory is the peak of the process less what it held before the file was read.")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log.csv"

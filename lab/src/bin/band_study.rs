@@ -1,6 +1,6 @@
 //! How often the 95 % bands of identified models hold the truth: frequency responses, poles and zeros, over drawn records, as tables in Markdown.
 //!
-//! `cargo run --release --example band_study -- [RECORDS] [FIRST SEED]`; `scripts/band_study` writes them into the documents.
+//! `cargo run --release --package deadtime-lab --bin band_study -- [RECORDS] [FIRST SEED]`; `lab/study bands` writes them into the documents.
 
 use std::error::Error;
 

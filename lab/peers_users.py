@@ -1,6 +1,6 @@
 """What a user waits for beside what a user would run instead: whole runs of the program against SIPPY, scipy, MuJoCo's and nfoursid's identification.
 
-Called by scripts/peers with the path of the program; prints a Markdown page. Ours is timed as a process, from its start to its end, with the reading of its
+Called by lab/peers with the path of the program; prints a Markdown page. Ours is timed as a process, from its start to its end, with the reading of its
 logs. Peers are timed within a process that has imported them and has the numbers in memory.
 """
 
@@ -469,7 +469,7 @@ def main() -> None:
     arguments.add_argument("--only", default="", help="estimates, diagnoses, joints or subspaces")
     options = arguments.parse_args()
     print("# What a user waits for\n")
-    print("`scripts/peers --users` prints this page: whole runs of the program, from start to end with the reading of the logs, beside what a user would run instead. The others")
+    print("`lab/peers --users` prints this page: whole runs of the program, from start to end with the reading of the logs, beside what a user would run instead. The others")
     print("are favoured: their imports are not counted, and their numbers are in memory already. Runs in turns; the ratio is their time over ours.")
     print(f"Every program takes the threads it takes by default; {os.cpu_count()} processors, {options.runs} runs, one of what takes over 20 s. Seed {SEED}.")
     with tempfile.TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-//! Our side of `scripts/peers`: reads one JSON request a line, does the computation `loops` times, answers with the seconds of one.
+//! Our side of `lab/peers`: reads one JSON request a line, does the computation `loops` times, answers with the seconds of one.
 //!
 //! Signals are files of little-endian f64; with `out` the result of the last run is written there in the same form.
 

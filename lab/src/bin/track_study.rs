@@ -1,6 +1,6 @@
 //! How often a delay that stands is said to move, how often one that jumps is seen, and how often a track holds the truth: tables in Markdown, by excitation.
 //!
-//! `cargo run --release --example track_study -- [DRAWS] [FIRST SEED]`; `scripts/track_study` writes them into the documents.
+//! `cargo run --release --package deadtime-lab --bin track_study -- [DRAWS] [FIRST SEED]`; `lab/study track` writes them into the documents.
 
 use std::collections::BTreeMap;
 use std::error::Error;
