@@ -1,14 +1,17 @@
 #!/usr/bin/env python3
 """Writes golden/quadrotor/reference.json: ten seconds of a quadrotor by SciPy, with the rotation kept as a matrix and not as a quaternion.
 
-Usage: python scripts/golden_quadrotor.py, in an environment with numpy and scipy.
+Usage: python scripts/golden_quadrotor.py [--check | --stamp], in an environment with numpy and scipy. --check compares with the file instead; --stamp does that
+and renews its part of golden/HASHES, as writing does.
 """
 
 import json
 import pathlib
+import sys
 
 import numpy as np
 import scipy
+from golden import hashes
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -21,6 +24,8 @@ EFFECTS = {
     "tilt_x": 0.01, "tilt_y": -0.02, "velocity_scale": 0.05, "velocity_delay": 0.004, "rate_delay": 0.02,
 }
 STEP, SAMPLES = 0.01, 1001
+# Between two regenerations, absolute: 40 times what two solvers differ by.
+TOLERANCE = 1e-9
 
 
 def motors() -> np.ndarray:
@@ -77,8 +82,18 @@ def main():
         cases.append({"id": name, "parameters": e, "position": x[keep, :3].tolist(), "velocity": x[keep, 3:6].tolist(), "rates": x[keep, 6:9].tolist(),
                       "quaternion": q[keep].tolist()})
     path = pathlib.Path(__file__).resolve().parent.parent / "golden" / "quadrotor" / "reference.json"
+    if {"--check", "--stamp"} & set(sys.argv):
+        stored = json.loads(path.read_text())["cases"]
+        worst = max(np.abs(np.subtract(new[key], old[key])).max() for new, old in zip(cases, stored, strict=True) for key in ("position", "velocity", "rates", "quaternion"))
+        print(f"quadrotor: largest difference {worst:.2g} of {TOLERANCE:g} allowed")
+        if not worst <= TOLERANCE or [c["parameters"] for c in cases] != [c["parameters"] for c in stored]:
+            sys.exit("golden/quadrotor/reference.json differs")
+        if "--stamp" in sys.argv:
+            hashes.stamp("quadrotor")
+        return
     path.write_text(json.dumps({"step_s": STEP, "every": 50, "u": u.tolist(), "start": [0, 0, 0, 0.3, -0.2, 0.1, 0, 0, 0, 1, 0.05, -0.04, 0.1],
                                 "tool": f"scipy {scipy.__version__}, numpy {np.__version__}", "cases": cases}) + "\n")
+    hashes.stamp("quadrotor")
 
 
 main()

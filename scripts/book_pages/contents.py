@@ -63,20 +63,21 @@ AFTER = """
 
 # Measured results
 
-- [What was checked with what](results/validation.md)
-- [Withheld effects](results/withheld.md)
-- [Several causes at once](results/mixtures.md)
-- [Delays that move](results/moving.md)
-- [Weak effects](results/weak.md)
-- [Real machines](results/machines.md)
-- [Real logs](results/real-logs.md)
-- [All methods compared](results/methods.md)
-- [Thresholds of a diagnosis](results/criteria.md)
-- [How far from the Cramér-Rao bound](results/bounds.md)
-- [Speed: aims, and what was tried](speed.md)
-- [Speed beside other tools](results/peers.md)
-- [What a user waits for](results/waiting.md)
-- [Reading logs beside other tools](results/readers.md)
+- [The most important numbers](results/index.md)
+    - [What was checked with what](results/validation.md)
+    - [Withheld effects](results/withheld.md)
+    - [Several causes at once](results/mixtures.md)
+    - [Delays that move](results/moving.md)
+    - [Weak effects](results/weak.md)
+    - [Real machines](results/machines.md)
+    - [Real logs](results/real-logs.md)
+    - [All methods compared](results/methods.md)
+    - [Thresholds of a diagnosis](results/criteria.md)
+    - [How far from the Cramér-Rao bound](results/bounds.md)
+    - [Speed: aims, and what was tried](speed.md)
+    - [Speed beside other tools](results/peers.md)
+    - [What a user waits for](results/waiting.md)
+    - [Reading logs beside other tools](results/readers.md)
 """
 
 
@@ -86,8 +87,8 @@ def page(docs: Path, methods: list[dict[str, Any]], effects: list[dict[str, Any]
     lines += [f"    - [{m['name']}](methods/{m['name']}.md)" for m in methods]
     lines += [GAP.rstrip("\n"), "- [The effects](effects/index.md)", "    - [Conventions and order](effects.md)"]
     lines += [f"    - [{e['effect']}](effects/{e['effect']}.md)" for e in effects]
-    lines += [AFTER.rstrip("\n"), "- [Tables of the studies](results/studies/index.md)"]
-    lines += [f"    - [{name}](results/studies/{name}.md)" for name in studies]
+    lines += [AFTER.rstrip("\n"), "    - [Tables of the studies](results/studies/index.md)"]
+    lines += [f"        - [{name}](results/studies/{name}.md)" for name in studies]
     there = "\n".join(lines)
     more = [path for path in sorted(docs.glob("*.md")) if f"({path.name})" not in there and path.name != "SUMMARY.md"]
     if more:

@@ -1,4 +1,7 @@
-"""``python -m golden [--check] [CASE ...]``: regenerate the golden files, or compare a regeneration with them."""
+"""``python -m golden [--check | --stamp] [CASE ...]``: regenerate the golden files, or compare a regeneration with them.
+
+With all cases, writing or ``--stamp`` (a comparison in which nothing differs) renews their part of golden/HASHES.
+"""
 
 import argparse
 import sys
@@ -6,7 +9,7 @@ import tempfile
 import warnings
 from pathlib import Path
 
-from . import registry, store
+from . import hashes, registry, store
 from .octave import Unavailable
 
 
@@ -32,8 +35,12 @@ def check(case: str, name: str, build, folder: Path) -> tuple[bool, str]:
 def main() -> int:
     parser = argparse.ArgumentParser(prog="golden", description=__doc__)
     parser.add_argument("--check", action="store_true", help="compare instead of writing; exit 1 on a difference")
+    parser.add_argument("--stamp", action="store_true", help="compare, and write golden/HASHES where nothing differs")
     parser.add_argument("cases", nargs="*", metavar="CASE", help="folders below golden/ (default: all)")
     options = parser.parse_args()
+    if options.stamp and options.cases:
+        parser.error("--stamp compares all cases")
+    compare = options.check or options.stamp
     unknown = set(options.cases) - set(registry.CASES)
     if unknown:
         parser.error(f"unknown case {', '.join(sorted(unknown))}; there are {', '.join(registry.CASES)}")
@@ -44,7 +51,7 @@ def main() -> int:
             for name, build in registry.CASES[case].items():
                 label = f"{case}/{name}"
                 try:
-                    if options.check:
+                    if compare:
                         agrees, text = check(case, name, build, Path(scratch))
                         failed |= not agrees
                         print(f"{'ok' if agrees else 'DIFFERS'} {label}: {text}", flush=True)
@@ -54,7 +61,9 @@ def main() -> int:
                     print(f"skipped {label}: no Octave", flush=True)
                 except AssertionError as problem:
                     failed = True
-                    print(f"{'DIFFERS' if options.check else 'FAILED'} {label}: {problem}", flush=True)
+                    print(f"{'DIFFERS' if compare else 'FAILED'} {label}: {problem}", flush=True)
+    if not failed and not options.check and not options.cases:
+        hashes.stamp("cases")
     return 1 if failed else 0
 
 

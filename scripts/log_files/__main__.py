@@ -4,6 +4,7 @@
 
     python -m log_files          writes golden/log_files
     python -m log_files --check  reads the committed files again and compares with the committed expected.json
+    python -m log_files --stamp  the same, and renews its part of golden/HASHES, as writing does
 
 ULog has no writer in Python: its file is put together by the specification, and pyulog is the witness.
 """
@@ -15,6 +16,8 @@ import math
 import sys
 from importlib.metadata import version
 from pathlib import Path
+
+from golden import hashes
 
 from . import bags, matlab, tables, ulog
 
@@ -42,10 +45,12 @@ def expected() -> dict[str, object]:
 
 def main() -> None:
     path = FOLDER / "expected.json"
-    if "--check" in sys.argv:
+    if {"--check", "--stamp"} & set(sys.argv):
         if json.loads(path.read_text()) != expected():
             raise SystemExit("golden/log_files/expected.json is not what the readers say")
         print(f"log_files: {len(expected())} files agree")
+        if "--stamp" in sys.argv:
+            hashes.stamp("log_files")
         return
     FOLDER.mkdir(parents=True, exist_ok=True)
     for part in (ulog, bags, matlab, tables):
@@ -59,6 +64,7 @@ def main() -> None:
         "mat-io has no timeseries, outputs and Datasets of Simulink of its own: their properties are called as in MATLAB's files.\n\n"
         f"Tools:\n{tools}\n\nTolerance: none, the values must be equal to the bit; time stamps to 1e-9 s (nanoseconds as f64 seconds).\n"
     )
+    hashes.stamp("log_files")
 
 
 main()

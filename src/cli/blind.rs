@@ -5,13 +5,14 @@ use std::path::PathBuf;
 use anyhow::bail;
 
 use super::criteria::Thresholds;
+use super::program::LimitNotMet;
 use super::progress::Bar;
-use super::{LimitNotMet, Out};
-use crate::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, load, run, score};
-use crate::diagnose::{GapOptions, diagnose_files};
-use crate::file::write_atomic;
+use super::show::Out;
 use crate::report::{blind, page};
-use crate::text::{message, shown};
+use deadtime_gap::{GapOptions, diagnose_files};
+use deadtime_signal::file::write_atomic;
+use deadtime_signal::text::{message, shown};
+use deadtime_study::blind::{CaseFiles, Existing, Limit, Outcome, RunOptions, load, run, score};
 
 /// Diagnose cases whose cause is withheld, and score the verdicts once the labels are known
 #[derive(Debug, clap::Subcommand)]

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 
-use super::Out;
-use crate::model::c2d::CONVERSIONS;
-use crate::model::{Channel, ModelFile};
-use crate::registry::{find, options};
-use crate::time::SampleTime;
+use super::show::Out;
+use deadtime_model::c2d::CONVERSIONS;
+use deadtime_model::{Channel, ModelFile};
+use deadtime_signal::registry::{find, options};
+use deadtime_signal::time::SampleTime;
 
 /// Convert a continuous model to a sampled one
 #[derive(Debug, clap::Args)]

@@ -2,16 +2,16 @@
 
 use std::path::PathBuf;
 
-use super::Out;
 use super::progress::Bar;
+use super::show::Out;
 use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
-use crate::diagnose::{clocks, inspect};
-use crate::file::write_atomic;
-use crate::log::Log;
 use crate::report::checks::text;
 use crate::report::page;
-use crate::stop::Stop;
+use deadtime_gap::{clocks, inspect};
+use deadtime_log::Log;
+use deadtime_signal::file::write_atomic;
+use deadtime_signal::stop::Stop;
 
 /// Check a model and logs before diagnosing: names, units, time stamps, signs, axes, clocks, stuck and clipped channels, excitation
 #[derive(Debug, clap::Args)]

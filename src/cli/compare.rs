@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 
-use super::Out;
-use crate::compare::{diagnoses, studies};
-use crate::diagnose::Diagnosis;
-use crate::file::write_atomic;
+use super::show::Out;
 use crate::report::{compare, page};
-use crate::study::Study;
+use deadtime_gap::Diagnosis;
+use deadtime_signal::file::write_atomic;
+use deadtime_study::Study;
+use deadtime_study::compare::{diagnoses, studies};
 
 /// Put diagnoses side by side (before and after a repair, the machines of a fleet), or studies: which causes, which numbers differ by more than chance
 #[derive(Debug, clap::Args)]
@@ -58,13 +58,13 @@ impl Compare {
         let (text, html) = match first {
             Kind::Diagnosis => {
                 let read = names.into_iter().zip(files).map(|(name, file)| Ok((name, Diagnosis::read(file)?)));
-                let compared = diagnoses(&read.collect::<crate::Result<Vec<_>>>()?);
+                let compared = diagnoses(&read.collect::<crate::error::Result<Vec<_>>>()?);
                 to.json(&compared)?;
                 (compare::diagnoses(&compared), page::compared_diagnoses(&compared))
             }
             Kind::Study => {
                 let read = names.into_iter().zip(files).map(|(name, file)| Ok((name, Study::read(file)?)));
-                let compared = studies(&read.collect::<crate::Result<Vec<_>>>()?);
+                let compared = studies(&read.collect::<crate::error::Result<Vec<_>>>()?);
                 to.json(&compared)?;
                 (compare::studies(&compared), page::compared_studies(&compared))
             }
@@ -111,7 +111,7 @@ fn kind(path: &Path) -> anyhow::Result<(Kind, PathBuf)> {
             _ => bail!("{}: both diagnosis.json and study.json are in this folder: name the file that is meant", path.display()),
         };
     }
-    let text = crate::file::read_text(path)?;
+    let text = deadtime_signal::file::read_text(path)?;
     let format = serde_json::from_str::<serde_json::Value>(&text).ok().and_then(|v| v.get("format")?.as_str().map(str::to_owned));
     match format.as_deref() {
         Some(format) if format.starts_with("deadtime/study@") => Ok((Kind::Study, path.to_owned())),
@@ -119,7 +119,7 @@ fn kind(path: &Path) -> anyhow::Result<(Kind, PathBuf)> {
         Some(format) => bail!(
             "{}: {}: only deadtime/diagnosis@1 or @2 and deadtime/study@1 can be compared",
             path.display(),
-            crate::text::shown(format)
+            deadtime_signal::text::shown(format)
         ),
         None => bail!("{}: no `format` line: neither a diagnosis nor a study", path.display()),
     }

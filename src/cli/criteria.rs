@@ -1,12 +1,12 @@
-//! Other thresholds of a diagnosis than the program's own, for `scripts/criteria`, which asks how much each of them matters.
+//! Other thresholds of a diagnosis than the program's own, for `lab/criteria`, which asks how much each of them matters.
 
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use serde_json::Value;
 
-use crate::diagnose::Criteria;
-use crate::file::read_text;
+use deadtime_gap::Criteria;
+use deadtime_signal::file::read_text;
 
 /// A file with other thresholds.
 #[derive(Debug, clap::Args)]

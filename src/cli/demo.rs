@@ -2,21 +2,21 @@
 
 use std::path::PathBuf;
 
-use super::Out;
 use super::estimate::draw;
+use super::show::Out;
 use super::show::write_json;
 use super::words::in_options;
-use crate::delay::{Class, Job, METHODS, Method, Scope};
-use crate::diagnose::{GapOptions, diagnose};
-use crate::file::write_atomic;
-use crate::log;
-use crate::model::{ModelDocument, ModelFile};
 use crate::report::diagnosis::{ranking, summary};
+use crate::report::folder::{save, save_study};
 use crate::report::study::cells;
-use crate::report::terminal::short;
-use crate::report::{save, save_study};
-use crate::stop::Stop;
-use crate::study::{Plan, Runner};
+use crate::report::terminal::delay::short;
+use deadtime_delay::{Class, Job, METHODS, Method, Scope};
+use deadtime_gap::{GapOptions, diagnose};
+use deadtime_log as log;
+use deadtime_model::{ModelDocument, ModelFile};
+use deadtime_signal::file::write_atomic;
+use deadtime_signal::stop::Stop;
+use deadtime_study::{Plan, Runner};
 
 /// Run the main job on a simulated UAV flight that ships with the program
 #[derive(Debug, clap::Args)]

@@ -6,20 +6,20 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use serde_json::Value;
 
-use super::Out;
 use super::progress::Bar;
+use super::show::Out;
 use super::source::{Needed, Reading};
 use super::words::in_options;
-use crate::delay::report::Report;
-use crate::delay::{Detrend, EventsJob, Feedback, Job, ResponseJob, STEP_METHODS, Scope, chosen};
-use crate::file::write_atomic;
-use crate::log::{Log, STEP, read_frequency_response};
-use crate::model::ModelFile;
-use crate::registry;
 use crate::report::estimate::full;
 use crate::report::page;
 use crate::report::picture::{Shown, svg};
-use crate::report::terminal::{brief, short};
+use crate::report::terminal::delay::{brief, short};
+use deadtime_delay::report::Report;
+use deadtime_delay::{Detrend, EventsJob, Feedback, Job, ResponseJob, STEP_METHODS, Scope, chosen};
+use deadtime_log::{Log, STEP, read_frequency_response};
+use deadtime_model::ModelFile;
+use deadtime_signal::file::write_atomic;
+use deadtime_signal::registry;
 
 /// Estimate the dead time between inputs and outputs of a log, by one method or all, and say what to believe
 #[derive(Debug, clap::Args)]

@@ -8,11 +8,11 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde_json::Value;
 
-use super::Out;
-use crate::file::write_atomic;
-use crate::registry::options;
-use crate::signal::excitation::by_name;
-use crate::time::SampleTime;
+use super::show::Out;
+use deadtime_signal::excitation::by_name;
+use deadtime_signal::file::write_atomic;
+use deadtime_signal::registry::options;
+use deadtime_signal::time::SampleTime;
 
 /// Make an excitation signal (ramps, impulse, step, RBS, PRBS, multisine, chirp, doublet, 3-2-1-1) as a CSV log
 #[derive(Debug, clap::Args)]

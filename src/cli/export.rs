@@ -3,14 +3,14 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::Out;
+use super::show::Out;
 use super::source::{Clock, Needed, Reading};
-use crate::diagnose::Diagnosis;
-use crate::export::{Source, Syntax, export};
-use crate::file::write_atomic;
-use crate::model::ModelDocument;
-use crate::registry::options;
-use crate::signal::stats;
+use deadtime_gap::Diagnosis;
+use deadtime_gap::export::{Source, Syntax, export};
+use deadtime_model::ModelDocument;
+use deadtime_signal::file::write_atomic;
+use deadtime_signal::registry::options;
+use deadtime_signal::stats;
 
 /// Hand a diagnosis over: ranges for domain randomisation, MuJoCo's fields, Isaac Lab's arguments, transfer functions with delay
 #[derive(Debug, clap::Args)]

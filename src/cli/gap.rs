@@ -2,18 +2,19 @@
 
 use std::path::PathBuf;
 
-use super::Out;
 use super::criteria::Thresholds;
 use super::progress::Bar;
+use super::show::Out;
 use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
-use crate::diagnose::{GapError, GapOptions, Mode, diagnose, isolability};
 use crate::error::Error;
-use crate::log::Log;
-use crate::model::CandidateEntry;
 use crate::report::diagnosis::{ranking, summary};
+use crate::report::folder::save;
 use crate::report::isolability::text as isolability_text;
-use crate::report::{save, terminal};
+use crate::report::terminal;
+use deadtime_gap::{GapError, GapOptions, Mode, diagnose, isolability};
+use deadtime_log::Log;
+use deadtime_model::CandidateEntry;
 
 /// Diagnose the gap between a model and logs of the real machine: where it lies, which unmodelled effect causes it, how far it shrinks
 #[derive(Debug, clap::Args)]
@@ -141,7 +142,7 @@ impl Gap {
         Ok(())
     }
     /// An error with the file that it stands in.
-    fn in_file(&self, error: crate::diagnose::Error) -> anyhow::Error {
+    fn in_file(&self, error: deadtime_gap::Error) -> anyhow::Error {
         let error = Error::from(error);
         match (&error, &self.model) {
             (Error::Gap(GapError::Nuisance { .. }), Some(path)) => anyhow::Error::from(error).context(path.display().to_string()),

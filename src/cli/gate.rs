@@ -4,10 +4,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-use super::{LimitNotMet, Out};
-use crate::file::write_atomic;
+use super::program::LimitNotMet;
+use super::show::Out;
 use crate::report::{gate, junit, speed};
-use crate::study::{self, Speed, SpeedGate, Study, Timings};
+use deadtime_signal::file::write_atomic;
+use deadtime_study as study;
+use deadtime_study::{Speed, SpeedGate, Study, Timings};
 
 /// Fail where a study is worse than its baseline, or benches are slower than before
 ///

@@ -6,21 +6,21 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
-use super::Out;
-use crate::delay::{IDENTIFIERS, METHODS, Method};
-use crate::diagnose::Criteria;
-use crate::effect;
-use crate::export::TARGETS;
-use crate::identify::response::RESPONSES;
-use crate::log::READERS;
-use crate::model::ModelDocument;
-use crate::model::c2d::CONVERSIONS;
-use crate::model::uav::Dynamics;
-use crate::registry::Entry;
+use super::show::Out;
 use crate::report::effects;
-use crate::signal::EXCITATIONS;
-use crate::simulate::System;
-use crate::study::{PLANS, PLANTS, Plan};
+use deadtime_delay::{IDENTIFIERS, METHODS, Method};
+use deadtime_gap::Criteria;
+use deadtime_gap::export::TARGETS;
+use deadtime_identify::response::RESPONSES;
+use deadtime_log::READERS;
+use deadtime_model::ModelDocument;
+use deadtime_model::c2d::CONVERSIONS;
+use deadtime_model::effect;
+use deadtime_model::simulate::System;
+use deadtime_model::uav::Dynamics;
+use deadtime_signal::EXCITATIONS;
+use deadtime_signal::registry::Entry;
+use deadtime_study::{PLANS, PLANTS, Plan};
 
 /// List the methods, identification methods, frequency response methods, effects, excitations, conversions, dynamics, plants, plans, readers of log files, targets of an export or thresholds of a diagnosis there are, with their options and
 /// defaults

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use super::Out;
 use super::progress::Bar;
+use super::show::Out;
 use super::source::Clock;
-use crate::log::open;
 use crate::report::log::text;
+use deadtime_log::open;
 
 /// List what a log holds: topics and channels with their rates, gaps, units and ranges, and the course of each
 #[derive(Debug, clap::Args)]

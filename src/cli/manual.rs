@@ -6,8 +6,9 @@ use anyhow::Context;
 use clap::CommandFactory;
 use clap_complete::Shell;
 
-use super::{Cli, Out};
-use crate::file::write_atomic;
+use super::program::Cli;
+use super::show::Out;
+use deadtime_signal::file::write_atomic;
 
 /// Print the completions of a shell
 #[derive(Debug, clap::Args)]

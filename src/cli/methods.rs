@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 
-use super::Out;
 use super::progress::Bar;
-use crate::delay::METHODS;
-use crate::file::write_atomic;
+use super::show::Out;
 use crate::report::methods::{errors, page};
-use crate::study::Common;
+use deadtime_delay::METHODS;
+use deadtime_signal::file::write_atomic;
+use deadtime_study::Common;
 
 /// Compare all methods: what each needs, what it cannot see, its time, and its error on a small study of known delays
 #[derive(Debug, clap::Args)]

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 
-use super::Out;
-use crate::file::write_atomic;
-use crate::log::{Log, read};
-use crate::model::ModelDocument;
+use super::show::Out;
+use deadtime_log::{Log, read};
+use deadtime_model::ModelDocument;
+use deadtime_signal::file::write_atomic;
 
 /// Model files
 #[derive(Debug, clap::Subcommand)]

@@ -5,9 +5,9 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::Out;
-use crate::progress::HowFar;
-use crate::text::shown;
+use super::show::Out;
+use deadtime_signal::progress::HowFar;
+use deadtime_signal::text::shown;
 
 /// Cells of the bar.
 const CELLS: f64 = 24.0;

@@ -2,15 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use super::Out;
 use super::progress::Bar;
+use super::show::Out;
 use super::source::{Needed, Reading};
-use crate::file::{component, write_atomic};
-use crate::identify::response::frequency_responses;
-use crate::log::Log;
-use crate::registry;
 use crate::report::page;
 use crate::report::response::{Report, csv};
+use deadtime_identify::response::frequency_responses;
+use deadtime_log::Log;
+use deadtime_signal::file::{component, write_atomic};
+use deadtime_signal::registry;
 
 /// Estimate frequency responses of logs without a model, with 95 % intervals and coherence; the table is what `deadtime estimate --frf` reads
 #[derive(Debug, clap::Args)]

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use crate::file::write_atomic;
 use crate::report::styled::Styled;
-use crate::text::printed;
+use deadtime_signal::file::write_atomic;
+use deadtime_signal::text::printed;
 
 /// When to colour what is printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
@@ -31,6 +31,13 @@ impl Color {
             Self::Auto => !set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|t| t != "dumb") && stdout().is_terminal(),
         }
     }
+}
+
+/// `println!` of what a command has to say: see [`Out::line`].
+macro_rules! say {
+    ($to:expr, $($text:tt)*) => {
+        $to.line(&format!($($text)*))?
+    };
 }
 
 /// Where a command's words go.

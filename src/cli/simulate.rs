@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 
-use super::Out;
 use super::progress::Bar;
+use super::show::Out;
 use super::source::Source;
-use crate::effect::{OnLog, Still, check_units};
-use crate::model::ModelDocument;
-use crate::simulate::Hold;
+use deadtime_model::ModelDocument;
+use deadtime_model::effect::{OnLog, Still, check_units};
+use deadtime_model::simulate::Hold;
 
 /// Simulate a model with its effects on the inputs of a log and write the response as a log; outputs that the log has are compared
 #[derive(Debug, clap::Args)]

@@ -6,13 +6,13 @@ use std::time::Duration;
 
 use anyhow::{Context, bail};
 
-use super::Out;
+use super::show::Out;
 use super::source::{Needed, Reading, See};
-use crate::diagnose::Subject;
-use crate::log::Log;
-use crate::model::{CandidateEntry, ModelDocument};
-use crate::simulate::process::{Children, Program, Talk};
-use crate::simulate::{Face, Port, Restart, Start, System};
+use deadtime_gap::Subject;
+use deadtime_log::Log;
+use deadtime_model::simulate::process::{Children, Program, Talk};
+use deadtime_model::simulate::{Face, Port, Restart, Start, System};
+use deadtime_model::{CandidateEntry, ModelDocument};
 
 /// The programs that run, for whoever ends this process: they are in process groups of their own.
 static RUNNING: LazyLock<Children> = LazyLock::new(Children::default);

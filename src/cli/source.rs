@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 
-use super::Out;
 use super::progress::Bar;
-use crate::log::{EventTimes, Log, ReadOptions, Recording, Stamps, TimeUnit, Wanted, csv, open, read_events, reader};
-use crate::model::{Derived, ModelDocument};
-use crate::progress::HowFar;
-use crate::time::SampleTime;
+use super::show::Out;
+use deadtime_log::{EventTimes, Log, ReadOptions, Recording, Stamps, TimeUnit, Wanted, csv, open, read_events, reader};
+use deadtime_model::{Derived, ModelDocument};
+use deadtime_signal::progress::HowFar;
+use deadtime_signal::time::SampleTime;
 
 /// Where the data come from.
 #[derive(Debug, clap::Args)]

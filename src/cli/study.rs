@@ -5,15 +5,15 @@ use std::time::Instant;
 
 use anyhow::bail;
 
-use super::Out;
 use super::progress::Bar;
-use crate::file::{component, write_atomic};
+use super::show::Out;
 use crate::report::bounds;
-use crate::report::save_study;
+use crate::report::folder::save_study;
 use crate::report::study::{full, text};
-use crate::stop::Stop;
-use crate::study::{Budget, Plan, Progress, Runner};
-use crate::text::message;
+use deadtime_signal::file::{component, write_atomic};
+use deadtime_signal::stop::Stop;
+use deadtime_signal::text::message;
+use deadtime_study::{Budget, Plan, Progress, Runner};
 
 /// Study how accurate methods are, on delays that were injected and so are known
 ///

@@ -8,14 +8,14 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use serde::Serialize;
 
-use super::Out;
+use super::show::Out;
 use super::source::Clock;
 use super::words::with_options;
-use crate::delay::track::{Live, LiveOptions, Told, TrackerOptions};
-use crate::diagnose::{ActingEffect, FoundParameter, GapOptions, GapTold, GapWatch};
-use crate::log::{Follower, News, Row, reader};
-use crate::model::ModelDocument;
-use crate::progress::HowFar;
+use deadtime_delay::track::{Live, LiveOptions, Told, TrackerOptions};
+use deadtime_gap::{ActingEffect, FoundParameter, GapOptions, GapTold, GapWatch};
+use deadtime_log::{Follower, News, Row, reader};
+use deadtime_model::ModelDocument;
+use deadtime_signal::progress::HowFar;
 
 /// Watch a log of text that grows, and print changes of the dead time, and of the gap to a model, as they come
 #[derive(Debug, clap::Args)]
@@ -191,16 +191,16 @@ impl Said<'_> {
                 let why = with_options(&error.to_string());
                 self.line(&Line::RowSkipped { why: &why })?;
                 if self.skipped <= NAMED {
-                    eprintln!("{}; skipped", crate::text::message(&why));
+                    eprintln!("{}; skipped", deadtime_signal::text::message(&why));
                 }
                 if self.skipped == NAMED {
-                    eprintln!("{}: more rows that are skipped are counted, not named", crate::text::shown(&self.log));
+                    eprintln!("{}: more rows that are skipped are counted, not named", deadtime_signal::text::shown(&self.log));
                 }
             }
-            News::Note(note) => eprintln!("{}", crate::text::message(&format!("{}: {note}", self.log))),
+            News::Note(note) => eprintln!("{}", deadtime_signal::text::message(&format!("{}: {note}", self.log))),
             News::Replaced => {
                 self.line(&Line::Replaced {})?;
-                eprintln!("{}: cut, or another file stands in its place: read from its beginning", crate::text::shown(&self.log));
+                eprintln!("{}: cut, or another file stands in its place: read from its beginning", deadtime_signal::text::shown(&self.log));
             }
             News::TimeBegins { row } => {
                 watched.live.restart();

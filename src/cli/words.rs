@@ -1,6 +1,6 @@
 //! What the library names, as options of the command line.
 
-use crate::delay::report::Report;
+use deadtime_delay::report::Report;
 
 /// Words of the library's messages, and the option that a reader of the command line has for each.
 const OPTIONS: [(&str, &str); 21] = [
@@ -51,8 +51,8 @@ pub(super) fn in_options(mut report: Report) -> Report {
 #[cfg(test)]
 mod tests {
     use super::with_options;
-    use crate::delay::DelayError;
-    use crate::log::{LogError, Place};
+    use deadtime_delay::DelayError;
+    use deadtime_log::{LogError, Place};
 
     #[test]
     fn a_remedy_names_the_option_that_is_typed() {

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::text::Table;
-use crate::blind::{BlindScore, Reliability, SCORES, Score};
+use deadtime_study::blind::{BlindScore, Reliability, SCORES, Score};
 
 /// The scores that tables of parts show.
 const COLUMNS: [&str; 9] =

@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 
 use super::escape::escape;
 use super::study::over_bound;
-use crate::delay::{Class, METHODS};
-use crate::signal::stats;
-use crate::study::{Cell, Plan, Shown, Study};
+use deadtime_delay::{Class, METHODS};
+use deadtime_signal::stats;
+use deadtime_study::{Cell, Plan, Shown, Study};
 
 /// Left of a panel, its width and height, and the room between two.
 const LEFT: f64 = 70.0;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::diagnose::{Check, Inspection};
+use deadtime_gap::{Check, Inspection};
 
 /// What `deadtime check` says: the logs and what is wrong with them, then every check, what needs a look first.
 #[must_use]

@@ -4,8 +4,8 @@ use super::diagnosis::percent;
 use super::study::{number, share, time};
 use super::styled::{WIDTH, wrapped};
 use super::text::{Table, estimate};
-use crate::compare::{CauseRow, Diagnoses, MethodRow, ParameterRow, Part, Studies, Value};
-use crate::diagnose::{Mode, Strength};
+use deadtime_gap::{Mode, Strength};
+use deadtime_study::compare::{CauseRow, Diagnoses, MethodRow, ParameterRow, Part, Studies, Value};
 
 /// Names that a sentence lists.
 const NAMED: usize = 6;

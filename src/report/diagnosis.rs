@@ -1,11 +1,11 @@
 //! The diagnosis in plain sentences.
 
-use crate::diagnose::{
+use super::text::{Table, estimate};
+use deadtime_gap::{
     CheckKind, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter, HorizonError, Mode, NuisanceEstimate, RankedPair,
     RankingRow, Recalibration, Share, Strength,
 };
-use crate::report::text::{Table, estimate};
-use crate::text::plus_minus;
+use deadtime_signal::text::plus_minus;
 
 /// First, what the checks say of signs, axes, units and clocks where one fails: no dynamics has to be named for what a remedy at the log or the model settles.
 /// Five sentences: how big the gap is, where it sits, what causes it and how sure that is, what else it could be, how far it shrinks; and one more where

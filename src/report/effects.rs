@@ -4,8 +4,8 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::text::Table;
-use crate::effect::{Applied, Line, Parameter, Site};
-use crate::simulate::System;
+use deadtime_model::effect::{Applied, Line, Parameter, Site};
+use deadtime_model::simulate::System;
 
 /// A parameter as data; a limit that does not act is null.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -3,9 +3,9 @@
 use std::fmt::Write;
 
 use super::text::{Table, delay, delay_cells, deviation, seconds};
-use crate::delay::report::{Bias, Estimate, Pair, Report, Searched};
-use crate::delay::track::Tracked;
-use crate::delay::{DelayQuantile, Jitter, Outcome};
+use deadtime_delay::report::{Bias, Estimate, Pair, Report, Searched};
+use deadtime_delay::track::Tracked;
+use deadtime_delay::{DelayQuantile, Jitter, Outcome};
 
 /// How long single events take: `Of 400 events 50 % take 0.128 s or less (0.124 to 0.132 s), …`.
 pub(super) fn single_events(jitter: &Jitter, step_s: f64) -> String {
@@ -68,7 +68,7 @@ pub fn preamble(report: &Report) -> String {
     }
 }
 
-/// Every method with every number, as wide as it comes; [`super::terminal::short`] is for reading.
+/// Every method with every number, as wide as it comes; [`crate::report::terminal::delay::short`] is for reading.
 #[must_use]
 pub fn full(report: &Report) -> String {
     let mut text = preamble(report) + "\n";

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use super::page;
-use crate::diagnose::Diagnosed;
+use super::study;
 use crate::error::Result;
-use crate::file::write_atomic;
-use crate::report::study;
-use crate::study::{Plan, Study};
+use deadtime_gap::Diagnosed;
+use deadtime_signal::file::write_atomic;
+use deadtime_study::{Plan, Study};
 
 /// Writes diagnosis.json, report.html and, where there is a model file, `model_with_effects.toml` into a folder; the names of what was written.
 ///

@@ -3,7 +3,7 @@
 use super::study::{number, share};
 use super::styled::wrapped;
 use super::text::Table;
-use crate::study::{Finding, GateGroup, GateReport, Measured};
+use deadtime_study::{Finding, GateGroup, GateReport, Measured};
 
 /// Columns that the text keeps to.
 const WIDE: usize = 100;

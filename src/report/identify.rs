@@ -3,8 +3,8 @@
 use serde_json::{Value, json};
 
 use super::text::{Table, estimate};
-use crate::identify::Parametric;
-use crate::identify::subspace::{Fit, Identified, OutputCheck, Response, Root, Test};
+use deadtime_identify::Parametric;
+use deadtime_identify::subspace::{Fit, Identified, OutputCheck, Response, Root, Test};
 
 /// Frequencies of every response.
 pub(super) const FREQUENCIES: usize = 40;
@@ -31,8 +31,8 @@ impl Report<'_> {
     /// `deadtime/identify@1`.
     ///
     /// # Errors
-    /// [`crate::model::ModelError`] where the responses cannot be had.
-    pub fn data(&self) -> Result<Value, crate::model::ModelError> {
+    /// [`deadtime_model::ModelError`] where the responses cannot be had.
+    pub fn data(&self) -> Result<Value, deadtime_model::ModelError> {
         let m = self.model;
         let responses: Vec<Response> = m.responses(self.delays, FREQUENCIES)?;
         let rows = |m: &nalgebra::DMatrix<f64>| m.row_iter().map(|r| r.iter().copied().collect::<Vec<_>>()).collect::<Vec<_>>();

@@ -2,7 +2,7 @@
 
 use super::styled::{WIDTH, wrapped};
 use super::text::Table;
-use crate::diagnose::{Isolability, Size};
+use deadtime_gap::{Isolability, Size};
 
 /// Every effect with the smallest size that would be seen and its closest rival, then the groups that look alike.
 #[must_use]

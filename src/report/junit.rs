@@ -1,7 +1,7 @@
 //! What a gate found, as JUnit XML: one test suite per grid and place, one test case per method.
 
 use super::gate::{headline, line};
-use crate::study::{Finding, GateGroup, GateReport};
+use deadtime_study::{Finding, GateGroup, GateReport};
 
 /// The whole file.
 #[must_use]

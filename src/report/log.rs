@@ -1,7 +1,7 @@
 //! The listing of a log for a terminal.
 
 use super::text::Table;
-use crate::log::{ChannelListing, Listing, TopicListing};
+use deadtime_log::{ChannelListing, Listing, TopicListing};
 
 /// Eighths of a line's height.
 const BLOCKS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];

@@ -2,8 +2,8 @@
 
 use super::structured::{digits, fitted, not_had, standing};
 use super::text::Table;
-use crate::identify::matching::{Gain, Matched};
-use crate::identify::structured::Standing;
+use deadtime_identify::matching::{Gain, Matched};
+use deadtime_identify::structured::Standing;
 
 /// Parameters with intervals, how near the responses came, and what cannot be had.
 #[must_use]

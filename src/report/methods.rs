@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use super::estimate::run_time;
 use super::text::Table;
-use crate::delay::{Class, Condition, Law, METHODS, ReferenceExperiment};
-use crate::study::{Common, CommonScore as Score, MethodRow};
+use deadtime_delay::{Class, Condition, Law, METHODS, ReferenceExperiment};
+use deadtime_study::{Common, CommonScore as Score, MethodRow};
 
 /// Errors and times, class by class.
 #[must_use]

@@ -9,7 +9,7 @@ pub mod diagnosis;
 pub mod effects;
 mod escape;
 pub mod estimate;
-mod folder;
+pub(crate) mod folder;
 pub mod gate;
 pub mod identify;
 pub mod isolability;

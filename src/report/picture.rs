@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::chart::{Panel, ticks};
 use super::escape::escape;
 use super::estimate::A_HANDFUL;
-use crate::delay::report::{Estimate, Pair, Response};
+use deadtime_delay::report::{Estimate, Pair, Response};
 
 /// One pair's part of the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -159,8 +159,8 @@ fn impulse(svg: &mut String, response: &Response, axis: Axis, sample_time_s: f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::delay::report::Estimate;
-    use crate::delay::{DelayEstimate, Grounds, Outcome, Verdict};
+    use deadtime_delay::report::Estimate;
+    use deadtime_delay::{DelayEstimate, Grounds, Outcome, Verdict};
 
     #[test]
     fn every_method_and_every_kind_of_answer_is_drawn() {
@@ -180,7 +180,7 @@ mod tests {
             estimates: ["oestruc", "arxstruc"]
                 .iter()
                 .zip([&found, &none])
-                .map(|(name, e)| Estimate::new(crate::delay::method(name).unwrap(), e, None, 0.0, &[]))
+                .map(|(name, e)| Estimate::new(deadtime_delay::method(name).unwrap(), e, None, 0.0, &[]))
                 .collect(),
             verdict: Verdict {
                 delay_s: Some(0.2),

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::identify::seconds;
 use super::text::Table;
-use crate::identify::response::{Point, Responses};
+use deadtime_identify::response::{Point, Responses};
 
 /// Rows of a table for people.
 const ROWS: usize = 16;

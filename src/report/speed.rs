@@ -3,7 +3,7 @@
 use super::junit::escaped;
 use super::study::{number, time};
 use super::text::Table;
-use crate::study::{Speed, SpeedReport, Timed};
+use deadtime_study::{Speed, SpeedReport, Timed};
 
 /// One sentence: what was compared, and whether anything is slower.
 #[must_use]
@@ -91,7 +91,7 @@ pub fn junit(report: &SpeedReport) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::{SpeedGate, TimedPair, Timings};
+    use deadtime_study::{SpeedGate, TimedPair, Timings};
 
     #[test]
     fn every_format_names_the_slower_bench_with_its_numbers() {

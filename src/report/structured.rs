@@ -1,8 +1,8 @@
 //! A structured fit as text.
 
 use super::text::{Table, estimate};
-use crate::identify::structured::{GroupScore, Standing, StructuredFit, Unseen};
-use crate::signal::stats::NORMAL_95;
+use deadtime_identify::structured::{GroupScore, Standing, StructuredFit, Unseen};
+use deadtime_signal::stats::NORMAL_95;
 
 /// Horizons that a table shows.
 fn shown(horizon: usize) -> Vec<usize> {

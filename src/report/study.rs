@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use super::styled::wrapped;
 use super::text::Table;
-use crate::signal::stats;
-use crate::study::{Cell, Delay, Grid, Layout, Measure, Plan, Score, Shown, Standing, Statistic, Study, Which};
-use crate::text::markdown;
+use deadtime_signal::stats;
+use deadtime_signal::text::markdown;
+use deadtime_study::{Cell, Delay, Grid, Layout, Measure, Plan, Score, Shown, Standing, Statistic, Study, Which};
 
 /// How one number of a table is shown.
 pub(super) fn number(value: Option<f64>) -> String {

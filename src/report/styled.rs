@@ -2,7 +2,7 @@
 
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
-use crate::text::printed;
+use deadtime_signal::text::printed;
 
 /// Columns that fit every terminal.
 pub const WIDTH: usize = 80;

@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::escape::escape;
 use super::styled::{cell, columns, wrapped};
-use crate::text::{markdown, shown};
+use deadtime_signal::text::{markdown, shown};
 
 /// A table with columns as wide as their widest cell; the first column is flush left, the others right.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

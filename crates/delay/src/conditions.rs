@@ -1,7 +1,10 @@
 //! What makes one method trustworthy on a record and another not: feedback, an unstable plant, coloured noise, a plant with a lag of its own, missing samples.
 
+use super::estimator::Search;
+use super::experiment::Experiment;
 use super::feedback::{in_loop, lags, residual};
-use super::{Arxstruc, Condition, Experiment, Search};
+use super::method::Condition;
+use crate::parametric::arxstruc::Arxstruc;
 use deadtime_identify::{Record, Regression, arx_scan, largest_pole};
 
 /// A complication that a record shows, and what shows it.

@@ -1,6 +1,6 @@
 //! What an estimator answers.
 
-use super::process::Misfit;
+use crate::process::orders::Misfit;
 use deadtime_signal::time::SampleTime;
 
 /// What came of an estimation.
@@ -71,7 +71,7 @@ pub struct DelayEstimate {
     pub misfit: Option<Box<Misfit>>,
     /// The record, of one step or of several inputs, shows no more poles than the method's model has.
     pub enough_poles: bool,
-    /// It was read from the part of the input that the output did not cause ([`super::open_part`]).
+    /// It was read from the part of the input that the output did not cause ([`super::feedback::open_part`]).
     pub open_part: bool,
 }
 

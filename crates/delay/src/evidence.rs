@@ -5,12 +5,15 @@
 
 use nalgebra::Complex;
 
-use super::correlation::{Centred, alike, hannan_thomson, segment_length};
-use super::parametric::Arxstruc;
+use super::correlation::hannan_thomson;
+use super::error::Result;
+use super::experiment::{Detrend, Experiment};
 use super::posterior::posterior_of_start;
 use super::report::Response;
-use super::{Detrend, Experiment, Record, Threshold};
-use crate::error::Result;
+use crate::correlation::generalised::{Centred, alike, segment_length};
+use crate::parametric::arxstruc::Arxstruc;
+use crate::threshold::impulse::Threshold;
+use deadtime_identify::Record;
 use deadtime_identify::{arx_scan, fir};
 use deadtime_log::Log;
 use deadtime_signal::correlation;

@@ -2,8 +2,10 @@
 
 use std::borrow::Cow;
 
-use super::events::check_times;
-use super::{DelayError, Events, Record};
+use super::error::DelayError;
+use crate::events::offsets::Events;
+use crate::events::offsets::check_times;
+use deadtime_identify::Record;
 use deadtime_log::Log;
 use deadtime_model::{Continuous, Sampled, StateSpace};
 use deadtime_signal::stats;
@@ -375,7 +377,7 @@ impl<'a> Experiment<'a> {
     /// # Errors
     /// [`deadtime_log::LogError`] for an unknown channel, a missing input sample or an uneven grid; [`deadtime_signal::time::TimeError::Mismatch`] for logs of different sample times;
     /// as [`Experiment::new`].
-    pub fn from_logs(logs: &'a [Log], inputs: &[String], outputs: &[String]) -> crate::Result<Self> {
+    pub fn from_logs(logs: &'a [Log], inputs: &[String], outputs: &[String]) -> super::error::Result<Self> {
         let (sample_time, recordings) = recordings(logs, inputs, outputs)?;
         Ok(Self::new(sample_time, inputs.to_vec(), outputs.to_vec(), recordings)?)
     }
@@ -413,7 +415,11 @@ impl<'a> Experiment<'a> {
 }
 
 /// The channels of logs as they were logged, unchecked, and their sample time.
-pub(super) fn recordings<'a>(logs: &'a [Log], inputs: &[String], outputs: &[String]) -> crate::Result<(SampleTime, Vec<Recording<'a>>)> {
+pub(super) fn recordings<'a>(
+    logs: &'a [Log],
+    inputs: &[String],
+    outputs: &[String],
+) -> super::error::Result<(SampleTime, Vec<Recording<'a>>)> {
     let mut sample_time: Option<SampleTime> = None;
     let mut recordings = Vec::with_capacity(logs.len());
     for log in logs {

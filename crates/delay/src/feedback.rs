@@ -4,7 +4,9 @@ use std::borrow::Cow;
 
 use statrs::function::beta::checked_beta_reg;
 
-use super::{Arxstruc, Condition, Finding};
+use super::conditions::Finding;
+use super::method::Condition;
+use crate::parametric::arxstruc::Arxstruc;
 use deadtime_identify::{Record, Regression};
 
 /// Coefficients of the response that noise colour and feedback are judged beyond; as many as the threshold methods estimate.

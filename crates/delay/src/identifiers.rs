@@ -1,6 +1,6 @@
 //! Every method that makes a model of records: states by subspace methods, transfer functions, process models.
 
-use super::process::ProcessFit;
+use crate::process::identified::ProcessFit;
 use deadtime_identify::subspace::{IdentifierLine, MOESP, N4SID, PBSIDOPT};
 use deadtime_identify::{Identifier, Riv};
 use deadtime_signal::registry::{RegistryError, entry};

@@ -8,23 +8,35 @@ use rayon::prelude::*;
 use serde_json::Value;
 
 use super::conditions::of_the_plant;
+use super::conditions::{Finding, moving_together, standing_off};
+use super::error::DelayError;
+use super::error::Result;
+use super::estimate::{DelayEstimate, Outcome};
+use super::estimator::{DelayEstimator, Search};
 use super::evidence::{Evidence, evidence, impulse_response};
 use super::experiment::recordings;
-use super::process::{Measured, Shares, judge_orders, rough};
+use super::experiment::{Detrend, Experiment, PlantModel, Recording, Series};
+use super::feedback::{InLoop, held_for, in_loop, lead, open_part};
+use super::method::{Condition, Information, Method, Scope, Start};
+use super::methods::METHODS;
 use super::report::{Bias, Estimate, FORMAT, Pair, Report, Response, Searched};
+use super::richness::{Richness, richness};
 use super::verdict::EXPERIMENT;
-use super::{
-    Condition, DelayError, DelayEstimate, DelayEstimator, Detrend, Events, Experiment, Finding, Grounds, InLoop, Information, Jitter,
-    METHODS, Method, Outcome, PlantModel, Record, RecordFacts, Recording, Richness, Scope, Search, Series, Start, Verdict, distrust,
-    held_for, in_loop, lead, moving_together, open_part, richness, standing_off, verdict, watched,
-};
-use crate::error::Result;
+use super::verdict::{Grounds, RecordFacts, Verdict, distrust, verdict};
+use super::watched;
+use crate::events::jitter::Jitter;
+use crate::events::offsets::Events;
+use crate::process::family::rough;
+use crate::process::orders::judge_orders;
+use crate::process::shares::{Measured, Shares};
+use deadtime_identify::Record;
 use deadtime_log::{EventTimes, Log};
 use deadtime_model::c2d::{Conversion, ZeroOrderHold};
 use deadtime_model::{ModelFile, Operating, Sampled, StateSpace};
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::registry::RegistryError;
-use deadtime_signal::stats::{self, NORMAL_95};
+use deadtime_signal::stats;
+use deadtime_signal::stats::NORMAL_95;
 use deadtime_signal::stop::Stop;
 use deadtime_signal::time::SampleTime;
 
@@ -155,7 +167,7 @@ impl Job {
     /// Estimates every pair by every method.
     ///
     /// # Errors
-    /// What the channels, the model or a typed option cannot be used for; [`crate::Error::Stopped`]. What a method cannot do with the data is its answer.
+    /// What the channels, the model or a typed option cannot be used for; [`super::error::Error::Stopped`]. What a method cannot do with the data is its answer.
     pub fn run(&self) -> Result<Report> {
         let (logged, search, bias) = self.prepared()?;
         let ts = logged.sample_time();
@@ -651,7 +663,7 @@ impl EventsJob {
     /// Estimates the delay by every method.
     ///
     /// # Errors
-    /// [`DelayError::OneEvent`], [`DelayError::Intervals`], [`DelayError::NoWindow`], [`deadtime_signal::time::TimeError`]; [`crate::Error::Stopped`]. What a method cannot do with the
+    /// [`DelayError::OneEvent`], [`DelayError::Intervals`], [`DelayError::NoWindow`], [`deadtime_signal::time::TimeError`]; [`super::error::Error::Stopped`]. What a method cannot do with the
     /// events is its answer.
     pub fn run(&self) -> Result<Report> {
         let Self { name, channels: [a, b], events: [first, second], methods, max_delay_s, stop } = self;
@@ -758,10 +770,12 @@ const TOLD_APART: f64 = 3.0;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Error;
+    use crate::error::Error;
     use deadtime_log::Channel;
-    use deadtime_signal::{Excitation, excitation::Rbs};
-    use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+    use deadtime_signal::Excitation;
+    use deadtime_signal::excitation::Rbs;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::SeedableRng;
 
     fn experiment(samples: usize) -> Experiment<'static> {
         let u = Rbs::default().generate(samples, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();

@@ -6,6 +6,7 @@ mod conditions;
 mod correlation;
 mod error;
 mod estimate;
+mod estimator;
 mod events;
 mod evidence;
 mod experiment;
@@ -16,6 +17,7 @@ mod identifiers;
 mod job;
 mod laguerre;
 mod method;
+mod methods;
 mod parametric;
 mod posterior;
 mod process;
@@ -29,196 +31,68 @@ pub mod track;
 mod verdict;
 mod watched;
 
-pub use area::{Area1, Area2, Area3, Moment};
+pub use crate::area::area1::Area1;
+pub use crate::area::area2::Area2;
+pub use crate::area::area3::Area3;
+pub use crate::area::moment::Moment;
+pub use crate::correlation::crosscorr::Crosscorr;
+pub use crate::correlation::eckart::GccEckart;
+pub use crate::correlation::hannan_thomson::GccHannanThomson;
+pub use crate::correlation::phat::GccPhat;
+pub use crate::correlation::roth::GccRoth;
+pub use crate::correlation::scot::GccScot;
+pub use crate::events::average_delay_difference::EventAverageDifference;
+pub use crate::events::delay_variance::EventDelayVariance;
+pub use crate::events::interval_correlation::EventCorrelation;
+pub use crate::events::jitter::{DelayQuantile, Jitter};
+pub use crate::events::offsets::{Events, Units};
+pub use crate::events::quadratic_delay_difference::EventQuadraticDifference;
+pub use crate::events::variance_delay_difference::EventVarianceDifference;
+pub use crate::frequency::arxdap::Arxdap;
+pub use crate::frequency::firdap::Firdap;
+pub use crate::frequency::oedap::Oedap;
+pub use crate::frequency::phase_slope::PhaseSlope;
+pub use crate::higher_order::bispectrum::Bispectrum;
+pub use crate::laguerre::fischer::Fischer;
+pub use crate::laguerre::lagudap::Lagudap;
+pub use crate::parametric::armaxstruc::Armaxstruc;
+pub use crate::parametric::arxstruc::{Arxstruc, Others};
+pub use crate::parametric::delayest::Delayest;
+pub use crate::parametric::elnaggar::{Cost, Elnaggar};
+pub use crate::parametric::ivstruc::Ivstruc;
+pub use crate::parametric::met1struc::Met1struc;
+pub use crate::parametric::oe_posterior::{Center, OePosterior};
+pub use crate::parametric::oestruc::Oestruc;
+pub use crate::parametric::sampling_zero::SamplingZero;
+pub use crate::parametric::two_step::TwoStep;
+pub use crate::process::family::{P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process};
+pub use crate::process::identified::{Beginning, ProcessFit, ProcessOptions};
+pub use crate::process::model::{ProcessModel, Slopes};
+pub use crate::process::orders::Misfit;
+pub use crate::response::bode::BodePhase;
+pub use crate::response::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch};
+pub use crate::response::job::ResponseJob;
+pub use crate::response::methods::RESPONSE_METHODS;
+pub use crate::response::rational::Rational;
+pub use crate::states::state_least_squares::{Coefficients, Selection, StateLeastSquares};
+pub use crate::threshold::cusum::Cusum;
+pub use crate::threshold::cusum_step::CusumStep;
+pub use crate::threshold::impulse::Threshold;
+pub use crate::threshold::impulseest::Impulseest;
+pub use crate::threshold::response::{Prewindow, Records};
+pub use crate::threshold::step::Step;
 pub use conditions::{Finding, conditions, moving_together, standing_off};
-pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot};
+pub use deadtime_identify::{Initial, Record};
 pub use error::{DelayError, Error, Result};
 pub use estimate::{DelayEstimate, Outcome};
-pub use events::{
-    DelayQuantile, EventAverageDifference, EventCorrelation, EventDelayVariance, EventQuadraticDifference, EventVarianceDifference, Events,
-    Jitter, Units,
-};
+pub use estimator::{DelayEstimator, Search};
 pub use evidence::{Correlated, Evidence, Phase, Scan, evidence, impulse_response};
 pub use experiment::{Detrend, Experiment, PlantModel, Recording, Series};
 pub use feedback::{InLoop, held_for, in_loop, lead, open_part};
-pub use frequency::{Arxdap, Firdap, Oedap, PhaseSlope};
-pub use higher_order::Bispectrum;
 pub use identifiers::{IDENTIFIERS, identifier};
 pub use job::{EventsJob, Expected, Feedback, Job, Ready, STEP_METHODS, chosen};
-pub use laguerre::{Fischer, Lagudap};
 pub use method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start, method};
-pub use parametric::{
-    Armaxstruc, Arxstruc, Center, Cost, Delayest, Elnaggar, Ivstruc, Met1struc, OePosterior, Oestruc, Others, SamplingZero, TwoStep,
-};
-pub use process::{Beginning, Misfit, P1d, P1dz, P2d, P2dz, P3d, P3dz, Poles, Process, ProcessFit, ProcessModel, ProcessOptions, Slopes};
-pub use response::{BodePhase, RESPONSE_METHODS, Rational, ResponseEstimator, ResponseJob, ResponseMethod, ResponseSearch};
+pub use methods::METHODS;
 pub use richness::{Richness, richness};
-pub use states::{Coefficients, Selection, StateLeastSquares};
 pub use taken_out::{BehindDelays, TakenOut, identify_behind_delays};
-pub use threshold::{Cusum, CusumStep, Impulseest, Prewindow, Records, Step, Threshold};
 pub use verdict::{Grounds, RecordFacts, Said, Verdict, distrust, verdict};
-
-pub use deadtime_identify::{Initial, Record};
-
-use deadtime_signal::stop::Stop;
-
-/// How far to search, and what to take off the answer.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Search {
-    /// Shortest raw delay searched, samples; default 0. Under feedback of the same sample it must be 1 or more (and the plant strictly proper): what the
-    /// controller made of the output's noise would pass for an answer within the sample.
-    pub min_delay: usize,
-    /// Longest delay searched, samples; default 35. When the answer is the longest, the window doubles once.
-    pub max_delay: usize,
-    /// Samples that a delay-free plant already needs to respond (its relative degree), by output and input; pairs beyond the table take `default_bias`.
-    pub bias: Vec<Vec<usize>>,
-    /// The bias of every other pair; default 1, a strictly proper plant behind a zero-order hold.
-    pub default_bias: usize,
-    /// Looked at between pairs and inside long scans; default: never stops.
-    pub stop: Stop,
-}
-
-impl Default for Search {
-    fn default() -> Self {
-        Self { min_delay: 0, max_delay: 35, bias: Vec::new(), default_bias: 1, stop: Stop::default() }
-    }
-}
-
-impl Search {
-    /// Goes on, unless the work is no longer wanted.
-    fn go_on(&self) -> Result<(), DelayError> {
-        if self.stop.is_set() { Err(DelayError::Stopped) } else { Ok(()) }
-    }
-
-    /// Samples by which the input is given later, so that shorter delays are out of reach.
-    fn skip(&self) -> usize {
-        self.min_delay.min(self.max_delay.saturating_sub(1))
-    }
-
-    fn bias(&self, input: usize, output: usize) -> usize {
-        self.bias.get(output).and_then(|row| row.get(input)).copied().unwrap_or(self.default_bias)
-    }
-
-    /// The same search with the biases of one pair, of `inputs` inputs, in the order of [`Experiment::towards`].
-    #[must_use]
-    pub fn towards(&self, input: usize, output: usize, inputs: usize) -> Self {
-        let order = std::iter::once(input).chain((0..inputs).filter(|other| *other != input));
-        Self { bias: vec![order.map(|i| self.bias(i, output)).collect()], ..self.clone() }
-    }
-}
-
-/// An estimator; the implementor is its option struct.
-pub trait DelayEstimator: Send + Sync {
-    /// The delay from the experiment's first input to its first output, or between its two sequences of events; see [`Experiment::select`] and
-    /// [`Experiment::towards`] for the other pairs.
-    ///
-    /// # Errors
-    /// [`DelayError`] where the data cannot be used at all; what the data do not show is an [`Outcome`].
-    fn estimate(&self, experiment: &Experiment<'_>, search: &Search) -> Result<DelayEstimate, DelayError>;
-
-    /// The delays of all inputs of a method that finds them together; of any other method that of the first.
-    ///
-    /// # Errors
-    /// As [`DelayEstimator::estimate`].
-    fn estimate_inputs(&self, experiment: &Experiment<'_>, search: &Search) -> Result<Vec<DelayEstimate>, DelayError> {
-        Ok(vec![self.estimate(experiment, search)?])
-    }
-
-    /// It treats the other inputs of the experiment as further causes of the output, rather than as noise.
-    fn is_joint(&self) -> bool {
-        false
-    }
-}
-
-/// Runs `method` on the records of the first pair, with the window doubled once where its answer is the longest delay searched.
-fn one_pair(
-    experiment: &Experiment<'_>,
-    search: &Search,
-    method: impl Fn(&[Record<'_>], usize, usize) -> Result<DelayEstimate, DelayError>,
-) -> Result<DelayEstimate, DelayError> {
-    search.go_on()?;
-    let (skip, logged) = (search.skip(), experiment.pair(0, 0)?);
-    let records: Vec<Record<'_>> = logged.iter().map(|r| r.ahead(skip)).collect();
-    let bias = search.bias(0, 0);
-    let mut estimate = method(&records, search.max_delay - skip, bias)?;
-    search.go_on()?;
-    if estimate.outcome == Outcome::AtEdge
-        // A record too short for the wider window leaves the answer at the edge of the narrow one.
-        && let Ok(wider) = method(&records, 2 * search.max_delay - skip, bias)
-    {
-        estimate = wider;
-    }
-    search.go_on()?;
-    Ok(estimate.finished(experiment.sample_time().to_seconds(skip as f64)))
-}
-
-/// Runs `method` on all inputs of the first output together, records and bias by input, with the window doubled once where an answer is the longest delay searched.
-fn joint_inputs(
-    experiment: &Experiment<'_>,
-    search: &Search,
-    method: impl Fn(&[Vec<Record<'_>>], usize, &[usize]) -> Result<Vec<DelayEstimate>, DelayError>,
-) -> Result<Vec<DelayEstimate>, DelayError> {
-    search.go_on()?;
-    let skip = search.skip();
-    let logged = (0..experiment.inputs().len()).map(|input| experiment.pair(input, 0)).collect::<Result<Vec<_>, _>>()?;
-    let inputs: Vec<Vec<Record<'_>>> = logged.iter().map(|records| records.iter().map(|r| r.ahead(skip)).collect()).collect();
-    let bias: Vec<usize> = (0..inputs.len()).map(|input| search.bias(input, 0)).collect();
-    let mut estimates = method(&inputs, search.max_delay - skip, &bias)?;
-    search.go_on()?;
-    if estimates.iter().any(|e| e.outcome == Outcome::AtEdge)
-        && let Ok(wider) = method(&inputs, 2 * search.max_delay - skip, &bias)
-    {
-        estimates = wider;
-    }
-    search.go_on()?;
-    let moved_s = experiment.sample_time().to_seconds(skip as f64);
-    Ok(estimates.into_iter().map(|e| e.finished(moved_s)).collect())
-}
-
-/// Every estimator, within a class the most trusted first.
-pub const METHODS: &[Method] = &[
-    parametric::oestruc::METHOD,
-    parametric::armaxstruc::METHOD,
-    parametric::ivstruc::METHOD,
-    parametric::arxstruc::METHOD,
-    parametric::met1struc::METHOD,
-    parametric::oe_posterior::METHOD,
-    parametric::two_step::METHOD,
-    parametric::sampling_zero::METHOD,
-    parametric::delayest::METHOD,
-    parametric::elnaggar::METHOD,
-    process::P2D,
-    process::P1D,
-    process::P3D,
-    process::P2DZ,
-    process::P1DZ,
-    process::P3DZ,
-    threshold::impulse::METHOD,
-    threshold::impulseest::METHOD,
-    threshold::cusum::METHOD,
-    threshold::step::METHOD,
-    threshold::cusum_step::METHOD,
-    correlation::hannan_thomson::METHOD,
-    correlation::scot::METHOD,
-    correlation::crosscorr::METHOD,
-    correlation::eckart::METHOD,
-    correlation::phat::METHOD,
-    correlation::roth::METHOD,
-    frequency::oedap::METHOD,
-    frequency::arxdap::METHOD,
-    frequency::firdap::METHOD,
-    frequency::phase_slope::METHOD,
-    higher_order::bispectrum::METHOD,
-    laguerre::lagudap::METHOD,
-    laguerre::fischer::METHOD,
-    area::area1::METHOD,
-    area::area3::METHOD,
-    area::area2::METHOD,
-    area::moment::METHOD,
-    states::state_least_squares::METHOD,
-    events::average_delay_difference::METHOD,
-    events::interval_correlation::METHOD,
-    events::quadratic_delay_difference::METHOD,
-    events::variance_delay_difference::METHOD,
-    events::delay_variance::METHOD,
-];

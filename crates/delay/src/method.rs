@@ -1,6 +1,6 @@
 //! What the list of methods says of each: its class, what it needs, what it promises, and where it still holds.
 
-use super::DelayEstimator;
+use super::estimator::DelayEstimator;
 use deadtime_signal::registry::Entry;
 
 /// Methods that see a record alike, and so err alike: each class has one vote in a verdict.
@@ -152,7 +152,7 @@ impl Condition {
     }
 }
 
-/// What the data can know of the delay, for the standard deviation that is predicted before estimating ([`super::richness`]).
+/// What the data can know of the delay, for the standard deviation that is predicted before estimating ([`super::richness::richness`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Information {
     /// Both channels are noisy copies of one signal: the two-sensor bound.
@@ -261,5 +261,5 @@ impl Method {
 /// The method called `name`.
 #[must_use]
 pub fn method(name: &str) -> Option<&'static Method> {
-    super::METHODS.iter().find(|m| m.entry.name == name)
+    super::methods::METHODS.iter().find(|m| m.entry.name == name)
 }

@@ -1,6 +1,6 @@
 //! From the losses of a scan over delays to a probability of each: p(nk) ∝ V(nk)^(−N/2).
 
-use super::Arxstruc;
+use crate::parametric::arxstruc::Arxstruc;
 use deadtime_identify::{ArxScan, Record, arx_scan};
 
 /// What the losses say.
@@ -164,7 +164,7 @@ pub(super) fn unseen_by(scan: &ArxScan, nb: usize) -> Option<String> {
         .then(|| format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input"))
 }
 
-/// The same for methods that have no test of their own: the orders are those of [`super::Arxstruc`], fewer where the record is too short for them.
+/// The same for methods that have no test of their own: the orders are those of [`crate::parametric::arxstruc::Arxstruc`], fewer where the record is too short for them.
 pub(super) fn unseen(records: &[Record], max_delay: usize) -> Option<String> {
     let longest = records.iter().map(Record::len).max().unwrap_or(0);
     let Arxstruc { na, nb, .. } = Arxstruc::default();

@@ -2,8 +2,13 @@
 
 use serde::Serialize;
 
-use super::track::{Moving, Tracked};
-use super::{Class, Condition, DelayEstimate, Finding, Jitter, Method, Outcome, ResponseMethod, Verdict, distrust};
+use super::conditions::Finding;
+use super::estimate::{DelayEstimate, Outcome};
+use super::method::{Class, Condition, Method};
+use super::verdict::{Verdict, distrust};
+use crate::events::jitter::Jitter;
+use crate::response::estimator::ResponseMethod;
+use crate::track::answer::{Moving, Tracked};
 
 /// One method's answer, as the file has it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -25,7 +30,7 @@ pub struct Estimate {
     pub degree_bias_samples: f64,
     /// What a reader must know besides.
     pub note: Option<String>,
-    /// The standard deviation that was to be expected of the method before it ran, s ([`crate::richness`]).
+    /// The standard deviation that was to be expected of the method before it ran, s ([`super::richness::richness`]).
     pub predicted_std_s: Option<f64>,
     /// Run time, s.
     pub time_s: f64,

@@ -5,9 +5,14 @@
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
+use super::error::DelayError;
+use super::estimator::Search;
+use super::experiment::Experiment;
 use super::method::WHOLE;
-use super::process::{Rough, rough};
-use super::{DelayError, Experiment, Information, Method, Search, Threshold, bound, posterior};
+use super::method::{Information, Method};
+use super::{bound, posterior};
+use crate::process::family::{Rough, rough};
+use crate::threshold::impulse::Threshold;
 use deadtime_identify::{Record, fir};
 
 /// What is to be expected of each method for one pair; `None` where its kind of information has no prediction here or nothing can be fitted.

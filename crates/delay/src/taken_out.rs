@@ -4,8 +4,12 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 
-use super::{DelayError, Job, Scope, chosen, identifier, in_loop};
-use crate::error::Result;
+use super::error::DelayError;
+use super::error::Result;
+use super::feedback::in_loop;
+use super::identifiers::identifier;
+use super::job::{Job, chosen};
+use super::method::Scope;
 use deadtime_identify::subspace::{Identified, IdentifierLine, Recordings};
 use deadtime_identify::{IdentifyError, Record};
 use deadtime_log::Log;

@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 
 use super::conditions::Finding;
+use super::estimate::{DelayEstimate, Outcome};
 use super::method::WHOLE;
+use super::method::{Basis, Class, Condition, Method};
 use super::posterior::RESOLUTION;
-use super::{Basis, Class, Condition, DelayEstimate, Method, Outcome};
 use deadtime_signal::stats::NORMAL_95;
 use deadtime_signal::time::SampleTime;
 
@@ -374,7 +375,7 @@ fn vote_weights(found: &[&Found<'_>]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::method;
+    use crate::method::method;
 
     fn answer(delay_s: f64, std_s: f64) -> DelayEstimate {
         DelayEstimate {

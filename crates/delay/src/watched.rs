@@ -1,8 +1,14 @@
 //! A pair's verdict where its delay moves: what one number would hide, in place of it.
 
+use super::error::DelayError;
+use super::estimate::{DelayEstimate, Outcome};
+use super::estimator::Search;
+use super::experiment::{Experiment, Recording, Series};
+use super::job::Ready;
 use super::report::Pair;
-use super::track::{Anchor, AtOneDelay, Kind, Moving, Watch, tracked};
-use super::{DelayError, DelayEstimate, Experiment, Grounds, Outcome, Ready, RecordFacts, Recording, Search, Series, Verdict, verdict};
+use super::verdict::{Grounds, RecordFacts, Verdict, verdict};
+use crate::track::answer::{Anchor, AtOneDelay, Kind, Moving, tracked};
+use crate::track::watch::Watch;
 use deadtime_signal::time::SampleTime;
 
 /// What is wanted beside the test.
@@ -59,7 +65,7 @@ pub(super) fn tell(pair: &mut Pair, one: &Experiment<'_>, search: &Search, metho
     }
     if !seen.is_steady() {
         let drift = seen.drift(&track, watch.price);
-        let lengths: Vec<usize> = records.iter().map(super::Record::len).collect();
+        let lengths: Vec<usize> = records.iter().map(deadtime_identify::Record::len).collect();
         let moving = Moving::new(&seen, &track, drift, &anchor, &lengths, bias, ts);
         pair.verdict =
             Verdict { delay_s: None, ci95_s: None, why: sentence(&moving, lengths.len(), ts), method: None, grounds: Grounds::default() };

@@ -1,8 +1,8 @@
 //! Whatever keeps a gap from being diagnosed.
 
-use crate::DiagnosisError;
-use crate::GapError;
-use crate::export::ExportError;
+use crate::export::target::ExportError;
+use crate::format::diagnosis::DiagnosisError;
+use crate::format::error::GapError;
 use deadtime_log::LogError;
 use deadtime_model::DerivedError;
 use deadtime_model::ModelError;

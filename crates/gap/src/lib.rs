@@ -29,26 +29,26 @@ mod pipeline;
 
 mod watch;
 
-pub use answer::experiment::proposed;
-pub use answer::force_profile::ForceProfile;
-pub use answer::isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size};
-pub use answer::traces::{CommandTrace, Trace};
-pub use checks::inspection::{ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect};
-pub use checks::topics::{ClockOffset, LogClocks, TopicClock, clocks};
-pub use error::{Error, Result};
-pub use format::caveat::{Caveat, Constancy};
-pub use format::contributions::{Contribution, Description, Explained, Recalibration, Remainder, Share, Strength};
-pub use format::diagnosis::{
+pub use crate::answer::experiment::proposed;
+pub use crate::answer::force_profile::ForceProfile;
+pub use crate::answer::isolability::{Class, EffectVisibility, Isolability, IsolabilityFormat, Rival, Size};
+pub use crate::answer::traces::{CommandTrace, Trace};
+pub use crate::checks::inspection::{ChannelReport, Inspection, InspectionFormat, LogReport, Role, inspect};
+pub use crate::checks::topics::{ClockOffset, LogClocks, TopicClock, clocks};
+pub use crate::format::caveat::{Caveat, Constancy};
+pub use crate::format::contributions::{Contribution, Description, Explained, Recalibration, Remainder, Share, Strength};
+pub use crate::format::diagnosis::{
     Cause, Check, CheckKind, Diagnosis, DiagnosisError, DiagnosisFormat, Gap, GapOutput, Holdout, HorizonError, Metric, Mode, NotTried,
     Prediction, RankedPair, RankedSingle, RankingRow, Shrink, ShrinkOutput,
 };
-pub use format::error::GapError;
-pub use format::found::{FoundEffect, FoundParameter};
-pub use format::nuisance::NuisanceEstimate;
-pub use format::place::{Band, Regime, TimeSpan, Where, WhereOutput};
-pub use format::progress::Stage;
-pub use input::criteria::Criteria;
-pub use input::options::GapOptions;
-pub use input::subject::Subject;
+pub use crate::format::error::GapError;
+pub use crate::format::found::{FoundEffect, FoundParameter};
+pub use crate::format::nuisance::NuisanceEstimate;
+pub use crate::format::place::{Band, Regime, TimeSpan, Where, WhereOutput};
+pub use crate::format::progress::Stage;
+pub use crate::input::criteria::Criteria;
+pub use crate::input::options::GapOptions;
+pub use crate::input::subject::Subject;
+pub use error::{Error, Result};
 pub use pipeline::{Diagnosed, diagnose, diagnose_files, isolability};
 pub use watch::{ActingEffect, GapTold, GapWatch};

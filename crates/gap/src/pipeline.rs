@@ -9,12 +9,14 @@ use std::path::Path;
 
 use nalgebra::DMatrix;
 
+use super::answer::isolability as isolability_of;
+use super::error::Result;
 use crate::answer::cause::cause;
 use crate::answer::contributions::{GapBudget, explained, share_classes};
 use crate::answer::force_profile::ForceProfile;
 use crate::answer::handed::in_a_form_that_helps;
 use crate::answer::improvement::improvement;
-use crate::answer::isolability::{self as isolability_of, Isolability, Names};
+use crate::answer::isolability::{Isolability, Names};
 use crate::answer::later_rows::later_rows;
 use crate::answer::location::{locate, output_shares};
 use crate::answer::missing_force::describe;
@@ -27,7 +29,6 @@ use crate::baseline::predictor::Predictor;
 use crate::baseline::runaway::must_not_explode;
 use crate::checks::every::checks;
 use crate::compose::composed::{Compose, Composed};
-use crate::error::Result;
 use crate::format::caveat::Caveat;
 use crate::format::diagnosis::{Cause, Check, Diagnosis, DiagnosisFormat, Gap, GapOutput, Metric, Mode, NotTried};
 use crate::format::error::GapError;
@@ -94,7 +95,7 @@ pub fn diagnose_files(model: &Path, logs: &[impl AsRef<Path>], holdout: &[impl A
 /// `progress` is told what is being done.
 ///
 /// # Errors
-/// [`GapError`] where model and logs do not fit, the errors of models and logs, [`crate::Error::Stopped`].
+/// [`GapError`] where model and logs do not fit, the errors of models and logs, [`super::error::Error::Stopped`].
 pub fn diagnose<'a>(
     subject: impl Into<Subject<'a>>,
     logs: &[Log],
@@ -424,7 +425,7 @@ fn gap(likelihood: &Likelihood<'_>, before: &[DMatrix<f64>], floor: &[f64]) -> G
     Gap { metric: Metric::Nrmse, before: overall(&each), floor: overall(&each_floor), outputs }
 }
 
-fn not_finite(records: &[LogRecord]) -> crate::Error {
+fn not_finite(records: &[LogRecord]) -> super::error::Error {
     let log = records.first().map(|r| r.name.clone()).unwrap_or_default();
     GapError::Nominal { log, why: "its predictions are not finite".to_owned() }.into()
 }

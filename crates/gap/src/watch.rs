@@ -5,10 +5,10 @@
 
 use serde::Serialize;
 
-use crate::error::Result;
+use super::error::Result;
+use super::pipeline::{Diagnosed, diagnose};
 use crate::format::found::FoundParameter;
 use crate::input::options::GapOptions;
-use crate::pipeline::{Diagnosed, diagnose};
 use deadtime_log::{Channel, Log};
 use deadtime_model::ModelDocument;
 use deadtime_signal::time::SampleTime;
@@ -97,7 +97,7 @@ impl GapWatch {
     /// which takes seconds.
     ///
     /// # Errors
-    /// [`crate::Error::Stopped`]. What cannot be diagnosed is told.
+    /// [`super::error::Error::Stopped`]. What cannot be diagnosed is told.
     pub fn push(&mut self, time_s: f64, values: &[Option<f64>]) -> Result<Option<GapTold>> {
         let full = self.time_s.first().is_some_and(|first| time_s - first >= self.length_s);
         let told = if full { Some(self.stretch()?) } else { None };
@@ -127,7 +127,7 @@ impl GapWatch {
         let (from_s, to_s) = (self.time_s.first().copied().unwrap_or(0.0), self.time_s.last().copied().unwrap_or(0.0));
         let told = match self.diagnosed() {
             Ok(found) => self.told(from_s, to_s, &found),
-            Err(stopped @ crate::Error::Stopped(_)) => return Err(stopped),
+            Err(stopped @ super::error::Error::Stopped(_)) => return Err(stopped),
             Err(error) => GapTold::GapNotTold { from_s, to_s, why: error.to_string() },
         };
         self.restart();

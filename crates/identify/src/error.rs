@@ -1,7 +1,7 @@
 //! Why no model can be had from a log.
 
-use crate::matching::MatchingError;
-use crate::structured::StructuredError;
+use crate::matching::error::MatchingError;
+use crate::structured::error::StructuredError;
 use deadtime_log::LogError;
 use deadtime_model::DerivedError;
 use deadtime_model::ModelError;

@@ -7,11 +7,14 @@ use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::IdentifyError;
+use super::error::IdentifyError;
 use super::iv::{NoiseModel, inverse, noise_model, whitened};
 use super::polynomial::is_stable;
 use super::regression::dot;
-use super::subspace::{Draws, InnovationsModel, OrderChoice, Recordings, Sure};
+use crate::subspace::innovations::InnovationsModel;
+use crate::subspace::order::{OrderChoice, Sure};
+use crate::subspace::recordings::Recordings;
+use crate::subspace::uncertainty::Draws;
 use deadtime_model::{Continuous, StateSpace};
 
 /// What a model of a given structure has beside matrices.

@@ -7,10 +7,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-use super::IdentifyError;
+use super::error::IdentifyError;
 use super::iv::{IvFit, IvInput, IvProblem, RefinedIv, noise_model};
 use super::parametric::{Cloud, Parameter, Parametric, given, usable};
-use super::subspace::{Direct, Identified, Identifier, InnovationsModel, Recordings, Scales, Stretch};
+use crate::subspace::identifier::{Identified, Identifier};
+use crate::subspace::innovations::{Direct, InnovationsModel};
+use crate::subspace::recordings::{Recordings, Scales, Stretch};
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stats::NORMAL_95;
 

@@ -2,8 +2,11 @@
 
 use std::collections::HashMap;
 
+use super::error;
+use super::error::LogError;
 use super::listing::GAP_STEPS;
-use super::{Channel, Log, LogError, Output, Recording, Topic, error};
+use super::log::{Channel, Log, Output};
+use super::recording::{Recording, Topic};
 use deadtime_signal::time::SampleTime;
 
 /// Half the length of the interpolation kernel, in zero crossings.
@@ -214,7 +217,7 @@ fn base<'r>(chosen: &[Chosen<'_, 'r>]) -> Option<(&'r Topic, bool)> {
 /// Which commands are held far behind their last stamp, as a part of a sentence.
 fn held_on(chosen: &[Chosen<'_, '_>], time_s: &[f64]) -> String {
     let end_s = time_s.last().copied().unwrap_or(0.0);
-    let far = |log: &Log| end_s - log.end_s() > GAP_STEPS * log.median_step_s().max(super::csv::median_step(time_s));
+    let far = |log: &Log| end_s - log.end_s() > GAP_STEPS * log.median_step_s().max(crate::csv::clock::median_step(time_s));
     let late: Vec<String> = chosen
         .iter()
         .filter(|(one, topic, _)| one.held && far(&topic.log))
@@ -262,7 +265,7 @@ fn hold(stamps: &[f64], samples: Output<'_>, at_s: &[f64]) -> (Vec<f64>, Vec<boo
 /// How it can be wrong: energy above half the new rate folds into the result (a sine there must vanish); the signal below is damped or moved in time (a sine there must keep
 /// phase and size); a straight line bends at the ends (the samples are continued by odd reflection); values are made up inside a gap (missing there instead).
 pub(super) fn band_limited(stamps: &[f64], samples: Output<'_>, at_s: &[f64], step_s: f64) -> (Vec<f64>, Vec<bool>) {
-    let own_s = super::csv::median_step(stamps);
+    let own_s = crate::csv::clock::median_step(stamps);
     let longest_s = GAP_STEPS * own_s;
     // Band edge as a part of half the samples' own rate.
     let edge = if step_s > 1.001 * own_s { EDGE * own_s / step_s } else { 1.0 };

@@ -1,9 +1,10 @@
 //! Topics out of named arrays and structs, as MATLAB and Simulink save them.
 
-use super::csv::{Times, named_time, seconds};
+use super::error::Error;
+use super::error::LogError;
+use super::numbers::Numbers;
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
-use super::{LogError, Numbers};
-use crate::error::Error;
+use crate::csv::clock::{Times, named_time, seconds};
 
 /// What a variable holds; arrays run column by column.
 #[derive(Debug, Clone)]

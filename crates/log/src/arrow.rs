@@ -18,11 +18,11 @@ use arrow_ipc::reader::StreamReader;
 use arrow_ipc::{Message, MessageHeader, root_as_message};
 use arrow_schema::{DataType, TimeUnit as Unit};
 
-use super::LogError;
 use super::columns::{Cells, Column, assemble, guarded};
 use super::counted::{READING, whole};
+use super::error::Error;
+use super::error::LogError;
 use super::recording::{ReadOptions, Recording, TimeUnit};
-use crate::error::Error;
 
 const NAME: &str = "Arrow IPC";
 pub(super) const MAGIC: &[u8] = b"ARROW1";

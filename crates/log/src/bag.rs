@@ -4,11 +4,12 @@ use std::collections::{BTreeMap, HashMap};
 
 use serde_json::Value;
 
+use super::error::Error;
+use super::error::LogError;
 use super::protobuf::Messages;
+use super::recording::Topic;
 use super::recording::{Recording, Stamps, Table};
 use super::ros::{Decoder, Definitions, Encoding, MOST_ELEMENTS, Node};
-use super::{LogError, Topic};
-use crate::error::Error;
 
 /// How messages of a topic are written.
 pub(super) struct Schema<'a> {

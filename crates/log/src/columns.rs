@@ -1,9 +1,9 @@
 //! Logs out of tables of typed columns, as Parquet and Arrow files hold them.
 
-use super::LogError;
-use super::csv::{named_time, seconds};
+use super::error::Error;
+use super::error::LogError;
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
-use crate::error::Error;
+use crate::csv::clock::{named_time, seconds};
 
 /// What a reader of another crate found, or that it gave up in the middle: some stop the program where parts of a damaged file lie outside of it.
 pub(super) fn guarded<T>(source: &str, format: &'static str, read: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
@@ -96,7 +96,7 @@ pub(super) fn assemble(
         if let Cells::Text(_) = column.cells {
             notes.push(format!("{}: text; left out", column.name));
         } else {
-            let (name, unit) = super::csv::name_and_unit(&column.name);
+            let (name, unit) = crate::csv::table::name_and_unit(&column.name);
             channels.push((table.column(name, unit), &column.cells));
         }
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 use deadtime_signal::file::FileError;
 use deadtime_signal::time::TimeError;
 
-use super::Place;
+use super::log::Place;
 
 /// Whatever keeps a log from being read or used.
 #[derive(Debug, thiserror::Error)]
@@ -318,7 +318,7 @@ pub enum LogError {
         /// The file.
         file: String,
         /// What is wrong with it.
-        error: super::FrequencyError,
+        error: super::frequency::FrequencyError,
     },
     /// A step that a table of its response cannot have.
     #[error(
@@ -544,7 +544,7 @@ fn edit_distance(a: &[char], b: &[char]) -> usize {
         let mut row = Vec::with_capacity(above.len());
         let mut left = i + 1;
         row.push(left);
-        for (y, (diagonal, up)) in b.iter().zip(super::neighbours(&above)) {
+        for (y, (diagonal, up)) in b.iter().zip(super::log::neighbours(&above)) {
             left = (diagonal + usize::from(x != y)).min(up + 1).min(left + 1);
             row.push(left);
         }

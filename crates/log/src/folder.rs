@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use super::bag::Bag;
 use super::counted::Counted;
+use super::error::Error;
+use super::error::LogError;
 use super::recording::{ReadOptions, Recording};
-use super::{LogError, mcap, rosbag2};
-use crate::error::Error;
+use super::{mcap, rosbag2};
 
 const NAME: &str = "a bag of ROS 2";
 /// What names the files.

@@ -2,7 +2,7 @@
 
 use nalgebra::Complex;
 
-use super::Place;
+use super::log::Place;
 
 /// What a frequency response says of its own noise.
 #[derive(Debug, Clone, PartialEq)]
@@ -243,7 +243,7 @@ impl FrequencyResponse {
     /// The time beyond which delays look alike because the frequencies stand apart, s: a turn over the smallest distance of neighbours.
     #[must_use]
     pub fn unambiguous_s(&self) -> f64 {
-        let mut gaps: Vec<f64> = super::neighbours(&self.omega_rad_s).map(|(a, b)| b - a).collect();
+        let mut gaps: Vec<f64> = super::log::neighbours(&self.omega_rad_s).map(|(a, b)| b - a).collect();
         gaps.sort_by(f64::total_cmp);
         gaps.first().map_or(f64::INFINITY, |gap| std::f64::consts::TAU / gap)
     }

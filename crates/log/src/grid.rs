@@ -1,6 +1,7 @@
 //! Even grids, windows and resampling.
 
-use super::{Channel, Log, LogError, Rows, neighbours};
+use super::error::LogError;
+use super::log::{Channel, Log, Rows, neighbours};
 use deadtime_signal::time::SampleTime;
 
 /// No time stamp of an even grid is further than this from the straight line through all, in samples.
@@ -146,7 +147,7 @@ impl Log {
 
     /// The median distance of two samples, s.
     pub fn median_step_s(&self) -> f64 {
-        super::csv::median_step(&self.time_s)
+        crate::csv::clock::median_step(&self.time_s)
     }
 
     /// The shortest decimal, of at most twelve digits, that the rounding of the time stamps hides from `slope_s` over the whole log.

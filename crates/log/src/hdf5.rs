@@ -11,13 +11,13 @@ use hdf5_reader::group::Group;
 use hdf5_reader::reference::read_object_references;
 use hdf5_reader::{Dataset, Datatype, Hdf5File, OpenOptions};
 
-use super::LogError;
 use super::arrays::{Array, assemble};
 use super::columns::guarded;
 use super::counted::{READING, whole};
+use super::error::Error;
+use super::error::LogError;
 use super::mcos;
 use super::recording::{ReadOptions, Recording};
-use crate::error::Error;
 
 const NAME: &str = "HDF5";
 /// Groups within groups deeper than this are left out: a file may hold itself.

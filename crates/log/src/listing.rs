@@ -6,7 +6,8 @@ use serde::Serialize;
 
 use super::align::shortest_name;
 
-use super::{Channel, Log, Recording, Topic, neighbours};
+use super::log::{Channel, Log, neighbours};
+use super::recording::{Recording, Topic};
 
 /// A step longer than this many median steps is a gap.
 pub(super) const GAP_STEPS: f64 = 3.0;

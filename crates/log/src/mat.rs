@@ -7,12 +7,12 @@ use std::path::Path;
 
 use flate2::read::ZlibDecoder;
 
-use super::LogError;
 use super::arrays::{Array, assemble};
 use super::counted::{READING, whole};
+use super::error::Error;
+use super::error::LogError;
 use super::mcos;
 use super::recording::{ReadOptions, Recording};
-use crate::error::Error;
 
 const NAME: &str = "MAT 5";
 const HEADER: usize = 128;

@@ -6,11 +6,11 @@ use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
-use super::LogError;
 use super::bag::{Bag, Schema};
 use super::counted::Counted;
+use super::error::Error;
+use super::error::LogError;
 use super::recording::{ReadOptions, Recording};
-use crate::error::Error;
 
 pub(super) const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 const NAME: &str = "MCAP";

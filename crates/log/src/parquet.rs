@@ -5,17 +5,17 @@
 use std::fs::File;
 use std::path::Path;
 
-use ::parquet::basic::{Compression, LogicalType, TimeUnit as Unit, Type};
-use ::parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use ::parquet::data_type::DataType;
 use ::parquet::errors::ParquetError;
-use ::parquet::file::reader::{FileReader, SerializedFileReader};
 use ::parquet::schema::types::ColumnDescriptor;
+use parquet::basic::{Compression, LogicalType, TimeUnit as Unit, Type};
+use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
+use parquet::file::reader::{FileReader, SerializedFileReader};
 
-use super::LogError;
 use super::columns::{Cells, Column, assemble, guarded};
+use super::error::Error;
+use super::error::LogError;
 use super::recording::{ReadOptions, Recording, TimeUnit};
-use crate::error::Error;
 use deadtime_signal::progress::HowFar;
 
 const NAME: &str = "Parquet";
@@ -145,11 +145,11 @@ fn values<T: DataType, V>(
 mod tests {
     use std::sync::Arc;
 
-    use ::parquet::basic::{BrotliLevel, GzipLevel};
     use ::parquet::data_type::DoubleType;
     use ::parquet::file::properties::WriterProperties;
     use ::parquet::file::writer::SerializedFileWriter;
     use ::parquet::schema::parser::parse_message_type;
+    use parquet::basic::{BrotliLevel, GzipLevel};
 
     use super::*;
 

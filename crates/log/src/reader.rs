@@ -3,10 +3,11 @@
 use std::io::Read;
 use std::path::Path;
 
-use super::LogError;
+use super::error::Error;
+use super::error::LogError;
+use super::log::Log;
 use super::recording::{ReadOptions, Recording};
-use super::{Log, csv, folder, mat, mcap, rosbag2, ulog};
-use crate::error::Error;
+use super::{csv, folder, mat, mcap, rosbag2, ulog};
 
 /// As many bytes as any format is recognised by.
 const HEAD: usize = 520;
@@ -99,7 +100,7 @@ pub const READERS: &[Reader] = &[
         summary: "text: a header row, a column of time, one row per sample; separated by comma, semicolon, tab, bar or blanks; .gz too",
         extensions: &["csv", "csv.gz", "tsv", "tsv.gz", "txt", "txt.gz"],
         sniff: |_| false,
-        open: csv::recording,
+        open: csv::table::recording,
     },
 ];
 
@@ -194,7 +195,7 @@ pub fn reader(path: &Path) -> Result<&'static Reader, Error> {
 /// Reads a file of any format.
 ///
 /// # Errors
-/// [`Error::Io`] when the operating system refuses the file; [`super::LogError`] naming what is wrong, and where.
+/// [`Error::Io`] when the operating system refuses the file; [`super::error::LogError`] naming what is wrong, and where.
 pub fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
     (reader(path)?.open)(path, options)
 }
@@ -204,7 +205,7 @@ pub fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Error> {
 /// A column of text that holds no number, NaN or an infinity somewhere loads as unusable: only asking for it is an error. Time is always checked.
 ///
 /// # Errors
-/// As [`open`]; [`super::LogError::SeveralTopics`].
+/// As [`open`]; [`super::error::LogError::SeveralTopics`].
 pub fn read(path: &Path) -> Result<Log, Error> {
     Ok(open(path, &ReadOptions::default())?.into_log()?)
 }

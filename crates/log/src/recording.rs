@@ -1,6 +1,8 @@
 //! What a file holds before anyone chooses channels: topics, each with stamps of its own.
 
-use super::{Channel, Log, LogError, Numbers, Origin, Rows, neighbours};
+use super::error::LogError;
+use super::log::{Channel, Log, Origin, Rows, neighbours};
+use super::numbers::Numbers;
 use deadtime_signal::progress::HowFar;
 
 /// The unit of time stamps in a file.
@@ -276,7 +278,7 @@ impl Table {
         if self.endless > 0 {
             notes.push(format!("{what}{} infinite values count as missing", self.endless));
         }
-        let usable = |t: &f64| t.is_finite() && t.abs() <= super::TIME_LIMIT_S;
+        let usable = |t: &f64| t.is_finite() && t.abs() <= super::log::TIME_LIMIT_S;
         let increasing = self.time_s.iter().all(usable) && neighbours(&self.time_s).all(|(before, after)| before < after);
         if !increasing {
             let mut order: Vec<usize> = (0..rows).filter(|&i| self.time_s.get(i).is_some_and(usable)).collect();

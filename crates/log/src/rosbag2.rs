@@ -4,12 +4,12 @@ use std::collections::HashMap;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
-use super::LogError;
 use super::bag::{Bag, Schema};
 use super::counted::Counted;
+use super::error::Error;
+use super::error::LogError;
 use super::recording::{ReadOptions, Recording};
 use super::sqlite::Database;
-use crate::error::Error;
 
 pub(super) const MAGIC: &[u8] = b"SQLite format 3\0";
 const NAME: &str = "a ROS 2 bag in SQLite";

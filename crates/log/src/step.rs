@@ -1,6 +1,7 @@
 //! Tables of a step response as logs: the step itself is put beside the response.
 
-use super::{Channel, Log, LogError, neighbours};
+use super::error::LogError;
+use super::log::{Channel, Log, neighbours};
 use deadtime_signal::time::SampleTime;
 
 /// The input of a log that was made of a step response.

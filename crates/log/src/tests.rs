@@ -3,9 +3,9 @@ use std::io::{Read, Write};
 
 use proptest::prelude::*;
 
-use super::csv::{read_from, read_records_from};
+use super::error::Error;
 use super::*;
-use crate::error::Error;
+use crate::csv::table::{read_from, read_records_from};
 use deadtime_signal::time::SampleTime;
 
 fn log(text: &str) -> Log {
@@ -164,12 +164,12 @@ fn separators_decimal_commas_and_comments_are_found_out() {
     let log = log("time [s] temp [degC] u\n0 20 1\n1 21 1\n");
     assert_eq!((log.unit("temp"), log.input("temp").unwrap()), (Some("degC"), [20.0, 21.0].as_slice()));
     says(&refusal("# a\ntime;u\n0;1\n0,5;1,2;3\n"), &["row 4", "3 cells"]);
-    let error = super::csv::read_from("a.csv", "time;u\n0;1.234,5\n".as_bytes()).unwrap().input("u").unwrap_err();
+    let error = crate::csv::table::read_from("a.csv", "time;u\n0;1.234,5\n".as_bytes()).unwrap().input("u").unwrap_err();
     says(&error, &["`1.234,5`"]);
 }
 
 fn timed(text: &str, options: &ReadOptions) -> (Vec<f64>, String) {
-    let recording = super::csv::recording_from("a.csv", text.as_bytes(), options).unwrap();
+    let recording = crate::csv::table::recording_from("a.csv", text.as_bytes(), options).unwrap();
     let notes = recording.notes.join("|");
     (recording.into_log().unwrap().time_s().to_vec(), notes)
 }
@@ -210,11 +210,11 @@ fn the_callers_word_on_time_stands() {
     let (time_s, notes) = timed(text, &said("a", None));
     assert_eq!(time_s, [0.0, 0.004, 0.008]);
     assert!(notes.contains("`time` is left out"), "{notes}");
-    let error = super::csv::recording_from("a.csv", text.as_bytes(), &said("c", None)).unwrap_err();
+    let error = crate::csv::table::recording_from("a.csv", text.as_bytes(), &said("c", None)).unwrap_err();
     says(&error, &["`c`", "`a`, `time`, `b`"]);
-    let error = super::csv::recording_from("a.csv", text.as_bytes(), &said("a", Some(TimeUnit::Iso))).unwrap_err();
+    let error = crate::csv::table::recording_from("a.csv", text.as_bytes(), &said("a", Some(TimeUnit::Iso))).unwrap_err();
     says(&error, &["row 2", "`a`", "`0`"]);
-    let back = super::csv::recording_from("a.csv", "time_us,u\n4000,1\n2000,1\n".as_bytes(), &ReadOptions::default()).unwrap_err();
+    let back = crate::csv::table::recording_from("a.csv", "time_us,u\n4000,1\n2000,1\n".as_bytes(), &ReadOptions::default()).unwrap_err();
     says(&back, &["row 3", "0.004 s to 0.002 s"]);
 }
 
@@ -336,7 +336,7 @@ fn damaged_gzip_is_refused() {
 // Files that break off.
 
 fn cut(bytes: &[u8]) -> (Log, String) {
-    let recording = super::csv::recording_from("a.csv", bytes, &ReadOptions::default()).unwrap();
+    let recording = crate::csv::table::recording_from("a.csv", bytes, &ReadOptions::default()).unwrap();
     let notes = recording.notes.join("|");
     (recording.into_log().unwrap(), notes)
 }
@@ -356,7 +356,7 @@ fn a_gzip_stream_that_is_cut_off_is_read_up_to_there() {
     let records = read_records_from("a.csv", &packed[..packed.len() - 4], "u").unwrap();
     assert_eq!(records.iter().map(Log::len).sum::<usize>(), 20_000);
     // Of events nobody would be told what is missing.
-    let error = super::csv::read_events_from("a.csv", &packed[..packed.len() - 4], ["time", "time"]).unwrap_err();
+    let error = crate::csv::table::read_events_from("a.csv", &packed[..packed.len() - 4], ["time", "time"]).unwrap_err();
     assert!(matches!(error, Error::Log(LogError::Gzip { .. })), "{error:?}");
 }
 
@@ -437,7 +437,7 @@ fn tables_of_pandas_loggers_and_spreadsheets_are_read() {
     let (log, notes) = cut(b",u\n2024-03-01 10:00:00+00:00,False\n2024-03-01 10:00:00.5+00:00,1\n");
     assert_eq!((log.time_s(), log.input("u").unwrap()), ([0.0, 0.5].as_slice(), [0.0, 1.0].as_slice()));
     assert!(notes.contains("taken as the time"), "{notes}");
-    let events = super::csv::read_events_from("a.csv", "a,b\n1,2\nNaN,3\n".as_bytes(), ["a", "b"]).unwrap();
+    let events = crate::csv::table::read_events_from("a.csv", "a,b\n1,2\nNaN,3\n".as_bytes(), ["a", "b"]).unwrap();
     assert_eq!((events[0].times.as_slice(), events[1].times.as_slice()), ([1.0].as_slice(), [2.0, 3.0].as_slice()));
 }
 

@@ -8,9 +8,11 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::counted::Counted;
+use super::error::Error;
+use super::error::LogError;
+use super::numbers::Numbers;
+use super::recording::Topic;
 use super::recording::{ReadOptions, Recording, Table};
-use super::{LogError, Numbers, Topic};
-use crate::error::Error;
 
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
 const NAME: &str = "ULog";

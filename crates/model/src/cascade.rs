@@ -2,7 +2,7 @@
 
 use nalgebra::{Complex, DMatrix};
 
-use super::ModelError;
+use super::error::ModelError;
 
 /// Orders roots as conjugate pairs (upper first) followed by real ones; near-pairs are made exact.
 pub(super) fn pair_conjugates(what: &'static str, roots: Vec<Complex<f64>>) -> Result<Vec<Complex<f64>>, ModelError> {

@@ -6,8 +6,9 @@
 //! How it can be wrong: a sample that is missing in any source is missing in the result, and so is one that is not finite (a division by 0); a quaternion that
 //! is not of length 1 gives no rotation.
 
-use super::equations::{EquationError, Equations, OutputVariable, Symbol};
-use crate::error::Error;
+use super::error::Error;
+use crate::equations::error::EquationError;
+use crate::equations::system::{Equations, OutputVariable, Symbol};
 use deadtime_log::{Channel, Log};
 use deadtime_signal::text::shown;
 

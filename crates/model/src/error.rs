@@ -6,10 +6,10 @@ use deadtime_signal::file::FileError;
 use deadtime_signal::flatten;
 use deadtime_signal::time::TimeError;
 
-use crate::derived::DerivedError;
-use crate::effect::EffectError;
-use crate::equations::EquationError;
-use crate::simulate::SimulateError;
+use super::derived::DerivedError;
+use crate::effect::error::EffectError;
+use crate::equations::error::EquationError;
+use crate::simulate::error::SimulateError;
 
 /// Whatever keeps a model from being built, read, converted or simulated.
 #[derive(Debug, thiserror::Error)]

@@ -5,7 +5,8 @@
 
 use nalgebra::{Complex, DMatrix};
 
-use super::{StateSpace, TimeDomain, zeros};
+use super::state_space::{StateSpace, TimeDomain};
+use super::zeros;
 
 /// The largest gain of a model, and where it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -248,7 +249,8 @@ fn climbed(sys: &Matrices, mut omega: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Continuous, Sampled, TransferFunction};
+    use crate::state_space::{Continuous, Sampled};
+    use crate::transfer_function::TransferFunction;
     use approx::assert_abs_diff_eq;
     use deadtime_signal::time::SampleTime;
 

@@ -19,17 +19,20 @@ mod transfer_function;
 pub mod uav;
 mod zeros;
 
+pub use crate::equations::error::{EquationError, Fault};
+pub use crate::equations::explain::{Breakdown, NonFinite};
+pub use crate::equations::system::{
+    Definition, Directions, Equations, Linearisation, OutputVariable, Parameter, StateVariable, Symbol, Workspace, Wrt,
+};
+pub use crate::file::candidate::{Candidate, CandidateEntry, CandidateParameter, Candidates};
+pub use crate::file::channel::{Channel, ChannelKind, EffectEntry, Operating, whole_turn};
+pub use crate::file::document::ModelDocument;
+pub use crate::file::equations::{EquationsFile, GroupEntry, GroupKind, ParameterEntry, StateEntry};
+pub use crate::file::lti::{ModelFile, State};
+pub use crate::file::nuisance::NuisanceEntry;
 pub use d2c::d2c;
 pub use derived::{Derived, DerivedError};
-pub use equations::{
-    Breakdown, Definition, Directions, EquationError, Equations, Fault, Linearisation, NonFinite, OutputVariable, Parameter, StateVariable,
-    Symbol, Workspace, Wrt,
-};
 pub use error::{Error, ModelError, Result};
-pub use file::{
-    Candidate, CandidateEntry, CandidateParameter, Candidates, Channel, ChannelKind, EffectEntry, EquationsFile, GroupEntry, GroupKind,
-    ModelDocument, ModelFile, NuisanceEntry, Operating, ParameterEntry, State, StateEntry, whole_turn,
-};
 pub use hinf::Peak;
 pub use nu_gap::{NuGap, nu_gap};
 pub use riccati::{Lqr, dare, dlqr};

@@ -10,8 +10,11 @@
 use nalgebra::{DMatrix, SVD, SymmetricEigen};
 use serde::Serialize;
 
-use super::hinf::{self, Matrices};
-use super::{ModelError, StateSpace, TimeDomain, zeros};
+use super::error::ModelError;
+use super::hinf;
+use super::hinf::Matrices;
+use super::state_space::{StateSpace, TimeDomain};
+use super::zeros;
 
 /// The distance of two models.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -216,7 +219,8 @@ fn reachable(sys: &Matrices) -> Matrices {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Continuous, Sampled, TransferFunction};
+    use crate::state_space::{Continuous, Sampled};
+    use crate::transfer_function::TransferFunction;
     use deadtime_signal::time::SampleTime;
 
     fn continuous(num: &[f64], den: &[f64]) -> StateSpace<Continuous> {

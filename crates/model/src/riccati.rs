@@ -3,8 +3,9 @@
 use nalgebra::allocator::Allocator;
 use nalgebra::{Complex, Const, DMatrix, DefaultAllocator, DimMin, OMatrix, SymmetricEigen};
 
+use super::error::ModelError;
 use super::parts::{parts, put, taken};
-use super::{ModelError, zeros};
+use super::zeros;
 
 /// A linear-quadratic regulator.
 #[derive(Debug, Clone, PartialEq)]

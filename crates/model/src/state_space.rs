@@ -2,7 +2,9 @@
 
 use nalgebra::{Complex, DMatrix, DVector};
 
-use super::{ModelError, TransferFunction, zeros};
+use super::error::ModelError;
+use super::transfer_function::TransferFunction;
+use super::zeros;
 use deadtime_signal::time::SampleTime;
 
 /// Continuous time; input delays are seconds.
@@ -343,7 +345,7 @@ impl<T: TimeDomain> StateSpace<T> {
     ///
     /// Source: Bruinsma and Steinbuch (1990), doi:10.1016/0167-6911(90)90049-Z.
     #[must_use]
-    pub fn norm_hinf(&self) -> super::Peak {
+    pub fn norm_hinf(&self) -> super::hinf::Peak {
         super::hinf::peak(self)
     }
 
@@ -353,7 +355,7 @@ impl<T: TimeDomain> StateSpace<T> {
     ///
     /// Source: Bruinsma and Steinbuch (1990), doi:10.1016/0167-6911(90)90049-Z, with the band's ends among the crossings.
     #[must_use]
-    pub fn norm_linf(&self, band: [f64; 2]) -> Option<super::Peak> {
+    pub fn norm_linf(&self, band: [f64; 2]) -> Option<super::hinf::Peak> {
         super::hinf::peak_within(self, band)
     }
 

@@ -2,7 +2,9 @@
 
 use nalgebra::{Complex, DMatrix};
 
-use super::{ModelError, StateSpace, TimeDomain, cascade, zeros};
+use super::error::ModelError;
+use super::state_space::{StateSpace, TimeDomain};
+use super::{cascade, zeros};
 
 /// gain · Π(s − zero) / Π(s − pole) · exp(−delay·s), or the same in z.
 ///

@@ -4,7 +4,7 @@
 
 use nalgebra::DMatrix;
 
-use super::{Continuous, StateSpace};
+use super::state_space::{Continuous, StateSpace};
 
 const G: f64 = 9.81;
 /// Lateral derivatives: Yv, Yp, Lv, Lp, Yδ, Lδ.
@@ -164,7 +164,7 @@ mod tests {
         assert_eq!(Dynamics::Vertical.model().relative_degree(0, 0), Some(0));
         let whole = model();
         assert_eq!(whole.relative_degree(0, 3), None);
-        assert!(matches!(whole.transfer_function(0, 3), Err(super::super::ModelError::ZeroTransfer { .. })));
+        assert!(matches!(whole.transfer_function(0, 3), Err(crate::error::ModelError::ZeroTransfer { .. })));
     }
 
     #[test]

@@ -21,9 +21,10 @@ pub mod text;
 pub mod threads;
 pub mod time;
 
+pub use crate::excitation::excitations::EXCITATIONS;
+pub use crate::excitation::generator::Excitation;
 pub use correlation::{Correlator, correlation};
 pub use error::{Allowed, SignalError};
-pub use excitation::{EXCITATIONS, Excitation};
 pub use fractional_delay::fractional_delay;
 pub use noise::{Noise, NoiseColour, NoiseScaling, add_noise, unit_noise};
 pub use spectra::{CrossSpectra, HANN_LINES};

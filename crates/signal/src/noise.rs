@@ -10,7 +10,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::{Allowed, MOST_SAMPLES, SignalError, stats};
+use super::error::{Allowed, SignalError};
+use super::stats;
+use crate::MOST_SAMPLES;
 
 /// The noise's spectrum. Coefficients begin at lag 1; the leading 1 is not written.
 ///

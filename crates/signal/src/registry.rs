@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::text::shown;
+use super::text::shown;
 
 /// One line of a registry: a named implementor of `T`, built from its options.
 pub struct Entry<T: ?Sized + 'static> {

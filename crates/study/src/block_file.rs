@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use super::StudyError;
+use super::error::StudyError;
 use super::estimates::Row;
 use deadtime_signal::file::write_atomic;
 
@@ -48,12 +48,12 @@ impl BlockFile<'_> {
     /// Writes the block, all of it or none.
     ///
     /// # Errors
-    /// [`crate::Error::Io`].
-    pub(super) fn write(&self, path: &Path, rows: &[Row]) -> crate::Result<()> {
-        let wrong = |e: csv::Error| crate::Error::io(path, e.into());
+    /// [`super::error::Error::Io`].
+    pub(super) fn write(&self, path: &Path, rows: &[Row]) -> super::error::Result<()> {
+        let wrong = |e: csv::Error| super::error::Error::io(path, e.into());
         let mut csv = csv::Writer::from_writer(Vec::new());
         rows.iter().try_for_each(|row| csv.serialize(row)).map_err(wrong)?;
-        let mut body = csv.into_inner().map_err(|e| crate::Error::io(path, e.into_error()))?;
+        let mut body = csv.into_inner().map_err(|e| super::error::Error::io(path, e.into_error()))?;
         let seal = self.seal(&body);
         body.extend_from_slice(seal.as_bytes());
         Ok(write_atomic(path, |out| out.write_all(&body))?)
@@ -62,9 +62,9 @@ impl BlockFile<'_> {
     /// The rows as text, once the file is known to be whole; else what is wrong with it.
     ///
     /// # Errors
-    /// [`crate::Error::Io`]; what is wrong is no error.
-    pub(super) fn body(&self, path: &Path) -> crate::Result<Result<Vec<u8>, String>> {
-        let mut bytes = std::fs::read(path).map_err(|e| crate::Error::io(path, e))?;
+    /// [`super::error::Error::Io`]; what is wrong is no error.
+    pub(super) fn body(&self, path: &Path) -> super::error::Result<Result<Vec<u8>, String>> {
+        let mut bytes = std::fs::read(path).map_err(|e| super::error::Error::io(path, e))?;
         if bytes.is_empty() {
             return Ok(Err("it is empty".to_owned()));
         }
@@ -83,8 +83,8 @@ impl BlockFile<'_> {
     /// Reads the block.
     ///
     /// # Errors
-    /// [`StudyError::Results`] where it is damaged; [`crate::Error::Io`].
-    pub(super) fn read(&self, path: &Path) -> crate::Result<Vec<Row>> {
+    /// [`StudyError::Results`] where it is damaged; [`super::error::Error::Io`].
+    pub(super) fn read(&self, path: &Path) -> super::error::Result<Vec<Row>> {
         let wrong = |detail: String| StudyError::Results { path: path.to_owned(), detail: format!("{detail}; --resume makes it again") };
         let body = self.body(path)?.map_err(wrong)?;
         let rows: Vec<Row> = csv::Reader::from_reader(body.as_slice())

@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::StudyError;
+use super::error::StudyError;
 use super::plan::{Grid, Loop, Plan, spelt};
 
 /// Bytes in a gigabyte.

@@ -82,7 +82,7 @@ impl Common {
     ///
     /// # Errors
     /// Whatever keeps a record from being made or a method from being set up.
-    pub fn run(&self, progress: &mut dyn FnMut(&str)) -> crate::Result<Vec<MethodRow>> {
+    pub fn run(&self, progress: &mut dyn FnMut(&str)) -> super::error::Result<Vec<MethodRow>> {
         let mut records = vec![(ReferenceExperiment::Plant, self.records(ReferenceExperiment::Plant)?)];
         for method in METHODS {
             if records.iter().all(|(kind, _)| *kind != method.reference) {
@@ -90,7 +90,7 @@ impl Common {
             }
         }
         let of = |kind: ReferenceExperiment| records.iter().find(|(k, _)| *k == kind).map_or(&[][..], |(_, r)| r);
-        let loops: Vec<Known> = (0..self.trials).map(|t| self.closed(t)).collect::<crate::Result<_>>()?;
+        let loops: Vec<Known> = (0..self.trials).map(|t| self.closed(t)).collect::<super::error::Result<_>>()?;
         METHODS
             .iter()
             .map(|method| {
@@ -110,7 +110,7 @@ impl Common {
             .collect()
     }
 
-    fn records(&self, kind: ReferenceExperiment) -> crate::Result<Vec<Known>> {
+    fn records(&self, kind: ReferenceExperiment) -> super::error::Result<Vec<Known>> {
         (0..self.trials).into_par_iter().map(|t| self.experiment(kind, t).map(|(experiment, delay)| (experiment, delay, 0))).collect()
     }
 
@@ -126,7 +126,7 @@ impl Common {
     ///
     /// # Errors
     /// Whatever keeps the record from being made.
-    pub fn experiment(&self, kind: ReferenceExperiment, trial: usize) -> crate::Result<(Experiment<'static>, f64)> {
+    pub fn experiment(&self, kind: ReferenceExperiment, trial: usize) -> super::error::Result<(Experiment<'static>, f64)> {
         let (mut rng, delay) = self.draw(trial);
         let sample_time = SampleTime::new(1.0)?;
         let n = self.samples;
@@ -176,8 +176,9 @@ impl Common {
                 let delayed = plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
                 let response = lsim(&delayed, &DMatrix::from_column_slice(n, 1, &u), sample_time, &Options::default())?;
                 let column = |m: &DMatrix<f64>, i: usize| m.column(i).iter().copied().collect::<Vec<f64>>();
-                let states =
-                    (0..plant.order()).map(|i| Ok(noisy(&column(&response.x, i), &mut rng)?.into())).collect::<crate::Result<_>>()?;
+                let states = (0..plant.order())
+                    .map(|i| Ok(noisy(&column(&response.x, i), &mut rng)?.into()))
+                    .collect::<super::error::Result<_>>()?;
                 let recording = Recording { inputs: vec![u.into()], outputs: vec![column(&response.y, 0).into()], states };
                 Experiment::new(sample_time, vec!["u".into()], vec!["y".into()], vec![recording])?.with_model(PlantModel::Continuous(plant))
             }
@@ -199,7 +200,7 @@ impl Common {
     }
 
     /// The plant of [`ReferenceExperiment::Plant`] under proportional feedback of a noisy output, with a random binary reference.
-    fn closed(&self, trial: usize) -> crate::Result<Known> {
+    fn closed(&self, trial: usize) -> super::error::Result<Known> {
         let (mut rng, delay) = self.draw(trial);
         let reference = Rbs { band: [0.0, 0.3], ..Rbs::default() }.generate(self.samples, &mut rng)?;
         let plant = First::new(delay);
@@ -253,7 +254,7 @@ impl First {
 }
 
 /// (zs + 1)/((t₁s + 1)(t₂s + 1)…), a chain of first-order lags.
-fn lags(times: &[f64], zero: Option<f64>) -> crate::Result<StateSpace<Continuous>> {
+fn lags(times: &[f64], zero: Option<f64>) -> super::error::Result<StateSpace<Continuous>> {
     let order = times.len();
     // Each lag follows the one before, the first the input; the zero adds the rate of the last.
     let a = DMatrix::from_fn(order, order, |i, j| match i.checked_sub(j) {
@@ -269,7 +270,7 @@ fn lags(times: &[f64], zero: Option<f64>) -> crate::Result<StateSpace<Continuous
 }
 
 /// The response of a plant to a held input, later by `delay` samples.
-fn held(plant: &StateSpace<Continuous>, u: &[f64], delay: f64, sample_time: SampleTime) -> crate::Result<Vec<f64>> {
+fn held(plant: &StateSpace<Continuous>, u: &[f64], delay: f64, sample_time: SampleTime) -> super::error::Result<Vec<f64>> {
     let delayed = plant.clone().with_input_delay(vec![sample_time.to_seconds(delay)])?;
     let response = lsim(&delayed, &DMatrix::from_column_slice(u.len(), 1, u), sample_time, &Options::default())?;
     Ok(response.y.column(0).iter().copied().collect())
@@ -282,13 +283,13 @@ fn copy(
     at: impl Fn(f64) -> f64,
     siso: impl Fn(Vec<f64>, Vec<f64>) -> Result<Experiment<'static>, DelayError>,
     rng: &mut ChaCha8Rng,
-) -> crate::Result<Experiment<'static>> {
+) -> super::error::Result<Experiment<'static>> {
     let u = (0..n).map(|t| at(f(t))).collect();
     let y: Vec<f64> = (0..n).map(|t| at(f(t) - delay - 1.0)).collect();
     Ok(siso(u, noisy(&y, rng)?)?)
 }
 
-fn noisy(y: &[f64], rng: &mut ChaCha8Rng) -> crate::Result<Vec<f64>> {
+fn noisy(y: &[f64], rng: &mut ChaCha8Rng) -> super::error::Result<Vec<f64>> {
     Ok(Noise { snr: 100.0, colour: NoiseColour::White, scaling: NoiseScaling::Expected }.add(y, rng)?)
 }
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use deadtime_signal::text::shown;
 
-use crate::blind::BlindError;
+use crate::blind::error::BlindError;
 use deadtime_delay::DelayError;
 use deadtime_gap::DiagnosisError;
 use deadtime_gap::GapError;
@@ -192,6 +192,6 @@ pub enum StudyError {
         /// The record's seed.
         seed: u64,
         /// Why not.
-        source: Box<crate::Error>,
+        source: Box<Error>,
     },
 }

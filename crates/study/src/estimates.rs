@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use cpu_time::ThreadTime;
 use serde::{Deserialize, Serialize};
 
-use super::StudyError;
 use super::cell::{Layout, Slot};
+use super::error::StudyError;
 use super::plan::{PLAIN, Place, Plan, Scoring, Shown, Truth};
 use super::results::Cell;
 use super::setting::{Record, Setting};
@@ -37,8 +37,8 @@ pub(super) struct Row {
 }
 
 /// A record; the error of one that cannot be made says which one.
-pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> crate::Result<Record> {
-    let because = |source: crate::Error| StudyError::Record {
+pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> super::error::Result<Record> {
+    let because = |source: super::error::Error| StudyError::Record {
         plan: plan.name.clone(),
         setting: setting.key.to_string(),
         trial,
@@ -49,7 +49,7 @@ pub(super) fn made(plan: &Plan, setting: &Setting, trial: usize) -> crate::Resul
 }
 
 /// All estimates from one record; `stop` is looked at between the methods.
-pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usize, stop: &Stop) -> crate::Result<Vec<Row>> {
+pub(super) fn of_record(plan: &Plan, layout: &Layout, number: usize, trial: usize, stop: &Stop) -> super::error::Result<Vec<Row>> {
     let setting = &layout.settings[number];
     let grid = &plan.grids[setting.grid];
     let record = made(plan, setting, trial)?;
@@ -244,9 +244,9 @@ pub(super) fn value_fields(row: &Row) -> [(&'static str, Field); 13] {
 /// A file that takes estimates one at a time and holds few of them.
 pub(super) trait Sink {
     /// One line: the cell's fields, then the estimate's.
-    fn write(&mut self, key: &[(&'static str, Field)], values: &[(&'static str, Field)]) -> crate::Result<()>;
+    fn write(&mut self, key: &[(&'static str, Field)], values: &[(&'static str, Field)]) -> super::error::Result<()>;
     /// Gives the file its name, once all is written.
-    fn finish(self: Box<Self>) -> crate::Result<()>;
+    fn finish(self: Box<Self>) -> super::error::Result<()>;
 }
 
 /// `estimates.csv`.
@@ -257,15 +257,15 @@ pub(super) struct CsvSink {
 }
 
 impl CsvSink {
-    pub(super) fn new(path: PathBuf) -> crate::Result<Self> {
+    pub(super) fn new(path: PathBuf) -> super::error::Result<Self> {
         let file = temporary(&path)?;
         Ok(Self { path, file: csv::Writer::from_writer(file), headed: false })
     }
 }
 
 impl Sink for CsvSink {
-    fn write(&mut self, key: &[(&'static str, Field)], values: &[(&'static str, Field)]) -> crate::Result<()> {
-        let wrong = |e: csv::Error| crate::Error::io(&self.path, e.into());
+    fn write(&mut self, key: &[(&'static str, Field)], values: &[(&'static str, Field)]) -> super::error::Result<()> {
+        let wrong = |e: csv::Error| super::error::Error::io(&self.path, e.into());
         if !self.headed {
             self.file.write_record(key.iter().chain(values).map(|f| f.0)).map_err(wrong)?;
             self.headed = true;
@@ -273,8 +273,8 @@ impl Sink for CsvSink {
         self.file.write_record(key.iter().chain(values).map(|f| f.1.to_string())).map_err(wrong)
     }
 
-    fn finish(self: Box<Self>) -> crate::Result<()> {
-        let file = self.file.into_inner().map_err(|e| crate::Error::io(&self.path, std::io::Error::other(e.to_string())))?;
+    fn finish(self: Box<Self>) -> super::error::Result<()> {
+        let file = self.file.into_inner().map_err(|e| super::error::Error::io(&self.path, std::io::Error::other(e.to_string())))?;
         Ok(named(file, &self.path)?)
     }
 }

@@ -29,7 +29,12 @@ pub(super) fn filtered(numerator: &[f64], denominator: &[f64], u: &[f64]) -> Vec
 }
 
 /// u = F(q)·(r − y), y the plant's output and `noise`. The plant must not answer within the sample where the controller does.
-pub(super) fn through(plant: &StateSpace<Sampled>, controller: &Controller, reference: &[f64], noise: &[f64]) -> crate::Result<Closed> {
+pub(super) fn through(
+    plant: &StateSpace<Sampled>,
+    controller: &Controller,
+    reference: &[f64],
+    noise: &[f64],
+) -> super::error::Result<Closed> {
     let (b, a) = (&controller.numerator, &controller.denominator);
     let delay = plant.input_delay().first().copied().unwrap_or(0);
     let direct = if delay == 0 { plant.d()[(0, 0)] } else { 0.0 };
@@ -60,7 +65,7 @@ pub(super) fn through(plant: &StateSpace<Sampled>, controller: &Controller, refe
 }
 
 /// u = r − K·(x, what is on its way to the plant), K by `dlqr` with unit weights on the plant with its delay, so that the loop is stable whatever the delay.
-pub(super) fn of_states(plant: &StateSpace<Sampled>, reference: &[Vec<f64>]) -> crate::Result<Closed> {
+pub(super) fn of_states(plant: &StateSpace<Sampled>, reference: &[Vec<f64>]) -> super::error::Result<Closed> {
     let (n, m) = (plant.order(), plant.inputs());
     let delays = plant.input_delay();
     let order = n + delays.iter().sum::<usize>();
@@ -104,7 +109,7 @@ pub(super) fn of_states(plant: &StateSpace<Sampled>, reference: &[Vec<f64>]) -> 
     bounded(Closed { u, y, x }, plant.sample_time())
 }
 
-fn bounded(closed: Closed, sample_time: SampleTime) -> crate::Result<Closed> {
+fn bounded(closed: Closed, sample_time: SampleTime) -> super::error::Result<Closed> {
     let explodes = closed.u.iter().chain(&closed.y).filter_map(|c| c.iter().position(|v| !v.is_finite())).min();
     explodes.map_or(Ok(closed), |sample| Err(SimulateError::Explodes { time_s: sample_time.to_seconds(sample as f64) }.into()))
 }

@@ -23,7 +23,7 @@ use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 use statrs::function::beta::checked_beta_reg;
 use statrs::function::factorial::ln_binomial;
 
-use super::StudyError;
+use super::error::StudyError;
 use super::plan::{Delay, Place};
 use super::results::{Cell, Study};
 use deadtime_signal::stats::NORMAL_95_EXACT;

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::StudyError;
-use crate::Error;
+use super::error::Error;
+use super::error::StudyError;
 use deadtime_signal::registry::RegistryError;
 
 /// The name and text of what a plan was read from; nothing for one that was put together. It is no part of what a plan is: all are equal.
@@ -81,7 +81,9 @@ fn line_of(text: &str, detail: &str) -> usize {
 mod tests {
     use std::path::Path;
 
-    use crate::{Budget, Plan, Runner};
+    use crate::budget::Budget;
+    use crate::plan::Plan;
+    use crate::run::Runner;
 
     const PLAN: &str = r#"format = "deadtime/plan@1"
 name = "p"
@@ -103,7 +105,8 @@ method = ["crosscorr"]
     fn every_error_of_a_plan_names_the_file_and_the_line() {
         let told = |from: &str, to: &str| {
             let plan = Plan::parse("p.toml", &PLAN.replacen(from, to, 1), Path::new("."));
-            let error = plan.map_err(crate::Error::from).and_then(|p| Runner::untried(&p, &Budget::default()).map(drop)).unwrap_err();
+            let error =
+                plan.map_err(crate::error::Error::from).and_then(|p| Runner::untried(&p, &Budget::default()).map(drop)).unwrap_err();
             error.to_string()
         };
         for (from, to, line) in [

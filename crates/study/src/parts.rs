@@ -11,9 +11,9 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::StudyError;
 use super::block_file::Damaged;
 use super::blocks::BLOCK;
+use super::error::StudyError;
 use super::estimates::{Row, of_record, value_fields};
 use super::parquet::{Reader, Table, unread, unwritten};
 use super::results::Study;
@@ -97,8 +97,8 @@ impl Runner {
     /// What a record of this setting costs with all its estimates, s of wall-clock time on this thread.
     ///
     /// # Errors
-    /// [`StudyError::Record`]; [`crate::Error::Stopped`].
-    pub fn cost(&self, setting: usize, stop: &Stop) -> crate::Result<f64> {
+    /// [`StudyError::Record`]; [`super::error::Error::Stopped`].
+    pub fn cost(&self, setting: usize, stop: &Stop) -> super::error::Result<f64> {
         let Some(trials) = self.layout.settings.get(setting).map(|s| s.trials) else { return Ok(0.0) };
         let mut least = f64::INFINITY;
         for trial in 0..TIMED.min(trials) {
@@ -154,8 +154,8 @@ impl Runner {
     /// Makes the estimates of these blocks, on this thread, as the bytes of a part.
     ///
     /// # Errors
-    /// [`StudyError::Record`], naming setting, trial and seed; [`crate::Error::Stopped`].
-    pub fn part(&self, blocks: Range<usize>, stop: &Stop) -> crate::Result<Vec<u8>> {
+    /// [`StudyError::Record`], naming setting, trial and seed; [`super::error::Error::Stopped`].
+    pub fn part(&self, blocks: Range<usize>, stop: &Stop) -> super::error::Result<Vec<u8>> {
         let told = [(STAMP, self.stamp().to_owned()), (BLOCKS, text(&blocks)), seal::open()];
         let wrong = |e| unwritten(Path::new("part"), &e);
         let mut keys = BTreeMap::new();
@@ -185,8 +185,8 @@ impl Tasks {
     /// The tasks of a folder in which this study was begun; `None` where it was not.
     ///
     /// # Errors
-    /// [`StudyError::Folder`] where the folder holds another study, or this one without `resume`; [`crate::Error::Io`].
-    pub fn open(runner: &Runner, folder: &Path, resume: bool) -> crate::Result<Option<Self>> {
+    /// [`StudyError::Folder`] where the folder holds another study, or this one without `resume`; [`super::error::Error::Io`].
+    pub fn open(runner: &Runner, folder: &Path, resume: bool) -> super::error::Result<Option<Self>> {
         let path = folder.join(TASKS);
         let refused = |detail: &str| Err(StudyError::Folder { folder: folder.to_owned(), detail: detail.to_owned() }.into());
         if !path.exists() {
@@ -211,15 +211,15 @@ impl Tasks {
     /// Begins a study in a folder: `ends` is one past the last block of every task.
     ///
     /// # Errors
-    /// [`StudyError::Folder`] where these tasks do not hold every block once; [`crate::Error::Io`].
-    pub fn new(runner: &Runner, folder: &Path, ends: Vec<usize>) -> crate::Result<Self> {
+    /// [`StudyError::Folder`] where these tasks do not hold every block once; [`super::error::Error::Io`].
+    pub fn new(runner: &Runner, folder: &Path, ends: Vec<usize>) -> super::error::Result<Self> {
         if !tile(&ends, runner.blocks()) {
             return Err(
                 StudyError::Folder { folder: folder.to_owned(), detail: "the tasks do not hold every block once".to_owned() }.into()
             );
         }
         let (path, parts) = (folder.join(TASKS), folder.join(ESTIMATES));
-        std::fs::create_dir_all(&parts).map_err(|e| crate::Error::io(&parts, e))?;
+        std::fs::create_dir_all(&parts).map_err(|e| super::error::Error::io(&parts, e))?;
         let (plan, stamp) = (runner.plan.name.clone(), runner.stamp().to_owned());
         let saved = Saved { format: FORMAT.to_owned(), plan, stamp, records_per_block: BLOCK, ends };
         let text = serde_json::to_string(&saved).map_err(|e| unread(&path, &e.to_string()))?;
@@ -268,10 +268,10 @@ impl Tasks {
     /// client left half-written is removed: whoever calls this holds the folder's [`deadtime_signal::file::Lock`].
     ///
     /// # Errors
-    /// [`crate::Error::Io`]; [`crate::Error::Stopped`].
-    pub fn missing(&self, stop: &Stop) -> crate::Result<(Vec<usize>, Vec<Damaged>)> {
+    /// [`super::error::Error::Io`]; [`super::error::Error::Stopped`].
+    pub fn missing(&self, stop: &Stop) -> super::error::Result<(Vec<usize>, Vec<Damaged>)> {
         self.tidy()?;
-        let state = |task: usize| -> crate::Result<Option<(usize, Option<Damaged>)>> {
+        let state = |task: usize| -> super::error::Result<Option<(usize, Option<Damaged>)>> {
             stop.check()?;
             let path = self.path(task);
             if !path.exists() {
@@ -279,15 +279,15 @@ impl Tasks {
             }
             Ok(self.sound(task)?.err().map(|why| (task, Some(Damaged { file: path, why }))))
         };
-        let missing = (0..self.len()).into_par_iter().map(state).collect::<crate::Result<Vec<_>>>()?;
+        let missing = (0..self.len()).into_par_iter().map(state).collect::<super::error::Result<Vec<_>>>()?;
         let (tasks, damaged): (Vec<usize>, Vec<Option<Damaged>>) = missing.into_iter().flatten().unzip();
         Ok((tasks, damaged.into_iter().flatten().collect()))
     }
 
     /// A task's part, once every byte of it is known to be what was written, and it is this task's of this study; else what is wrong with it.
-    fn sound(&self, task: usize) -> crate::Result<Result<Reader, String>> {
+    fn sound(&self, task: usize) -> super::error::Result<Result<Reader, String>> {
         let path = self.path(task);
-        let bytes = std::fs::read(&path).map_err(|e| crate::Error::io(&path, e))?;
+        let bytes = std::fs::read(&path).map_err(|e| super::error::Error::io(&path, e))?;
         if !seal::is_whole(&bytes) {
             return Ok(Err(if bytes.is_empty() { "it is empty" } else { "its digest is not that of its bytes" }.to_owned()));
         }
@@ -305,8 +305,8 @@ impl Tasks {
     /// Writes a task's part, all of it or none.
     ///
     /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn keep(&self, task: usize, part: &[u8]) -> crate::Result<()> {
+    /// [`super::error::Error::Io`].
+    pub fn keep(&self, task: usize, part: &[u8]) -> super::error::Result<()> {
         Ok(write_atomic(&self.path(task), |out| out.write_all(part))?)
     }
 
@@ -314,8 +314,8 @@ impl Tasks {
     /// much is in memory as one part for every thread.
     ///
     /// # Errors
-    /// [`StudyError::Results`] for a part that is missing, damaged or another study's; [`crate::Error::Io`]; [`crate::Error::Stopped`].
-    pub fn gather(&self, runner: &Runner, stop: &Stop) -> crate::Result<Study> {
+    /// [`StudyError::Results`] for a part that is missing, damaged or another study's; [`super::error::Error::Io`]; [`super::error::Error::Stopped`].
+    pub fn gather(&self, runner: &Runner, stop: &Stop) -> super::error::Result<Study> {
         let cells = runner.layout.slots.len();
         // Tasks that share a setting are added up one after the other.
         let starts = |task: &usize| {
@@ -329,7 +329,7 @@ impl Tasks {
                 _ => runs.push(task..task + 1),
             }
         }
-        let of_run = |run: &Range<usize>| -> crate::Result<BTreeMap<usize, Tally>> {
+        let of_run = |run: &Range<usize>| -> super::error::Result<BTreeMap<usize, Tally>> {
             let mut tallies: BTreeMap<usize, Tally> = BTreeMap::new();
             for task in run.clone() {
                 stop.check()?;
@@ -342,7 +342,7 @@ impl Tasks {
             }
             Ok(tallies)
         };
-        let added = runs.par_iter().map(of_run).collect::<crate::Result<Vec<_>>>()?;
+        let added = runs.par_iter().map(of_run).collect::<super::error::Result<Vec<_>>>()?;
         let mut tallies = vec![Tally::default(); cells];
         for (cell, tally) in added.into_iter().flatten() {
             if let Some(place) = tallies.get_mut(cell) {
@@ -356,13 +356,13 @@ impl Tasks {
     }
 
     /// Removes what workers that were killed while they wrote left behind.
-    fn tidy(&self) -> crate::Result<()> {
+    fn tidy(&self) -> super::error::Result<()> {
         sweep(&self.folder)?;
         Ok(sweep(&self.folder.join(ESTIMATES))?)
     }
 
     /// The estimates of one task.
-    fn rows(&self, runner: &Runner, task: usize) -> crate::Result<Vec<Row>> {
+    fn rows(&self, runner: &Runner, task: usize) -> super::error::Result<Vec<Row>> {
         let path = self.path(task);
         let rows = self.sound(task)?.map_err(|why| unread(&path, &why))?.rows()?;
         let expected = runner.estimates_of(self.blocks(task));

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::StudyError;
 use super::aim::Aim;
+use super::error::StudyError;
 use super::logging::Logging;
 use super::origin::Origin;
 use super::published::{Published, spread};
@@ -438,8 +438,8 @@ impl Plan {
     /// A shipped plan by its name, or a file.
     ///
     /// # Errors
-    /// [`StudyError::UnknownPlan`], [`StudyError::Plan`] naming the key, [`crate::Error::Io`].
-    pub fn open(name: &str) -> crate::Result<Self> {
+    /// [`StudyError::UnknownPlan`], [`StudyError::Plan`] naming the key, [`super::error::Error::Io`].
+    pub fn open(name: &str) -> super::error::Result<Self> {
         if let Some((name, text)) = PLANS.iter().find(|(n, _)| *n == name) {
             return Ok(Self::parse(name, text, Path::new("."))?);
         }

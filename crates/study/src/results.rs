@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::StudyError;
+use super::error::StudyError;
 use super::plan::{Delay, Loop, Place, Truth};
 use deadtime_signal::file::{read_text, write_atomic};
 
@@ -238,8 +238,8 @@ impl Study {
     /// Reads `study.json`, or the folder that holds it.
     ///
     /// # Errors
-    /// [`crate::Error::Io`]; [`StudyError::Results`] for another format.
-    pub fn read(path: &Path) -> crate::Result<Self> {
+    /// [`super::error::Error::Io`]; [`StudyError::Results`] for another format.
+    pub fn read(path: &Path) -> super::error::Result<Self> {
         let path = if path.is_dir() { path.join("study.json") } else { path.to_owned() };
         let text = read_text(&path)?;
         let wrong = |detail: String| StudyError::Results { path: path.clone(), detail };
@@ -254,8 +254,8 @@ impl Study {
     /// agree on), one line per cell.
     ///
     /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn write_baseline(&self, path: &Path) -> crate::Result<()> {
+    /// [`super::error::Error::Io`].
+    pub fn write_baseline(&self, path: &Path) -> super::error::Result<()> {
         let path = if path.extension().is_some() { path.to_owned() } else { path.join("study.json") };
         let lines = |list: &mut dyn Iterator<Item = serde_json::Result<Value>>| -> serde_json::Result<String> {
             Ok(list.map(|v| v.map(|v| format!("    {}", without_blanks(v)))).collect::<serde_json::Result<Vec<_>>>()?.join(",\n"))
@@ -277,8 +277,8 @@ impl Study {
     /// Writes `study.json`.
     ///
     /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn write(&self, path: &Path) -> crate::Result<()> {
+    /// [`super::error::Error::Io`].
+    pub fn write(&self, path: &Path) -> super::error::Result<()> {
         let text = serde_json::to_string_pretty(self).map_err(|e| StudyError::Results { path: path.to_owned(), detail: e.to_string() })?;
         Ok(write_atomic(path, |out| writeln!(out, "{text}"))?)
     }

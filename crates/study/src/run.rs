@@ -10,11 +10,11 @@ use rayon::prelude::*;
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
-use super::StudyError;
 use super::block_file::{BlockFile, Damaged};
 use super::blocks::{BLOCK, Block, Blocks};
 use super::budget::Budget;
 use super::cell::{Layout, Slot};
+use super::error::StudyError;
 use super::estimates::{CsvSink, Field, Row, Sink, key_fields, made, of_record, value_fields};
 use super::plan::{Delay, PLAIN, Plan};
 use super::results::{Cell, FORMAT, Kept, Score, Study};
@@ -66,7 +66,7 @@ impl Runner {
     /// # Errors
     /// [`StudyError::Plan`], [`deadtime_signal::registry::RegistryError`] for unknown names and options; what keeps a record from being made, as [`StudyError::Record`];
     /// [`StudyError::Budget`].
-    pub fn new(plan: &Plan) -> crate::Result<Self> {
+    pub fn new(plan: &Plan) -> super::error::Result<Self> {
         Self::within(plan, &Budget::default())
     }
 
@@ -74,10 +74,10 @@ impl Runner {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn within(plan: &Plan, budget: &Budget) -> crate::Result<Self> {
+    pub fn within(plan: &Plan, budget: &Budget) -> super::error::Result<Self> {
         let runner = Self::untried(plan, budget)?;
         let tried = runner.layout.settings.par_iter().map(|s| made(plan, s, 0).map(|_| ()));
-        tried.collect::<crate::Result<Vec<()>>>()?;
+        tried.collect::<super::error::Result<Vec<()>>>()?;
         Ok(runner)
     }
 
@@ -85,7 +85,7 @@ impl Runner {
     ///
     /// # Errors
     /// As [`Self::new`], but for records.
-    pub fn untried(plan: &Plan, budget: &Budget) -> crate::Result<Self> {
+    pub fn untried(plan: &Plan, budget: &Budget) -> super::error::Result<Self> {
         budget.check(plan)?;
         let layout = Layout::new(plan).map_err(|e| plan.origin.place(e))?;
         let uncounted = || StudyError::Plan { plan: plan.name.clone(), detail: "`trials`: more records than can be counted".to_owned() };
@@ -121,31 +121,31 @@ impl Runner {
     ///
     /// # Errors
     /// As [`Self::begin`] and [`Begun::run`].
-    pub fn run(&self, folder: &Path, resume: bool, stop: &Stop, progress: &(dyn Fn(Progress) + Sync)) -> crate::Result<Study> {
+    pub fn run(&self, folder: &Path, resume: bool, stop: &Stop, progress: &(dyn Fn(Progress) + Sync)) -> super::error::Result<Study> {
         self.begin(folder, resume, stop)?.run(stop, progress)
     }
 
     /// Locks the folder, removes what killed runs left half-written, and checks every block that is there, byte by byte.
     ///
     /// # Errors
-    /// [`crate::Error::Busy`] where another run writes to the folder; [`StudyError::Folder`] where it holds another plan's blocks, or some of this one without
-    /// `resume`; [`crate::Error::Io`]; [`crate::Error::Stopped`].
-    pub fn begin(&self, folder: &Path, resume: bool, stop: &Stop) -> crate::Result<Begun<'_>> {
+    /// [`super::error::Error::Busy`] where another run writes to the folder; [`StudyError::Folder`] where it holds another plan's blocks, or some of this one without
+    /// `resume`; [`super::error::Error::Io`]; [`super::error::Error::Stopped`].
+    pub fn begin(&self, folder: &Path, resume: bool, stop: &Stop) -> super::error::Result<Begun<'_>> {
         let lock = Lock::of(folder)?;
         let spent = folder.join(SPENT);
         if spent.exists() {
-            fs::remove_dir_all(&spent).map_err(|e| crate::Error::io(&spent, e))?;
+            fs::remove_dir_all(&spent).map_err(|e| super::error::Error::io(&spent, e))?;
         }
         sweep(folder)?;
         let parts = self.open(folder, resume)?;
         sweep(&parts)?;
         let there: Vec<(usize, PathBuf)> = blocks_in(&parts)?.into_iter().filter(|(number, _)| *number < self.blocks.len()).collect();
-        let whole = |(number, path): &(usize, PathBuf)| -> crate::Result<Option<Damaged>> {
+        let whole = |(number, path): &(usize, PathBuf)| -> super::error::Result<Option<Damaged>> {
             stop.check()?;
             let damaged = |why| Damaged { file: path.clone(), why };
             Ok(self.block_file(*number).body(path)?.err().map(damaged))
         };
-        let checked = there.par_iter().map(whole).collect::<crate::Result<Vec<_>>>()?;
+        let checked = there.par_iter().map(whole).collect::<super::error::Result<Vec<_>>>()?;
         let done = there.iter().zip(&checked).filter(|(_, damage)| damage.is_none()).map(|((number, _), _)| *number).collect();
         let damaged = checked.into_iter().flatten().collect();
         Ok(Begun { runner: self, folder: folder.to_owned(), parts, done, damaged, _lock: lock })
@@ -156,7 +156,7 @@ impl Runner {
     }
 
     /// The rows of one block, in the order of trials and cells.
-    pub(super) fn block(&self, block: Block, stop: &Stop) -> crate::Result<Vec<Row>> {
+    pub(super) fn block(&self, block: Block, stop: &Stop) -> super::error::Result<Vec<Row>> {
         let mut rows = Vec::with_capacity(self.size(block));
         for trial in block.first..block.end {
             rows.extend(of_record(&self.plan, &self.layout, block.setting, trial, stop)?);
@@ -165,7 +165,7 @@ impl Runner {
     }
 
     /// The folder of blocks, new or of this very plan.
-    fn open(&self, folder: &Path, resume: bool) -> crate::Result<PathBuf> {
+    fn open(&self, folder: &Path, resume: bool) -> super::error::Result<PathBuf> {
         let parts = folder.join(PARTS);
         let stamp = parts.join(STAMP);
         let mine = self.stamp.as_str();
@@ -330,8 +330,8 @@ impl Begun<'_> {
     /// Makes what is not done yet, and writes what came of all of it.
     ///
     /// # Errors
-    /// What keeps a record from being made; [`crate::Error::Io`]; [`crate::Error::Stopped`].
-    pub fn run(self, stop: &Stop, progress: &(dyn Fn(Progress) + Sync)) -> crate::Result<Study> {
+    /// What keeps a record from being made; [`super::error::Error::Io`]; [`super::error::Error::Stopped`].
+    pub fn run(self, stop: &Stop, progress: &(dyn Fn(Progress) + Sync)) -> super::error::Result<Study> {
         let runner = self.runner;
         let done = self.done.iter().filter_map(|number| runner.blocks.get(*number)).map(|b| runner.size(b)).sum();
         let count = Mutex::new(Progress { done, now: 0, all: runner.estimates() });
@@ -352,12 +352,12 @@ impl Begun<'_> {
         let study = self.gather(stop)?;
         // At once, so that a kill on the way leaves no half of them.
         let spent = self.folder.join(SPENT);
-        fs::rename(&self.parts, &spent).and_then(|()| fs::remove_dir_all(&spent)).map_err(|e| crate::Error::io(&self.parts, e))?;
+        fs::rename(&self.parts, &spent).and_then(|()| fs::remove_dir_all(&spent)).map_err(|e| super::error::Error::io(&self.parts, e))?;
         Ok(study)
     }
 
     /// Reads all blocks in order, one at a time, and writes what came of them.
-    fn gather(&self, stop: &Stop) -> crate::Result<Study> {
+    fn gather(&self, stop: &Stop) -> super::error::Result<Study> {
         let Self { runner, folder, parts, .. } = self;
         let keys: Vec<_> = (0..runner.layout.slots.len()).map(|number| runner.key(number)).collect();
         let mut tallies = vec![Tally::default(); keys.len()];
@@ -392,10 +392,10 @@ fn stamp(plan: &Plan, layout: &Layout) -> String {
 /// Hands the numbers below `count` out to as many workers as there are threads, in order, until one fails.
 ///
 /// Each worker is a pool of one thread: what a method would do in parallel it does there one after the other, so that its run time is its own, and no other estimate's.
-fn shared_out(count: usize, work: impl Fn(usize) -> crate::Result<()> + Sync) -> crate::Result<()> {
+fn shared_out(count: usize, work: impl Fn(usize) -> super::error::Result<()> + Sync) -> super::error::Result<()> {
     let next = AtomicUsize::new(0);
     let failed = AtomicBool::new(false);
-    let worker = || -> crate::Result<()> {
+    let worker = || -> super::error::Result<()> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|e| StudyError::Threads { detail: e.to_string() })?;
         while !failed.load(Ordering::Relaxed) {
             let number = next.fetch_add(1, Ordering::Relaxed);
@@ -409,7 +409,7 @@ fn shared_out(count: usize, work: impl Fn(usize) -> crate::Result<()> + Sync) ->
     let workers = rayon::current_num_threads().min(count);
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
-        let ended = |w: std::thread::ScopedJoinHandle<'_, crate::Result<()>>| {
+        let ended = |w: std::thread::ScopedJoinHandle<'_, super::error::Result<()>>| {
             w.join().unwrap_or_else(|_| Err(StudyError::Threads { detail: "a worker stopped".to_owned() }.into()))
         };
         // All are waited for; the first error is told.
@@ -418,8 +418,8 @@ fn shared_out(count: usize, work: impl Fn(usize) -> crate::Result<()> + Sync) ->
 }
 
 /// The blocks in a folder of parts, by their names; what else lies there is none.
-fn blocks_in(parts: &Path) -> crate::Result<Vec<(usize, PathBuf)>> {
-    let wrong = |e| crate::Error::io(parts, e);
+fn blocks_in(parts: &Path) -> super::error::Result<Vec<(usize, PathBuf)>> {
+    let wrong = |e| super::error::Error::io(parts, e);
     let mut found = Vec::new();
     for entry in fs::read_dir(parts).map_err(wrong)? {
         let name = entry.map_err(wrong)?.file_name();
@@ -435,7 +435,7 @@ fn blocks_in(parts: &Path) -> crate::Result<Vec<(usize, PathBuf)>> {
 }
 
 /// The files that every estimate goes to.
-fn sinks(folder: &Path) -> crate::Result<Vec<Box<dyn Sink>>> {
+fn sinks(folder: &Path) -> super::error::Result<Vec<Box<dyn Sink>>> {
     Ok(vec![
         Box::new(CsvSink::new(folder.join("estimates.csv"))?),
         #[cfg(feature = "tables")]

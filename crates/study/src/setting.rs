@@ -9,17 +9,19 @@ use rand_chacha::rand_core::SeedableRng;
 use sha2::{Digest, Sha256};
 
 use super::bound::bound_samples;
+use super::error::StudyError;
+use super::feedback;
 use super::logging::{Logging, STEPS, held};
 use super::passages::{EVENTS, passages};
 use super::plan::{Colour, Controller, Delay, Draw, Drawn, Grid, Loop, PLAIN, Place, Plan, Scoring, Signal};
 use super::plants::{PLANTS, Plant, PlantEntry};
-use super::{StudyError, feedback};
 use deadtime_delay::{Detrend, Experiment, PlantModel, Recording};
 use deadtime_model::c2d::{CONVERSIONS, Conversion, Tustin};
 use deadtime_model::simulate::{Options, Prehistory, lsim};
 use deadtime_model::{ModelFile, Sampled, StateSpace, dlqr};
 use deadtime_signal::file::read_text;
-use deadtime_signal::registry::{self, Entry};
+use deadtime_signal::registry;
+use deadtime_signal::registry::Entry;
 use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
 use deadtime_signal::{EXCITATIONS, Excitation, Noise, NoiseColour, NoiseScaling, unit_noise};
@@ -121,7 +123,7 @@ pub(super) fn named<T: ?Sized>(
     entries: &'static [Entry<T>],
     kind: &'static str,
     text: &str,
-) -> crate::Result<(&'static Entry<T>, serde_json::Value)> {
+) -> super::error::Result<(&'static Entry<T>, serde_json::Value)> {
     let mut words = text.split_whitespace();
     let entry = registry::find(entries, kind, words.next().unwrap_or_default())?;
     Ok((entry, registry::options(words)?))
@@ -131,7 +133,7 @@ pub(super) fn named<T: ?Sized>(
 type Wrong<'w> = &'w dyn Fn(String) -> StudyError;
 
 /// The conversion that a key names; one that rounds delays takes whole ones only.
-fn conversion(key: &Key, sample_time: SampleTime, wrong: Wrong<'_>) -> crate::Result<Box<dyn Conversion>> {
+fn conversion(key: &Key, sample_time: SampleTime, wrong: Wrong<'_>) -> super::error::Result<Box<dyn Conversion>> {
     let (entry, options) = named(CONVERSIONS, "conversion", &key.c2d)?;
     let conversion = entry.with(options.clone())?;
     // These two put a delay on the nearest sample unless told otherwise: what was injected would not be what acts.
@@ -156,7 +158,7 @@ fn conversion(key: &Key, sample_time: SampleTime, wrong: Wrong<'_>) -> crate::Re
 }
 
 /// The noise that a key names.
-fn colour(plan: &Plan, key: &Key, wrong: Wrong<'_>) -> crate::Result<Colour> {
+fn colour(plan: &Plan, key: &Key, wrong: Wrong<'_>) -> super::error::Result<Colour> {
     let colour = match (key.noise.as_str(), plan.noises.get(&key.noise)) {
         ("white", _) => Colour::default(),
         (_, Some(colour)) => colour.clone(),
@@ -172,7 +174,7 @@ fn colour(plan: &Plan, key: &Key, wrong: Wrong<'_>) -> crate::Result<Colour> {
 }
 
 /// The controller that a key names; `None`: none, or one that feeds back the states.
-fn controller(plan: &Plan, key: &Key, channels: (usize, usize), wrong: Wrong<'_>) -> crate::Result<Option<Controller>> {
+fn controller(plan: &Plan, key: &Key, channels: (usize, usize), wrong: Wrong<'_>) -> super::error::Result<Option<Controller>> {
     let controller = match key.controller.as_deref() {
         None | Some("dlqr") => None,
         Some(name) => match plan.controllers.get(name) {
@@ -195,7 +197,7 @@ fn controller(plan: &Plan, key: &Key, channels: (usize, usize), wrong: Wrong<'_>
 }
 
 /// The way of logging that a key names, for a plant of so many states measured.
-fn logging(plan: &Plan, key: &Key, source: &Source, states: bool, wrong: Wrong<'_>) -> crate::Result<Logging> {
+fn logging(plan: &Plan, key: &Key, source: &Source, states: bool, wrong: Wrong<'_>) -> super::error::Result<Logging> {
     let logging = match (key.logging.as_str(), plan.loggings.get(&key.logging)) {
         (PLAIN, _) => Logging::default(),
         (_, Some(logging)) => *logging,
@@ -216,7 +218,7 @@ fn logging(plan: &Plan, key: &Key, source: &Source, states: bool, wrong: Wrong<'
 }
 
 /// Events pass through a dead time and nothing else.
-fn only_events(key: &Key, logging: &Logging, wrong: Wrong<'_>) -> crate::Result<()> {
+fn only_events(key: &Key, logging: &Logging, wrong: Wrong<'_>) -> super::error::Result<()> {
     let plain = key.plant == "gain" && key.c2d == "zoh" && key.noise == "white" && key.loops == Loop::Open && logging.jitter == 0.0;
     if plain {
         return Ok(());
@@ -229,7 +231,7 @@ fn only_events(key: &Key, logging: &Logging, wrong: Wrong<'_>) -> crate::Result<
 
 impl Setting {
     /// Looks up what a key names.
-    pub(super) fn new(plan: &Plan, number: usize, key: Key, max_delay: usize, states: bool) -> crate::Result<Self> {
+    pub(super) fn new(plan: &Plan, number: usize, key: Key, max_delay: usize, states: bool) -> super::error::Result<Self> {
         let grid: &Grid = &plan.grids[number];
         let wrong: Wrong<'_> = &|detail| StudyError::Plan { plan: plan.name.clone(), detail };
         let (source, inputs, outputs) = source(&key.plant, &plan.folder)?;
@@ -282,7 +284,7 @@ impl Setting {
         Ok(setting)
     }
 
-    fn is_repeatable(&self) -> crate::Result<bool> {
+    fn is_repeatable(&self) -> super::error::Result<bool> {
         let fixed = match &self.source {
             Source::Listed(entry) => !entry.random,
             Source::File(_) => true,
@@ -299,7 +301,7 @@ impl Setting {
     }
 
     /// Record `trial`.
-    pub(super) fn record(&self, plan_seed: u64, trial: usize) -> crate::Result<Record> {
+    pub(super) fn record(&self, plan_seed: u64, trial: usize) -> super::error::Result<Record> {
         let seed = self.seed(plan_seed, trial);
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let delay_s = self.delays(&mut rng);
@@ -347,13 +349,14 @@ impl Setting {
         };
         // A controller's loop has its noise inside.
         let inside = self.is_closed() && self.controller.is_some();
-        let outputs = clean.iter().map(|y| if inside { Ok(y.clone()) } else { noise(&mut rng, y) }).collect::<crate::Result<Vec<_>>>()?;
+        let outputs =
+            clean.iter().map(|y| if inside { Ok(y.clone()) } else { noise(&mut rng, y) }).collect::<super::error::Result<Vec<_>>>()?;
         let order = match &model {
             PlantModel::Continuous(m) => m.order(),
             PlantModel::Sampled(m) => m.order(),
         };
         let states = if self.states {
-            states.iter().take(order).map(|x| noise(&mut rng, x)).collect::<crate::Result<Vec<_>>>()?
+            states.iter().take(order).map(|x| noise(&mut rng, x)).collect::<super::error::Result<Vec<_>>>()?
         } else {
             Vec::new()
         };
@@ -382,7 +385,7 @@ impl Setting {
     }
 
     /// Record `seed` of events.
-    fn passages(&self, seed: u64, delay_s: Vec<f64>, rng: &mut ChaCha8Rng) -> crate::Result<Record> {
+    fn passages(&self, seed: u64, delay_s: Vec<f64>, rng: &mut ChaCha8Rng) -> super::error::Result<Record> {
         let name = |names: &[String]| names.first().cloned().unwrap_or_default();
         let (first, second, delay) = (name(&self.inputs), name(&self.outputs), delay_s.first().copied().unwrap_or(0.0));
         let events = passages([&first, &second], self.key.samples, delay, self.key.snr, &self.logging, self.sample_time, rng)?;
@@ -390,7 +393,7 @@ impl Setting {
     }
 
     /// The outputs at stamps off the grid, of inputs held from stamp to stamp.
-    fn between(&self, model: &PlantModel, delay_s: &[f64], drive: &[Vec<f64>], stamps: &[usize]) -> crate::Result<Vec<Vec<f64>>> {
+    fn between(&self, model: &PlantModel, delay_s: &[f64], drive: &[Vec<f64>], stamps: &[usize]) -> super::error::Result<Vec<Vec<f64>>> {
         let PlantModel::Continuous(continuous) = model else { return Ok(Vec::new()) };
         let step = SampleTime::new(self.sample_time.to_seconds(1.0 / STEPS as f64))?;
         let fine = self.conversion.c2d(&continuous.clone().with_input_delay(delay_s.to_vec())?, step)?;
@@ -424,16 +427,16 @@ impl Setting {
         }
     }
 
-    fn drive(&self, rng: &mut ChaCha8Rng) -> crate::Result<Vec<Vec<f64>>> {
+    fn drive(&self, rng: &mut ChaCha8Rng) -> super::error::Result<Vec<Vec<f64>>> {
         let Some(excitation) = &self.excitation else { return Ok(Vec::new()) };
         self.inputs.iter().map(|_| Ok(excitation.generate(self.key.samples, rng)?)).collect()
     }
 
-    fn sampled(&self, model: &PlantModel, delay_s: &[f64]) -> crate::Result<StateSpace<Sampled>> {
+    fn sampled(&self, model: &PlantModel, delay_s: &[f64]) -> super::error::Result<StateSpace<Sampled>> {
         match model {
             PlantModel::Continuous(m) => Ok(self.conversion.c2d(&m.clone().with_input_delay(delay_s.to_vec())?, self.sample_time)?),
             PlantModel::Sampled(m) => {
-                let whole = delay_s.iter().map(|s| Ok(self.sample_time.samples(*s)?.whole)).collect::<crate::Result<Vec<_>>>()?;
+                let whole = delay_s.iter().map(|s| Ok(self.sample_time.samples(*s)?.whole)).collect::<super::error::Result<Vec<_>>>()?;
                 m.sample_time().must_equal(self.sample_time)?;
                 Ok(m.clone().with_input_delay(whole)?)
             }
@@ -468,7 +471,7 @@ impl Setting {
         (white && self.key.snr.is_finite()).then(|| spread(clean) / self.key.snr.sqrt())
     }
 
-    fn noisy(&self, clean: &[f64], rng: &mut ChaCha8Rng) -> crate::Result<Vec<f64>> {
+    fn noisy(&self, clean: &[f64], rng: &mut ChaCha8Rng) -> super::error::Result<Vec<f64>> {
         if let Some(std) = self.colour.innovation_std {
             return Ok(clean.iter().zip(self.innovations_through(clean.len(), std, rng)).map(|(y, v)| y + v).collect());
         }
@@ -495,7 +498,7 @@ impl Setting {
         controller: &Controller,
         drive: &[Vec<f64>],
         rng: &mut ChaCha8Rng,
-    ) -> crate::Result<Vec<f64>> {
+    ) -> super::error::Result<Vec<f64>> {
         let samples = self.key.samples;
         if let Some(std) = self.colour.innovation_std {
             return Ok(self.innovations_through(samples, std, rng));
@@ -519,7 +522,7 @@ fn hash(text: &str) -> u64 {
 }
 
 /// Digest of what stands behind the names of a key in this plan, and of what else its answers hang on.
-fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> crate::Result<String> {
+fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> super::error::Result<String> {
     let Scoring { invalid_samples, wrong_samples, .. } = grid.scoring;
     let noise = plan.noises.get(&key.noise);
     let controller = key.controller.as_ref().and_then(|c| plan.controllers.get(c));
@@ -533,7 +536,7 @@ fn definition(plan: &Plan, grid: &Grid, key: &Key, signal: &Signal) -> crate::Re
     Ok(format!("{:016x}", hash(&all.to_string())))
 }
 
-fn source(name: &str, folder: &Path) -> crate::Result<(Source, Vec<String>, Vec<String>)> {
+fn source(name: &str, folder: &Path) -> super::error::Result<(Source, Vec<String>, Vec<String>)> {
     if let Some(entry) = PLANTS.iter().find(|p| p.name == name) {
         // Names do not depend on what is drawn.
         let plant = entry.build(&mut ChaCha8Rng::seed_from_u64(0))?;
@@ -558,7 +561,7 @@ fn source(name: &str, folder: &Path) -> crate::Result<(Source, Vec<String>, Vec<
 }
 
 /// Outputs and states of a plant that rests before the first sample.
-fn simulated(sys: &StateSpace<Sampled>, inputs: &[Vec<f64>]) -> crate::Result<[Vec<Vec<f64>>; 2]> {
+fn simulated(sys: &StateSpace<Sampled>, inputs: &[Vec<f64>]) -> super::error::Result<[Vec<Vec<f64>>; 2]> {
     let u = DMatrix::from_fn(inputs.first().map_or(0, Vec::len), inputs.len(), |t, j| inputs[j][t]);
     let options = Options { initial: Some(DVector::zeros(sys.order())), prehistory: Prehistory::Rest, ..Options::default() };
     let response = lsim(sys, &u, sys.sample_time(), &options)?;
@@ -567,7 +570,7 @@ fn simulated(sys: &StateSpace<Sampled>, inputs: &[Vec<f64>]) -> crate::Result<[V
 }
 
 /// The delayed plant with feedback that is not delayed: a fraction of a sample adds states after the plant's own, which K does not see.
-fn fed_back(delayed: &StateSpace<Sampled>, bare: &StateSpace<Sampled>, k: &DMatrix<f64>) -> crate::Result<StateSpace<Sampled>> {
+fn fed_back(delayed: &StateSpace<Sampled>, bare: &StateSpace<Sampled>, k: &DMatrix<f64>) -> super::error::Result<StateSpace<Sampled>> {
     let n = bare.order();
     let (mut a, mut c) = (delayed.a().clone(), delayed.c().clone());
     let mut upper = a.view_mut((0, 0), (n, n));

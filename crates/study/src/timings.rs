@@ -17,7 +17,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{Binomial, DiscreteCDF};
 
-use super::StudyError;
+use super::error::StudyError;
 use super::gate::holm;
 use deadtime_signal::stats;
 
@@ -114,9 +114,9 @@ impl Timings {
     /// A CSV file with the columns `bench`, `before_s` and `after_s`, a line a pair.
     ///
     /// # Errors
-    /// [`StudyError::Results`] naming the line; [`crate::Error::Io`].
-    pub fn read(path: &Path) -> crate::Result<Self> {
-        let file = std::fs::File::open(path).map_err(|e| crate::Error::io(path, e))?;
+    /// [`StudyError::Results`] naming the line; [`super::error::Error::Io`].
+    pub fn read(path: &Path) -> super::error::Result<Self> {
+        let file = std::fs::File::open(path).map_err(|e| super::error::Error::io(path, e))?;
         Ok(Self::from_csv(file, path)?)
     }
 

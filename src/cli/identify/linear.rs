@@ -5,18 +5,18 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
-use super::Common;
-use crate::cli::Out;
+use super::command::Common;
 use crate::cli::progress::Bar;
+use crate::cli::show::Out;
 use crate::cli::source::Needed;
-use crate::delay::{BehindDelays, TakenOut, identify_behind_delays};
-use crate::file::write_atomic;
-use crate::identify::subspace::{Direct, Recordings};
-use crate::log::Log;
-use crate::registry;
 use crate::report::identify::Report;
 use crate::report::page;
-use crate::stop::Stop;
+use deadtime_delay::{BehindDelays, TakenOut, identify_behind_delays};
+use deadtime_identify::subspace::{Direct, Recordings};
+use deadtime_log::Log;
+use deadtime_signal::file::write_atomic;
+use deadtime_signal::registry;
+use deadtime_signal::stop::Stop;
 
 /// The options of a linear model.
 #[derive(Debug, clap::Args)]

@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-use super::Common;
-use crate::cli::Out;
-use crate::file::write_atomic;
-use crate::identify::matching::{Matching, Target};
-use crate::model::ModelDocument;
+use super::command::Common;
+use crate::cli::show::Out;
 use crate::report::matching::text;
 use crate::report::page;
+use deadtime_identify::matching::{Matching, Target};
+use deadtime_model::ModelDocument;
+use deadtime_signal::file::write_atomic;
 
 /// The options of a match by frequency.
 #[derive(Debug, clap::Args)]

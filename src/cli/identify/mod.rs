@@ -1,59 +1,6 @@
 //! `deadtime identify`: from logs to a model file, or to the parameters of one.
 
+pub(crate) mod command;
 mod linear;
 mod matching;
 mod structured;
-
-use std::path::PathBuf;
-
-use super::Out;
-use super::source::Reading;
-
-/// Make a model file of logs, or fit the parameters of one (--structure) to logs or to an identified model (--match): with standard deviations, and how it does on data that it has not seen
-#[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:
-  deadtime identify flight.csv --input rudder --output yaw_rate --out model.toml
-  deadtime identify flight.csv --structure model.toml --free mass,damping --out fitted.toml
-  deadtime identify --structure model.toml --match identified.json --free mass,damping --norm hinf --band 1:30")]
-pub(super) struct Identify {
-    #[command(flatten)]
-    common: Common,
-    #[command(flatten)]
-    linear: linear::Linear,
-    #[command(flatten)]
-    structured: structured::Structured,
-    #[command(flatten)]
-    matched: matching::Matched,
-}
-
-/// What both ways need.
-#[derive(Debug, clap::Args)]
-struct Common {
-    /// Logs to learn from; of a linear model the last 30 % of each are held out unless --holdout names others
-    #[arg(value_name = "LOG", required_unless_present = "matched")]
-    logs: Vec<PathBuf>,
-    #[command(flatten)]
-    reading: Reading,
-    /// A log to judge the model on, which takes no part in the fit; may be repeated
-    #[arg(long, value_name = "LOG")]
-    holdout: Vec<PathBuf>,
-    /// The model file to write (.toml or .json)
-    #[arg(short, long, value_name = "FILE")]
-    out: Option<PathBuf>,
-    /// Also write what was found as a page, one file that needs no network
-    #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
-}
-
-impl Identify {
-    pub(super) fn run(&self, to: &Out<'_>) -> anyhow::Result<()> {
-        if self.matched.matched.is_none() {
-            self.matched.must_be_absent()?;
-        }
-        match (&self.structured.structure, &self.matched.matched) {
-            (Some(structure), Some(identified)) => self.matched.run((&self.common, &self.structured.free), structure, identified, to),
-            (Some(structure), None) => self.structured.run(&self.common, structure, to),
-            (None, _) => self.linear.run(&self.common, to),
-        }
-    }
-}

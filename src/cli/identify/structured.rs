@@ -4,15 +4,16 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-use super::Common;
-use crate::cli::Out;
+use super::command::Common;
 use crate::cli::progress::Bar;
-use crate::file::write_atomic;
-use crate::identify::structured::{self, Balance, score};
-use crate::log::Log;
-use crate::model::{EquationsFile, ModelDocument};
+use crate::cli::show::Out;
 use crate::report::page;
 use crate::report::structured::{scores, text};
+use deadtime_identify::structured;
+use deadtime_identify::structured::{Balance, score};
+use deadtime_log::Log;
+use deadtime_model::{EquationsFile, ModelDocument};
+use deadtime_signal::file::write_atomic;
 
 /// The options of a fit of a model file's parameters.
 #[derive(Debug, clap::Args)]

@@ -4,9 +4,9 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::{Cell, figure, given, made_by, page, sorted};
-use crate::blind::{BlindScore, SCORES, Score};
+use super::frame::{Cell, figure, given, made_by, page, sorted};
 use crate::report::blind::{ends, headline, number, tables};
+use deadtime_study::blind::{BlindScore, SCORES, Score};
 
 /// The page.
 #[must_use]

@@ -4,8 +4,8 @@ use maud::{Markup, html};
 use serde_json::json;
 
 use super::bars::{bar, stretch};
-use super::{Cell, made_by, number, page, percent, quoted, sorted};
-use crate::diagnose::{Inspection, LogReport, Role};
+use super::frame::{Cell, made_by, number, page, percent, quoted, sorted};
+use deadtime_gap::{Inspection, LogReport, Role};
 
 /// The page.
 #[must_use]
@@ -52,7 +52,7 @@ fn checks(found: &Inspection) -> Markup {
 
 fn channels(log: &LogReport) -> Markup {
     let every = log.sample_time_s.map_or_else(|| "unevenly sampled".to_owned(), |ts| format!("one every {} s", number(Some(ts))));
-    let row = |c: &crate::diagnose::ChannelReport| {
+    let row = |c: &deadtime_gap::ChannelReport| {
         let share = c.missing as f64 / log.samples.max(1) as f64;
         let missing = if c.missing > 0 { format!("{} ({})", c.missing, percent(Some(share))) } else { c.missing.to_string() };
         let role = match c.role {

@@ -4,10 +4,10 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::{Cell, figure, given, made_by, page, percent, quoted, table};
-use crate::compare::{Diagnoses, ParameterRow, Studies};
+use super::frame::{Cell, figure, given, made_by, page, percent, quoted, table};
 use crate::report::compare::{MEASURES, agreement, by_method, findings, part_text, shared_cells, value_text, values};
-use crate::report::terminal::Axis;
+use crate::report::terminal::axis::Axis;
+use deadtime_study::compare::{Diagnoses, ParameterRow, Studies};
 
 /// Diagnoses side by side.
 #[must_use]
@@ -69,9 +69,9 @@ fn standings(found: &Diagnoses) -> Markup {
 
 /// A number of every diagnosis on an axis of its own.
 fn numbers(found: &Diagnoses, row: &ParameterRow) -> Markup {
-    let held = |v: &crate::compare::Value| v.ci95.unwrap_or([v.value, v.value]);
+    let held = |v: &deadtime_study::compare::Value| v.ci95.unwrap_or([v.value, v.value]);
     let axis = Axis::over(row.values.iter().flatten().map(held).chain(row.mean_ci95), usize::MAX);
-    let line = |name: &str, v: &crate::compare::Value, class: &str| {
+    let line = |name: &str, v: &deadtime_study::compare::Value, class: &str| {
         let drawn = html! {
             @if let Some(axis) = axis {
                 @if let Some([low, high]) = v.ci95 { (stretch(axis.share(low), axis.share(high), &format!("range {class}"))) }
@@ -83,7 +83,7 @@ fn numbers(found: &Diagnoses, row: &ParameterRow) -> Markup {
     };
     let mut rows: Vec<Vec<Cell>> = found.names.iter().zip(&row.values).filter_map(|(name, v)| Some(line(name, v.as_ref()?, ""))).collect();
     if let Some(value) = row.mean {
-        rows.push(line("one value for all", &crate::compare::Value { value, ci95: row.mean_ci95 }, "aside"));
+        rows.push(line("one value for all", &deadtime_study::compare::Value { value, ci95: row.mean_ci95 }, "aside"));
     }
     let unit = if row.unit == "1" { String::new() } else { format!(", {}", row.unit) };
     let caption = format!("{} of {}{unit}: agree: {}", row.parameter, row.cause, agreement(row));
@@ -95,7 +95,7 @@ fn matrix(found: &Diagnoses) -> Vec<Value> {
     if found.causes.is_empty() {
         return Vec::new();
     }
-    let row = |cause: &crate::compare::CauseRow| {
+    let row = |cause: &deadtime_study::compare::CauseRow| {
         // What was found without a share is there all the same.
         let values: Vec<Option<f64>> = cause.parts.iter().map(|p| p.as_ref().map(|p| p.share.unwrap_or(1.0).max(0.0))).collect();
         let texts: Vec<String> = cause.parts.iter().map(|p| p.as_ref().map_or_else(|| "–".to_owned(), part_text)).collect();
@@ -135,7 +135,7 @@ pub fn compared_studies(found: &Studies) -> String {
     let views: Vec<Value> = MEASURES
         .iter()
         .filter_map(|measure| {
-            let row = |m: &crate::compare::MethodRow| {
+            let row = |m: &deadtime_study::compare::MethodRow| {
                 let values = (measure.of)(m);
                 let texts: Vec<String> = values.iter().map(|v| (measure.text)(*v)).collect();
                 values.iter().any(Option::is_some).then(|| json!({ "name": m.method, "values": values, "texts": texts }))

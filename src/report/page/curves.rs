@@ -2,8 +2,8 @@
 
 use serde_json::{Value, json};
 
-use crate::delay::report::Pair;
-use crate::delay::{Correlated, Evidence, Phase, Scan};
+use deadtime_delay::report::Pair;
+use deadtime_delay::{Correlated, Evidence, Phase, Scan};
 
 /// Methods that read an answer off each curve, the first that answered is marked.
 const OF_RESPONSE: &[&str] = &["threshold", "impulseest", "cusum"];
@@ -88,7 +88,7 @@ impl Draw<'_> {
     fn phase(&self, found: &Phase) -> Value {
         let line: Vec<f64> = found.frequency_hz.iter().map(|f| -2.0 * std::f64::consts::PI * f * found.delay_s).collect();
         let measured = json!({ "label": "phase", "y": all(&found.phase_rad), "color": "after", "points": "only" });
-        let line = json!({ "label": format!("a pure delay of {} s", super::number(Some(found.delay_s))), "y": all(&line), "color": "measured", "dash": [8, 5], "points": false });
+        let line = json!({ "label": format!("a pure delay of {} s", super::frame::number(Some(found.delay_s))), "y": all(&line), "color": "measured", "dash": [8, 5], "points": false });
         let x = json!({ "label": "frequency (Hz)", "values": all(&found.frequency_hz) });
         self.view(
             "phase",

@@ -4,16 +4,18 @@ use maud::{Markup, PreEscaped, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
+use super::curves;
+use super::frame::{Cell, figure, made_by, page, plots, quoted, table};
 use super::series::{Thinning, base64};
-use super::{Cell, curves, figure, made_by, page, plots, quoted, table};
-use crate::delay::report::{Estimate, Pair, Report, Response};
-use crate::delay::track::Tracked;
-use crate::delay::{Evidence, Outcome};
-use crate::log::Log;
 use crate::report::estimate::{preamble, single_events, warning};
 use crate::report::picture::{Shown, svg};
-use crate::report::terminal::{Axis, without_lists};
+use crate::report::terminal::axis::Axis;
+use crate::report::terminal::delay::without_lists;
 use crate::report::text::{delay, delay_cells, seconds};
+use deadtime_delay::report::{Estimate, Pair, Report, Response};
+use deadtime_delay::track::Tracked;
+use deadtime_delay::{Evidence, Outcome};
+use deadtime_log::Log;
 
 /// Records that the page holds.
 const LOGS: usize = 40;

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::laws::briefly;
-use crate::diagnose::ForceProfile;
+use deadtime_gap::ForceProfile;
 
 /// The figure; `None` where nothing is told.
 pub(super) fn figure(force: Option<&ForceProfile>) -> Option<Value> {

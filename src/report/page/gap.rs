@@ -4,12 +4,13 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
+use super::frame::{Cell, figure, made_by, number, page, percent, plots, quoted, table};
 use super::series::{Thinning, base64};
-use super::{Cell, figure, force, laws, made_by, number, page, percent, plots, quoted, residual, table};
-use crate::diagnose::{
+use super::{force, laws, residual};
+use crate::report::diagnosis::{recalibrated, summary};
+use deadtime_gap::{
     CommandTrace, Contribution, Diagnosed, Diagnosis, FoundParameter, HorizonError, Mode, RankingRow, Strength, Trace, proposed,
 };
-use crate::report::diagnosis::{recalibrated, summary};
 
 /// Logs that the page holds.
 const LOGS: usize = 40;
@@ -467,7 +468,7 @@ fn origin(d: &Diagnosis) -> Markup {
         Mode::Predictor => "one-step predictions of a fixed observer",
         Mode::Horizon => "free runs of the model over a horizon, each from the state that a fixed observer has estimated there",
     };
-    let held = |h: &crate::diagnose::Holdout| {
+    let held = |h: &deadtime_gap::Holdout| {
         vec![Cell::Words(h.log.clone()), Cell::Number(number(Some(h.from_s))), Cell::Number(number(Some(h.to_s)))]
     };
     let rows: Vec<Vec<Cell>> = d.holdout.iter().map(held).collect();

@@ -4,12 +4,13 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, stretch};
-use super::bode::{self, Curve};
-use super::{Cell, figure, given, made_by, number, page, quoted, sorted};
-use crate::identify::subspace::{Band, Response, Root};
-use crate::model::ModelError;
+use super::bode;
+use super::bode::Curve;
+use super::frame::{Cell, figure, given, made_by, number, page, quoted, sorted};
 use crate::report::identify::{FREQUENCIES, Report, parameters, poles, seconds};
-use crate::signal::stats::NORMAL_95;
+use deadtime_identify::subspace::{Band, Response, Root};
+use deadtime_model::ModelError;
+use deadtime_signal::stats::NORMAL_95;
 
 /// The page.
 ///
@@ -112,7 +113,7 @@ fn plane(poles: &[Root], zeros: &[Root]) -> Markup {
 fn order(report: &Report<'_>) -> Markup {
     let choice = &report.model.order;
     let most = choice.candidates.iter().map(|c| c.singular_value).fold(f64::MIN_POSITIVE, f64::max);
-    let row = |c: &crate::identify::subspace::Candidate| {
+    let row = |c: &deadtime_identify::subspace::Candidate| {
         let schwarz = c.schwarz.map_or_else(|| "no stable predictor".to_owned(), |s| format!("{s:.2}"));
         let weight = format!("{:.3}", c.weight);
         vec![

@@ -4,10 +4,10 @@
 
 use serde_json::{Value, json};
 
-use crate::diagnose::{Contribution, Diagnosed, FoundParameter};
-use crate::effect::{Applied, Chance};
-use crate::model::{EffectEntry, ModelDocument, ModelFile};
-use crate::simulate::{Commands, Plan, System, Term};
+use deadtime_gap::{Contribution, Diagnosed, FoundParameter};
+use deadtime_model::effect::{Applied, Chance};
+use deadtime_model::simulate::{Commands, Plan, System, Term};
+use deadtime_model::{EffectEntry, ModelDocument, ModelFile};
 
 /// Points of a curve.
 const POINTS: usize = 401;
@@ -208,7 +208,7 @@ fn law(c: &Contribution, d: &Diagnosed) -> Option<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::{Share, Strength};
+    use deadtime_gap::{Share, Strength};
 
     fn found(effect: &str, parameters: &[(&str, f64)]) -> Contribution {
         let parameter = |(name, value): &(&str, f64)| {

@@ -3,12 +3,13 @@
 use maud::{Markup, html};
 use serde_json::{Value, json};
 
-use super::bode::{self, Curve};
+use super::bode;
+use super::bode::Curve;
+use super::frame::{figure, made_by, page, quoted};
 use super::structured::{Drawn, not_had, parameters};
-use super::{figure, made_by, page, quoted};
-use crate::identify::matching::{Compared, ComparedPoint, Matched};
 use crate::report::matching::{how, meanings, nearness};
-use crate::signal::stats::NORMAL_95;
+use deadtime_identify::matching::{Compared, ComparedPoint, Matched};
+use deadtime_signal::stats::NORMAL_95;
 
 /// The page.
 #[must_use]
@@ -32,7 +33,7 @@ pub fn matching(found: &Matched) -> String {
 }
 
 fn table(found: &Matched) -> Markup {
-    let row = |p: &crate::identify::matching::MatchedParameter| Drawn {
+    let row = |p: &deadtime_identify::matching::MatchedParameter| Drawn {
         name: p.name.clone(),
         unit: p.unit.clone(),
         nominal: p.nominal,

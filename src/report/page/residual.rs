@@ -6,9 +6,9 @@ use std::f64::consts::TAU;
 use serde_json::{Value, json};
 
 use super::series::base64;
-use crate::diagnose::{CommandTrace, Diagnosed, Trace};
-use crate::signal::CrossSpectra;
-use crate::signal::stats;
+use deadtime_gap::{CommandTrace, Diagnosed, Trace};
+use deadtime_signal::CrossSpectra;
+use deadtime_signal::stats;
 
 /// Stretches of a variable's range.
 const STRETCHES: usize = 16;

@@ -3,10 +3,11 @@
 use maud::html;
 use serde_json::{Value, json};
 
-use super::bode::{self, Curve};
-use super::{figure, given, made_by, page, quoted};
-use crate::identify::response::Point;
+use super::bode;
+use super::bode::Curve;
+use super::frame::{figure, given, made_by, page, quoted};
 use crate::report::response::{Report, table};
+use deadtime_identify::response::Point;
 
 /// The name of a pair and its points.
 type Named = (String, Vec<Point>);

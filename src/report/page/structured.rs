@@ -4,11 +4,11 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::{Cell, figure, made_by, page, quoted, sorted};
-use crate::identify::structured::{FreeParameter, GroupScore, Standing, StructuredFit, Unseen};
+use super::frame::{Cell, figure, made_by, page, quoted, sorted};
 use crate::report::structured::{digits, fitted, how_unseen, meaning, standing};
-use crate::report::terminal::Axis;
-use crate::signal::stats::NORMAL_95;
+use crate::report::terminal::axis::Axis;
+use deadtime_identify::structured::{FreeParameter, GroupScore, Standing, StructuredFit, Unseen};
+use deadtime_signal::stats::NORMAL_95;
 
 /// The axis of the parameters, in times the file's value: what is beyond is an arrow at its end.
 const TIMES: [f64; 2] = [-1.0, 3.0];

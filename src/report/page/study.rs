@@ -4,10 +4,10 @@ use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
-use super::{Cell as Shown, figure, given, made_by, number, page, percent, sorted};
-use crate::blind::wilson;
+use super::frame::{Cell as Shown, figure, given, made_by, number, page, percent, sorted};
 use crate::report::study::{KEYS, KeyText, aims, groups, layouts, mean, median, over_bound, place, published, scores, standings, summary};
-use crate::study::{Cell, Plan, Study};
+use deadtime_study::blind::wilson;
+use deadtime_study::{Cell, Plan, Study};
 
 /// Different values of a key that a picture has room for.
 const VALUES: usize = 80;

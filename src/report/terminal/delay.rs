@@ -1,13 +1,13 @@
 //! Dead times for a terminal.
 
 use super::axis::Axis;
-use crate::delay::Outcome;
-use crate::delay::report::{Estimate, Pair, Report};
-use crate::delay::track::Tracked;
 use crate::report::estimate::{A_HANDFUL, preamble, single_events, warning};
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns, wrapped};
 use crate::report::text::{delay, delay_cells, seconds};
-use crate::text::shown;
+use deadtime_delay::Outcome;
+use deadtime_delay::report::{Estimate, Pair, Report};
+use deadtime_delay::track::Tracked;
+use deadtime_signal::text::shown;
 
 /// Methods and notes that are named where more would bury the answer.
 const NAMED: usize = 3;

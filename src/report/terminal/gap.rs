@@ -1,11 +1,11 @@
 //! A diagnosis for a terminal.
 
 use super::axis::share as bar;
-use crate::diagnose::{Diagnosed, Diagnosis, FoundParameter, RankingRow, Share, Strength};
 use crate::report::diagnosis::{by_horizon, described, first, nuisances, percent, probability, shared};
 use crate::report::styled::{Role, Styled, WIDTH, cell, columns};
 use crate::report::text::estimate;
-use crate::text::shown;
+use deadtime_gap::{Diagnosed, Diagnosis, FoundParameter, RankingRow, Share, Strength};
+use deadtime_signal::text::shown;
 
 /// A candidate less probable than this is only counted.
 const PROBABLE: f64 = 0.005;

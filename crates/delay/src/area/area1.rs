@@ -2,11 +2,13 @@
 //!
 //! Equation: K·e^(−Ls)/(1 + sT): L = A₀/K − e·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt, s the mean of the outputs after each step of the input, weighted with the steps.
 
-use super::{Area, BEYOND, Lags, Reading, TOLD, answer, area};
-use crate::{
-    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
-};
+use super::reading::{Area, BEYOND, Lags, Reading, TOLD, answer, area};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::Record;
 use deadtime_signal::registry::entry;
 use deadtime_signal::stats;

@@ -2,11 +2,12 @@
 //!
 //! Equation: K·e^(−Ls)/(1 + sT)²: L = A₀/K − (e²/2)·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt, s the running sum of the impulse response by least squares.
 
-use super::{Lags, answer, by_areas, pulse_response};
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair,
-};
+use super::reading::{Lags, answer, by_areas, pulse_response};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
 use deadtime_identify::Record;
 use deadtime_signal::registry::entry;
 

@@ -2,11 +2,12 @@
 //!
 //! Equation: K·e^(−Ls)/(1 + sT): L = μ − √v, μ = ∫t·h dt/K and v = ∫(t − μ)²·h dt/K the mean and the variance of the impulse response.
 
-use super::{Lags, Reading, TOLD, answer, propagated, pulse_response};
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair,
-};
+use super::reading::{Lags, Reading, TOLD, answer, propagated, pulse_response};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
 use deadtime_identify::{Fir, Record};
 use deadtime_signal::registry::entry;
 

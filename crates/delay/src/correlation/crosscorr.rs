@@ -2,11 +2,12 @@
 //!
 //! Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = 1.
 
-use super::{Line, generalised};
-use crate::{
-    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope, Search,
-    Start,
-};
+use super::generalised::{Line, generalised};
+use crate::error::DelayError;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{DelayEstimator, Search};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Information, Law, Method, ReferenceExperiment, Scope, Start};
 use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
@@ -56,10 +57,10 @@ pub(crate) const METHOD: Method = Method {
     information: Information::TwoSensors,
     basis: Basis::CrossSpectrum,
     tolerance: 0.05,
-    withstands: super::WITHSTANDS,
-    needs: super::NEEDS,
+    withstands: super::generalised::WITHSTANDS,
+    needs: super::generalised::NEEDS,
     blind_to: "the plant's own lag, which counts as delay; which cycle of a narrow-band signal it is",
-    exempt: &[(Law::Exact, super::LATE)],
+    exempt: &[(Law::Exact, super::generalised::LATE)],
 };
 
 impl DelayEstimator for Crosscorr {

@@ -2,16 +2,17 @@
 //!
 //! Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = γ/(√(Guu·Gyy)·(1 − γ)²), γ the coherence.
 
-use super::{Line, generalised};
-use crate::{
-    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope, Search,
-    Start,
-};
+use super::generalised::{Line, generalised};
+use crate::error::DelayError;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{DelayEstimator, Search};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Information, Law, Method, ReferenceExperiment, Scope, Start};
 use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
 ///
-/// Assumes: as [`crosscorr`](super::Crosscorr); equal ratios of signal to noise in both channels.
+/// Assumes: as [`crosscorr`](super::crosscorr::Crosscorr); equal ratios of signal to noise in both channels.
 /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
 /// Fails when: the coherence is near 1 in a few lines (they get nearly all the weight), the channels' noise differs much (no longer the best weights, still without bias),
 /// or the plant has dynamics (late).
@@ -57,10 +58,10 @@ pub(crate) const METHOD: Method = Method {
     information: Information::TwoSensors,
     basis: Basis::CrossSpectrum,
     tolerance: 0.05,
-    withstands: super::WITHSTANDS,
-    needs: super::NEEDS,
+    withstands: super::generalised::WITHSTANDS,
+    needs: super::generalised::NEEDS,
     blind_to: "the plant's own lag; noise that the two channels do not share alike",
-    exempt: &[(Law::Exact, super::LATE)],
+    exempt: &[(Law::Exact, super::generalised::LATE)],
 };
 
 impl DelayEstimator for GccEckart {

@@ -2,16 +2,17 @@
 //!
 //! Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = γ²/(|Guy|·(1 − γ²)), γ² the squared coherence.
 
-use super::{Line, generalised};
-use crate::{
-    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope, Search,
-    Start,
-};
+use super::generalised::{Line, generalised};
+use crate::error::DelayError;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{DelayEstimator, Search};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Information, Law, Method, ReferenceExperiment, Scope, Start};
 use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
 ///
-/// Assumes: as [`crosscorr`](super::Crosscorr); Gaussian signal and noise; enough segments to tell the coherence (six or more).
+/// Assumes: as [`crosscorr`](super::crosscorr::Crosscorr); Gaussian signal and noise; enough segments to tell the coherence (six or more).
 /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
 /// Fails when: the coherence is misjudged (few segments: the weights favour lines that are coherent by chance; what chance adds on average is taken off), or the plant has
 /// dynamics (late).
@@ -56,10 +57,10 @@ pub(crate) const METHOD: Method = Method {
     information: Information::TwoSensors,
     basis: Basis::CrossSpectrum,
     tolerance: 0.05,
-    withstands: super::WITHSTANDS,
-    needs: super::NEEDS,
+    withstands: super::generalised::WITHSTANDS,
+    needs: super::generalised::NEEDS,
     blind_to: "the plant's own lag; coherence that too few segments leave to chance",
-    exempt: &[(Law::Exact, super::LATE)],
+    exempt: &[(Law::Exact, super::generalised::LATE)],
 };
 
 impl DelayEstimator for GccHannanThomson {

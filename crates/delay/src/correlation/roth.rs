@@ -2,16 +2,17 @@
 //!
 //! Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = 1/Guu.
 
-use super::{Line, generalised};
-use crate::{
-    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope, Search,
-    Start,
-};
+use super::generalised::{Line, generalised};
+use crate::error::DelayError;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{DelayEstimator, Search};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Information, Law, Method, ReferenceExperiment, Scope, Start};
 use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
 ///
-/// Assumes: as [`crosscorr`](super::Crosscorr); an input with power at all frequencies.
+/// Assumes: as [`crosscorr`](super::crosscorr::Crosscorr); an input with power at all frequencies.
 /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
 /// Fails when: the input leaves bands empty (their noise is divided by next to nothing: the interval widens, or `flat`), or the plant has dynamics (the peak of its
 /// impulse response, not its beginning).
@@ -51,10 +52,10 @@ pub(crate) const METHOD: Method = Method {
     information: Information::TwoSensors,
     basis: Basis::CrossSpectrum,
     tolerance: 0.05,
-    withstands: super::WITHSTANDS,
-    needs: super::NEEDS,
+    withstands: super::generalised::WITHSTANDS,
+    needs: super::generalised::NEEDS,
     blind_to: "the plant's own lag; bands that the input does not move, whose noise it raises",
-    exempt: &[(Law::Exact, super::LATE)],
+    exempt: &[(Law::Exact, super::generalised::LATE)],
 };
 
 impl DelayEstimator for GccRoth {

@@ -2,16 +2,17 @@
 //!
 //! Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = 1/√(Guu·Gyy).
 
-use super::{Line, generalised};
-use crate::{
-    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope, Search,
-    Start,
-};
+use super::generalised::{Line, generalised};
+use crate::error::DelayError;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{DelayEstimator, Search};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Information, Law, Method, ReferenceExperiment, Scope, Start};
 use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
 ///
-/// Assumes: as [`crosscorr`](super::Crosscorr).
+/// Assumes: as [`crosscorr`](super::crosscorr::Crosscorr).
 /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
 /// Fails when: the plant has dynamics (late), or most of the band holds noise alone (the peak is that of the coherence, so it is low there; the interval widens).
 /// Source: Carter, Nuttall and Cable (1973), Proc. IEEE 61(10), 1497-1498, doi:10.1109/PROC.1973.9300; Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830,
@@ -55,10 +56,10 @@ pub(crate) const METHOD: Method = Method {
     information: Information::TwoSensors,
     basis: Basis::CrossSpectrum,
     tolerance: 0.05,
-    withstands: super::WITHSTANDS,
-    needs: super::NEEDS,
+    withstands: super::generalised::WITHSTANDS,
+    needs: super::generalised::NEEDS,
     blind_to: "the plant's own lag; bands without signal, which it weighs as the others where both channels are noise",
-    exempt: &[(Law::Exact, super::LATE)],
+    exempt: &[(Law::Exact, super::generalised::LATE)],
 };
 
 impl DelayEstimator for GccScot {

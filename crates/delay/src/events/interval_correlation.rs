@@ -2,13 +2,15 @@
 //!
 //! Equation: k̂ = argmax (⟨ΔT·Δt⟩ − ⟨ΔT⟩⟨Δt⟩)/√(var ΔT·var Δt).
 
-use super::{NO_MAGNITUDES, Paired, Units, by_offset};
-use crate::{
-    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, ReferenceExperiment, Scope, Search, Start,
-};
+use super::offsets::{NO_MAGNITUDES, Paired, Units, by_offset};
+use crate::error::DelayError;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{DelayEstimator, Search};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Information, Method, ReferenceExperiment, Scope, Start};
 use deadtime_signal::registry::entry;
 
-/// Inputs: times of the same events at two places ([`Events`](crate::Events)), on one clock. Output: seconds, positive = the second place later.
+/// Inputs: times of the same events at two places ([`Events`](super::offsets::Events)), on one clock. Output: seconds, positive = the second place later.
 ///
 /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
 /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.

@@ -6,8 +6,12 @@
 use serde::Serialize;
 use statrs::distribution::{Binomial, DiscreteCDF};
 
-use super::{Matched, Paired, interval_correlation::criterion, mean, median, real};
-use crate::{Experiment, Search, posterior};
+use super::interval_correlation::criterion;
+use super::offsets::{Matched, Paired, mean, median};
+use crate::correlation::generalised::real;
+use crate::estimator::Search;
+use crate::experiment::Experiment;
+use crate::posterior;
 use deadtime_signal::stats;
 
 /// Which quantiles are told.
@@ -104,7 +108,7 @@ fn interval(sorted: &[f64], share: f64, independent: u64) -> [Option<f64>; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Events;
+    use crate::events::offsets::Events;
     use deadtime_signal::time::SampleTime;
     use rand::RngExt;
     use rand_chacha::ChaCha8Rng;

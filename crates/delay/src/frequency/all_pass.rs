@@ -16,7 +16,8 @@ use std::f64::consts::PI;
 
 use nalgebra::{Complex, DMatrix};
 
-use crate::{DelayEstimate, Experiment, Outcome};
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::experiment::Experiment;
 use deadtime_signal::stats::NORMAL_95;
 use deadtime_signal::{polynomial, roots};
 

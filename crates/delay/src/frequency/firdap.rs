@@ -3,10 +3,12 @@
 //! Equation: y(t) = Σ hₖ u(t − k) + e(t); τ̂ = Σ over the zeros xᵢ of Σ ĥₖxᵏ with |xᵢ| < 1 of Re (1 + xᵢ)/(1 − xᵢ) samples.
 
 use super::all_pass::all_pass;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::{Record, fir_or_rank};
 use deadtime_signal::registry::entry;
 

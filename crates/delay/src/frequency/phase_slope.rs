@@ -7,11 +7,15 @@
 
 use nalgebra::Complex;
 
-use crate::correlation::{Alike, Centred, LATE, NEEDS, WITHSTANDS, alike, enough, hannan_thomson, independent_lines, segment_length};
-use crate::{
-    Basis, Class, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::correlation::generalised::{Alike, Centred, LATE, NEEDS, WITHSTANDS, alike, enough, independent_lines, segment_length};
+use crate::correlation::hannan_thomson;
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
+use deadtime_identify::Record;
 use deadtime_signal::HANN_LINES;
 use deadtime_signal::registry::entry;
 

@@ -9,11 +9,13 @@
 use nalgebra::Complex;
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
-use crate::correlation::{Alike, Centred, Interpolant, LATE, real};
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, Record,
-    ReferenceExperiment, Scope, Search, Start, one_pair,
-};
+use crate::correlation::generalised::{Alike, Centred, Interpolant, LATE, real};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use deadtime_identify::Record;
 use deadtime_signal::RealFourier;
 use deadtime_signal::registry::entry;
 

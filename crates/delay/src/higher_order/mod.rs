@@ -1,5 +1,3 @@
 //! Third-order statistics.
 
 pub(super) mod bispectrum;
-
-pub use bispectrum::Bispectrum;

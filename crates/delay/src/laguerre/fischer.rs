@@ -4,11 +4,13 @@
 //! a sample of delay is the filter (w + a)/(1 + aw) along k, and b/(1 + f₁z⁻¹ + f₂z⁻²) one of two poles with the zeros of (1 + aw)². τ̂ = Ts·argmin over nk of V(nk),
 //! V = Σₖ (yₖ − ŷₖ)², ŷ the best output-error model of that form on the spectrum of u(t − nk).
 
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::{Initial, OutputError, Record, laguerre_spectra};
 use deadtime_signal::registry::entry;
 

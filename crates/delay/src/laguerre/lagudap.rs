@@ -4,11 +4,13 @@
 //! delays by (1 + a)/(1 − a) samples at ω = 0, so the zeros of Σ cₖwᵏ⁻¹ are those of the model, and
 //! τ̂ = 1 + (1 + a)/(1 − a)·Σ over |wᵢ| < 1 of Re (1 + wᵢ)/(1 − wᵢ) samples, the 1 being that of 1/(z − a).
 
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
 use crate::frequency::all_pass::all_pass;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::{Laguerre, Record, laguerre};
 use deadtime_signal::registry::entry;
 use deadtime_signal::stats;

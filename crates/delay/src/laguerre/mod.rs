@@ -2,6 +2,3 @@
 
 pub(super) mod fischer;
 pub(super) mod lagudap;
-
-pub use fischer::Fischer;
-pub use lagudap::Lagudap;

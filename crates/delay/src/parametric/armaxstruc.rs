@@ -3,11 +3,13 @@
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + C(q) e(t), C with its roots inside the unit circle and A with its own
 //! anywhere: y is predicted one step ahead, never simulated. Leading coefficients of B that the data do not ask for are taken off the answer as in `arxstruc`.
 
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::method::{Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::{Armax, ArmaxFit, MAX_OE_ORDER, Record};
 use deadtime_signal::registry::entry;
 use deadtime_signal::stop::Stop;
@@ -122,7 +124,7 @@ impl Armaxstruc {
         experiment: &Experiment,
         stop: &Stop,
     ) -> Result<DelayEstimate, DelayError> {
-        let cut = super::heads(records, self.max_samples);
+        let cut = super::misfit::heads(records, self.max_samples);
         let records = cut.as_deref().unwrap_or(records);
         let orders = Armax { na: self.na, nb: self.nb, nc: self.nc };
         let scan = orders.scan_until(records, 0, max_delay, stop);
@@ -171,7 +173,7 @@ impl Armaxstruc {
         }
         let misfit = fit.filter(|f| f.loss > posterior::ROUNDING * scan.power).and_then(|f| {
             let residuals = orders.residuals(records, max_delay, best, f);
-            super::misfit(&residuals, self.na + self.nc, best + f.b.len())
+            super::misfit::misfit(&residuals, self.na + self.nc, best + f.b.len())
         });
         let (start, raw) = (best as f64, minimum as f64);
         let estimate = DelayEstimate::counted(

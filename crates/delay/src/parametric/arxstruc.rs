@@ -3,11 +3,13 @@
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + e(t); leading coefficients of B that the data do not ask for are taken
 //! off the answer, the published minimum stays beside it as the raw value.
 
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, joint_inputs, one_pair};
+use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, joint_inputs, one_pair, posterior,
-};
+use crate::method::{Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::{ArxScan, JointArx, Record, arx_scan, beside};
 use deadtime_signal::registry::entry;
 
@@ -131,7 +133,7 @@ impl Arxstruc {
         experiment: &Experiment,
     ) -> Result<Vec<DelayEstimate>, DelayError> {
         let cut: Vec<Vec<Record>> =
-            inputs.iter().map(|records| super::heads(records, self.max_samples).unwrap_or_else(|| records.clone())).collect();
+            inputs.iter().map(|records| super::misfit::heads(records, self.max_samples).unwrap_or_else(|| records.clone())).collect();
         let lags = JointArx::new(&cut, self.na, self.nb, max_delay);
         let rows_needed = 2 * (self.na + self.nb * inputs.len());
         let first = lags.scan(0, &[]);

@@ -2,12 +2,13 @@
 //!
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, y(t) + a₁y(t − 1) + a₂y(t − 2) = b₁u(t − nk) + b₂u(t − nk − 1) + e(t).
 
-use super::Arxstruc;
+use super::arxstruc::Arxstruc;
+use crate::error::DelayError;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{DelayEstimator, Search};
+use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, ReferenceExperiment, Scope,
-    Search, Start,
-};
+use crate::method::{Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start};
 use deadtime_signal::registry::entry;
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.

@@ -2,11 +2,13 @@
 //!
 //! Equation: E(d) = Σ Δy(t)·u(t − d), Δy(t) = y(t) − y(t − 1); τ̂ = Ts·argmax over d of E(d)²/Σ u(t − d)², the same as the least Σ (Δy(t) − b·u(t − d))² over b and d.
 
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::{Record, arx_scan};
 use deadtime_signal::registry::entry;
 

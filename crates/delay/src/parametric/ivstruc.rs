@@ -3,11 +3,13 @@
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ(D v)²/N, v = y − B(q)/F(q) u(t − nk), D an autoregression that whitens v; F and B solve
 //! Σ ζ(y_f − φᵀθ) = 0 with φ = (−y_f(t − 1) …, u_f(t − nk) …), ζ the same of the simulated output, all filtered by D/F.
 
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::{MAX_OE_ORDER, Record, RefinedIv};
 use deadtime_signal::registry::entry;
 use deadtime_signal::stop::Stop;
@@ -124,7 +126,7 @@ impl Ivstruc {
         if records.iter().any(|r| r.present.as_ref().is_some_and(|p| p.contains(&false))) {
             return Ok(DelayEstimate::without(Outcome::NotApplicable, "missing output samples: the instruments' filters need every one"));
         }
-        let cut = super::heads(records, self.max_samples);
+        let cut = super::misfit::heads(records, self.max_samples);
         let records = cut.as_deref().unwrap_or(records);
         let orders = RefinedIv { nb: self.nb, nf: self.nf, noise: self.noise };
         let fits = orders.scan_until(records, max_delay, stop);

@@ -3,11 +3,13 @@
 //! Equation: C(q) = det(I − (A − KC)q⁻¹) of a state-space model in innovations form; τ̂ = Ts·argmin over nk of V(nk), A(q) y_F = B(q) u_F(t − nk) + e with
 //! y_F = y/C, u_F = u/C.
 
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::{MAX_OE_ORDER, Record, Subspace, arx_scan, prefiltered};
 use deadtime_signal::registry::entry;
 
@@ -107,7 +109,7 @@ impl DelayEstimator for Met1struc {
 
 impl Met1struc {
     fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
-        let cut = super::heads(records, self.max_samples);
+        let cut = super::misfit::heads(records, self.max_samples);
         let records = cut.as_deref().unwrap_or(records);
         let scanned = self.na.max(max_delay + self.nb - 1) + 2 * (self.na + self.nb);
         let subspace = Subspace { order: self.order, past: self.past, direct: false };

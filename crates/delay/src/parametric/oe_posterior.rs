@@ -1,15 +1,16 @@
 //! The delay as output-error models of all poles know it: all delays, each by its probability.
 //!
-//! Equation: p(nk) ∝ ∫ V(nk, F)^(−N/2)·p(F) dF, τ̂ = Ts·Σ nk·p(nk), V the losses of [`super::Oestruc`] with poles F, of which all are averaged by how plausible they
+//! Equation: p(nk) ∝ ∫ V(nk, F)^(−N/2)·p(F) dF, τ̂ = Ts·Σ nk·p(nk), V the losses of [`super::oestruc::Oestruc`] with poles F, of which all are averaged by how plausible they
 //! are, and N the independent ones among the residuals.
 
-use super::Oestruc;
+use super::oestruc::Oestruc;
 use super::profile::{Profile, Weighing, check, profile};
+use crate::error::DelayError;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
 use crate::posterior::{RESOLUTION, first_coefficient};
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope,
-    Search, Start, one_pair,
-};
 use deadtime_identify::{Initial, OutputError};
 use deadtime_signal::registry::entry;
 
@@ -28,11 +29,11 @@ pub enum Center {
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; beside it the most probable delay as the raw value.
 ///
-/// Assumes: as [`super::Oestruc`], and a dead time that was drawn uniformly from the search window: that is the prior, and the answer leans on it where the data say
+/// Assumes: as [`super::oestruc::Oestruc`], and a dead time that was drawn uniformly from the search window: that is the prior, and the answer leans on it where the data say
 /// little. Noise of another colour than white is allowed for by counting only the independent residuals.
-/// Resolution and cost: fractions of a sample where two delays are about as probable, else one sample; as [`super::Oestruc`].
+/// Resolution and cost: fractions of a sample where two delays are about as probable, else one sample; as [`super::oestruc::Oestruc`].
 /// Fails when: the window is far wider than what is believed of the delay: far delays with a small probability each pull the mean towards the middle of the window. A
-/// note says so where they move it by more than half a sample; all delays about equally probable is `flat`. For the rest as [`super::Oestruc`].
+/// note says so where they move it by more than half a sample; all delays about equally probable is `flat`. For the rest as [`super::oestruc::Oestruc`].
 /// Source: the likelihood of Gaussian noise of unknown variance, read as a posterior with a flat prior on the delay; Björklund (2003), LiU-TEK-LIC-2003:60, section
 /// 6.4, for the models and losses. No source weighs them so. Poles: one or two, time constants from 0.15 samples to a quarter of the record and natural frequencies
 /// alike log-uniform, real and complex pairs alike probable, 5 % kept for any others; for other orders the best poles stand for all.

@@ -3,11 +3,13 @@
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, y(t) = B(q)/F(q) u(t − nk) + e(t).
 
 use super::profile::{Profile, Weighing, check, profile, shortened};
+use crate::error::DelayError;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, ReferenceExperiment, Scope,
-    Search, Start, one_pair, posterior,
-};
+use crate::method::{Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::{Initial, OeFit, OutputError, Record};
 use deadtime_signal::registry::entry;
 

@@ -1,8 +1,10 @@
 //! What the losses of an output-error scan say, for every method that reads its delay from one.
 
 use super::evidence::log_evidence;
-use crate::posterior::{self, Posterior};
-use crate::{DelayError, DelayEstimate, Outcome};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::posterior;
+use crate::posterior::Posterior;
 use deadtime_identify::{Initial, MAX_OE_ORDER, OeFit, OutputError, Record, largest_pole, power};
 use deadtime_signal::fit::Stopped;
 use deadtime_signal::stop::Stop;

@@ -5,10 +5,12 @@
 use nalgebra::DVector;
 
 use super::profile::{Profile, Weighing, check, profile};
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::{Initial, OeFit, OutputError};
 use deadtime_signal::registry::entry;
 use deadtime_signal::stats::NORMAL_95;
@@ -19,7 +21,7 @@ use deadtime_signal::stats::NORMAL_95;
 /// Resolution and cost: a fraction of a sample, with a standard deviation by the delta method; one output-error scan (nb 2, nf 1) and a logarithm.
 /// Fails when: the plant has more lags (they count as delay, and the zero may be none that one lag can have: a note says so); the lag is shorter than a sample or so, where
 /// no fraction shows (the answer is then the whole delay, the interval the whole sample); the input is not held (a ramp between samples moves the zero). For the rest as
-/// [`super::Oestruc`].
+/// [`super::oestruc::Oestruc`].
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, p. 57, for the formula. The source gives no uncertainty, and does not say what to do with a zero that no dead time within
 /// a sample can have; here it is taken to the nearest end of the sample. Which whole delay comes first is not said either: here that of the smallest loss, or of those as
 /// good, one whose zero is possible.

@@ -4,10 +4,12 @@
 //! then over (b, f₁, f₂) for fixed n + λ, until neither moves.
 
 use super::profile::shortened;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::{Initial, OeFit, OutputError, Record, filtered, largest_pole, power};
 use deadtime_signal::registry::entry;
 

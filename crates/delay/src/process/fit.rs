@@ -3,17 +3,16 @@
 //! Source: Golub and Pereyra (2003), doi:10.1088/0266-5611/19/2/201, for the elimination (Kaufman's Jacobian); Björklund (2003), LiU-TEK-LIC-2003:60, p. 47, for the
 //! cost as a function of the delay: one minimum per sampling interval, so whole samples are searched and fractions descended.
 
-mod several;
+pub(crate) mod several;
 
 use nalgebra::{DMatrix, DVector};
 
-pub(super) use self::several::Own;
-use self::several::Part;
 use super::chain::{Chain, INPUT, LEAST_LAG, LEAST_RATIO, MOST_RATIO, REAL_RATIO, Row, Shape};
 use crate::{bound, posterior};
 use deadtime_identify::{Initial, Record, dot, lag_vector};
 use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
 use deadtime_signal::stop::Stop;
+use several::Part;
 
 /// A delay of `lag` − `g` samples, g between 0 and 1: the states of `lag` samples ago, `g` of a sample later.
 #[derive(Debug, Clone, Copy, PartialEq)]

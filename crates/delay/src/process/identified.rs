@@ -7,10 +7,11 @@ use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::chain::{Chain, Shape};
+use super::family::{EDGE, Fitted, Poles, Process};
+use super::fit::Place;
 use super::fit::{Found, Problem, answer, combine};
 use super::integrator::Integrator;
-use super::{EDGE, Fitted, Place, Poles, Process};
-use crate::{DelayEstimate, Outcome};
+use crate::estimate::{DelayEstimate, Outcome};
 use deadtime_identify::subspace::{Identified, InnovationsModel, Recordings};
 use deadtime_identify::{
     Cloud, Coloured, Guess, Identifier, IdentifyError, Initial, Parameter, Parametric, Record, coloured, fir, given, usable,

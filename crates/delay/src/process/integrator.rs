@@ -8,7 +8,8 @@ use nalgebra::DVector;
 
 use super::fit::{Signals, project};
 use super::identified::Solved;
-use super::{ProcessModel, posterior};
+use super::model::ProcessModel;
+use crate::posterior;
 use deadtime_identify::Record;
 use deadtime_signal::fit::{LevenbergMarquardt, Normal};
 use deadtime_signal::time::SampleTime;

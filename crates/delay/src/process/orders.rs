@@ -4,7 +4,8 @@
 //! How it can be wrong: under noise a pole is not seen that still delays; then models of few and of many poles count both, and differ.
 //! Source: Schwarz (1978), Annals of Statistics 6(2), 461-464, doi:10.1214/aos/1176344136.
 
-use crate::{DelayEstimate, Method};
+use crate::estimate::DelayEstimate;
+use crate::method::Method;
 
 /// How well a model fits the samples that all models of a record fit.
 #[derive(Debug, Clone, Copy, PartialEq)]

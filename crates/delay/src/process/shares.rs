@@ -7,8 +7,10 @@
 use std::borrow::Cow;
 
 use super::chain::Shape;
-use super::fit::{Own, Problem};
-use crate::{DelayError, Experiment, Recording, Series};
+use super::fit::Problem;
+use crate::error::DelayError;
+use crate::experiment::{Experiment, Recording, Series};
+use crate::process::fit::several::Own;
 use deadtime_identify::{Initial, Record};
 use deadtime_signal::stop::Stop;
 

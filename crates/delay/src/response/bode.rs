@@ -7,8 +7,11 @@
 
 use nalgebra::Complex;
 
-use super::{ResponseEstimator, ResponseMethod, ResponseSearch, ends};
-use crate::{Class, DelayError, DelayEstimate, Outcome};
+use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch};
+use super::job::ends;
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::method::Class;
 use deadtime_log::{FrequencyResponse, Quality};
 use deadtime_signal::registry::entry;
 use deadtime_signal::stats::NORMAL_95;

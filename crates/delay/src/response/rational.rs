@@ -7,9 +7,13 @@ use nalgebra::Complex;
 use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, Normal};
 
+use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch};
 use super::fraction::{Fitted, Orders, Points, zeros};
-use super::{ResponseEstimator, ResponseMethod, ResponseSearch, ends};
-use crate::{Class, DelayError, DelayEstimate, Outcome, posterior};
+use super::job::ends;
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::method::Class;
+use crate::posterior;
 use deadtime_log::{FrequencyResponse, Quality};
 use deadtime_signal::registry::entry;
 

@@ -6,10 +6,13 @@ use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, PlantModel,
-    Prewindow, Recording, ReferenceExperiment, Scope, Search, Start, posterior,
-};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search};
+use crate::experiment::{Experiment, PlantModel, Recording};
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
+use crate::threshold::response::Prewindow;
 use deadtime_identify::lag_matrix;
 use deadtime_model::c2d::{Hold, transition};
 use deadtime_model::exp;

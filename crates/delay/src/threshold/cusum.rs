@@ -9,10 +9,12 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
 use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_signal::registry::entry;
 
 /// CUSUM test on the impulse response.
@@ -21,7 +23,7 @@ use deadtime_signal::registry::entry;
 ///
 /// Assumes: the response has died out after `taps` samples, white noise, an input that excites every tap.
 /// Resolution and cost: one sample; O(N·taps), and two thousand draws of max-delay numbers for the alarm level.
-/// Fails when: the response changes sign at once (the sum falls back; the sample-by-sample [`super::Threshold`] sees it), or begins so slowly that even the sum stays below
+/// Fails when: the response changes sign at once (the sum falls back; the sample-by-sample [`super::impulse::Threshold`] sees it), or begins so slowly that even the sum stays below
 /// the drift: the answer is then late, and the interval reaches back to where the response may have begun. The published change point (the raw value) is early where
 /// noise just before the response exceeds the drift, one time in six at a drift of 1; the answer is the start, inside the run that led to the alarm, of the ramp that fits the
 /// samples up to it best.

@@ -2,13 +2,14 @@
 //!
 //! Equation: z = s/σ_s, s(i) = Σ ĥ(k) over k ≤ i; g⁺(i) = max(0, g⁺(i − 1) + z(i) − ν), g⁻ alike for −z; alarm at the first i where either exceeds h.
 
-use super::Cusum;
+use super::cusum::Cusum;
 use super::response::Kind;
+use crate::error::DelayError;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{DelayEstimator, Search};
+use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope,
-    Search, Start,
-};
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
 use deadtime_signal::registry::entry;
 
 /// CUSUM test on the step response, the running sum of the impulse response; options, output and cost as [`Cusum`].

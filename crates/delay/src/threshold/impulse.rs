@@ -5,11 +5,13 @@
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::response::{Kind, Prewindow, Records, Response, misfits, onset, response};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::method::{Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_signal::registry::entry;
 
 /// Threshold on the impulse response.

@@ -5,10 +5,12 @@
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Method, Outcome, ReferenceExperiment,
-    Scope, Search, Start, one_pair, posterior,
-};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{DelayEstimator, Search, one_pair};
+use crate::experiment::Experiment;
+use crate::method::{Basis, Class, Condition, Information, Method, ReferenceExperiment, Scope, Start};
+use crate::posterior;
 use deadtime_identify::{Evidence, Record};
 use deadtime_signal::registry::entry;
 

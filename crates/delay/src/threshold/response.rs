@@ -4,7 +4,8 @@ use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::{DelayError, DelayEstimate, Outcome};
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
 use deadtime_identify::{Fir, Record, fir_or_rank};
 
 /// How several records are put together.

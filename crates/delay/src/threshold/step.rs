@@ -2,13 +2,14 @@
 //!
 //! Equation: s(i) = Σ ĥ(k) over k ≤ i, σ_s(i) its standard deviation; τ̂ = Ts·min { i : |s(i)| > h·σ_s(i) }.
 
-use super::Threshold;
+use super::impulse::Threshold;
 use super::response::Kind;
+use crate::error::DelayError;
+use crate::estimate::DelayEstimate;
+use crate::estimator::{DelayEstimator, Search};
+use crate::experiment::Experiment;
 use crate::method::WHOLE;
-use crate::{
-    Basis, Class, Condition, DelayError, DelayEstimate, DelayEstimator, Experiment, Information, Law, Method, ReferenceExperiment, Scope,
-    Search, Start,
-};
+use crate::method::{Basis, Class, Condition, Information, Law, Method, ReferenceExperiment, Scope, Start};
 use deadtime_signal::registry::entry;
 
 /// Threshold on the step response, the running sum of the impulse response; options as [`Threshold`].

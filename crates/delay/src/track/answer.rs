@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use super::{Drift, Track, Watched};
+use super::smooth::{Drift, Track};
+use super::watch::Watched;
 use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
 

@@ -4,7 +4,7 @@
 
 use std::collections::VecDeque;
 
-use super::{Alarm, Tracker, TrackerOptions};
+use crate::track::tracker::online::{Alarm, Tracker, TrackerOptions};
 use deadtime_log::neighbours;
 use deadtime_signal::time::SampleTime;
 
@@ -149,8 +149,8 @@ impl Live {
     /// Takes a row: its time, s, later than that of the row before; the command and the response, `None` where they are missing.
     ///
     /// # Errors
-    /// [`crate::DelayError`] for an option out of its range, once the sample time is known, and for a value that is not finite.
-    pub fn push(&mut self, time_s: f64, u: Option<f64>, y: Option<f64>) -> crate::Result<Vec<Told>> {
+    /// [`crate::error::DelayError`] for an option out of its range, once the sample time is known, and for a value that is not finite.
+    pub fn push(&mut self, time_s: f64, u: Option<f64>, y: Option<f64>) -> crate::error::Result<Vec<Told>> {
         let sample = Sample { time_s, u, y };
         let mut told = Vec::new();
         match &mut self.stage {
@@ -199,7 +199,7 @@ fn step_s(first: &[Sample]) -> f64 {
 }
 
 impl Running {
-    fn new(options: &LiveOptions, first: &[Sample], told: &mut Vec<Told>) -> crate::Result<Self> {
+    fn new(options: &LiveOptions, first: &[Sample], told: &mut Vec<Told>) -> crate::error::Result<Self> {
         let ts = SampleTime::new(step_s(first))?;
         let mut tracker = options.tracker.clone();
         if let Some(max_s) = options.max_delay_s {
@@ -230,7 +230,7 @@ impl Running {
     }
 
     /// Puts a row onto the grid.
-    fn take(&mut self, sample: Sample, told: &mut Vec<Told>) -> crate::Result<()> {
+    fn take(&mut self, sample: Sample, told: &mut Vec<Told>) -> crate::error::Result<()> {
         let ts_s = self.step_s;
         let steps = ((sample.time_s - self.grid_s) / ts_s).round();
         if steps < 1.0 {
@@ -263,7 +263,7 @@ impl Running {
     }
 
     /// A sample of the grid.
-    fn one(&mut self, time_s: f64, u: f64, y: Option<f64>, told: &mut Vec<Told>) -> crate::Result<()> {
+    fn one(&mut self, time_s: f64, u: f64, y: Option<f64>, told: &mut Vec<Told>) -> crate::error::Result<()> {
         let known = self.blind == 0;
         self.blind = self.blind.saturating_sub(1);
         if self.stamps.len() == STAMPS {

@@ -2,7 +2,7 @@
 
 use super::path::{best_path, pruned, stretches, variances};
 use super::rows::{Errors, Orders, Rows, Shape};
-use crate::Search;
+use crate::estimator::Search;
 use deadtime_identify::{Record, arx_scan};
 
 /// A test for a delay that changes.

@@ -13,11 +13,11 @@
 use crate::format::found::{FoundEffect, FoundParameter};
 use deadtime_model::effect::{Applied, Parameter};
 
-/// The law's constant, and its number by the logarithm to base 10 of how many standard deviations a parameter is from nominal; `scripts/contribution_study` fitted them
+/// The law's constant, and its number by the logarithm to base 10 of how many standard deviations a parameter is from nominal; `lab/contribution_study` fitted them
 /// to 44 machines of seed 20261210.
 const LAW: [f64; 2] = [-0.509, 1.575];
 
-/// The part of such lists that lack no effect and hold no stand-in for one, where all that they hold act; `scripts/contribution_study` counted it on the same machines.
+/// The part of such lists that lack no effect and hold no stand-in for one, where all that they hold act; `lab/contribution_study` counted it on the same machines.
 const COMPLETE: f64 = 0.408;
 
 /// Below and beyond so many standard deviations no more is told.

@@ -4,7 +4,8 @@ use rayon::prelude::*;
 
 use super::acts;
 use super::alternatives::classes;
-use super::experiment::{self, experiment};
+use super::experiment;
+use super::experiment::experiment;
 use super::found_effects::found_effects;
 use super::probabilities::Probabilities;
 use crate::compose::composed::Composed;

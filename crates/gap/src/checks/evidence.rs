@@ -1,6 +1,7 @@
 //! What all checks look at, and what they have in common when they say what they found.
 
-use super::faults::{self, Search};
+use super::faults;
+use super::faults::Search;
 use super::kinematics;
 use super::timing::Timing;
 use super::view::View;

@@ -184,7 +184,7 @@ const SIMULATED: f64 = 0.2;
 /// Looks at a model and logs before anyone diagnoses: names, units, time stamps and missing samples of every log, and all checks over the whole of the logs.
 ///
 /// # Errors
-/// Those of the model, [`crate::Error::Stopped`]; what does not fit in a log is part of the answer.
+/// Those of the model, [`crate::error::Error::Stopped`]; what does not fit in a log is part of the answer.
 pub fn inspect<'a>(subject: impl Into<Subject<'a>>, logs: &[Log], stop: &Stop, far: &HowFar) -> Result<Inspection> {
     let found = look(subject.into(), logs, stop, far);
     stop.check()?;
@@ -211,7 +211,7 @@ fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop, far: &HowFar) -> Result
         match checks(subject, logs, &found.logs, (stop, far)) {
             Ok(checks) => found.checks = checks,
             // What is wrong with the model itself is an error; what is wrong with a log is the answer.
-            Err(e @ (crate::Error::Gap(_) | crate::Error::Log(_))) => found.not_run = Some(e.to_string()),
+            Err(e @ (crate::error::Error::Gap(_) | crate::error::Error::Log(_))) => found.not_run = Some(e.to_string()),
             Err(other) => return Err(other),
         }
     }

@@ -6,10 +6,12 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Quaternion};
 
-use super::alike::{self, Alike, Known, Part};
+use super::alike;
+use super::alike::{Alike, Known, Part};
 use super::clipped;
 use super::evidence::{ALL, Evidence, result, short};
-use super::kinematics::{self, Relation, TOGETHER};
+use super::kinematics;
+use super::kinematics::{Relation, TOGETHER};
 use super::unit;
 use super::view::View;
 use crate::format::diagnosis::{Check, CheckKind};

@@ -123,8 +123,8 @@ fn from_nearly_nothing(likelihood: &Likelihood<'_>, (from, cost): (&Hypothesis, 
 
 #[cfg(test)]
 mod tests {
-    use super::super::gate::Gate;
     use super::*;
+    use crate::compose::gate::Gate;
     use crate::likelihood::servo::{beside, nominal};
     use crate::search::catalogue::catalogue;
     use deadtime_model::effect::Scales;

@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Node, Range, Ranges, Source, Target};
+use super::node::Node;
+use super::ranges::{Range, Ranges};
+use super::target::{Source, Target};
 use crate::error::Result;
 
 /// Ranges for any trainer.
@@ -19,7 +21,7 @@ impl Target for DomainRandomisation {
             ("verdict", cause.verdict.as_str().into()),
             ("widen", source.widen.into()),
             ("ranges", Node::List(ranges.ranges.iter().map(Range::node).collect())),
-            ("noise", Node::List(ranges.noise.iter().map(super::Noise::node).collect())),
+            ("noise", Node::List(ranges.noise.iter().map(super::ranges::Noise::node).collect())),
         ]))
     }
 }

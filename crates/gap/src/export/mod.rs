@@ -8,118 +8,16 @@ mod isaaclab;
 mod mujoco;
 mod node;
 mod ranges;
+pub(crate) mod target;
+mod targets;
 mod transfer_function;
 mod yaml;
-
-use serde::{Deserialize, Serialize};
 
 pub use domain_randomisation::DomainRandomisation;
 pub use isaaclab::IsaacLab;
 pub use mujoco::MuJoCo;
 pub use node::Node;
 pub use ranges::{Noise, Operation, Range, Ranges};
+pub use target::{ExportError, Source, Syntax, Target};
+pub use targets::{TARGETS, export};
 pub use transfer_function::Transfer;
-
-use crate::Diagnosis;
-use crate::error::Result;
-use deadtime_model::ModelDocument;
-use deadtime_signal::registry::{Entry, entry, find};
-
-/// What an export is made of.
-#[derive(Debug, Clone, Copy)]
-pub struct Source<'a> {
-    /// The diagnosis.
-    pub diagnosis: &'a Diagnosis,
-    /// The model with the effects that were found, where there is one.
-    pub model: Option<&'a ModelDocument>,
-    /// Standard deviation of outputs in the logs, by name: the diagnosis knows noise only as a part of it.
-    pub deviations: &'a [(String, f64)],
-    /// The half-width of every interval is multiplied by this; 1: the 95 % intervals as they are.
-    pub widen: f64,
-}
-
-/// Something that a diagnosis is handed over to.
-pub trait Target: std::fmt::Debug {
-    /// What is handed over.
-    ///
-    /// # Errors
-    /// [`ExportError`]: the target needs something that is not there.
-    fn export(&self, ranges: &Ranges, source: &Source<'_>) -> Result<Node>;
-}
-
-/// The targets there are.
-pub static TARGETS: [Entry<dyn Target>; 4] = [
-    entry!(
-        "domain-randomisation",
-        "a range for every parameter that was found, for any trainer: deadtime/ranges@1",
-        DomainRandomisation,
-        dyn Target
-    ),
-    entry!("mujoco", "fields of mjModel with their ranges, by the names of actuators, joints and sensors", MuJoCo, dyn Target),
-    entry!("isaaclab", "arguments of Isaac Lab's actuators, events and noise models, delays in physics steps", IsaacLab, dyn Target),
-    entry!("transfer-function", "transfer functions with delay, for Simulink and python-control", Transfer, dyn Target),
-];
-
-/// A diagnosis for the target called `to`, with its options as an object.
-///
-/// # Errors
-/// [`deadtime_signal::registry::RegistryError`] for an unknown target or option, [`ExportError`] for what cannot be handed over.
-pub fn export(source: &Source<'_>, to: &str, options: serde_json::Value) -> Result<Node> {
-    let target = find(&TARGETS, "target", to)?.with(options)?;
-    target.export(&Ranges::new(source)?, source)
-}
-
-/// How a text is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Syntax {
-    /// JSON.
-    #[default]
-    Json,
-    /// YAML 1.1 and 1.2 alike.
-    Yaml,
-}
-
-/// A diagnosis that cannot be handed over.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ExportError {
-    /// The target needs a model.
-    #[error("{target} needs the model: give `model`, such as the model_with_effects.toml that stands beside the diagnosis")]
-    NeedsModel {
-        /// The target.
-        target: &'static str,
-    },
-    /// The target needs an option.
-    #[error("{target} needs the option {option}: {why}")]
-    NeedsOption {
-        /// The target.
-        target: &'static str,
-        /// The option.
-        option: &'static str,
-        /// What it is.
-        why: &'static str,
-    },
-    /// A number that must be larger than 0.
-    #[error("{option} is {value}; it must be a number above 0")]
-    NotPositive {
-        /// The option.
-        option: &'static str,
-        /// The value given.
-        value: f64,
-    },
-    /// The model is none of the diagnosis.
-    #[error("the model is `{model}` and the diagnosis is of `{diagnosed}`: give the model that was diagnosed")]
-    OtherModel {
-        /// The model given.
-        model: String,
-        /// The model of the diagnosis.
-        diagnosed: String,
-    },
-    /// The equations have no finite slope where a log starts.
-    #[error("the equations of `{model}` cannot be linearised where a log starts: a slope there is not finite")]
-    NoSlope {
-        /// The model.
-        model: String,
-    },
-}

@@ -10,7 +10,9 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::{ExportError, Node, Range, Ranges, Source, Target};
+use super::node::Node;
+use super::ranges::{Range, Ranges};
+use super::target::{ExportError, Source, Target};
 use crate::error::Result;
 
 /// Fields of mjModel.

@@ -3,9 +3,11 @@
 //! How it can be wrong: an interval says how well a number is known, not how far machines of one kind differ; a parameter at a bound has none, so that its
 //! range is one number, which is said; and an effect that only stands in for another (`surrogate`) predicts, but its number is not the physics'.
 
-use super::{ExportError, Node, Source};
+use super::node::Node;
+use super::target::{ExportError, Source};
 use crate::error::Result;
-use crate::{FoundParameter, Mode};
+use crate::format::diagnosis::Mode;
+use crate::format::found::FoundParameter;
 use deadtime_model::effect::{Line, Site, table};
 
 /// How a drawn number is used.
@@ -163,7 +165,7 @@ fn noise(source: &Source<'_>) -> Vec<Noise> {
         return Vec::new();
     }
     let outputs = source.diagnosis.gap.outputs.iter();
-    let one = |output: &crate::GapOutput| {
+    let one = |output: &crate::format::diagnosis::GapOutput| {
         let of_deviation = output.floor?;
         let deviation = source.deviations.iter().find(|(name, _)| *name == output.name).map(|(_, d)| d * of_deviation);
         let channel = source.model.and_then(|m| m.outputs().iter().find(|c| c.name == output.name));

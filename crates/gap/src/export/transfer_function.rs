@@ -9,7 +9,9 @@
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 
-use super::{ExportError, Node, Range, Ranges, Source, Target};
+use super::node::Node;
+use super::ranges::{Range, Ranges};
+use super::target::{ExportError, Source, Target};
 use crate::error::Result;
 use deadtime_model::effect::{Applied, Chance};
 use deadtime_model::simulate::{Dynamics, Matrices, Plan, Source as From, System, Term};

@@ -3,7 +3,7 @@
 //! How it can be wrong: YAML 1.1, which PyYAML reads, takes `1e-5` for a text and `no` for false; so numbers have a point and a signed exponent, and texts
 //! and keys stand in double quotes, in which JSON's escapes mean the same.
 
-use super::Node;
+use super::node::Node;
 
 /// The text.
 pub(super) fn text(node: &Node) -> String {

@@ -340,7 +340,7 @@ impl Diagnosis {
     /// Reads a diagnosis file.
     ///
     /// # Errors
-    /// [`crate::Error::Io`], or [`DiagnosisError::Unreadable`] with line and column.
+    /// [`crate::error::Error::Io`], or [`DiagnosisError::Unreadable`] with line and column.
     pub fn read(path: &Path) -> Result<Self> {
         let text = read_text(path)?;
         Ok(serde_json::from_str(&text).map_err(|source| DiagnosisError::Unreadable { file: path.display().to_string(), source })?)
@@ -349,7 +349,7 @@ impl Diagnosis {
     /// Writes a diagnosis file as a whole.
     ///
     /// # Errors
-    /// [`crate::Error::Io`], or [`DiagnosisError::Unwritable`] where a number that must be given is NaN or infinite.
+    /// [`crate::error::Error::Io`], or [`DiagnosisError::Unwritable`] where a number that must be given is NaN or infinite.
     pub fn write(&self, path: &Path) -> Result<()> {
         let refused = |source| DiagnosisError::Unwritable { file: path.display().to_string(), source };
         let text = serde_json::to_string_pretty(self).map_err(refused)?;

@@ -3,7 +3,8 @@
 use nalgebra::DMatrix;
 
 use super::explainable;
-use super::floor::{self, Floor};
+use super::floor;
+use super::floor::Floor;
 use super::intervals;
 use super::rule::{GapVerdict, Levels, Ruling, Sizes, rule};
 use crate::hypothesis::effects::Hypothesis;

@@ -121,8 +121,8 @@ fn add(information: &mut DMatrix<f64>, gradient: &mut DVector<f64>, block: &Bloc
 
 #[cfg(test)]
 mod tests {
-    use super::super::active_effects::NO_EFFECT;
-    use super::super::servo::beside;
+    use crate::likelihood::active_effects::NO_EFFECT;
+    use crate::likelihood::servo::beside;
 
     /// How long a jump takes between two samples is seen by nobody: blocks are predicted as without that number.
     #[test]

@@ -86,8 +86,8 @@ impl<'a> Likelihood<'a> {
     /// With white noise.
     ///
     /// # Errors
-    /// [`GapError::Nominal`] where the nominal model cannot be simulated, [`crate::Error::Stopped`].
-    pub(crate) fn new(terms: Terms<'a>) -> crate::Result<Self> {
+    /// [`GapError::Nominal`] where the nominal model cannot be simulated, [`crate::error::Error::Stopped`].
+    pub(crate) fn new(terms: Terms<'a>) -> crate::error::Result<Self> {
         let Terms { system, records, predictor, model_effects, nuisances, prior, noise_std, resolution, criteria, stop } = terms;
         let budget = Budget::of(system);
         let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();

@@ -224,11 +224,11 @@ fn fitted(likelihood: &Likelihood<'_>, wanted: Vec<Vec<Applied>>, scales: &Scale
 
 #[cfg(test)]
 mod tests {
-    use super::super::screen::screen;
-    use super::super::singles::fit_first;
     use super::*;
     use crate::likelihood::active_effects::NO_EFFECT;
     use crate::likelihood::servo::{beside, nominal};
+    use crate::search::screen::screen;
+    use crate::search::singles::fit_first;
 
     /// The sequence of losses must outlive the last fit of a pair: with the mean of all sequences in its place, most of what the pair explains is gone.
     #[test]

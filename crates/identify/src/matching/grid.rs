@@ -1,6 +1,6 @@
 //! Frequencies of a match: even in the logarithm, denser where the identified model resonates.
 
-use super::MatchingError;
+use super::error::MatchingError;
 use super::system::System;
 
 /// Frequencies over a band before those of resonances.

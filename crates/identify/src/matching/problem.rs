@@ -7,9 +7,10 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::StandardNormal;
 use rayon::prelude::*;
 
-use super::norm::{At, NORMS, Norm};
 use super::structure::{Free, Structure};
 use super::system::Response;
+use crate::matching::norm::criterion::{At, Norm};
+use crate::matching::norm::norms::NORMS;
 use deadtime_signal::fit::{LevenbergMarquardt, Normal};
 
 /// Differences are differentiated over this share of the response.

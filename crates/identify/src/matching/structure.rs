@@ -2,8 +2,10 @@
 
 use nalgebra::DMatrix;
 
+use super::error::MatchingError;
+use super::fit::Matching;
 use super::system::{Matrices, Response, System};
-use super::{Matching, MatchingError, Target};
+use super::target::Target;
 use crate::error::Result;
 use deadtime_model::{Equations, EquationsFile, ModelError, Operating, StateSpace};
 

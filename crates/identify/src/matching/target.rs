@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::DMatrix;
 use serde::Deserialize;
 
-use super::MatchingError;
+use super::error::MatchingError;
 use super::system::System;
 use crate::error::Result;
 use deadtime_model::{Channel, ModelDocument, ModelError, ModelFile, Operating, StateSpace};
@@ -72,7 +72,7 @@ impl Target {
     /// Reads a linear model file, or what `deadtime identify --json` wrote, which carries the uncertainty too.
     ///
     /// # Errors
-    /// [`crate::Error::Io`], [`ModelError`], or [`MatchingError::NotIdentified`] for another kind of file.
+    /// [`crate::error::Error::Io`], [`ModelError`], or [`MatchingError::NotIdentified`] for another kind of file.
     pub fn read(path: &Path) -> Result<Self> {
         if path.extension().is_some_and(|e| e == "json") {
             let text = deadtime_signal::file::read_text(path)?;
@@ -119,7 +119,7 @@ impl Target {
     ///
     /// # Errors
     /// [`ModelError::Count`] for another number of delays.
-    pub fn from_identified(name: &str, found: &crate::Identified, delays: &[usize]) -> Result<Self> {
+    pub fn from_identified(name: &str, found: &crate::subspace::identifier::Identified, delays: &[usize]) -> Result<Self> {
         let file = found.file(name, delays, false)?;
         let mut target = Self::from_file(&file)?;
         target.with_uncertainty(&found.deviations(), found.rows)?;

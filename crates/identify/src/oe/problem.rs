@@ -4,9 +4,9 @@ use nalgebra::{DMatrix, DVector};
 use pulp::Arch;
 
 use super::kernel::SecondOrder;
-use super::polynomial::{filter, is_stable, stabilised};
-use super::{Initial, OutputError};
+use super::output_error::{Initial, OutputError};
 use crate::lag_products::lag_vector;
+use crate::polynomial::{filter, is_stable, stabilised};
 use crate::regression::{Record, dot};
 use deadtime_signal::fit::Normal;
 

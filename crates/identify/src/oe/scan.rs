@@ -1,8 +1,8 @@
 //! The best model of every delay: starts, searches and neighbours.
 
-use super::polynomial::is_stable;
+use super::output_error::{OeFit, OutputError, count};
 use super::problem::Problem;
-use super::{OeFit, OutputError, count};
+use crate::polynomial::is_stable;
 use crate::regression::Record;
 use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish, polish_exact};
 use deadtime_signal::stop::Stop;

@@ -8,9 +8,9 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::lines::{Line, Seen};
-use super::{ResponseMethod, unexcited};
-use crate::IdentifyError;
-use crate::subspace::{Recordings, Stretch};
+use super::responses::{ResponseMethod, unexcited};
+use crate::error::IdentifyError;
+use crate::subspace::recordings::{Recordings, Stretch};
 use deadtime_signal::RealFourier;
 
 /// The local polynomial method (LPM).

@@ -5,7 +5,7 @@
 use nalgebra::{Complex, DMatrix};
 
 use super::lines::{Line, Seen};
-use crate::IdentifyError;
+use crate::error::IdentifyError;
 
 /// The responses from the m inputs, which are the last m of the l + m outputs of `seen`, to the first l; lines where references do not move the inputs go.
 ///

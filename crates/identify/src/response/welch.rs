@@ -6,9 +6,9 @@ use nalgebra::{Complex, DMatrix};
 use serde::{Deserialize, Serialize};
 
 use super::lines::{Line, Seen};
-use super::{ResponseMethod, unexcited};
-use crate::IdentifyError;
-use crate::subspace::Recordings;
+use super::responses::{ResponseMethod, unexcited};
+use crate::error::IdentifyError;
+use crate::subspace::recordings::Recordings;
 use deadtime_signal::SpectralMatrix;
 
 /// Welch's method: averaged spectra of overlapping segments under Hann's window.

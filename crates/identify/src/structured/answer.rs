@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::Serialize;
 
-use super::Fitted;
+use super::fit::Fitted;
 use super::known::{Known, RESOLVED, Standing, Unseen, standing};
 use super::problem::Problem;
 use super::score::GroupScore;

@@ -1,6 +1,6 @@
 //! Logs as rows of inputs, outputs and starts, and the windows in them.
 
-use super::StructuredError;
+use super::error::StructuredError;
 use super::group::Group;
 use crate::error::Result;
 use deadtime_log::Log;

@@ -4,7 +4,7 @@ use faer::Mat;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use crate::IdentifyError;
+use crate::error::IdentifyError;
 use crate::error::Result;
 use deadtime_log::Log;
 use deadtime_signal::time::SampleTime;

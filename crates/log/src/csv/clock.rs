@@ -1,6 +1,6 @@
 //! Time stamps as files write them: which column they stand in, in which unit they are, and dates.
 
-use crate::neighbours;
+use crate::log::neighbours;
 use crate::recording::TimeUnit;
 
 /// Whole numbers beyond this are counted from the first stamp, so that differences of nanoseconds since 1970 keep every digit; seconds since 1970 are, too.
@@ -82,7 +82,7 @@ pub(crate) fn seconds(cells: impl Iterator<Item = String>, unit: Option<TimeUnit
     let again = match why {
         Why::Size => "; --time-unit s|ms|us|ns|iso says it otherwise".to_owned(),
         Why::Rule if median_step(&time_s) >= 2.0 => {
-            format!(", a sample every {} s; --time-unit s|ms|us|ns|iso says it otherwise", super::shortest(median_step(&time_s)))
+            format!(", a sample every {} s; --time-unit s|ms|us|ns|iso says it otherwise", super::table::shortest(median_step(&time_s)))
         }
         _ => String::new(),
     };

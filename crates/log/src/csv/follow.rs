@@ -9,10 +9,12 @@ use std::path::{Path, PathBuf};
 
 use super::clock::Stamps;
 use super::lines::{LONGEST_LINE, Lines};
+use super::table::{GZIP_MAGIC, Header};
 use super::utf16::byte_order;
-use super::{GZIP_MAGIC, Header};
 use crate::error::Error;
-use crate::{LogError, Place, ReadOptions, time_follows};
+use crate::error::LogError;
+use crate::log::{Place, time_follows};
+use crate::recording::ReadOptions;
 
 /// Bytes that are read at once.
 const CHUNK: u64 = 1 << 20;
@@ -249,7 +251,7 @@ impl Follower {
     }
 
     fn below<'a>(&self, source: &'a str, whole: &'a [u8]) -> Lines<'a> {
-        let separator = self.header.as_ref().map_or(super::Separator::Blanks, |(header, _)| header.separator);
+        let separator = self.header.as_ref().map_or(super::lines::Separator::Blanks, |(header, _)| header.separator);
         Lines::rows(source, whole, separator, self.lines)
     }
 
@@ -264,7 +266,7 @@ impl Follower {
     /// Puts a row behind those before it, where its time allows it.
     fn take(&mut self, row: Row, header: &mut Header, news: &mut Vec<News>) {
         let raw = row.time_s;
-        if raw.abs() > crate::TIME_LIMIT_S {
+        if raw.abs() > crate::log::TIME_LIMIT_S {
             news.push(News::Bad(LogError::TimeRange { file: self.source.clone(), place: Place::Row(row.row), time_s: raw }));
             return;
         }

@@ -7,10 +7,11 @@ use std::path::Path;
 use nalgebra::Complex;
 
 use super::lines::Lines;
-use super::{open, parse, shown};
+use super::table::{open, parse, shown};
 use crate::error::Error;
+use crate::error::LogError;
 use crate::frequency::{FrequencyError, FrequencyResponse, Quality};
-use crate::{LogError, Place};
+use crate::log::Place;
 use deadtime_signal::progress::HowFar;
 
 /// What a column is.
@@ -52,7 +53,7 @@ impl Column {
 
     /// The name without its unit, for a message that adds one.
     fn bare(&self) -> String {
-        super::name_and_unit(&self.name).0.to_owned()
+        super::table::name_and_unit(&self.name).0.to_owned()
     }
 }
 
@@ -66,7 +67,7 @@ fn words(header: &str) -> Vec<String> {
 /// absolute) and `phase [deg]` or `[rad]`; `coherence` (squared) or `std` (of each part of the complex value) may stand beside them.
 ///
 /// # Errors
-/// As [`crate::read`]; [`LogError::Frequency`] where columns, units or values cannot be used.
+/// As [`crate::reader::read`]; [`LogError::Frequency`] where columns, units or values cannot be used.
 pub fn read_frequency_response(path: &Path) -> Result<FrequencyResponse, Error> {
     read_frequency_response_from(&path.display().to_string(), open(path, &HowFar::default())?)
 }

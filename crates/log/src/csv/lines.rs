@@ -7,10 +7,10 @@ use std::path::Path;
 
 use flate2::bufread::MultiGzDecoder;
 
+use super::table::{GZIP_MAGIC, first_bytes};
 use super::utf16::{Utf16, byte_order};
-use super::{GZIP_MAGIC, first_bytes};
-use crate::LogError;
 use crate::error::Error;
+use crate::error::LogError;
 
 /// A longer line is no row of a log, whatever the file is.
 pub(super) const LONGEST_LINE: u64 = 1 << 24;

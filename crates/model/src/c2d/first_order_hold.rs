@@ -1,7 +1,10 @@
 //! First-order hold: exact where the input is a straight line between samples.
 
-use super::{Conversion, Hold, zero_order_hold};
-use crate::{Continuous, ModelError, Sampled, StateSpace};
+use super::conversion::Conversion;
+use super::hold::Hold;
+use super::zero_order_hold;
+use crate::error::ModelError;
+use crate::state_space::{Continuous, Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;
 
 /// The triangle hold: the input runs straight from u(k) to u(k+1). The state is z = x − Γ₊u, so that the model is causal.

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, DVectorView};
 
-use crate::exp;
+use crate::matrix::exp;
 use deadtime_signal::time::Samples;
 
 /// How the input runs between samples.

@@ -2,8 +2,10 @@
 
 use nalgebra::DMatrix;
 
-use super::Conversion;
-use crate::{Continuous, ModelError, Sampled, StateSpace, exp};
+use super::conversion::Conversion;
+use crate::error::ModelError;
+use crate::matrix::exp;
+use crate::state_space::{Continuous, Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;
 
 /// What becomes of a direct path, whose impulse response is an impulse.

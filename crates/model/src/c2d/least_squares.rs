@@ -2,8 +2,12 @@
 
 use nalgebra::{Complex, DMatrix, DVector};
 
-use super::{Conversion, matched::CANCEL, single};
-use crate::{Continuous, ModelError, Sampled, StateSpace, TransferFunction, zeros};
+use super::conversion::{Conversion, single};
+use super::matched::CANCEL;
+use crate::error::ModelError;
+use crate::state_space::{Continuous, Sampled, StateSpace};
+use crate::transfer_function::TransferFunction;
+use crate::zeros;
 use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
 use deadtime_signal::time::SampleTime;
 

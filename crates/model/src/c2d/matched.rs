@@ -2,8 +2,11 @@
 
 use nalgebra::Complex;
 
-use super::{Conversion, single, thiran};
-use crate::{Continuous, ModelError, Sampled, StateSpace, TransferFunction};
+use super::conversion::{Conversion, single};
+use super::thiran;
+use crate::error::ModelError;
+use crate::state_space::{Continuous, Sampled, StateSpace};
+use crate::transfer_function::TransferFunction;
 use deadtime_signal::time::SampleTime;
 
 /// z = exp(s·Ts) for poles and zeros; zeros at infinity go to z = −1, all but one; the gain is matched at s = 0, or, where a pole or zero is there,

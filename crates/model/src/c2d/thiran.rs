@@ -2,7 +2,9 @@
 
 use nalgebra::{Complex, DMatrix};
 
-use crate::{ModelError, Sampled, StateSpace, cascade, zeros};
+use crate::error::ModelError;
+use crate::state_space::{Sampled, StateSpace};
+use crate::{cascade, zeros};
 use deadtime_signal::time::{SampleTime, Samples};
 
 /// Puts the delays at the inputs: whole samples, and the rest as Thiran all-pass filters of at most `order` states each.

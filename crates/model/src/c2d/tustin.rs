@@ -2,8 +2,10 @@
 
 use nalgebra::DMatrix;
 
-use super::{Conversion, thiran};
-use crate::{Continuous, ModelError, Sampled, StateSpace};
+use super::conversion::Conversion;
+use super::thiran;
+use crate::error::ModelError;
+use crate::state_space::{Continuous, Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;
 
 /// s → (2/Ts)(z − 1)/(z + 1), in the realisation of scipy and python-control:

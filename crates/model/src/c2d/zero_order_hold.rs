@@ -2,8 +2,10 @@
 
 use nalgebra::DMatrix;
 
-use super::{Conversion, Hold, delayed_taps, transition};
-use crate::{Continuous, ModelError, Sampled, StateSpace};
+use super::conversion::Conversion;
+use super::hold::{Hold, delayed_taps, transition};
+use crate::error::ModelError;
+use crate::state_space::{Continuous, Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;
 
 /// x(k+1) = Φx(k) + Γ₀u(k−d) + Γ₁u(k−d−1), exact for held inputs and any delay (d+f)·Ts.

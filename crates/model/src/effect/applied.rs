@@ -1,8 +1,12 @@
 //! An effect on a channel with values for its parameters, and a list of them as a plan.
 
-use super::{EFFECTS, Effect, EffectError, Parameter, Role, Scales, find};
-use crate::EffectEntry;
-use crate::simulate::{Delays, Drops, Plan, System};
+use super::definition::{Effect, Scales};
+use super::effects::{EFFECTS, find};
+use super::error::EffectError;
+use super::parameter::{Parameter, Role};
+use crate::file::channel::EffectEntry;
+use crate::simulate::plan::{Delays, Drops, Plan};
+use crate::simulate::system::System;
 
 /// No size of a parameter is beyond this.
 const BOUNDLESS: f64 = 1e50;
@@ -52,7 +56,7 @@ impl Applied {
     /// # Errors
     /// [`EffectError::Channel`], [`EffectError::Sampled`] or [`EffectError::BlackBox`] where it cannot act there.
     pub fn nominal(system: &System, effect: &'static dyn Effect, channel: &str) -> Result<Self, EffectError> {
-        if system.is_sampled() && effect.site() == super::Site::Dynamics {
+        if system.is_sampled() && effect.site() == super::definition::Site::Dynamics {
             return Err(EffectError::Sampled { effect: effect.name() });
         }
         if system.is_black_box() && effect.needs_equations() {

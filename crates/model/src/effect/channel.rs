@@ -2,9 +2,12 @@
 
 use std::borrow::Cow;
 
-use super::{Effect, EffectError, Parameter, Role};
-use crate::Wrt;
-use crate::simulate::{Dynamics, Port, Source, System};
+use super::definition::Effect;
+use super::error::EffectError;
+use super::parameter::{Parameter, Role};
+use crate::equations::system::Wrt;
+use crate::simulate::plan::Source;
+use crate::simulate::system::{Dynamics, Port, System};
 
 /// All outputs.
 pub(super) const ALL: &str = "*";
@@ -133,7 +136,7 @@ pub(super) fn instant() -> Parameter {
 }
 
 /// Delays of half a sample, one and a half and so on up to the longest looked for: through a direct path, and with fast edges, the cost has a minimum per sample.
-pub(super) fn delays(scales: &super::Scales) -> Vec<Vec<f64>> {
+pub(super) fn delays(scales: &super::definition::Scales) -> Vec<Vec<f64>> {
     // Not more than 40 of them, however long the longest.
     let step = scales.sample_time_s.max(scales.longest_delay_s / 40.0);
     let mut delay = 0.5 * step;
@@ -146,7 +149,7 @@ pub(super) fn delays(scales: &super::Scales) -> Vec<Vec<f64>> {
 }
 
 /// Time constants from below a sample to the longest delay looked for, one per octave.
-pub(super) fn times(scales: &super::Scales) -> Vec<Vec<f64>> {
+pub(super) fn times(scales: &super::definition::Scales) -> Vec<Vec<f64>> {
     let mut times = Vec::new();
     let mut time = 0.5 * scales.sample_time_s;
     while time < scales.longest_delay_s {
@@ -158,7 +161,7 @@ pub(super) fn times(scales: &super::Scales) -> Vec<Vec<f64>> {
 }
 
 /// Limits that a part of the data reaches: on both sides, and on each alone.
-pub(super) fn limits(spread: &super::Spread) -> Vec<Vec<f64>> {
+pub(super) fn limits(spread: &super::definition::Spread) -> Vec<Vec<f64>> {
     let (middle, half) = (0.5 * (spread.largest + spread.smallest), 0.5 * (spread.largest - spread.smallest));
     let mut starts = Vec::new();
     for share in [1.0, 0.9, 0.7, 0.45, 0.25] {

@@ -4,10 +4,16 @@ use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use super::{Applied, Chance};
+use super::applied::{Applied, Chance};
+use crate::c2d::hold::Hold;
 use crate::error::Result;
-use crate::simulate::{Commands, Hold, Options, Response, SimulateError, System, Tolerance, lsim};
-use crate::{ModelDocument, ModelFile};
+use crate::file::document::ModelDocument;
+use crate::file::lti::ModelFile;
+use crate::simulate::error::SimulateError;
+use crate::simulate::lsim::{Options, Response, lsim};
+use crate::simulate::plan::Tolerance;
+use crate::simulate::run::Commands;
+use crate::simulate::system::System;
 use deadtime_log::{Channel, Log, LogError};
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stats;
@@ -52,7 +58,7 @@ impl<'a> OnLog<'a> {
     /// The two together; an operating point that is `"mean"` is the log's.
     ///
     /// # Errors
-    /// [`crate::ModelError`] for a file that describes no model, [`LogError`] where the log has not what the operating points ask for.
+    /// [`crate::error::ModelError`] for a file that describes no model, [`LogError`] where the log has not what the operating points ask for.
     pub fn new(model: &'a ModelDocument, log: &'a Log) -> Result<Self> {
         let system = System::new(model, |channel| {
             let measured = log.output(channel)?;
@@ -81,7 +87,7 @@ impl<'a> OnLog<'a> {
     /// The response to the log's inputs.
     ///
     /// # Errors
-    /// [`SimulateError`], [`super::EffectError`], [`LogError`] for an input that misses samples, [`TimeError`] for a log off a sampled model's grid.
+    /// [`SimulateError`], [`super::error::EffectError`], [`LogError`] for an input that misses samples, [`TimeError`] for a log off a sampled model's grid.
     pub fn response(&self) -> Result<Response> {
         match self.model {
             ModelDocument::Lti(file) if file.effects.is_empty() => self.linear(file),

@@ -2,8 +2,11 @@
 
 use nalgebra::DMatrix;
 
-use super::{Applied, EFFECTS, Parameter, Site};
-use crate::simulate::{Dynamics, Matrices, Port, System};
+use super::applied::Applied;
+use super::definition::Site;
+use super::effects::EFFECTS;
+use super::parameter::Parameter;
+use crate::simulate::system::{Dynamics, Matrices, Port, System};
 
 /// An effect in general.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,7 +30,7 @@ const TELLING: [&str; 5] = ["from->x", "from->y", "u->output:y", "A[x,from]", "x
 #[must_use]
 pub fn table() -> Vec<Line> {
     let system = template();
-    let line = |effect: &&'static dyn super::Effect| {
+    let line = |effect: &&'static dyn super::definition::Effect| {
         let first = effect.channels(&system);
         let channels = TELLING.iter().copied().chain(first.iter().map(String::as_str));
         Line {
@@ -65,7 +68,7 @@ fn template() -> System {
 /// Every effect on every channel of a system that it can act on, at its nominal parameters. None acts on the dynamics of a sampled model.
 #[must_use]
 pub fn menu(system: &System) -> Vec<Applied> {
-    let on_channels = |effect: &&'static dyn super::Effect| {
+    let on_channels = |effect: &&'static dyn super::definition::Effect| {
         let effect = *effect;
         effect.channels(system).into_iter().filter_map(move |channel| Applied::nominal(system, effect, &channel).ok())
     };

@@ -1,5 +1,13 @@
-use super::*;
+use crate::equations::error::EquationError;
+use crate::equations::system::Equations;
+use crate::equations::system::OutputVariable;
+use crate::equations::system::Parameter;
+use crate::equations::system::StateVariable;
+use crate::equations::system::Symbol;
+use crate::equations::system::Workspace;
+use crate::equations::system::Wrt;
 use approx::assert_abs_diff_eq;
+use nalgebra::DMatrix;
 
 /// One state `x`, one input `u`, two parameters, and the expression as its derivative.
 fn model(text: &str) -> Result<Equations, EquationError> {
@@ -191,7 +199,7 @@ fn nothing_is_calculated_twice_or_at_run_time_that_need_not_be() {
         assert_abs_diff_eq!(at(&[a, v], &mut workspace), expect(a, v), epsilon = 1e-15);
     }
     // Memory of another model, or of none, is made to fit.
-    let other = super::tests::model("x + a").unwrap();
+    let other = self::model("x + a").unwrap();
     let mut dx = [0.0; 2];
     other.derivatives(0.0, &[0.5, 0.0], &[0.75], &[2.0, 3.0], &mut workspace, &mut dx);
     assert_eq!(dx, [2.5, 0.0]);

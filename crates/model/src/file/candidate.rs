@@ -7,8 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use super::equations::EquationsFile;
 use super::table;
-use crate::equations::{names, reserved};
-use crate::{Equations, ModelError, Workspace};
+use crate::equations::parse::reserved;
+use crate::equations::system::{Equations, Workspace};
+use crate::equations::token::names;
+use crate::error::ModelError;
 
 /// A term on the derivative of a state. Names in it that the model does not know are its free parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -135,7 +137,9 @@ impl EquationsFile {
                 return Err(wrong(format!("its parameter `{taken}` is one of another candidate too; give each its own name")));
             }
             let first = extended.parameters.len();
-            let added = parameters.iter().map(|(name, p)| (name.clone(), super::ParameterEntry { unit: p.unit.clone(), value: p.value }));
+            let added = parameters
+                .iter()
+                .map(|(name, p)| (name.clone(), super::equations::ParameterEntry { unit: p.unit.clone(), value: p.value }));
             extended.parameters.extend(added);
             if let Some((_, derivative)) = extended.derivatives.iter_mut().find(|(of, _)| *of == entry.state) {
                 *derivative = format!("({derivative}) + ({})", entry.adds);

@@ -4,10 +4,13 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{
-    CandidateEntry, Channel, EffectEntry, EquationsFile, GroupEntry, GroupKind, ModelFile, NuisanceEntry, Operating, Syntax, read_text,
-};
-use crate::ModelError;
+use super::candidate::CandidateEntry;
+use super::channel::{Channel, EffectEntry, Operating};
+use super::equations::{EquationsFile, GroupEntry, GroupKind};
+use super::lti::ModelFile;
+use super::nuisance::NuisanceEntry;
+use super::text::{Syntax, read_text};
+use crate::error::ModelError;
 use crate::error::Result;
 use deadtime_log::{Log, LogError};
 
@@ -48,7 +51,7 @@ impl ModelDocument {
     }
 
     fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
-        let kind = super::kind(text, syntax, path)?;
+        let kind = super::text::kind(text, syntax, path)?;
         Ok(if kind == "equations" {
             Self::Equations(EquationsFile::parse(text, syntax, path)?)
         } else {
@@ -160,7 +163,7 @@ impl ModelDocument {
             Self::Lti(file) => (&file.states, &[]),
             Self::Equations(file) => (&[], &file.states),
         };
-        let lti = lti.iter().map(|s: &super::State| (s.name.as_str(), s.unit.as_deref()));
+        let lti = lti.iter().map(|s: &super::lti::State| (s.name.as_str(), s.unit.as_deref()));
         lti.chain(equations.iter().map(|(name, s)| (name.as_str(), s.unit.as_deref())))
     }
 
@@ -187,7 +190,7 @@ impl ModelDocument {
         let (inputs, outputs) = (about(&file.inputs)?, about(&file.outputs)?);
         // A state that is measured under its own name has the measurement's level.
         let sys = file.continuous()?;
-        let level = |(j, state): (usize, &super::State)| {
+        let level = |(j, state): (usize, &super::lti::State)| {
             let Some(i) = file.outputs.iter().position(|o| o.name == state.name) else { return Ok(0.0) };
             let itself =
                 (0..sys.order()).all(|k| sys.c()[(i, k)] == f64::from(u8::from(k == j))) && sys.d().row(i).iter().all(|d| *d == 0.0);

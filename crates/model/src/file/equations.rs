@@ -4,14 +4,18 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize, Serializer};
 
+use super::candidate::{CandidateEntry, Candidates};
+use super::channel::{Channel, ChannelKind, EffectEntry, Operating};
+use super::check::Sign;
+use super::nuisance::NuisanceEntry;
 use super::nuisance::check_nuisances;
-use super::table::{self, Table};
-use super::{
-    CandidateEntry, Candidates, Channel, ChannelKind, EffectEntry, FORMAT, NuisanceEntry, Operating, Sign, Syntax, parse_text, read_text,
-    syntax, write_text,
-};
+use super::table;
+use super::table::Table;
+use super::text::{FORMAT, Syntax, parse_text, read_text, syntax, write_text};
+use crate::equations::error::EquationError;
+use crate::equations::system::{Definition, Equations, OutputVariable, Parameter, StateVariable, Symbol};
+use crate::error::ModelError;
 use crate::error::Result;
-use crate::{Definition, EquationError, Equations, ModelError, OutputVariable, Parameter, StateVariable, Symbol};
 
 /// A state's unit and start.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -195,7 +199,7 @@ impl EquationsFile {
     }
 
     pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
-        let kind = super::kind(text, syntax, path)?;
+        let kind = super::text::kind(text, syntax, path)?;
         if kind != "equations" {
             return Err(ModelError::Kind { path: path.to_owned(), key: "kind", found: kind, known: "equations here" });
         }
@@ -205,10 +209,10 @@ impl EquationsFile {
     }
 
     fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
-        super::check_sizes(path, [self.inputs.len(), self.states.len(), self.parameters.len(), self.outputs.len()])?;
-        super::check_channels(path, &self.inputs, &self.outputs)?;
+        super::check::check_sizes(path, [self.inputs.len(), self.states.len(), self.parameters.len(), self.outputs.len()])?;
+        super::check::check_channels(path, &self.inputs, &self.outputs)?;
         check_nuisances(path, &self.nuisances)?;
-        super::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;
+        super::check::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;
         let number = |key, value, rule| Err(ModelError::Number { path: path.to_owned(), key, value, rule });
         if self.sample_time_s != 0.0 {
             return number("sample_time_s", self.sample_time_s, "equations are in continuous time; leave it out");
@@ -338,6 +342,6 @@ impl EquationsFile {
     /// # Errors
     /// [`ModelError::File`] if the writer refuses it.
     pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
-        super::text(self, Syntax::Toml).map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
+        super::text::text(self, Syntax::Toml).map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
     }
 }

@@ -5,14 +5,17 @@ use std::path::Path;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
+use super::candidate::CandidateEntry;
+use super::channel::{Channel, EffectEntry, Operating};
+use super::check::Sign;
+use super::equations::{EquationsFile, ParameterEntry, StateEntry};
+use super::nuisance::NuisanceEntry;
 use super::nuisance::check_nuisances;
-use super::{
-    CandidateEntry, Channel, EffectEntry, EquationsFile, FORMAT, NuisanceEntry, Operating, ParameterEntry, Sign, StateEntry, Syntax,
-    parse_text, read_text, syntax, write_text,
-};
-use crate::c2d::Conversion;
+use super::text::{FORMAT, Syntax, parse_text, read_text, syntax, write_text};
+use crate::c2d::conversion::Conversion;
+use crate::error::ModelError;
 use crate::error::Result;
-use crate::{Continuous, ModelError, Sampled, StateSpace};
+use crate::state_space::{Continuous, Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;
 
 /// A state.
@@ -82,7 +85,7 @@ impl ModelFile {
     }
 
     pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> std::result::Result<Self, ModelError> {
-        let kind = super::kind(text, syntax, path)?;
+        let kind = super::text::kind(text, syntax, path)?;
         if kind == "tf" || kind == "zpk" {
             return super::transfer::parse(text, syntax, path);
         }
@@ -96,13 +99,13 @@ impl ModelFile {
 
     pub(super) fn check(&self, path: &Path) -> std::result::Result<(), ModelError> {
         let states: Vec<&str> = self.states.iter().map(|s| s.name.as_str()).collect();
-        super::check_sizes(path, [self.inputs.len(), states.len(), 0, self.outputs.len()])?;
-        super::check_channels(path, &self.inputs, &self.outputs)?;
-        super::check_names(path, "state", &states)?;
+        super::check::check_sizes(path, [self.inputs.len(), states.len(), 0, self.outputs.len()])?;
+        super::check::check_channels(path, &self.inputs, &self.outputs)?;
+        super::check::check_names(path, "state", &states)?;
         check_nuisances(path, &self.nuisances)?;
-        super::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;
-        super::check_list(path, "initial", &self.initial, states.len(), Sign::Any)?;
-        super::check_list(path, "initial_std", &self.initial_std, states.len(), Sign::NotNegative)?;
+        super::check::check_list(path, "input_delay_s", &self.input_delay_s, self.inputs.len(), Sign::NotNegative)?;
+        super::check::check_list(path, "initial", &self.initial, states.len(), Sign::Any)?;
+        super::check::check_list(path, "initial_std", &self.initial_std, states.len(), Sign::NotNegative)?;
         if !(self.sample_time_s.is_finite() && self.sample_time_s >= 0.0) {
             return Err(ModelError::Number {
                 path: path.to_owned(),
@@ -296,7 +299,7 @@ impl ModelFile {
     /// # Errors
     /// [`ModelError::File`] if the writer refuses it.
     pub fn to_toml(&self) -> std::result::Result<String, ModelError> {
-        super::text(self, Syntax::Toml).map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
+        super::text::text(self, Syntax::Toml).map_err(|detail| ModelError::File { path: self.name.clone().into(), detail })
     }
 
     fn matrices(&self) -> std::result::Result<[DMatrix<f64>; 4], ModelError> {
@@ -365,7 +368,7 @@ impl ModelFile {
 mod tests {
     use super::*;
     use crate::error::Error;
-    use crate::file::{Mean, Operating};
+    use crate::file::channel::{Mean, Operating};
     use crate::uav::Dynamics;
 
     const LATERAL: &str = r#"

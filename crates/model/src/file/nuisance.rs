@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::ModelError;
+use crate::error::ModelError;
 
 /// An effect that every log has with a value of its own, kept as it stands in the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -5,8 +5,13 @@ use std::path::Path;
 use nalgebra::{Complex, DMatrix};
 use serde::Deserialize;
 
-use super::{Channel, EffectEntry, ModelFile, NuisanceEntry, State, Syntax, parse_text};
-use crate::{Continuous, ModelError, Sampled, StateSpace, TimeDomain, TransferFunction};
+use super::channel::{Channel, EffectEntry};
+use super::lti::{ModelFile, State};
+use super::nuisance::NuisanceEntry;
+use super::text::{Syntax, parse_text};
+use crate::error::ModelError;
+use crate::state_space::{Continuous, Sampled, StateSpace, TimeDomain};
+use crate::transfer_function::TransferFunction;
 use deadtime_signal::time::SampleTime;
 
 /// The keys of such a file.

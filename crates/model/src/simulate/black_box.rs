@@ -8,7 +8,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use nalgebra::DMatrix;
 use sha2::{Digest, Sha256};
 
-use super::SimulateError;
+use super::error::SimulateError;
 use super::system::{Dynamics, Port, System};
 use deadtime_signal::stop::Stop;
 

@@ -1,11 +1,11 @@
 //! The right-hand side of a nonlinear system: everything that a derivative is made of, and its Jacobian.
 
-use super::SimulateError;
 use super::assembly::Assembly;
-use super::ode::Rhs;
+use super::error::SimulateError;
 use super::plan::Term;
 use super::walk::Drive;
-use crate::{Equations, Workspace, Wrt};
+use crate::equations::system::{Equations, Workspace, Wrt};
+use crate::simulate::ode::rhs::Rhs;
 
 /// A coefficient of a row: (row, column, value).
 type Entry = (usize, usize, f64);
@@ -338,9 +338,11 @@ impl Rhs for Driven<'_, '_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ModelDocument;
-    use crate::effect::{Applied, Chance, find};
-    use crate::simulate::{Dynamics, Piece, System};
+    use crate::effect::applied::{Applied, Chance};
+    use crate::effect::effects::find;
+    use crate::file::document::ModelDocument;
+    use crate::simulate::piecewise::Piece;
+    use crate::simulate::system::{Dynamics, System};
 
     const PENDULUM: &str = r#"
 format = "deadtime/model@1"

@@ -2,10 +2,10 @@
 
 use nalgebra::DMatrix;
 
-use super::SimulateError;
 use super::assembly::Assembly;
+use super::error::SimulateError;
 use super::walk::{Drive, Stepper};
-use crate::exp;
+use crate::matrix::exp;
 
 /// Two lengths of step that differ by less than this, relatively, are one: time stamps such as 0.3 − 0.2 carry rounding.
 const SAME: f64 = 1e-9;

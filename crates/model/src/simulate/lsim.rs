@@ -5,9 +5,10 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 use pulp::{Arch, Simd, WithSimd};
 
-use super::{Hold, SimulateError};
-use crate::c2d::{delayed_taps, transition};
-use crate::{Continuous, Sampled, StateSpace, TimeDomain};
+use super::error::SimulateError;
+use crate::c2d::hold::Hold;
+use crate::c2d::hold::{delayed_taps, transition};
+use crate::state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 use deadtime_signal::time::SampleTime;
 
 /// What the input was before the first sample, which a delayed input still sees.
@@ -549,7 +550,8 @@ fn rounding(time_s: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::uav::{self, Dynamics};
+    use crate::uav;
+    use crate::uav::Dynamics;
 
     fn input(samples: usize, m: usize) -> DMatrix<f64> {
         DMatrix::from_fn(samples, m, |k, j| ((k * 7919 + j * 104_729) % 23) as f64 / 11.0 - 1.0)

@@ -1,13 +1,13 @@
 //! The step of a nonlinear system: equations, or a linear model with friction or another nonlinear term.
 
-use super::SimulateError;
 use super::assembly::Assembly;
+use super::error::SimulateError;
 use super::field::{Driven, Field, Plant, sign};
-use super::ode::Integrator;
 use super::piecewise::Piece;
 use super::plan::Term;
 use super::system::Port;
 use super::walk::{Drive, Stepper};
+use crate::simulate::ode::integrator::Integrator;
 
 /// Changes between sticking and sliding within one step before the simulation gives up.
 const CHANGES: usize = 1000;

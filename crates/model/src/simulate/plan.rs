@@ -6,8 +6,9 @@
 use deadtime_signal::progress::HowFar;
 use std::sync::Arc;
 
+use super::piecewise::Piecewise;
 use super::system::{Dynamics, ModelNumber, System};
-use super::{Hold, Piecewise};
+use crate::c2d::hold::Hold;
 
 /// A map of a whole signal of straight pieces: memoryless, or with a memory such as a play's.
 pub type SignalMap = Arc<dyn Fn(Piecewise) -> Piecewise + Send + Sync>;

@@ -2,9 +2,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{Options, Prehistory, SimulateError, lsim};
-use crate::c2d::transition;
-use crate::{Continuous, Sampled, StateSpace, exp};
+use super::error::SimulateError;
+use super::lsim::{Options, Prehistory, lsim};
+use crate::c2d::hold::transition;
+use crate::matrix::exp;
+use crate::state_space::{Continuous, Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;
 
 /// From rest: the input was 0 before the first sample.
@@ -41,7 +43,7 @@ pub fn step_response_sampled(sys: &StateSpace<Sampled>, samples: usize) -> Resul
 /// As [`step_response`].
 pub fn impulse_response(sys: &StateSpace<Continuous>, sample_time: SampleTime, samples: usize) -> Result<Vec<DMatrix<f64>>, SimulateError> {
     let ts = sample_time.seconds();
-    let phi = transition(sys.a(), sys.b(), ts, super::Hold::Zero).0;
+    let phi = transition(sys.a(), sys.b(), ts, crate::c2d::hold::Hold::Zero).0;
     let one = |j: usize| {
         let delay = sample_time.samples(sys.input_delay()[j])?;
         // The first sample at or after the impulse, and how long after it.

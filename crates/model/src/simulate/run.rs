@@ -8,16 +8,17 @@ use rand_distr::{Distribution, Gamma};
 
 use super::assembly::Assembly;
 use super::black_box::window;
+use super::error::SimulateError;
 use super::linear::Linear;
 use super::nonlinear::Nonlinear;
-use super::ode::Integrator;
 use super::piecewise::Piecewise;
 use super::plan::{Delays, Drops, InputPath, Late, Plan, Term};
 use super::sampled;
 use super::system::{Affine, Dynamics, System};
 use super::walk::{Correction, Guide, Run, walk};
-use super::{Hold, SimulateError};
-use crate::Equations;
+use crate::c2d::hold::Hold;
+use crate::equations::system::Equations;
+use crate::simulate::ode::integrator::Integrator;
 
 /// The commands of a log.
 #[derive(Debug, Clone, Copy)]

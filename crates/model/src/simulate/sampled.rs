@@ -5,9 +5,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::SimulateError;
 use super::assembly::Assembly;
-use super::black_box::{self, Simulator};
+use super::black_box;
+use super::black_box::Simulator;
+use super::error::SimulateError;
 use super::linear::Linear;
 use super::piecewise::{Piece, Piecewise};
 use super::plan::{InputPath, OutputPath, Plan, SensorClock};

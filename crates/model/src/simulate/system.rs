@@ -5,8 +5,14 @@ use std::sync::Arc;
 use nalgebra::DMatrix;
 
 use super::black_box::{Restart, Simulator};
+use crate::equations::system::{Equations, Linearisation};
 use crate::error::Result;
-use crate::{Candidates, Channel, Equations, EquationsFile, Linearisation, ModelDocument, ModelFile, Operating, StateSpace, TimeDomain};
+use crate::file::candidate::Candidates;
+use crate::file::channel::{Channel, Operating};
+use crate::file::document::ModelDocument;
+use crate::file::equations::EquationsFile;
+use crate::file::lti::ModelFile;
+use crate::state_space::{StateSpace, TimeDomain};
 use deadtime_signal::time::SampleTime;
 
 /// The name and unit of an input, state, output or parameter.
@@ -138,7 +144,7 @@ impl System {
     /// From a model file. `mean` gives the mean of a channel over the training logs, asked for where an operating point is `"mean"`.
     ///
     /// # Errors
-    /// [`crate::ModelError`] for a file that describes no model; whatever `mean` returns.
+    /// [`crate::error::ModelError`] for a file that describes no model; whatever `mean` returns.
     pub fn new(document: &ModelDocument, mut mean: impl FnMut(&str) -> Result<f64>) -> Result<Self> {
         let mut operating = |channels: &[Channel]| -> Result<Vec<f64>> {
             let value = |c: &Channel| match c.operating {

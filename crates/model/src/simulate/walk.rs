@@ -4,7 +4,7 @@ use std::num::NonZeroUsize;
 
 use nalgebra::DMatrix;
 
-use super::SimulateError;
+use super::error::SimulateError;
 use super::piecewise::{Piece, Piecewise, TOGETHER};
 use super::plan::Plan;
 

@@ -1,6 +1,7 @@
 //! Checks of options, each answering with the facts.
 
-use crate::{Allowed, MOST_SAMPLES, SignalError};
+use crate::MOST_SAMPLES;
+use crate::error::{Allowed, SignalError};
 
 /// A number of samples that can be made.
 pub(super) fn samples(samples: usize) -> Result<(), SignalError> {

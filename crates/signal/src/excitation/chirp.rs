@@ -8,8 +8,9 @@ use std::f64::consts::PI;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Excitation, check};
-use crate::SignalError;
+use super::check;
+use super::generator::Excitation;
+use crate::error::SignalError;
 
 /// How the frequency moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

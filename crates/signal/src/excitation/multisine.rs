@@ -12,8 +12,9 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Excitation, check};
-use crate::SignalError;
+use super::check;
+use super::generator::Excitation;
+use crate::error::SignalError;
 use crate::fourier::inverse_dft;
 
 /// The lines' phases.

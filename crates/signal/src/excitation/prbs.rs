@@ -6,8 +6,9 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Excitation, check};
-use crate::{Allowed, SignalError};
+use super::check;
+use super::generator::Excitation;
+use crate::error::{Allowed, SignalError};
 
 /// Least order of the register.
 const LEAST: usize = 2;

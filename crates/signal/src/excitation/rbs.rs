@@ -6,9 +6,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::{Excitation, check};
-use crate::SignalError;
+use super::check;
+use super::generator::Excitation;
 use crate::butterworth::Butterworth;
+use crate::error::SignalError;
 
 /// A random binary signal as MATLAB's `idinput(N, 'rbs', band, levels)` makes it, from another random generator.
 ///

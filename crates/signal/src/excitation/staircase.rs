@@ -5,8 +5,9 @@
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Excitation, check};
-use crate::SignalError;
+use super::check;
+use super::generator::Excitation;
+use crate::error::SignalError;
 
 /// Set points as an operator gives them, and the step inputs of published benchmarks.
 ///

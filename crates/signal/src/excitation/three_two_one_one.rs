@@ -5,8 +5,9 @@
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Excitation, check};
-use crate::SignalError;
+use super::check;
+use super::generator::Excitation;
+use crate::error::SignalError;
 
 /// The pulses' lengths, in units, and signs.
 const PULSES: [(usize, f64); 4] = [(3, 1.0), (2, -1.0), (1, 1.0), (1, -1.0)];

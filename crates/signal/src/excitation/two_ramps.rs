@@ -5,8 +5,9 @@
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Excitation, check};
-use crate::SignalError;
+use super::check;
+use super::generator::Excitation;
+use crate::error::SignalError;
 
 /// The thesis' first input: with the defaults it climbs by 0.0005 to 0.01 at sample 20 and is back at exactly zero at sample 40.
 ///

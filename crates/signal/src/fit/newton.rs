@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use super::{Fit, Normal, Stopped};
+use super::levenberg_marquardt::{Fit, Normal, Stopped};
 
 /// Share of a parameter (at least of 1e-3) by which it is moved for the second derivatives.
 const DIFFERENCE: f64 = 1e-5;
@@ -72,7 +72,7 @@ mod tests {
     use nalgebra::DVector;
 
     use super::*;
-    use crate::fit::LevenbergMarquardt;
+    use crate::fit::levenberg_marquardt::LevenbergMarquardt;
 
     /// A straight exponential through data that is none: large residuals at the minimum.
     fn misfit(p: &[f64]) -> Option<Normal> {

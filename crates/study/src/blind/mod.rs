@@ -6,7 +6,7 @@
 mod bounds;
 mod cases;
 mod commitment;
-mod error;
+pub(crate) mod error;
 mod judge;
 mod label;
 mod limit;

@@ -9,7 +9,7 @@
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-use super::CompareFormat;
+use crate::compare::CompareFormat;
 use deadtime_gap::{Contribution, Diagnosis, Explained, FoundParameter, Mode, Strength};
 use deadtime_signal::stats::NORMAL_95;
 

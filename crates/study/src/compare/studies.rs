@@ -5,8 +5,8 @@
 
 use serde::Serialize;
 
-use super::CompareFormat;
-use crate::{Cell, Study};
+use crate::compare::CompareFormat;
+use crate::results::{Cell, Study};
 use deadtime_signal::stats;
 
 /// Several studies side by side.

@@ -1,7 +1,8 @@
 //! Several inputs: each fitted to what the others leave, then all with common poles.
 
-use super::{COARSE, Found, Problem, Shape, VALLEYS, Work, add, answer, keep, project};
 use crate::posterior;
+use crate::process::chain::Shape;
+use crate::process::fit::{COARSE, Found, Problem, VALLEYS, Work, add, answer, keep, project};
 use deadtime_identify::dot;
 
 /// What one input of several does, through poles of its own.

@@ -2,8 +2,8 @@
 
 use nalgebra::DMatrix;
 
-use super::TrackerOptions;
 use super::following::{Following, Start};
+use super::online::TrackerOptions;
 use super::past::Past;
 use super::rows::{accumulate, fill, inverse};
 use crate::track::rows::{Shape, solve};

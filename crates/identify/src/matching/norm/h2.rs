@@ -3,7 +3,7 @@
 //! Equation:  ‖Δ‖² = (Ts)/π ∫ ‖Δ(ω)‖_F² dω, by the trapezoidal rule (Ts for sampled models, 1 for continuous ones)
 //! Source: Zhou, Doyle and Glover (1996), Robust and Optimal Control, section 4.3.
 
-use super::{At, Norm};
+use super::criterion::{At, Norm};
 use crate::matching::system::Response;
 
 pub(super) const H2: Norm =

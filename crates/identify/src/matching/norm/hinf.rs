@@ -4,7 +4,7 @@
 //! Source: the thesis' criterion (Fumai's PBSID-H∞); Charalambous and Bandler (1976), "Non-linear minimax optimization as a sequence of least pth optimization
 //! with finite values of p", doi:10.1080/00207727608941924.
 
-use super::{At, Norm, TO_THE_LARGEST};
+use super::criterion::{At, Norm, TO_THE_LARGEST};
 use crate::matching::system::Response;
 
 pub(super) const HINF: Norm =

@@ -6,7 +6,7 @@
 
 use nalgebra::{Complex, DMatrix, SymmetricEigen};
 
-use super::{At, Norm, TO_THE_LARGEST};
+use super::criterion::{At, Norm, TO_THE_LARGEST};
 use crate::matching::system::Response;
 
 pub(super) const NU_GAP: Norm = Norm {

@@ -3,7 +3,7 @@
 //! Equation:  min_θ Σ_k s_k Σ_ij |w_ij(ω_k) (G_ij(ω_k, θ) − Ĝ_ij(ω_k))|², s_k the share of ω_k in the band's logarithm
 //! Source: Pintelon and Schoukens (2012), System Identification: A Frequency Domain Approach, 2nd ed., chapter 9, doi:10.1002/9781118287422.
 
-use super::{At, Norm};
+use super::criterion::{At, Norm};
 use crate::matching::system::Response;
 
 pub(super) const WLS: Norm = Norm {

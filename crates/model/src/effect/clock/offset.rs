@@ -1,8 +1,11 @@
 //! The sensors' clock is set differently: it reads t + offset. Positive: outputs seem late.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site};
-use crate::simulate::{Plan, System};
+use crate::effect::definition::{Effect, Scales, Site};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::{Parameter, Role};
+use crate::simulate::plan::Plan;
+use crate::simulate::system::System;
 
 /// The sensors' clock is set differently.
 ///

@@ -1,8 +1,11 @@
 //! The sensors' clock runs at another rate: when the commands' clock reads t, it reads ratio·t.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
-use crate::simulate::{Plan, System};
+use crate::effect::definition::{Effect, Scales, Site};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::Plan;
+use crate::simulate::system::System;
 
 /// How many rates are looked at on either side, and the furthest of them: clocks that differ by more are no clocks.
 const SCANNED: u32 = 40;

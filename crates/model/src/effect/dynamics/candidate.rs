@@ -5,9 +5,12 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site};
-use crate::simulate::{Dynamics, Plan, System};
-use crate::{Candidate as Suspected, Candidates};
+use crate::effect::definition::{Effect, Scales, Site};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::{Parameter, Role};
+use crate::file::candidate::{Candidate as Suspected, Candidates};
+use crate::simulate::plan::Plan;
+use crate::simulate::system::{Dynamics, System};
 
 /// How large a first guess of a term is, of the rms of the derivative that it is added to.
 const FIRST_GUESS: f64 = 0.2;
@@ -47,7 +50,7 @@ impl Effect for Candidate {
 
     fn parameters(&self, system: &System, channel: &str) -> Result<Vec<Parameter>, EffectError> {
         let (_, suspected) = self.place(system, channel)?;
-        let parameter = |(name, said): &(String, crate::CandidateParameter)| {
+        let parameter = |(name, said): &(String, crate::file::candidate::CandidateParameter)| {
             let free = channel::free(name.clone(), said.unit.clone().unwrap_or_else(|| "1".to_owned()), said.value);
             Parameter {
                 role: if said.value == 0.0 { Role::Size } else { Role::Shape },
@@ -115,7 +118,7 @@ fn term_of_one(all: &Candidates, suspected: &Suspected, parameter: usize, scales
     let mut workspace = equations.workspace();
     let (states, inputs) = (equations.state_variables().len(), equations.input_symbols().len());
     let mut slope = |p: &[f64], turn: usize| {
-        let signed = |list: &[crate::effect::Spread], count: usize, shift: usize| -> Vec<f64> {
+        let signed = |list: &[crate::effect::definition::Spread], count: usize, shift: usize| -> Vec<f64> {
             let sign = |i: usize| if (turn >> ((i + shift) % 4)) & 1 == 1 { -1.0 } else { 1.0 };
             (0..count).map(|i| sign(i) * list.get(i).map_or(0.0, |s| s.rms)).collect()
         };

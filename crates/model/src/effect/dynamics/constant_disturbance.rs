@@ -1,8 +1,11 @@
 //! Something pushes all the time: a level on a state's derivative.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
-use crate::simulate::{Plan, System, Term};
+use crate::effect::definition::{Effect, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::{Plan, Term};
+use crate::simulate::system::System;
 
 /// Something pushes all the time.
 ///

@@ -1,8 +1,11 @@
 //! Dry friction: −level·sign(x) on the derivative of the velocity x, which sticks at 0.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
-use crate::simulate::{Plan, System, Term};
+use crate::effect::definition::{Effect, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::{Plan, Term};
+use crate::simulate::system::System;
 
 /// Dry friction that sticks.
 ///

@@ -1,8 +1,11 @@
 //! A state or input moves a state that the model keeps apart: gain·from on the derivative of `to`.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
-use crate::simulate::{Plan, Source, System, Term};
+use crate::effect::definition::{Effect, Scales, Site};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::{Plan, Source, Term};
+use crate::simulate::system::System;
 
 /// A coupling that the model lacks.
 ///

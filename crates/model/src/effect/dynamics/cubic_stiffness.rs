@@ -3,8 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
-use crate::simulate::{Plan, System, Term};
+use crate::effect::definition::{Effect, Scales, Site};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::{Plan, Term};
+use crate::simulate::system::System;
 
 /// A spring that hardens with the cube of a state.
 ///

@@ -1,8 +1,11 @@
 //! Two states that exchange what they store: gain·(a − b) on the derivative of b, and as much less on that of a.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
-use crate::simulate::{Plan, Source, System, Term};
+use crate::effect::definition::{Effect, Scales, Site};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::{Plan, Source, Term};
+use crate::simulate::system::System;
 
 /// An exchange that the model lacks: of heat between bodies, of liquid between tanks.
 ///

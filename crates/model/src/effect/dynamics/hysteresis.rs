@@ -5,8 +5,11 @@
 //! one a spring.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
-use crate::simulate::{Plan, System, Term};
+use crate::effect::definition::{Effect, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::{Parameter, Role};
+use crate::simulate::plan::{Plan, Term};
+use crate::simulate::system::System;
 
 /// A force with a memory of the way: hysteresis.
 ///

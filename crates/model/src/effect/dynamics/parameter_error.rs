@@ -5,8 +5,11 @@
 use nalgebra::DMatrix;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site};
-use crate::simulate::{Dynamics, ModelNumber, Plan, Port, System};
+use crate::effect::definition::{Effect, Scales, Site};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::Plan;
+use crate::simulate::system::{Dynamics, ModelNumber, Port, System};
 
 /// A parameter of the model is wrong.
 ///

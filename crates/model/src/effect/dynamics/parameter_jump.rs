@@ -4,8 +4,11 @@
 
 use super::parameter_error::number;
 use crate::effect::channel;
-use crate::effect::{Change, Effect, EffectError, Parameter, Scales, Site};
-use crate::simulate::{Plan, Switch, System};
+use crate::effect::definition::{Change, Effect, Scales, Site};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::{Plan, Switch};
+use crate::simulate::system::System;
 
 /// A parameter of the model that steps, at the same time in every log.
 ///

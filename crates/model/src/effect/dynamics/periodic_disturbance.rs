@@ -1,8 +1,11 @@
 //! Something shakes: amplitude·sin(2π·frequency·t + phase) on a state's derivative, t from the log's first sample.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site};
-use crate::simulate::{Plan, System, Term};
+use crate::effect::definition::{Effect, Scales, Site};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::{Parameter, Role};
+use crate::simulate::plan::{Plan, Term};
+use crate::simulate::system::System;
 
 /// Something shakes at one frequency.
 ///

@@ -3,8 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
-use crate::simulate::{Plan, System, Term};
+use crate::effect::definition::{Effect, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::{Plan, Term};
+use crate::simulate::system::System;
 
 /// Drag that grows with the square of a velocity.
 ///

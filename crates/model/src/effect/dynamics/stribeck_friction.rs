@@ -7,8 +7,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
-use crate::simulate::{Plan, System, Term};
+use crate::effect::definition::{Effect, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::{Parameter, Role};
+use crate::simulate::plan::{Plan, Term};
+use crate::simulate::system::System;
 
 /// Dry friction that is larger at low speed.
 ///

@@ -1,8 +1,12 @@
 //! A resonance that the model lacks: q″ + 2ζω·q′ + ω²·q = ω²·u, gain·q added to an input, a state's derivative or an output.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Role, Scales, Site, Telling};
-use crate::simulate::{Mode, Plan, System, plan};
+use crate::effect::definition::{Effect, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::{Parameter, Role};
+use crate::simulate::plan;
+use crate::simulate::plan::{Mode, Plan};
+use crate::simulate::system::System;
 
 /// A resonance that the model lacks.
 ///
@@ -90,7 +94,7 @@ impl UnmodelledMode {
             let (from, to) = channel.split_once("->")?;
             let (kind, name) = to.split_once(':')?;
             let input = system.inputs.iter().position(|p| p.name == from)?;
-            let at = |ports: &[crate::simulate::Port]| ports.iter().position(|p| p.name == name);
+            let at = |ports: &[crate::simulate::system::Port]| ports.iter().position(|p| p.name == name);
             let site = match kind {
                 "input" => plan::Site::Input(at(&system.inputs).filter(|&i| i == input)?),
                 "state" => plan::Site::State(at(&system.states)?),

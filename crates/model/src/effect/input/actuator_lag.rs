@@ -1,8 +1,11 @@
 //! The actuator lags: w′ = (u − w)/time_constant.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Lateness, Parameter, Scales, Site, Telling};
-use crate::simulate::{Plan, System};
+use crate::effect::definition::{Effect, Lateness, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::Plan;
+use crate::simulate::system::System;
 
 /// The actuator follows with a first-order lag.
 ///

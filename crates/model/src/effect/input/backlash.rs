@@ -5,8 +5,12 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
-use crate::simulate::{Piece, Piecewise, Plan, System};
+use crate::effect::definition::{Effect, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::piecewise::{Piece, Piecewise};
+use crate::simulate::plan::Plan;
+use crate::simulate::system::System;
 
 /// Play between command and plant.
 ///

@@ -1,8 +1,11 @@
 //! A command reaches the plant later: u(t − delay).
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Lateness, Parameter, Scales, Site, Telling};
-use crate::simulate::{Plan, System};
+use crate::effect::definition::{Effect, Lateness, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::Plan;
+use crate::simulate::system::System;
 
 /// Dead time between the command and the plant; continuous, never rounded to samples.
 ///

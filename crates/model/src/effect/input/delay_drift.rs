@@ -3,8 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Change, Effect, EffectError, Parameter, Scales, Site, Telling};
-use crate::simulate::{Plan, System};
+use crate::effect::definition::{Change, Effect, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::Plan;
+use crate::simulate::system::System;
 
 /// No delay grows or shrinks faster than this, in seconds per second: at 1 no later command would ever arrive.
 const FASTEST: f64 = 0.9;
@@ -58,7 +61,7 @@ impl Effect for DelayDrift {
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
         let (delay_s, rate) = (values[0], values[1]);
-        let drifted = move |signal: crate::simulate::Piecewise| signal.drifting(delay_s, rate);
+        let drifted = move |signal: crate::simulate::piecewise::Piecewise| signal.drifting(delay_s, rate);
         plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(drifted));
         Ok(())
     }

@@ -3,8 +3,11 @@
 //! Equation: command k acts from t_k + d_k on, d_k gamma distributed with mean `delay` and standard deviation `spread`; ordered: not before command k − 1.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Lateness, Parameter, Role, Scales, Site, Telling};
-use crate::simulate::{Delays, Late, Plan, System};
+use crate::effect::definition::{Effect, Lateness, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::{Parameter, Role};
+use crate::simulate::plan::{Delays, Late, Plan};
+use crate::simulate::system::System;
 
 /// From this value on commands keep their order.
 const ORDERED: f64 = 0.5;

@@ -3,8 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Change, Effect, EffectError, Parameter, Scales, Site, Telling};
-use crate::simulate::{Plan, System};
+use crate::effect::definition::{Change, Effect, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::Plan;
+use crate::simulate::system::System;
 
 /// A dead time that jumps, at the same time in every log.
 ///
@@ -58,7 +61,7 @@ impl Effect for DelayJump {
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
         let (before_s, time_s, later_s) = (values[0], values[1], values[2]);
-        let jumped = move |signal: crate::simulate::Piecewise| signal.delayed_until(before_s, time_s, later_s);
+        let jumped = move |signal: crate::simulate::piecewise::Piecewise| signal.delayed_until(before_s, time_s, later_s);
         plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(jumped));
         Ok(())
     }

@@ -4,8 +4,11 @@
 //! `burst`: a loss then goes on with probability 1 − 1/burst, and begins with probability/(burst·(1 − probability)).
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Lateness, Parameter, Role, Scales, Site, Telling};
-use crate::simulate::{Drops, Losses, Plan, System};
+use crate::effect::definition::{Effect, Lateness, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::{Parameter, Role};
+use crate::simulate::plan::{Drops, Losses, Plan};
+use crate::simulate::system::System;
 
 /// Each logged command is lost with this probability; a plan holds the mean over all sequences until a seed draws one.
 ///

@@ -3,8 +3,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Change, Effect, EffectError, Parameter, Scales, Site, Telling};
-use crate::simulate::{Plan, System};
+use crate::effect::definition::{Change, Effect, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::Plan;
+use crate::simulate::system::System;
 
 /// The gain of an actuator that steps, at the same time in every log: a motor that is lost, a load that drops.
 ///
@@ -60,7 +63,7 @@ impl Effect for GainJump {
 
     fn apply(&self, system: &System, channel: &str, values: &[f64], plan: &mut Plan) -> Result<(), EffectError> {
         let (gain, time_s, later) = (values[0], values[1], values[2]);
-        let stepped = move |signal: crate::simulate::Piecewise| signal.scaled_until(gain, time_s, later);
+        let stepped = move |signal: crate::simulate::piecewise::Piecewise| signal.scaled_until(gain, time_s, later);
         plan.inputs[channel::input(self, system, channel)?].maps.push(Arc::new(stepped));
         Ok(())
     }

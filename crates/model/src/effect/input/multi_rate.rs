@@ -1,8 +1,11 @@
 //! Commands pass at certain times only and are held between them, as through a slower loop: at phase, phase + period, phase + 2·period and so on.
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Lateness, Parameter, Role, Scales, Site, Telling};
-use crate::simulate::{Plan, System};
+use crate::effect::definition::{Effect, Lateness, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::{Parameter, Role};
+use crate::simulate::plan::Plan;
+use crate::simulate::system::System;
 
 /// A slower loop on the way of the commands.
 ///

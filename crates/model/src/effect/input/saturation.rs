@@ -5,8 +5,11 @@
 use std::sync::Arc;
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
-use crate::simulate::{Plan, System};
+use crate::effect::definition::{Effect, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::Plan;
+use crate::simulate::system::System;
 
 /// The actuator has stops.
 ///

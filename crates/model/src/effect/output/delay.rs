@@ -1,8 +1,11 @@
 //! A measurement is written down late: y(t − delay).
 
 use crate::effect::channel;
-use crate::effect::{Effect, EffectError, Parameter, Scales, Site, Telling};
-use crate::simulate::{Plan, System};
+use crate::effect::definition::{Effect, Scales, Site, Telling};
+use crate::effect::error::EffectError;
+use crate::effect::parameter::Parameter;
+use crate::simulate::plan::Plan;
+use crate::simulate::system::System;
 
 /// Dead time between the plant and the log; continuous, never rounded to samples.
 ///

@@ -3,7 +3,7 @@
 //! Sources: Dormand & Prince 1980, A family of embedded Runge-Kutta formulae; Hairer, Nørsett & Wanner 1993, Solving Ordinary Differential Equations I,
 //! II.5 (table 5.2), II.6 (dense output), and IV.2 of volume II (stiffness detection).
 
-use super::Rhs;
+use super::rhs::Rhs;
 
 const C: [f64; 5] = [1.0 / 5.0, 3.0 / 10.0, 4.0 / 5.0, 8.0 / 9.0, 1.0];
 const A2: [f64; 1] = [1.0 / 5.0];

@@ -1,7 +1,7 @@
 //! Where a function of time and state changes its sign within a step.
 
-use super::Rhs;
 use super::integrator::{Event, Integrator, Method};
+use super::rhs::Rhs;
 
 /// Shares of a step at which the sign is looked at.
 const LOOKS: [f64; 4] = [0.25, 0.5, 0.75, 1.0];

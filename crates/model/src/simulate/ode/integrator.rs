@@ -1,9 +1,11 @@
 //! The integrator: step-size control, the choice of the method, and exact ends.
 
 use super::dormand_prince::DormandPrince;
+use super::event;
+use super::past::Past;
+use super::rhs::Rhs;
 use super::rodas::Rodas;
-use super::{Rhs, event, past::Past};
-use crate::simulate::SimulateError;
+use crate::simulate::error::SimulateError;
 
 /// Which formula steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

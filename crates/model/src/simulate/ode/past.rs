@@ -1,7 +1,8 @@
 //! Steps that go past the instants at which a state is wanted: it is read off the curve of the step.
 
-use super::{Integrator, Rhs};
-use crate::simulate::SimulateError;
+use super::integrator::Integrator;
+use super::rhs::Rhs;
+use crate::simulate::error::SimulateError;
 
 /// The step that went past the end of the last call.
 #[derive(Debug, Clone)]

@@ -3,7 +3,8 @@
 //! (1/(hγ) − J) u(i) = f(t + α(i) h, x + Σ a(ij) u(j)) + Σ c(ij)/h u(j) + h γ(i) ∂f/∂t;  the last stage is the error estimate.
 //! Source: Hairer & Wanner 1996, Solving Ordinary Differential Equations II, IV.7 (coefficients of the code RODAS).
 
-use super::{Rhs, lu};
+use super::lu;
+use super::rhs::Rhs;
 
 const GAMMA: f64 = 0.25;
 const ALPHA: [f64; 6] = [0.0, 0.386, 0.21, 0.63, 1.0, 1.0];

@@ -1,5 +1,5 @@
 use super::*;
-use crate::simulate::SimulateError;
+use crate::simulate::error::SimulateError;
 
 /// A right-hand side from a closure.
 struct System<F>(usize, F, usize);

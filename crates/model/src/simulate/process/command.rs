@@ -12,8 +12,9 @@ use std::time::Instant;
 use nalgebra::DMatrix;
 
 use super::child::{Children, Running, ended};
-use super::{Asked, Names, Program, table};
-use crate::simulate::Simulator;
+use super::program::{Asked, Names, Program};
+use super::table;
+use crate::simulate::black_box::Simulator;
 
 #[derive(Debug)]
 pub(super) struct EachRun {

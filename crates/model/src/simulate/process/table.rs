@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use nalgebra::DMatrix;
 
-use super::{Asked, Names};
+use super::program::{Asked, Names};
 
 /// What is asked: a column of time and one per input.
 pub(super) fn written(asked: Asked<'_>, names: &Names) -> String {

@@ -1,0 +1,421 @@
+//! Generalised cross-correlation.
+
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::{Search, one_pair};
+use crate::experiment::Experiment;
+use crate::method::Condition;
+use crate::posterior;
+use deadtime_identify::Record;
+use deadtime_signal::{CrossSpectra, HANN_LINES, RealFourier, correlation};
+use nalgebra::Complex;
+use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
+
+/// What all of them withstand.
+pub(crate) const WITHSTANDS: &[Condition] = &[Condition::ColouredNoise, Condition::MissingOutputs];
+
+/// What all of them need.
+pub(crate) const NEEDS: &str = "an output that is a delayed copy of the input, and noise that knows nothing of either";
+
+/// Why none of them counts the samples of a plant.
+pub(crate) const LATE: &str = "a plant's own lag counts as delay: on anything but a delayed copy the answer is late";
+
+/// Samples that input and output must share behind the longest delay.
+pub(super) const LEAST: usize = 100;
+
+/// Segments (of their own length, not overlapping) that a record must hold: fewer leave the coherence to chance.
+pub(super) const LOOKS: usize = 6;
+
+/// Bounds of the automatic length of a segment.
+pub(super) const SEGMENT: [usize; 2] = [16, 1024];
+
+/// The shortest that may be asked for.
+pub(super) const SHORTEST_SEGMENT: usize = 8;
+
+/// A spectrum below this share of its largest line is rounding; weights that divide by it go no lower.
+pub(super) const FLOOR: f64 = 1e-10;
+
+/// Nor below this share of its mean line over the number of samples: so much of every frequency leaks into every other where a record begins and ends.
+pub(super) const ENDS: f64 = 4.0;
+
+/// No finite record shows more coherence than this.
+pub(super) const CERTAIN: f64 = 1.0 - 1e-6;
+
+/// Squared coherence from which the phase of a line is a number with a variance.
+pub(super) const PHASED: f64 = 0.5;
+
+/// Share of the lines that must be that coherent: single ones are so by chance.
+pub(super) const JUDGED: f64 = 0.125;
+
+/// Share of delayed copies whose phases are called bent.
+pub(super) const FALSE_ALARM: f64 = 1e-4;
+
+/// Alignments after which the best lag is taken as it is; weights that disagree longer than this have two peaks alike.
+pub(super) const ALIGNMENTS: usize = 4;
+
+/// One frequency, as a weight sees it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Line {
+    /// Frequency, rad per sample.
+    pub(crate) omega: f64,
+    /// Spectrum of the input.
+    pub(crate) uu: f64,
+    /// Spectrum of the output.
+    pub(crate) yy: f64,
+    /// Magnitude of the cross-spectrum.
+    pub(crate) cross: f64,
+    /// Magnitude that it would have by chance alone.
+    pub(crate) chance: f64,
+    /// Squared coherence, what chance adds taken off; below 1.
+    pub(crate) coherence: f64,
+    /// Variance of the cross-spectrum's real and of its imaginary part in one look.
+    pub(crate) noise: f64,
+    /// How often it counts on the whole circle: twice, once at 0, and not at all beside the Nyquist frequency.
+    pub(crate) times: f64,
+}
+
+/// The records of one pair, centred and scaled.
+pub(crate) struct Centred(Vec<(Vec<f64>, Vec<f64>)>);
+
+impl Centred {
+    /// Means off (of the outputs that were measured; the others are zero), largest value of each channel 1.
+    pub(crate) fn new(records: &[Record]) -> Self {
+        let there = |r: &Record, t: usize| r.present.as_ref().is_none_or(|p| p[t]);
+        let largest = |values: &mut dyn Iterator<Item = f64>| values.map(f64::abs).fold(f64::MIN_POSITIVE, f64::max);
+        let scale_u = largest(&mut records.iter().flat_map(|r| r.u.iter().copied()));
+        let scale_y = largest(&mut records.iter().flat_map(|r| r.y.iter().copied()));
+        let centred = |values: &[f64], scale: f64, there: &dyn Fn(usize) -> bool| -> Vec<f64> {
+            let present = || values.iter().enumerate().filter(|(t, _)| there(*t)).map(|(_, v)| v / scale);
+            let mean = present().sum::<f64>() / real(present().count().max(1));
+            values.iter().enumerate().map(|(t, v)| if there(t) { v / scale - mean } else { 0.0 }).collect()
+        };
+        Self(records.iter().map(|r| (centred(&r.u, scale_u, &|_| true), centred(&r.y, scale_y, &|t| there(r, t)))).collect())
+    }
+
+    pub(crate) fn records(&self) -> impl Iterator<Item = (&[f64], &[f64])> {
+        self.0.iter().map(|(u, y)| (&u[..], &y[..]))
+    }
+
+    /// Mean products at every lag of `from ..= to`.
+    fn products(&self, from: isize, to: isize) -> Vec<f64> {
+        let samples: usize = self.0.iter().map(|(u, _)| u.len()).sum();
+        let mut sums = vec![0.0; to.abs_diff(from) + 1];
+        for (u, y) in self.records() {
+            for (sum, r) in sums.iter_mut().zip(correlation(u, y, from..=to)) {
+                *sum += r / real(samples);
+            }
+        }
+        sums
+    }
+
+    /// Averaged spectra with y moved back by `lag` samples.
+    pub(crate) fn aligned(&self, lag: usize, segment: usize) -> CrossSpectra {
+        let pairs = self.records().filter_map(|(u, y)| Some((u.get(..u.len().checked_sub(lag)?)?, y.get(lag..)?)));
+        CrossSpectra::welch(pairs, segment)
+    }
+}
+
+/// The segment that is used where 0 asks for an automatic choice.
+pub(crate) fn segment_length(asked: usize, longest: usize, max_delay: usize) -> usize {
+    if asked > 0 {
+        return asked;
+    }
+    let [least, most] = SEGMENT;
+    let fits = (longest.saturating_sub(max_delay) / LOOKS).max(1);
+    (1 << fits.ilog2()).clamp(least, most)
+}
+
+/// Refuses what cannot be used at all.
+pub(crate) fn enough(method: &'static str, segment: usize, got: usize, max_delay: usize) -> Result<(), DelayError> {
+    if segment > 0 && segment < SHORTEST_SEGMENT {
+        let value = segment as f64;
+        return Err(DelayError::Option { method, option: "segment", value, allowed: "0 (automatic) or 8 and more" });
+    }
+    let needed = max_delay + LEAST.max(segment);
+    if got < needed {
+        return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter `max_delay`" });
+    }
+    Ok(())
+}
+
+/// What averaged spectra say of every frequency.
+pub(crate) fn lines(spectra: &CrossSpectra) -> Vec<Line> {
+    let looks = spectra.looks * HANN_LINES;
+    let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let ends = ENDS / (spectra.looks * real(spectra.segment)).max(ENDS);
+    let floor = |values: &[f64]| {
+        let mean = values.iter().sum::<f64>() / real(values.len().max(1));
+        (ends * mean).max(FLOOR * largest(&mut values.iter().copied()))
+    };
+    let (floor_u, floor_y) = (floor(&spectra.uu), floor(&spectra.yy));
+    let floor_cross = (floor_u * floor_y).sqrt();
+    let of = |(k, seen): (usize, f64)| {
+        let (uu, yy, cross) = (spectra.uu[k].max(floor_u), spectra.yy[k].max(floor_y), spectra.uy[k].norm().max(floor_cross));
+        // The average of few looks at nothing shows (1 − γ²)/looks; what is left over of 1 is too small by as much.
+        let (coherence, rest) =
+            if looks > 1.0 { (seen - (1.0 - seen) / (looks - 1.0), ((1.0 - seen) * looks / (looks - 1.0)).min(1.0)) } else { (0.0, 1.0) };
+        let noise = 0.5 * uu * yy * rest.max(1.0 - CERTAIN);
+        let chance = (uu * yy / looks.max(1.0)).sqrt();
+        let times = match k {
+            0 => 1.0,
+            // Hann's window sees both sides of the Nyquist frequency there, where a fraction of a sample turns the phases against each other.
+            _ if 2 * (k + 1) >= spectra.segment => 0.0,
+            _ => 2.0,
+        };
+        Line { omega: spectra.omega(k), uu, yy, cross, chance, coherence: coherence.clamp(0.0, CERTAIN), noise, times }
+    };
+    spectra.coherence().into_iter().enumerate().map(of).collect()
+}
+
+/// R(τ) = Σ Re(a·exp(iωτ)), a band-limited function of any lag: (ω, a) of every line.
+pub(crate) struct Interpolant(Vec<(f64, Complex<f64>)>);
+
+impl Interpolant {
+    pub(crate) fn new(terms: Vec<(f64, Complex<f64>)>) -> Self {
+        Self(terms)
+    }
+
+    /// The value, and the first and second derivative.
+    pub(crate) fn at(&self, lag: f64) -> [f64; 3] {
+        let mut sums = [0.0; 3];
+        for (omega, amplitude) in &self.0 {
+            let turned = amplitude * Complex::from_polar(1.0, omega * lag);
+            sums[0] += turned.re;
+            sums[1] -= omega * turned.im;
+            sums[2] -= omega * omega * turned.re;
+        }
+        sums
+    }
+
+    /// Where sign·R is largest within a sample of `near`: Newton's steps, halving the bracket where one would leave it.
+    pub(crate) fn peak(&self, near: f64, sign: f64) -> f64 {
+        let grid = |i: i32| near + f64::from(i) / 8.0;
+        let value = |i: i32| sign * self.at(grid(i))[0];
+        let best = (-8..=8).max_by(|&a, &b| value(a).total_cmp(&value(b)).then(b.abs().cmp(&a.abs()))).unwrap_or(0);
+        let (mut low, mut high) = (grid((best - 1).max(-8)), grid((best + 1).min(8)));
+        let mut at = grid(best);
+        // Each step squares the error or halves the bracket: 60 reach rounding.
+        for _ in 0..60 {
+            let [_, first, second] = self.at(at);
+            if sign * first > 0.0 {
+                low = at
+            } else {
+                high = at
+            }
+            let newton = at - first / second;
+            let next = if sign * second < 0.0 && newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            if (next - at).abs() < 1e-14 {
+                return next;
+            }
+            at = next;
+        }
+        at
+    }
+}
+
+/// All pairs, by the maximum of the correlation with these weights.
+pub(crate) fn generalised(
+    method: &'static str,
+    segment: usize,
+    weight: fn(&Line) -> f64,
+    experiment: &Experiment,
+    search: &Search,
+) -> Result<DelayEstimate, DelayError> {
+    one_pair(experiment, search, |records, max_delay, bias| {
+        let longest = experiment.longest();
+        enough(method, segment, longest, max_delay)?;
+        if let Some(note) = posterior::unseen(records, max_delay) {
+            return Ok(DelayEstimate::without(Outcome::NotVisible, note));
+        }
+        let (found, _) = alike(&Centred::new(records), segment_length(segment, longest, max_delay), weight, max_delay);
+        Ok(found.answer(max_delay, bias, experiment))
+    })
+}
+
+/// The lag at which two signals are most alike.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Alike {
+    /// Whole samples.
+    pub(crate) lag: usize,
+    /// Fraction beside it; `None` where R has no curvature.
+    pub(crate) fraction: Option<f64>,
+    /// Standard deviation of the fraction.
+    pub(crate) std: f64,
+    /// Degrees of freedom of that standard deviation.
+    pub(crate) freedom: f64,
+    /// Other lags that may be the true one, and how probable each is beside this one.
+    pub(crate) rivals: Vec<(usize, f64)>,
+    /// R is larger where the output leads.
+    pub(crate) leads: bool,
+    /// Standard deviation of the delays that single frequencies show, where they differ beyond chance: no delayed copy.
+    pub(crate) bent: Option<f64>,
+}
+
+/// What the last alignment saw.
+pub(crate) struct Seen {
+    /// Spectra, y moved back by the whole lag.
+    pub(crate) spectra: CrossSpectra,
+    /// Every frequency of them.
+    pub(crate) lines: Vec<Line>,
+    /// Sign of the gain.
+    pub(crate) sign: f64,
+}
+
+/// The lag of the largest |R| in the window.
+pub(crate) fn alike(signals: &Centred, segment: usize, weight: fn(&Line) -> f64, max_delay: usize) -> (Alike, Option<Seen>) {
+    let reach = segment / 2;
+    let margin = isize::try_from(reach).unwrap_or(0) + 1;
+    let products = signals.products(-margin, isize::try_from(max_delay).unwrap_or(isize::MAX / 2).saturating_add(margin));
+    // products[margin + lag]
+    let centre = reach + 1;
+    let largest = |r: &[f64]| (0..=max_delay).max_by(|&a, &b| r[a + 1].abs().total_cmp(&r[b + 1].abs()).then(b.cmp(&a))).unwrap_or(0);
+    let plain: Vec<f64> = products[centre - 1..=centre + max_delay + 1].to_vec();
+    let mut lag = largest(&plain);
+    let mut aligned = None;
+    for _ in 0..ALIGNMENTS {
+        let spectra = signals.aligned(lag, segment);
+        let lines = lines(&spectra);
+        let weights: Vec<f64> = lines.iter().map(|line| if line.times > 0.0 { weight(line) } else { 0.0 }).collect();
+        // The weights as a filter of the lags, from −segment/2 to segment/2; the ends share the lag that both stand for.
+        let filter = RealFourier::new(segment).series(weights.iter().map(|w| Complex::new(*w, 0.0)).collect());
+        let tap = |j: isize| {
+            let even = segment.is_multiple_of(2) && j.unsigned_abs() == reach;
+            filter[j.rem_euclid(isize::try_from(segment).unwrap_or(1)).unsigned_abs()] * if even { 0.5 } else { 1.0 }
+        };
+        let taps: Vec<f64> = (-(margin - 1)..margin).map(tap).collect();
+        let filtered: Vec<f64> = (0..=max_delay + 2).map(|i| taps.iter().rev().zip(&products[i..]).map(|(h, r)| h * r).sum()).collect();
+        let next = largest(&filtered);
+        let same = next == lag;
+        aligned = Some((spectra, lines, weights, filtered));
+        if same {
+            break;
+        }
+        lag = next;
+    }
+    let Some((spectra, lines, weights, filtered)) = aligned else {
+        return (Alike::default(), None);
+    };
+    let here = filtered[lag + 1];
+    let sign = if here < 0.0 { -1.0 } else { 1.0 };
+    let terms = spectra.uy.iter().zip(&lines).zip(&weights).map(|((s, line), weight)| (line.omega, s * (line.times * weight)));
+    let interpolant = Interpolant::new(terms.collect());
+    let at = interpolant.peak(0.0, sign);
+    let bend = -sign * interpolant.at(at)[2];
+    let (mut by_noise, mut by_phase) = (0.0, 0.0);
+    for ((s, line), weight) in spectra.uy.iter().zip(&lines).zip(&weights) {
+        let share = (line.times * weight * line.omega).powi(2);
+        by_noise += share * line.noise / spectra.looks;
+        by_phase += share * HANN_LINES * (s * Complex::from_polar(1.0, line.omega * at)).im.powi(2);
+    }
+    let std = by_noise.max(by_phase).sqrt() / bend;
+    let rivals = rivals(&filtered, lag, &lines, &weights, &spectra);
+    let fraction = (bend > 0.0 && std.is_finite()).then_some(at);
+    let leads = lag == 0 && filtered[0].abs() > here.abs();
+    let bent = bent(&spectra, &lines, &weights, at, sign);
+    (Alike { lag, fraction, std, freedom: independent_lines(&spectra), rivals, leads, bent }, Some(Seen { spectra, lines, sign }))
+}
+
+/// Whether the phases that are left after a delay of `at` samples are more than chance, and then how far the delays of single frequencies lie apart.
+///
+/// A phase varies by noise/|Ĝuy|² of the looks that a line of Hann's windows has; the sum of their squares over those variances is chi-squared.
+pub(super) fn bent(spectra: &CrossSpectra, lines: &[Line], weights: &[f64], at: f64, sign: f64) -> Option<f64> {
+    let looks = spectra.looks * HANN_LINES;
+    let (mut misfit, mut count, mut square, mut total) = (0.0, 0.0, 0.0, 0.0);
+    for ((s, line), weight) in spectra.uy.iter().zip(lines).zip(weights) {
+        if line.times < 2.0 || line.coherence < PHASED {
+            continue;
+        }
+        let phase = (s * Complex::from_polar(sign, line.omega * at)).arg();
+        misfit += phase * phase * looks * line.cross * line.cross / line.noise;
+        count += 1.0;
+        let share = weight * line.cross * line.omega * line.omega;
+        square += share * (phase / line.omega).powi(2);
+        total += share;
+    }
+    let freedom = count / HANN_LINES;
+    let limit = ChiSquared::new(freedom.max(1.0)).map_or(f64::INFINITY, |c| c.inverse_cdf(1.0 - FALSE_ALARM));
+    (count >= JUDGED * real(lines.len()) && total > 0.0 && misfit / HANN_LINES > limit).then(|| (square / total).sqrt())
+}
+
+/// Lines that a window of Hann leaves independent of each other: the degrees of freedom of what is read from the scatter of phases.
+pub(crate) fn independent_lines(spectra: &CrossSpectra) -> f64 {
+    real(spectra.segment) / 2.0 / HANN_LINES
+}
+
+/// Other local maxima of |R|, each with the probability that noise alone has put it below the largest.
+///
+/// Source: after Ianniello (1982), IEEE Trans. Acoust. Speech Signal Process. 30(6), 998-1003, doi:10.1109/TASSP.1982.1163992, who counts peaks of equal height; here
+/// each peak counts with the height that it has.
+pub(super) fn rivals(filtered: &[f64], lag: usize, lines: &[Line], weights: &[f64], spectra: &CrossSpectra) -> Vec<(usize, f64)> {
+    let Ok(normal) = Normal::new(0.0, 1.0) else { return Vec::new() };
+    let r = |l: usize| filtered[l + 1].abs();
+    let peaks = (0..filtered.len() - 2).filter(|&l| l != lag && r(l) > 0.0 && r(l) >= filtered[l].abs() && r(l) > filtered[l + 2].abs());
+    let probable = |l: usize| {
+        let opposite = filtered[l + 1] * filtered[lag + 1] < 0.0;
+        // Variance of R(lag) ∓ R(l): the two share what noise they have in common.
+        let variance: f64 = (lines.iter().zip(weights))
+            .map(|(line, weight)| {
+                let half = 0.5 * line.omega * (real(l) - real(lag));
+                let apart = if opposite { half.cos() } else { half.sin() };
+                4.0 * (line.times * weight * apart).powi(2) * line.noise
+            })
+            .sum::<f64>()
+            / spectra.looks
+            / real(spectra.segment).powi(2);
+        let z = (r(lag) - r(l)).max(0.0) / variance.max(f64::MIN_POSITIVE).sqrt();
+        normal.sf(z)
+    };
+    peaks.map(|l| (l, probable(l))).collect()
+}
+
+impl Alike {
+    pub(crate) fn answer(&self, max_delay: usize, bias: usize, experiment: &Experiment) -> DelayEstimate {
+        if self.leads {
+            let note = "the two are most alike where the output leads the input: exchange them, or look for feedback";
+            return DelayEstimate::without(Outcome::NotApplicable, note);
+        }
+        let Some(fraction) = self.fraction else {
+            return DelayEstimate::without(
+                Outcome::NotRichEnough,
+                "the correlation has no peak: the input hardly varies where the output can answer",
+            );
+        };
+        let raw = real(self.lag) + fraction;
+        let std = self.std.hypot(self.bent.unwrap_or(0.0));
+        let total: f64 = 1.0 + self.rivals.iter().map(|(_, p)| p).sum::<f64>();
+        let spread: f64 = self.rivals.iter().map(|(l, p)| p / total * (real(*l) - raw).powi(2)).sum();
+        let quantile = StudentsT::new(0.0, 1.0, self.freedom.max(1.0)).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
+        let mut ends = [raw - quantile * std, raw + quantile * std];
+        let (mut mass, mut by_height) = (1.0 / total, self.rivals.clone());
+        by_height.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let mut also = Vec::new();
+        for (l, p) in by_height {
+            if mass >= 0.95 {
+                break;
+            }
+            mass += p / total;
+            // A peak that was not refined is known to half a sample.
+            ends = [ends[0].min(real(l) - 0.5), ends[1].max(real(l) + 0.5)];
+            also.push(l);
+        }
+        if ends[1] - ends[0] > 0.5 * real(max_delay) {
+            let note = format!("peaks at {} other delays are as high within the noise", also.len());
+            return DelayEstimate::without(Outcome::Flat, note);
+        }
+        // An exact copy is known no better than rounding tells.
+        let std = (std.powi(2) + spread).sqrt().max(ROUNDING);
+        let ends = [ends[0].min(raw - ROUNDING), ends[1].max(raw + ROUNDING)];
+        let estimate = DelayEstimate::measured(raw, std, ends, self.lag == max_delay, bias as f64, experiment.sample_time());
+        let estimate = estimate.contradicted(self.bent.map(|spread| {
+            format!("frequencies differ in their delay by {spread:.2} samples: the output is no delayed copy, and the plant's own lag counts as delay")
+        }));
+        estimate.noting((!also.is_empty()).then(|| format!("the interval holds {} other peaks that noise may have lowered", also.len())))
+    }
+}
+
+/// Samples below which a delay is rounding.
+pub(super) const ROUNDING: f64 = 1e-9;
+
+pub(crate) fn real(i: usize) -> f64 {
+    i as f64
+}

@@ -1,0 +1,414 @@
+//! Events paired at each offset.
+
+use crate::correlation::generalised::real;
+use crate::error::DelayError;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::estimator::Search;
+use crate::experiment::Experiment;
+use crate::method::Law;
+use crate::posterior;
+use deadtime_signal::stats;
+use serde::{Deserialize, Serialize};
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+
+/// Times of the same events at two places; either may have missed some, or seen others besides.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Events {
+    /// Times at the first place, increasing.
+    pub first: Vec<f64>,
+    /// Times at the second place, increasing, on the same clock.
+    pub second: Vec<f64>,
+    /// Units of the two, where they are known; seconds where not.
+    pub units: [Option<String>; 2],
+}
+
+/// What to do with sequences in different units.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Units {
+    /// Refuse them: a difference of times in different units means nothing.
+    #[default]
+    Refuse,
+    /// Bring the second sequence to the unit of the first, by the standard deviation of the intervals and then by the slope of the paired times. Both clocks must
+    /// begin at the same instant; what the slope is uncertain by widens the interval.
+    Standardise,
+}
+
+/// Why none of them promises what is said of magnitudes.
+pub(crate) const NO_MAGNITUDES: &[(Law, &str)] = &[
+    (Law::Gain, "times have no gain: a factor on one sequence is another unit"),
+    (Law::Sign, "times have no sign: turned round they are another sequence"),
+    (Law::Exact, "there is no plant between two sensors"),
+    (Law::Silence, "sequences of events are no samples of noise; unrelated sequences have a test of their own"),
+    (Law::Window, "offsets that put the mean delay outside the window are not tried at all"),
+];
+
+/// Intervals that an offset must pair.
+pub(super) const LEAST: usize = 10;
+
+/// Share of a typical interval within which two events are one.
+pub(super) const GATE: f64 = 0.25;
+
+/// Standard deviations of Fisher's z within which another offset pairs as well.
+pub(super) const ALIKE: f64 = 3.0;
+
+/// Blocks of a long sequence: enough to see how alike neighbours are, few enough for sums over all lags.
+pub(super) const BLOCKS: usize = 4096;
+
+/// Times the typical difference of intervals at the best offset up to which another's is as small.
+pub(super) const AS_CLOSE: f64 = 3.0;
+
+/// Standard deviations (from the median of absolute deviations) beyond which a paired time is somebody else's.
+pub(super) const STRAY: f64 = 6.0;
+
+/// Median of the absolute deviations of a normal number, over its standard deviation.
+pub(super) const MEDIAN_DEVIATION: f64 = 0.6745;
+
+/// The events that one offset pairs.
+pub(crate) struct Paired<'a> {
+    pub(super) first: &'a [f64],
+    pub(super) second: &'a [f64],
+}
+
+impl<'a> Paired<'a> {
+    /// T(i + k) beside t(i), for all i at which both exist.
+    fn new(events: (&'a [f64], &'a [f64]), k: isize) -> Self {
+        let (from, shift) = (k.min(0).unsigned_abs(), k.max(0).unsigned_abs());
+        let (first, second) = (events.0.get(from..).unwrap_or_default(), events.1.get(shift..).unwrap_or_default());
+        let n = first.len().min(second.len());
+        Self { first: &first[..n], second: &second[..n] }
+    }
+
+    /// Δ(i + k, i).
+    pub(crate) fn delays(&self) -> impl Iterator<Item = f64> {
+        self.second.iter().zip(self.first).map(|(b, a)| b - a)
+    }
+
+    /// (ΔT(i + k), Δt(i)).
+    pub(crate) fn intervals(&self) -> impl Iterator<Item = (f64, f64)> {
+        self.second.windows(2).zip(self.first.windows(2)).map(|(b, a)| (b[1] - b[0], a[1] - a[0]))
+    }
+
+    /// Δ(i + k, i) − Δ(i + k − 1, i − 1) = ΔT(i + k) − Δt(i).
+    pub(crate) fn differences(&self) -> impl Iterator<Item = f64> {
+        self.intervals().map(|(b, a)| b - a)
+    }
+
+    /// ⟨ΔT·Δt⟩ − ⟨ΔT⟩⟨Δt⟩ over the root of the variances; 0 where an interval never varies.
+    pub(crate) fn correlation(&self) -> f64 {
+        let n = real(self.first.len().saturating_sub(1).max(1));
+        let (b, a) = self.intervals().fold((0.0, 0.0), |s, (b, a)| (s.0 + b / n, s.1 + a / n));
+        let (bb, aa, ba) = self.intervals().fold((0.0, 0.0, 0.0), |s, (y, x)| {
+            let (y, x) = (y - b, x - a);
+            (s.0 + y * y, s.1 + x * x, s.2 + y * x)
+        });
+        // Intervals that vary by rounding alone do not vary.
+        if bb > n * (1e-9 * b).powi(2) && aa > n * (1e-9 * a).powi(2) { (ba / (bb * aa).sqrt()).clamp(-1.0, 1.0) } else { 0.0 }
+    }
+
+    /// Fisher's z of that, in standard deviations.
+    fn strength(&self) -> f64 {
+        let n = real(self.first.len().saturating_sub(1));
+        self.correlation().min(1.0 - 1e-12).atanh() * (n - 3.0).max(0.0).sqrt()
+    }
+
+    /// Of the half of the events whose intervals agree most: the typical delay, and the typical difference of the intervals.
+    fn typical(&self) -> [f64; 2] {
+        let mut both: Vec<(f64, f64)> = self.differences().map(f64::abs).zip(self.delays().skip(1)).collect();
+        both.sort_by(|a, b| a.0.total_cmp(&b.0));
+        both.truncate(both.len().div_ceil(2));
+        [median(both.iter().map(|b| b.1).collect()), median(both.iter().map(|b| b.0).collect())]
+    }
+}
+
+pub(crate) fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    stats::mean(values).unwrap_or(0.0)
+}
+
+/// ⟨v²⟩ − ⟨v⟩², by deviations from the mean.
+pub(crate) fn variance<I: Iterator<Item = f64>>(values: impl Fn() -> I) -> f64 {
+    let centre = mean(values());
+    mean(values().map(|v| (v - centre).powi(2)))
+}
+
+pub(super) fn median(values: Vec<f64>) -> f64 {
+    stats::median(values).unwrap_or(0.0)
+}
+
+/// Refuses times that are no numbers or do not increase.
+pub(crate) fn check_times(experiment: &Experiment) -> Result<(), DelayError> {
+    for events in experiment.events() {
+        for (role, names, times) in [("input", experiment.inputs(), &events.first), ("output", experiment.outputs(), &events.second)] {
+            let channel = || names.first().cloned().unwrap_or_default();
+            if let Some(sample) = times.iter().position(|t| !t.is_finite()) {
+                return Err(DelayError::NotFinite { role, channel: channel(), sample, value: times[sample] });
+            }
+            if let Some(&value) = times.first()
+                && times.len() > 1
+                && times.iter().all(|t| *t == value)
+            {
+                return Err(DelayError::Constant { role, channel: channel(), value });
+            }
+            if let Some(event) = times.windows(2).position(|w| w[1] <= w[0]) {
+                return Err(DelayError::EventOrder { channel: channel(), event: event + 1, before: times[event], time: times[event + 1] });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Refuses what cannot be used at all.
+pub(super) fn check(method: &'static str, units: Units, experiment: &Experiment) -> Result<(), DelayError> {
+    if experiment.events().is_empty() {
+        return Err(DelayError::Count { what: "sequences of event times", needed: 1, got: 0 });
+    }
+    for events in experiment.events() {
+        if let ([Some(first), Some(second)], Units::Refuse) = (&events.units, units)
+            && first != second
+        {
+            return Err(DelayError::Units { first: first.clone(), second: second.clone() });
+        }
+    }
+    let got = experiment.events().iter().map(|e| e.first.len().min(e.second.len())).max().unwrap_or(0);
+    let needed = LEAST + 2;
+    if got < needed {
+        return Err(DelayError::TooShort { method, needed, got, remedy: "record more events at both places" });
+    }
+    Ok(())
+}
+
+/// The delay by the offset with the smallest criterion.
+pub(crate) fn by_offset(
+    method: &'static str,
+    units: Units,
+    criterion: fn(&Paired<'_>) -> f64,
+    experiment: &Experiment,
+    search: &Search,
+) -> Result<DelayEstimate, DelayError> {
+    check(method, units, experiment)?;
+    let window = experiment.sample_time().to_seconds(real(search.max_delay));
+    let mut answers = Vec::new();
+    for events in experiment.events().iter().filter(|e| e.first.len().min(e.second.len()) >= LEAST + 2) {
+        answers.push(one(events, units, criterion, window));
+    }
+    Ok(combined(&answers, window))
+}
+
+/// What one pair of sequences says.
+pub(super) struct Shown {
+    /// Mean delay of the events paired by time.
+    delay: f64,
+    /// Its variance.
+    variance: f64,
+    /// Mean delay at the best offset, whatever was missed: the criterion's own answer.
+    raw: f64,
+    note: Option<String>,
+}
+
+/// That, or why it says nothing.
+pub(super) type Answer = Result<Shown, (Outcome, String)>;
+
+pub(super) fn one(events: &Events, units: Units, criterion: fn(&Paired<'_>) -> f64, window: f64) -> Answer {
+    let other_units = units == Units::Standardise && matches!(&events.units, [Some(a), Some(b)] if a != b);
+    let first = &events.first[..];
+    let scaled: Vec<f64>;
+    let mut second = &events.second[..];
+    if other_units {
+        let spread = |times: &[f64]| variance(|| times.windows(2).map(|w| w[1] - w[0])).sqrt();
+        let scale = spread(first) / spread(second).max(f64::MIN_POSITIVE);
+        scaled = second.iter().map(|t| t * scale).collect();
+        second = &scaled;
+    }
+    let matched = Matched::of(first, second, criterion, if other_units { None } else { Some(window) })?;
+    let raw = mean(matched.pairs.delays());
+    let by_time = &matched.by_time;
+    let note = (by_time.len() < first.len().max(second.len()))
+        .then(|| format!("{} events paired, of {} and {}", by_time.len(), first.len(), second.len()));
+    let (delay, variance) = if other_units { along_a_line(by_time) } else { across(by_time) };
+    Ok(Shown { delay, variance, raw, note })
+}
+
+/// Which event of one place is which at the other.
+pub(super) struct Matched<'a> {
+    /// By the best offset, whatever was missed.
+    pub(super) pairs: Paired<'a>,
+    /// By time: each with its neighbour about the typical delay, strays left out.
+    pub(super) by_time: Vec<(f64, f64)>,
+    /// The delay of the half of the events whose intervals agree most.
+    pub(super) typical: f64,
+    /// How far from it two events are still one.
+    pub(super) gate: f64,
+}
+
+impl<'a> Matched<'a> {
+    /// By the offset with the smallest criterion; why there is none.
+    pub(super) fn of(
+        first: &'a [f64],
+        second: &'a [f64],
+        criterion: fn(&Paired<'_>) -> f64,
+        window: Option<f64>,
+    ) -> Result<Self, (Outcome, String)> {
+        let typical_interval = median(first.windows(2).map(|w| w[1] - w[0]).collect());
+        let offsets = offsets(first, second, window, typical_interval);
+        let paired = |k: isize| Paired::new((first, second), k);
+        let Some(best) = offsets.iter().map(|&k| (criterion(&paired(k)), k)).min_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1) else {
+            let note = "no offset puts the second sequence behind the first by a delay of the window: search a longer `max_delay`, or exchange them";
+            return Err((Outcome::NotVisible, note.into()));
+        };
+        let pairs = paired(best);
+        if pairs.correlation() == 0.0 {
+            return Err((Outcome::NotRichEnough, "the intervals between events never vary: every offset fits alike".into()));
+        }
+        let strength = pairs.strength();
+        let limit = Normal::new(0.0, 1.0).map_or(f64::INFINITY, |n| n.inverse_cdf(1.0 - 0.01 / real(offsets.len())));
+        if strength < limit {
+            let note = format!(
+                "the intervals of the two sequences are not alike at the best offset ({best}: correlation {:.2}, {limit:.1} standard deviations of chance needed): they do not show the same events, or too many are missing",
+                pairs.correlation()
+            );
+            return Err((Outcome::NotVisible, note));
+        }
+        let [typical, apart] = pairs.typical();
+        let gate = GATE * typical_interval;
+        let rival =
+            offsets.iter().filter(|&&k| k != best && paired(k).strength() > strength - ALIKE * std::f64::consts::SQRT_2).find(|&&k| {
+                let [delay, difference] = paired(k).typical();
+                (delay - typical).abs() > gate && difference <= AS_CLOSE * apart
+            });
+        if let Some(k) = rival {
+            return Err((Outcome::Flat, format!("offsets {best} and {k} pair the events equally well")));
+        }
+        let by_time = partners(first, second, typical, gate);
+        let possible = first.len().min(second.len());
+        if by_time.len() < LEAST || 2 * by_time.len() < possible {
+            let note = format!("only {} of {possible} events have a partner {typical:.6} later", by_time.len());
+            return Err((Outcome::NotVisible, note));
+        }
+        Ok(Self { pairs, by_time, typical, gate })
+    }
+}
+
+/// The offsets that pair enough intervals, with a mean delay in the window (half an interval beside it) where there is one.
+pub(super) fn offsets(first: &[f64], second: &[f64], window: Option<f64>, interval: f64) -> Vec<isize> {
+    let sums = |times: &[f64]| -> Vec<f64> {
+        let mut sum = 0.0;
+        std::iter::once(0.0)
+            .chain(times.iter().map(|t| {
+                sum += t - times[0];
+                sum
+            }))
+            .collect()
+    };
+    let (of_first, of_second) = (sums(first), sums(second));
+    let start = second[0] - first[0];
+    let most = |n: usize| isize::try_from(n.saturating_sub(LEAST + 1)).unwrap_or(0);
+    // Without a window, as many offsets as the default one has lags.
+    let (from, to) =
+        if window.is_some() { (-most(first.len()), most(second.len())) } else { (-most(first.len()).min(35), most(second.len()).min(35)) };
+    (from..=to)
+        .filter(|&k| {
+            let (a, b) = (k.min(0).unsigned_abs(), k.max(0).unsigned_abs());
+            let n = (first.len() - a).min(second.len() - b);
+            let delay = (of_second[b + n] - of_second[b] - of_first[a + n] + of_first[a]) / real(n) + start;
+            n > LEAST && window.is_none_or(|w| (-0.5 * interval..=w + 0.5 * interval).contains(&delay))
+        })
+        .collect()
+}
+
+/// Every event of the first sequence with the nearest one of the second about `delay` later, each used once, and strays left out.
+pub(super) fn partners(first: &[f64], second: &[f64], delay: f64, gate: f64) -> Vec<(f64, f64)> {
+    let mut pairs: Vec<(f64, f64)> = Vec::new();
+    let mut j = 0;
+    for &t in first {
+        while j + 1 < second.len() && (second[j + 1] - t - delay).abs() <= (second[j] - t - delay).abs() {
+            j += 1;
+        }
+        let Some(&nearest) = second.get(j) else { break };
+        if (nearest - t - delay).abs() <= gate {
+            match pairs.last_mut() {
+                // Two events of one place cannot be one at the other: the nearer has it.
+                Some(last) if last.1 == nearest => {
+                    if (nearest - t - delay).abs() < (last.1 - last.0 - delay).abs() {
+                        *last = (t, nearest);
+                    }
+                }
+                _ => pairs.push((t, nearest)),
+            }
+        }
+    }
+    let of = |p: &(f64, f64)| p.1 - p.0;
+    let centre = median(pairs.iter().map(of).collect());
+    let deviation = median(pairs.iter().map(|p| (of(p) - centre).abs()).collect()) / MEDIAN_DEVIATION;
+    if deviation > 0.0 {
+        pairs.retain(|p| (of(p) - centre).abs() <= STRAY * deviation);
+    }
+    pairs
+}
+
+/// Mean difference and its variance, as many values counted as are independent.
+pub(super) fn across(pairs: &[(f64, f64)]) -> (f64, f64) {
+    let delay = mean(pairs.iter().map(|p| p.1 - p.0));
+    let rest: Vec<f64> = pairs.iter().map(|p| p.1 - p.0 - delay).collect();
+    (delay, variance_of_mean(&rest, 1.0))
+}
+
+/// Variance of the mean of numbers whose neighbours may be alike, `fitted` of them spent on a fit: that of the means of blocks, as many counted as are independent.
+pub(super) fn variance_of_mean(rest: &[f64], fitted: f64) -> f64 {
+    let blocks: Vec<f64> = rest.chunks(rest.len().div_ceil(BLOCKS).max(1)).map(|block| mean(block.iter().copied())).collect();
+    let freedom = (real(blocks.len()) - fitted).max(1.0);
+    blocks.iter().map(|b| b * b).sum::<f64>() / freedom / posterior::effective_samples(&blocks)
+}
+
+/// The same by the straight line T = a·t + b: b/a where both clocks begin, and its variance.
+pub(super) fn along_a_line(pairs: &[(f64, f64)]) -> (f64, f64) {
+    let (t, big) = (mean(pairs.iter().map(|p| p.0)), mean(pairs.iter().map(|p| p.1)));
+    let spread: f64 = pairs.iter().map(|p| (p.0 - t).powi(2)).sum();
+    let slope = pairs.iter().map(|p| (p.0 - t) * (p.1 - big)).sum::<f64>() / spread.max(f64::MIN_POSITIVE);
+    let rest: Vec<f64> = pairs.iter().map(|p| p.1 - big - slope * (p.0 - t)).collect();
+    let noise = variance_of_mean(&rest, 2.0) / (slope * slope);
+    // b/a = T̄/a − t̄, in the first sequence's unit: its slope error acts on T̄/a.
+    (big / slope - t, noise * (1.0 + real(rest.len()) * (big / slope).powi(2) / spread))
+}
+
+/// All recordings together, each weighted by its certainty.
+pub(super) fn combined(answers: &[Answer], window: f64) -> DelayEstimate {
+    let found: Vec<&Shown> = answers.iter().filter_map(|a| a.as_ref().ok()).collect();
+    let Some(most_certain) = found.iter().min_by(|a, b| a.variance.total_cmp(&b.variance)) else {
+        let (outcome, note) = answers.iter().find_map(|a| a.as_ref().err()).cloned().unwrap_or((Outcome::NotVisible, "no events".into()));
+        return DelayEstimate::without(outcome, note);
+    };
+    // Times that agree to rounding are no more certain than that.
+    let least = (ROUNDING * most_certain.delay.abs().max(window)).powi(2);
+    let weight = |a: &Shown| 1.0 / a.variance.max(least);
+    let total: f64 = found.iter().map(|a| weight(a)).sum();
+    let weighted = |f: &dyn Fn(&Shown) -> f64| found.iter().map(|a| weight(a) * f(a)).sum::<f64>() / total;
+    let (delay, raw, std) = (weighted(&|a| a.delay), weighted(&|a| a.raw), (1.0 / total).sqrt());
+    let quantile = StudentsT::new(0.0, 1.0, real(LEAST)).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
+    let ends = [delay - quantile * std, delay + quantile * std];
+    if ends[1] < 0.0 {
+        return DelayEstimate::without(
+            Outcome::NotApplicable,
+            format!("the second place sees the events first, by {:.6} s: exchange the two", -delay),
+        );
+    }
+    let estimate = DelayEstimate {
+        outcome: if delay > window { Outcome::AtEdge } else { Outcome::Found },
+        delay_s: Some(delay.max(0.0)),
+        std_s: Some(std),
+        ci95_s: Some(ends.map(|d| d.max(0.0))),
+        raw_delay_s: Some(raw),
+        degree_bias_samples: 0.0,
+        contradicted: false,
+        misfit: None,
+        enough_poles: false,
+        open_part: false,
+        note: None,
+    };
+    let refused = answers.len() - found.len();
+    let estimate = estimate.noting((refused > 0).then(|| format!("{refused} of {} recordings show no delay", answers.len())));
+    let notes: Vec<String> = found.iter().filter_map(|a| a.note.clone()).collect();
+    estimate.noting((!notes.is_empty()).then(|| notes.join("; ")))
+}
+
+/// Share of a time below which differences are rounding.
+pub(super) const ROUNDING: f64 = 1e-12;

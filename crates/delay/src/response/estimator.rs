@@ -1,0 +1,38 @@
+//! An estimator from a frequency response.
+
+use crate::error::DelayError;
+use crate::estimate::DelayEstimate;
+use crate::method::Class;
+use deadtime_log::FrequencyResponse;
+use deadtime_signal::registry::Entry;
+use deadtime_signal::stop::Stop;
+
+/// How far to search.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResponseSearch {
+    /// Longest delay, s.
+    pub max_delay_s: f64,
+    /// Looked at inside long scans.
+    pub stop: Stop,
+}
+
+/// An estimator; the implementor is its option struct.
+pub trait ResponseEstimator: Send + Sync {
+    /// The delay of a response.
+    ///
+    /// # Errors
+    /// [`DelayError`] where the data cannot be used at all; what the data do not show is an [`Outcome`].
+    fn estimate(&self, response: &FrequencyResponse, search: &ResponseSearch) -> std::result::Result<DelayEstimate, DelayError>;
+}
+
+/// One line of the list.
+pub struct ResponseMethod {
+    /// Name, summary and options.
+    pub entry: Entry<dyn ResponseEstimator>,
+    /// What it sees a response by.
+    pub class: Class,
+    /// What it needs, in a few words.
+    pub needs: &'static str,
+    /// What it cannot see, in a few words.
+    pub blind_to: &'static str,
+}

@@ -1,0 +1,184 @@
+//! Dead times of a measured frequency response, with their verdict.
+
+use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch};
+use super::methods::RESPONSE_METHODS;
+use crate::error::DelayError;
+use crate::error::Result;
+use crate::estimate::{DelayEstimate, Outcome};
+use crate::report::{Estimate, FORMAT, Pair, Report, Searched};
+use crate::verdict::{Grounds, Verdict};
+use deadtime_log::FrequencyResponse;
+use deadtime_signal::registry::RegistryError;
+use deadtime_signal::stop::Stop;
+use serde_json::Value;
+use std::time::Instant;
+
+/// Everything that an estimation from a frequency response needs; [`ResponseJob::new`] has every method and the defaults.
+pub struct ResponseJob {
+    /// The response.
+    pub response: FrequencyResponse,
+    /// What its input and its output are called.
+    pub channels: [String; 2],
+    /// Names of methods, or `all`.
+    pub methods: Vec<String>,
+    /// Options by method, JSON objects.
+    pub options: std::collections::BTreeMap<String, Value>,
+    /// Longest delay to search, s; `None`: forty periods of the highest frequency, at most half of what the distance of the frequencies tells apart.
+    pub max_delay_s: Option<f64>,
+    /// Looked at between methods, and inside long scans.
+    pub stop: Stop,
+}
+
+/// A highest frequency of less than this times the lowest is a narrow band.
+pub(super) const NARROW: f64 = 4.0;
+
+/// Default search: so many periods of the highest frequency.
+pub(super) const PERIODS: f64 = 40.0;
+
+impl ResponseJob {
+    /// Every method with its defaults.
+    #[must_use]
+    pub fn new(response: FrequencyResponse) -> Self {
+        Self {
+            response,
+            channels: ["input".to_owned(), "output".to_owned()],
+            methods: vec!["all".to_owned()],
+            options: std::collections::BTreeMap::new(),
+            max_delay_s: None,
+            stop: Stop::default(),
+        }
+    }
+
+    /// Estimates by every method asked for.
+    ///
+    /// # Errors
+    /// [`RegistryError`] for a name or an option that there is not; [`DelayError::Turns`] for a search beyond what the frequencies tell apart; [`crate::error::Error::Stopped`].
+    pub fn run(&self) -> Result<Report> {
+        let response = &self.response;
+        let (first, last) = ends(response);
+        let unambiguous_s = response.unambiguous_s();
+        let max_delay_s = match self.max_delay_s {
+            Some(seconds) if !(seconds.is_finite() && seconds > 0.0 && seconds <= unambiguous_s) => {
+                return Err(DelayError::Turns { seconds, unambiguous_s }.into());
+            }
+            Some(seconds) => seconds,
+            None => (PERIODS * std::f64::consts::TAU / last).min(0.5 * unambiguous_s),
+        };
+        let search = ResponseSearch { max_delay_s, stop: self.stop.clone() };
+        let mut answers = Vec::new();
+        for (method, estimator) in self.chosen()? {
+            self.stop.check()?;
+            let clock = Instant::now();
+            let estimate = match estimator.estimate(response, &search) {
+                Ok(estimate) => estimate,
+                Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => return Err(e.into()),
+                Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+            };
+            answers.push((method, estimate, clock.elapsed().as_secs_f64()));
+        }
+        let verdict = verdict(&answers, max_delay_s, last / first);
+        // As fine as numbers are printed.
+        let half = verdict.ci95_s.map_or(f64::INFINITY, |[from, to]| 0.5 * (to - from)).max(1e-9);
+        let pair = Pair {
+            input: self.channels[0].clone(),
+            output: self.channels[1].clone(),
+            findings: Vec::new(),
+            estimates: answers.iter().map(|(m, e, time_s)| Estimate::of_response(m, e, *time_s)).collect(),
+            poor_std_s: None,
+            standing_off: 0,
+            verdict,
+            moving: None,
+            track: None,
+            jitter: None,
+        };
+        let searched = Searched::Frequencies {
+            count: response.omega_rad_s().len(),
+            band_hz: [first, last].map(|w| w / std::f64::consts::TAU),
+            unambiguous_s,
+            notes: response.notes().to_vec(),
+        };
+        Ok(Report {
+            format: FORMAT,
+            log: response.source().to_owned(),
+            sample_time_s: half.min(std::f64::consts::PI / last),
+            max_delay_s,
+            pairs: vec![pair],
+            searched,
+        })
+    }
+
+    fn chosen(&self) -> Result<Vec<(&'static ResponseMethod, Box<dyn ResponseEstimator>)>> {
+        let known = || RESPONSE_METHODS.iter().map(|m| m.entry.name).collect::<Vec<_>>();
+        let mut named = self.methods.iter().filter(|n| *n != "all").chain(self.options.keys());
+        if let Some(name) = named.find(|n| !known().contains(&n.as_str())) {
+            return Err(RegistryError::Unknown { kind: "method for frequency responses", name: name.clone(), known: known() }.into());
+        }
+        let wanted = |m: &&ResponseMethod| self.methods.iter().any(|n| n == "all" || n == m.entry.name);
+        let mut chosen = Vec::new();
+        for method in RESPONSE_METHODS.iter().filter(wanted) {
+            let options = self.options.get(method.entry.name).cloned().unwrap_or_else(|| Value::Object(serde_json::Map::new()));
+            chosen.push((method, method.entry.with(options)?));
+        }
+        Ok(chosen)
+    }
+}
+
+/// The first and the last angular frequency, rad/s.
+pub(super) fn ends(response: &FrequencyResponse) -> (f64, f64) {
+    let omega = response.omega_rad_s();
+    (omega.first().copied().unwrap_or(1.0), omega.last().copied().unwrap_or(1.0))
+}
+
+/// The first of the list that found a delay which its own leftovers do not contradict; who else holds it in the interval agrees. Where the others differ the answer stays that
+/// of the first, as it weighs how many poles there are, and the others do not; but it is said.
+pub(super) fn verdict(answers: &[(&ResponseMethod, DelayEstimate, f64)], max_delay_s: f64, band: f64) -> Verdict {
+    let found: Vec<(&str, &DelayEstimate)> =
+        answers.iter().filter(|(_, e, _)| e.outcome == Outcome::Found).map(|(m, e, _)| (m.entry.name, e)).collect();
+    let none = |why: String| Verdict { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() };
+    let Some((name, chosen)) = found.iter().find(|(_, e)| !e.contradicted).or(found.first()) else {
+        let said: Vec<String> = answers
+            .iter()
+            .map(|(m, e, _)| {
+                let note = e.note.as_deref().map_or_else(String::new, |n| format!(" ({n})"));
+                format!("{} says {}{note}", m.entry.name, e.outcome.name().replace('_', " "))
+            })
+            .collect();
+        return none(format!("no method found a delay to believe: {}", said.join("; ")));
+    };
+    let (Some(delay_s), Some(ci95_s)) = (chosen.delay_s, chosen.ci95_s) else {
+        return none("no method found a delay to believe".to_owned());
+    };
+    if ci95_s[1] - ci95_s[0] > 0.5 * max_delay_s {
+        return none(format!(
+            "delays from {:.4} to {:.4} s fit about alike: measure at higher frequencies, or closer together",
+            ci95_s[0], ci95_s[1]
+        ));
+    }
+    let mut grounds = Grounds { agree: vec![(*name).to_owned()], ..Grounds::default() };
+    for (other, e) in found.iter().filter(|(other, e)| other != name && !e.contradicted) {
+        let Some(at) = e.delay_s else { continue };
+        if e.ci95_s.is_some_and(|[from, to]| from <= ci95_s[1] && to >= ci95_s[0]) {
+            grounds.agree.push((*other).to_owned());
+        } else {
+            grounds.differ.push(((*other).to_owned(), at));
+        }
+    }
+    let mut why = match grounds.agree.get(1..) {
+        Some(others) if !others.is_empty() => format!("{name} says so, and {} agrees with it", others.join(", ")),
+        _ => format!("{name} alone"),
+    };
+    for (other, at) in &grounds.differ {
+        why.push_str(&format!("; {other} says {at:.4} s"));
+    }
+    if chosen.contradicted {
+        let doubt = "what its model leaves over contradicts it, so this is a guess";
+        why.push_str(&format!("; {doubt}"));
+        grounds.doubts.push(doubt.to_owned());
+    }
+    if band < NARROW {
+        let doubt = "the band is less than two octaves wide: lag of poles outside it looks like delay";
+        why.push_str(&format!("; {doubt}"));
+        grounds.doubts.push(doubt.to_owned());
+    }
+    Verdict { delay_s: Some(delay_s), ci95_s: Some(ci95_s), why, method: Some((*name).to_owned()), grounds }
+}

@@ -1,0 +1,520 @@
+//! Parameters of a model file, matched to an identified model.
+
+use super::error::MatchingError;
+use super::problem::{Descent, Problem};
+use super::structure::{Free, Structure};
+use super::system::{Response, System};
+use super::target::Target;
+use super::{grid, norm, problem, structure};
+use crate::error::Result;
+use crate::matching::norm::criterion::At;
+use crate::matching::norm::criterion::Norm;
+use crate::matching::norm::norms::NORMS;
+use crate::structured::known::{Known, RESOLVED, Standing, Unseen, standing};
+use deadtime_model::{EquationsFile, NuGap, Peak};
+use deadtime_signal::stats::NORMAL_95;
+use nalgebra::{Complex, DMatrix, DVector, SymmetricEigen};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::StandardNormal;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Magnitudes below this share of a pair's largest count as that: a relative error there says nothing.
+pub(super) const FLOOR: f64 = 1e-3;
+
+/// Drawn models behind the standard deviations of a norm that is no sum of squares.
+pub(super) const DRAWS: u64 = 64;
+
+/// Drawn models are near: the last powers of the search suffice for them.
+pub(super) const AGAIN: usize = 3;
+
+/// Frequencies between those of the grid at which the difference turned out larger are added to it, so often.
+pub(super) const ADDED: usize = 4;
+
+/// Beyond so many standard deviations at one frequency and pair the structure does not follow what was identified.
+pub(super) const MISFIT: f64 = 5.0;
+
+/// What is matched, and how.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Matching {
+    /// Parameters to find, by name; `all`: every parameter; `delay:INPUT`: the dead time of an input.
+    pub free: Vec<String>,
+    /// The norm's name in [`NORMS`]; default `wls`.
+    pub norm: String,
+    /// From and to, rad/s; default: what the data show up to just below the Nyquist frequency, or a decade beyond the poles.
+    pub band: Option<[f64; 2]>,
+    /// Starts, the file's values first; default 8.
+    pub starts: usize,
+    /// What counts as one of a channel in norms of gains, by name; default 1 of its unit.
+    pub units: Vec<(String, f64)>,
+    /// States and inputs where the equations are linearised, by name; default: the file's initial states and the identified model's operating inputs.
+    pub at: Vec<(String, f64)>,
+}
+
+impl Default for Matching {
+    fn default() -> Self {
+        Self { free: Vec::new(), norm: NORMS[0].name.to_owned(), band: None, starts: 8, units: Vec::new(), at: Vec::new() }
+    }
+}
+
+/// A parameter that was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MatchedParameter {
+    /// Its name.
+    pub name: String,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// The file's value.
+    pub nominal: f64,
+    /// The value found.
+    pub value: f64,
+    /// Its standard deviation; `None` where the identified model's file says nothing of its own.
+    pub std: Option<f64>,
+    /// 95 % interval.
+    pub interval: Option<[f64; 2]>,
+    /// Whether it can be taken for the quantity.
+    pub standing: Standing,
+}
+
+/// Where two responses are farthest apart.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Misfit {
+    /// rad/s.
+    pub omega_rad_s: f64,
+    /// The input.
+    pub input: String,
+    /// The output.
+    pub output: String,
+    /// The difference over the identified model's standard deviation (over its magnitude where that is unknown).
+    pub size: f64,
+}
+
+/// The responses of one pair of channels that were compared.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Compared {
+    /// The input.
+    pub input: String,
+    /// The output.
+    pub output: String,
+    /// Frequency by frequency.
+    pub points: Vec<ComparedPoint>,
+}
+
+/// The responses at one frequency, real and imaginary part.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ComparedPoint {
+    /// rad/s.
+    pub omega_rad_s: f64,
+    /// Of the identified model.
+    pub identified: [f64; 2],
+    /// Standard deviations of its gain and of its phase (rad), to first order; `None` where they are unknown.
+    pub std: Option<[f64; 2]>,
+    /// Of the structured model with the file's values.
+    pub nominal: [f64; 2],
+    /// Of the structured model with those found.
+    pub found: [f64; 2],
+}
+
+/// What was found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Matched {
+    /// `deadtime/match@1`.
+    pub format: &'static str,
+    /// The structured model's name.
+    pub structure: String,
+    /// The identified model's name.
+    pub identified: String,
+    /// The norm.
+    pub norm: &'static str,
+    /// The band, rad/s.
+    pub band_rad_s: [f64; 2],
+    /// Frequencies that were compared.
+    pub frequencies: usize,
+    /// The identified model's sample time, s; `None` in continuous time.
+    pub sample_time_s: Option<f64>,
+    /// The parameters.
+    pub parameters: Vec<MatchedParameter>,
+    /// Combinations that cannot be had.
+    pub unseen: Vec<Unseen>,
+    /// Pairs that trade with each other, in words.
+    pub trades: Vec<String>,
+    /// The norm of the difference with the file's values, and with those found.
+    pub difference: [f64; 2],
+    /// The largest gain of the difference over the band, with the file's values and with those found.
+    pub largest_gain: [Gain; 2],
+    /// The nu-gap of the two models over all frequencies; `None` where it cannot be had.
+    pub nu_gap: Option<NuGap>,
+    /// Poles that grow: of the identified model and of the structured one.
+    pub unstable_poles: [usize; 2],
+    /// Where the difference is largest for what is known.
+    pub misfit: Misfit,
+    /// The responses that were compared.
+    pub responses: Vec<Compared>,
+    /// Whether the identified model says how sure it is.
+    pub uncertainty: bool,
+    /// Starts of the search, and how many ended at the lowest minimum.
+    pub starts: [usize; 2],
+    /// The search ended at a minimum.
+    pub converged: bool,
+    /// What a user should know.
+    pub notes: Vec<String>,
+    /// The structured model with what was found.
+    #[serde(skip)]
+    pub model: Option<EquationsFile>,
+}
+
+/// A largest gain.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Gain {
+    /// In outputs' units per inputs'.
+    pub gain: f64,
+    /// Where, rad/s.
+    pub omega_rad_s: f64,
+    /// By level sets (`true`), or the largest of the grid: continuous models behind unlike delays are not rational.
+    pub exact: bool,
+}
+
+impl Matching {
+    /// Finds the free parameters of `file` for which its response is nearest to that of `target`.
+    ///
+    /// # Errors
+    /// [`MatchingError`]; [`deadtime_model::ModelError`] for equations that do not compile; [`deadtime_signal::registry::RegistryError`] for an unknown norm.
+    pub fn fit(&self, file: &EquationsFile, target: &Target) -> Result<Matched> {
+        let norm = norm::norms::norm(&self.norm)?;
+        let structure = Structure::new(self, file, target)?;
+        let band = grid::band(&structure.target, target.lowest_rad_s, self.band)?;
+        let omegas = grid::frequencies(&structure.target, band);
+        let no_response = || MatchingError::NoResponse { model: file.name.clone() };
+        let mut problem =
+            Problem { structure: &structure, at: points(&structure, &omegas).ok_or_else(no_response)?, omegas, sizes: Vec::new() };
+        problem.sizes = sizes(&problem).ok_or_else(no_response)?;
+        let zero = vec![0.0; problem.sizes.len()];
+        let (mut found, mut alike) = problem.best(norm, self.starts).ok_or_else(no_response)?;
+        let gain = |problem: &Problem<'_>, z: &[f64]| largest_gain(problem, z, band);
+        if norm.name == "hinf" {
+            for _ in 0..ADDED {
+                let (Some(peak), Some(seen)) = (gain(&problem, &found.z).ok(), grid_gain(&problem, &found.z)) else { break };
+                if !peak.exact || peak.gain <= seen.gain * 1.0005 {
+                    break;
+                }
+                problem.omegas.push(peak.omega_rad_s);
+                problem.omegas.sort_by(f64::total_cmp);
+                problem.at = points(&structure, &problem.omegas).ok_or_else(no_response)?;
+                found = problem.descend(norm, norm.powers, &found.z).ok_or_else(no_response)?;
+                alike = alike.max(1);
+            }
+        }
+        let own = |z: &[f64]| Some(problem::normal(&problem.parts(norm, z)?, *norm.powers.last()?).cost.sqrt());
+        let difference = [own(&zero).ok_or_else(no_response)?, own(&found.z).ok_or_else(no_response)?];
+        let matched = structure.system(&problem.values(&found.z))?;
+        let mut answer = Matched {
+            format: "deadtime/match@1",
+            structure: file.name.clone(),
+            identified: target.name.clone(),
+            norm: norm.name,
+            band_rad_s: band,
+            frequencies: problem.omegas.len(),
+            sample_time_s: structure.target.sample_time_s(),
+            parameters: Vec::new(),
+            unseen: Vec::new(),
+            trades: Vec::new(),
+            difference,
+            largest_gain: [gain(&problem, &zero)?, gain(&problem, &found.z)?],
+            nu_gap: structure.target.nu_gap(&matched),
+            unstable_poles: [structure.target.unstable(), matched.unstable()],
+            misfit: misfit(&problem, &found.z, target).ok_or_else(no_response)?,
+            responses: compared(&problem, &found.z, target).ok_or_else(no_response)?,
+            uncertainty: target.has_uncertainty(),
+            starts: [self.starts.max(1), alike],
+            converged: found.converged,
+            notes: structure.notes.clone(),
+            model: Some(structure.file_with(&problem.values(&found.z))),
+        };
+        know(&problem, norm, &found, &mut answer).ok_or_else(no_response)?;
+        answer.remark();
+        Ok(answer)
+    }
+}
+
+impl Matched {
+    fn remark(&mut self) {
+        let [identified, structured] = self.unstable_poles;
+        if identified != structured {
+            self.notes.push(format!(
+                "the identified model has {identified} unstable poles, the structured one {structured}: their responses may be near and the models are not (see the nu-gap)"
+            ));
+        }
+        if !self.uncertainty {
+            self.notes.push(
+                "the identified model's file says nothing of its uncertainty, so there are no intervals; match the --json of `deadtime identify` (pbsidopt) to have them"
+                    .to_owned(),
+            );
+        } else if self.misfit.size > MISFIT {
+            let Misfit { omega_rad_s, input, output, size } = &self.misfit;
+            self.notes.push(format!(
+                "the structure does not follow what was identified: {size:.1} standard deviations from {input} to {output} at {omega_rad_s:.3} rad/s; \
+                 the intervals are those of the nearest such model, not of the physics"
+            ));
+        }
+        let [all, alike] = self.starts;
+        if all > 1 && alike * 4 <= all {
+            self.notes.push(format!("{alike} of {all} starts ended at the lowest minimum: there may be a lower one; take more starts"));
+        }
+    }
+}
+
+/// What is known at each frequency; `None` where the identified model's response is not finite.
+pub(super) fn points(structure: &Structure<'_>, omegas: &[f64]) -> Option<Vec<At>> {
+    let target = structure::finite_responses(&structure.target, omegas)?;
+    let deviations = deviations(structure, omegas, &target)?;
+    let (p, m) = target.first()?.shape();
+    let peak = DMatrix::from_fn(p, m, |i, j| target.iter().map(|g| g[(i, j)].norm()).fold(0.0, f64::max));
+    let whole = peak.max();
+    let widths = grid::widths(omegas, |w| w);
+    let logs = grid::widths(omegas, f64::ln);
+    let band: f64 = logs.iter().sum();
+    let weight = |k: usize, i: usize, j: usize| {
+        let floor = FLOOR * if peak[(i, j)] > 0.0 { peak[(i, j)] } else { whole }.max(f64::MIN_POSITIVE);
+        match deviations.as_slice() {
+            [] => 1.0 / target[k][(i, j)].norm().max(floor),
+            list => 1.0 / list.iter().map(|d| d[k][(i, j)].norm_sqr()).sum::<f64>().sqrt().max(1e-6 * floor),
+        }
+    };
+    let step_s = structure.target.sample_time_s().unwrap_or(1.0);
+    Some(
+        (0..omegas.len())
+            .map(|k| At {
+                weight: DMatrix::from_fn(p, m, |i, j| weight(k, i, j)),
+                target: target[k].clone(),
+                share: logs[k] / band,
+                width_rad_s: widths[k],
+                step_s,
+            })
+            .collect(),
+    )
+}
+
+/// What each deviation of one standard deviation does to the response, `[deviation][frequency]`.
+pub(super) fn deviations(structure: &Structure<'_>, omegas: &[f64], target: &[Response]) -> Option<Vec<Vec<Response>>> {
+    let of = |moved: &System| {
+        let moved = structure::finite_responses(moved, omegas)?;
+        Some(target.iter().zip(&moved).map(|(g, h)| Target::slope(g, h)).collect())
+    };
+    structure.deviations.par_iter().map(of).collect()
+}
+
+/// Each parameter's size: its own value, or, for one that is 0, what moves the response as far as it is large.
+pub(super) fn sizes(problem: &Problem<'_>) -> Option<Vec<f64>> {
+    let nominal = &problem.structure.nominal;
+    // A delay of half a radian at the end of the band is well seen there, and linear.
+    let late = 0.5 / problem.omegas.last()?;
+    let first: Vec<f64> = nominal
+        .iter()
+        .zip(&problem.structure.free)
+        .map(|(v, free)| match (*v, free) {
+            (_, Free::Delay(_)) => v.max(late),
+            (0.0, _) => 1.0,
+            (v, _) => v.abs(),
+        })
+        .collect();
+    let trial = Problem {
+        structure: problem.structure,
+        omegas: problem.omegas.clone(),
+        at: points(problem.structure, &problem.omegas)?,
+        sizes: first.clone(),
+    };
+    let parts = trial.parts(&NORMS[0], &vec![0.0; first.len()])?;
+    let whole: f64 = trial.at.iter().map(|at| (NORMS[0].difference)(at, &(&at.target * Complex::new(0.0, 0.0))).norm_squared()).sum();
+    let moved = problem::normal(&parts, 2.0).information.diagonal();
+    let of = |(j, size): (usize, &f64)| {
+        let unknown = nominal[j] == 0.0 && matches!(problem.structure.free[j], Free::Parameter(_));
+        if unknown && moved[j] > 0.0 && whole > 0.0 { (whole / moved[j]).sqrt() } else { *size }
+    };
+    Some(first.iter().enumerate().map(of).collect())
+}
+
+pub(super) fn grid_gain(problem: &Problem<'_>, z: &[f64]) -> Option<Peak> {
+    let sys = problem.structure.system(&problem.values(z)).ok()?;
+    let gains = problem.omegas.iter().zip(&problem.at).map(|(&omega_rad_s, at)| {
+        let gain = (sys.response(omega_rad_s) - &at.target).singular_values().max();
+        Peak { gain, omega_rad_s }
+    });
+    gains.max_by(|a, b| a.gain.total_cmp(&b.gain))
+}
+
+pub(super) fn largest_gain(problem: &Problem<'_>, z: &[f64], band: [f64; 2]) -> Result<Gain> {
+    let sys = problem.structure.system(&problem.values(z))?;
+    let (found, exact) = match problem.structure.target.farthest(&sys, band) {
+        Some(peak) => (peak, true),
+        None => (grid_gain(problem, z).unwrap_or(Peak { gain: f64::INFINITY, omega_rad_s: f64::NAN }), false),
+    };
+    Ok(Gain { gain: found.gain, omega_rad_s: found.omega_rad_s, exact })
+}
+
+pub(super) fn misfit(problem: &Problem<'_>, z: &[f64], target: &Target) -> Option<Misfit> {
+    let sys = problem.structure.system(&problem.values(z)).ok()?;
+    let mut worst = (0.0, 0, 0, 0);
+    for (k, (at, &omega)) in problem.at.iter().zip(&problem.omegas).enumerate() {
+        let apart = (sys.response(omega) - &at.target).zip_map(&at.weight, |d, w| d * w);
+        for i in 0..apart.nrows() {
+            for j in 0..apart.ncols() {
+                if apart[(i, j)].norm() > worst.0 {
+                    worst = (apart[(i, j)].norm(), k, i, j);
+                }
+            }
+        }
+    }
+    let (size, k, i, j) = worst;
+    let shared = problem.structure.output_names(target);
+    let (input, output) = (target.inputs.get(j)?.name.clone(), shared.get(i)?.clone());
+    Some(Misfit { omega_rad_s: *problem.omegas.get(k)?, input, output, size })
+}
+
+/// The responses of both models, pair by pair.
+pub(super) fn compared(problem: &Problem<'_>, z: &[f64], target: &Target) -> Option<Vec<Compared>> {
+    let structure = problem.structure;
+    let of = |values: &[f64]| structure::finite_responses(&structure.system(values).ok()?, &problem.omegas);
+    let (nominal, found) = (of(&structure.nominal)?, of(&problem.values(z))?);
+    let identified: Vec<Response> = problem.at.iter().map(|at| at.target.clone()).collect();
+    let deviations = deviations(structure, &problem.omegas, &identified)?;
+    let parts = |v: Complex<f64>| [v.re, v.im];
+    let mut all = Vec::new();
+    for (j, input) in target.inputs.iter().enumerate() {
+        for (i, output) in structure.output_names(target).into_iter().enumerate() {
+            // What moves G along itself moves its gain, what moves it across its phase.
+            let std = |k: usize| {
+                let g: Complex<f64> = identified[k][(i, j)];
+                let along = deviations.iter().map(|d| g.conj() * d[k][(i, j)] / g.norm());
+                let [gain, across] = along.fold([0.0, 0.0], |[a, b], v| [a + v.re * v.re, b + v.im * v.im]).map(f64::sqrt);
+                [gain, across / g.norm()]
+            };
+            let point = |(k, &omega_rad_s): (usize, &f64)| ComparedPoint {
+                omega_rad_s,
+                identified: parts(identified[k][(i, j)]),
+                std: target.has_uncertainty().then(|| std(k)),
+                nominal: parts(nominal[k][(i, j)]),
+                found: parts(found[k][(i, j)]),
+            };
+            all.push(Compared { input: input.name.clone(), output, points: problem.omegas.iter().enumerate().map(point).collect() });
+        }
+    }
+    Some(all)
+}
+
+/// Standard deviations from the identified model's, what cannot be had, and whether each value can be taken for the quantity.
+pub(super) fn know(problem: &Problem<'_>, norm: &Norm, found: &Descent, answer: &mut Matched) -> Option<()> {
+    let (structure, count) = (problem.structure, found.z.len());
+    let parts = problem.parts(norm, &found.z)?;
+    let information = problem::normal(&parts, 2.0).information;
+    let eigen = SymmetricEigen::new(information.clone());
+    let most = eigen.eigenvalues.max();
+    let resolved = |k: usize| eigen.eigenvalues[k] > RESOLVED * most;
+    let target: Vec<Response> = problem.at.iter().map(|at| at.target.clone()).collect();
+    let deviations = deviations(structure, &problem.omegas, &target)?;
+    let mut covariance = DMatrix::zeros(count, count);
+    if norm.powers == [2.0] {
+        for deviation in &deviations {
+            // To first order the minimum moves by H⁻¹Jᵀ of what the difference moves by.
+            let mut pull = DVector::zeros(count);
+            for ((at, (psi, slopes)), d) in problem.at.iter().zip(&parts).zip(deviation) {
+                let moved = (norm.difference)(at, &(&at.target + d)) - (norm.difference)(at, &at.target);
+                debug_assert_eq!(psi.shape(), moved.shape());
+                slopes.iter().enumerate().for_each(|(a, slope)| pull[a] += slope.dotc(&moved).re);
+            }
+            let mut step = DVector::<f64>::zeros(count);
+            for k in (0..count).filter(|k| resolved(*k)) {
+                let direction = eigen.eigenvectors.column(k);
+                step += direction * (direction.dot(&pull) / eigen.eigenvalues[k]);
+            }
+            covariance += &step * step.transpose();
+        }
+    } else if !deviations.is_empty() {
+        // The largest value is no smooth function of the response: the match is made again for models as the noise would have made them.
+        let again = |draw: u64| {
+            let mut random = ChaCha8Rng::seed_from_u64(1);
+            random.set_stream(draw);
+            let sizes: Vec<f64> = deviations.iter().map(|_| random.sample(StandardNormal)).collect();
+            let mut drawn = Problem {
+                structure,
+                omegas: problem.omegas.clone(),
+                at: points(structure, &problem.omegas)?,
+                sizes: problem.sizes.clone(),
+            };
+            for (k, at) in drawn.at.iter_mut().enumerate() {
+                deviations.iter().zip(&sizes).for_each(|(d, size)| at.target += &d[k] * Complex::new(*size, 0.0));
+            }
+            drawn.descend(norm, &norm.powers[norm.powers.len().saturating_sub(AGAIN)..], &found.z).map(|d| d.z)
+        };
+        let ends: Vec<Vec<f64>> = (0..DRAWS).into_par_iter().map(again).collect::<Vec<_>>().into_iter().flatten().collect();
+        for end in &ends {
+            let step = DVector::from_iterator(count, end.iter().zip(&found.z).map(|(a, b)| a - b));
+            covariance += &step * step.transpose() / ends.len() as f64;
+        }
+    }
+    for at in 0..count {
+        // The identified model's dead times are whole samples, and its covariance takes them for exact: half a sample either way is as good.
+        let late = structure.identified_delay_s(at).filter(|(delay_s, _)| *delay_s > 0.0).map_or(0.0, |(_, step_s)| step_s);
+        covariance[(at, at)] += (late * late / 12.0) / (problem.sizes[at] * problem.sizes[at]);
+    }
+    let values = problem.values(&found.z);
+    let names: Vec<String> = (0..count).map(|at| structure.name(at)).collect();
+    // Without uncertainty all that is told is what nothing can resolve: the rest is taken to be known.
+    let scaled =
+        if deviations.is_empty() { &information / (RESOLVED * most).max(f64::MIN_POSITIVE) } else { inverse(&covariance, &eigen, most) };
+    for k in (0..count).filter(|k| !resolved(*k)) {
+        // The parameters' own size.
+        let direction = eigen.eigenvectors.column(k);
+        covariance += direction * direction.transpose();
+    }
+    // A delay that was found is its own size; for the search it was what the highest frequency sees.
+    let sizes: Vec<f64> = (0..count)
+        .map(|at| if matches!(structure.free[at], Free::Delay(_)) { problem.sizes[at].max(values[at]) } else { problem.sizes[at] })
+        .collect();
+    let ratio = |at: usize| problem.sizes[at] / sizes[at];
+    let known = Known {
+        names: names.iter().map(String::as_str).collect(),
+        values: values.clone(),
+        information: DMatrix::from_fn(count, count, |i, j| scaled[(i, j)] / (ratio(i) * ratio(j))),
+        covariance: DMatrix::from_fn(count, count, |i, j| covariance[(i, j)] * ratio(i) * ratio(j)),
+        sizes,
+        source: "the responses do",
+    };
+    answer.unseen = known.unseen();
+    let traded = if deviations.is_empty() {
+        vec![false; count]
+    } else {
+        let (trades, traded) = known.trades();
+        answer.trades = trades;
+        traded
+    };
+    for at in 0..count {
+        let std = (!deviations.is_empty()).then(|| problem.sizes[at] * covariance[(at, at)].max(0.0).sqrt());
+        let lost = traded[at] || answer.unseen.iter().any(|u| u.parts.iter().any(|(name, _)| *name == names[at]));
+        let (value, nominal) = (values[at], structure.nominal[at]);
+        answer.parameters.push(MatchedParameter {
+            name: names[at].clone(),
+            unit: structure.unit(at),
+            nominal,
+            value,
+            std,
+            interval: std.map(|s| [value - NORMAL_95 * s, value + NORMAL_95 * s]),
+            standing: standing(nominal, [value, std.unwrap_or(0.0)], None, lost),
+        });
+    }
+    Some(())
+}
+
+/// The inverse of a covariance; directions that the information does not resolve have none, and what is known exactly is known so far that all else stays resolved.
+pub(super) fn inverse(covariance: &DMatrix<f64>, information: &SymmetricEigen<f64, nalgebra::Dyn>, most: f64) -> DMatrix<f64> {
+    let count = covariance.nrows();
+    let mut whole = covariance.clone();
+    let least = (10.0 * RESOLVED * SymmetricEigen::new(whole.clone()).eigenvalues.max()).max(f64::MIN_POSITIVE);
+    for k in (0..count).filter(|k| information.eigenvalues[*k] <= RESOLVED * most) {
+        let direction = information.eigenvectors.column(k);
+        whole += direction * direction.transpose() / RESOLVED;
+    }
+    let eigen = SymmetricEigen::new(whole);
+    &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(|v| 1.0 / v.max(least))) * eigen.eigenvectors.transpose()
+}

@@ -1,0 +1,444 @@
+//! A method of subspace identification, and the model that it finds.
+
+use super::bootstrap::Blocks;
+use super::innovations::{Direct, InnovationsModel};
+use super::n4sid::Weight;
+use super::order::OrderChoice;
+use super::pbsidopt::{Predictor, States};
+use super::recordings::Factor;
+use super::recordings::{Named, Recordings, Scales, Stretch};
+use super::uncertainty::{Draws, Response, Root};
+use super::validation::OutputCheck;
+use super::{innovations, n4sid, order, pbsidopt, uncertainty, validation};
+use crate::error::IdentifyError;
+use crate::parametric::Parametric;
+use deadtime_model::{Channel, ModelError, ModelFile, Operating, Sampled, State, StateSpace, d2c};
+use deadtime_signal::progress::HowFar;
+use deadtime_signal::registry::{Entry, entry};
+use deadtime_signal::time::SampleTime;
+use nalgebra::DMatrix;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// A method that makes a model of records; the implementor is its option struct.
+pub trait Identifier: Send + Sync {
+    /// The model, in the records' own units.
+    ///
+    /// # Errors
+    /// [`IdentifyError`]: too few rows, inputs that are constant, collinear or not rich, an order that the window cannot show.
+    fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError>;
+}
+
+/// A line of the list of methods.
+pub struct IdentifierLine {
+    /// Name, summary, options.
+    pub entry: Entry<dyn Identifier>,
+    /// What the data must be like.
+    pub needs: &'static str,
+    /// It finds the dead times itself, so that none are taken out first.
+    pub finds_delays: bool,
+    /// It is biased where the inputs depend on the outputs.
+    pub open_loop: bool,
+}
+
+/// The line of [`Pbsidopt`].
+pub const PBSIDOPT: IdentifierLine = IdentifierLine {
+    entry: entry!("pbsidopt", "predictor-based subspace identification, with standard deviations", Pbsidopt, dyn Identifier),
+    needs: "rich inputs, a past window that outlasts the predictor's memory; open or closed loop, stable or unstable",
+    finds_delays: false,
+    open_loop: false,
+};
+
+/// The line of [`N4sid`].
+pub const N4SID: IdentifierLine = IdentifierLine {
+    entry: entry!("n4sid", "subspace identification by oblique projection", N4sid, dyn Identifier),
+    needs: "rich inputs that do not depend on the outputs (no feedback)",
+    finds_delays: false,
+    open_loop: true,
+};
+
+/// The line of [`Moesp`].
+pub const MOESP: IdentifierLine = IdentifierLine {
+    entry: entry!(
+        "moesp",
+        "subspace identification by orthogonal projection, past inputs and outputs as instruments",
+        Moesp,
+        dyn Identifier
+    ),
+    needs: "rich inputs that do not depend on the outputs (no feedback)",
+    finds_delays: false,
+    open_loop: true,
+};
+
+/// What all subspace methods are told.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// States; `None`: chosen by Schwarz's criterion among 1 to `max_order`.
+    pub order: Option<usize>,
+    /// Samples of the past that predict; `None`: half as many again as Akaike's criterion of the long predictor asks for, at most 60. It must outlast the
+    /// predictor's memory: what is cut off is a bias that no interval shows.
+    pub past: Option<usize>,
+    /// Most states that are tried; default 12.
+    pub max_order: usize,
+    /// Whether inputs act within the sample; default not.
+    pub direct: Direct,
+    /// Drawn models for bands, and as many small ones for standard deviations; default 200, 0: none.
+    pub draws: usize,
+    /// Replicates of a block bootstrap in place of the draws; default 0: none. It is what N4SID and MOESP have; at least 50 are wanted for bands.
+    pub bootstrap: usize,
+    /// Seed of the draws; default 1.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { order: None, past: None, max_order: 12, direct: Direct::None, draws: 200, bootstrap: 0, seed: 1 }
+    }
+}
+
+/// Predictor-based subspace identification (PBSIDopt).
+///
+/// A long predictor (ARX with exogenous inputs, `past` samples) gives C(A − KC)ʲ[B K]; with them the future outputs' predictions, whose singular value
+/// decomposition (weighted by the innovations' covariance) is observability matrix times states; A, B, C, D and K by regression. All inside one triangular
+/// factor of the lagged data.
+/// Assumes: past inputs and past noise are what the outputs depend on; consistent also under feedback, for stable and unstable plants.
+/// Fails when: the past is shorter than the predictor's memory (a bias), the inputs are not rich, or there are fewer rows than thrice the parameters.
+/// Source: Chiuso (2007), Automatica 43(6), 1034-1048, doi:10.1016/j.automatica.2006.12.005; Houtzager, van Wingerden and Verhaegen (2009), "VARMAX-based
+/// closed-loop subspace model identification", doi:10.1109/CDC.2009.5400695; van der Veen et al. (2013), doi:10.1049/iet-cta.2012.0653.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Pbsidopt(pub Settings);
+
+/// Subspace identification by oblique projection of future outputs along future inputs on the past (N4SID).
+///
+/// Source: Van Overschee and De Moor (1994), Automatica 30(1), 75-93, doi:10.1016/0005-1098(94)90230-5; the states' regressions as in [`Pbsidopt`].
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct N4sid(pub Settings);
+
+/// Subspace identification by orthogonal projection with past inputs and outputs as instruments (PO-MOESP).
+///
+/// Source: Verhaegen (1994), Automatica 30(1), 61-74, doi:10.1016/0005-1098(94)90229-1; the states' regressions as in [`Pbsidopt`].
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Moesp(pub Settings);
+
+impl Identifier for Pbsidopt {
+    fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError> {
+        self.0.identify("pbsidopt", None, recordings, far)
+    }
+}
+
+impl Identifier for N4sid {
+    fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError> {
+        self.0.identify("n4sid", Some(Weight::Past), recordings, far)
+    }
+}
+
+impl Identifier for Moesp {
+    fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError> {
+        self.0.identify("moesp", Some(Weight::PastBesideInputs), recordings, far)
+    }
+}
+
+/// A model from data, with what it was made of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identified {
+    /// The method.
+    pub method: &'static str,
+    /// The sample time.
+    pub sample_time: SampleTime,
+    /// The inputs.
+    pub inputs: Vec<Named>,
+    /// The outputs.
+    pub outputs: Vec<Named>,
+    /// The model, of deviations from the means.
+    pub model: InnovationsModel,
+    /// Means and standard deviations of the data that it was made of.
+    pub scales: Scales,
+    /// The past window, samples.
+    pub past: usize,
+    /// Samples that had all of their past.
+    pub rows: usize,
+    /// The order.
+    pub order: OrderChoice,
+    /// Covariance of the innovations, in the outputs' units.
+    pub innovations: DMatrix<f64>,
+    /// Drawn models; empty where the method gives none.
+    pub draws: Draws,
+    /// What a user should know.
+    pub notes: Vec<String>,
+    /// The numbers of a model whose structure is given; absent for one that is states alone.
+    pub parametric: Option<Parametric>,
+}
+
+/// How much of the work is done when the past window is chosen, when the states are found, and when the orders are tried.
+pub(super) const PAST: f64 = 0.3;
+
+pub(super) const STATES: f64 = 0.5;
+
+pub(super) const ORDERS: f64 = 0.7;
+
+/// Size of the small draws, of a whole one.
+pub(super) const STEP: f64 = 1e-3;
+
+/// Longest past window that is taken unasked.
+pub(super) const LONGEST: usize = 60;
+
+/// Akaike's criterion weighs what is cut off against noise; a bias weighs more than its share of the one-step error.
+pub(super) const BEYOND_AKAIKE: f64 = 1.5;
+
+impl Settings {
+    fn check(&self) -> Result<(), IdentifyError> {
+        for (option, value) in [("order", self.order), ("past", self.past), ("max_order", Some(self.max_order))] {
+            if value == Some(0) {
+                return Err(IdentifyError::Option { option, value: 0.0, rule: "it must be 1 or more" });
+            }
+        }
+        Ok(())
+    }
+
+    /// Samples of the past window: as asked for, or by Akaike's criterion as far as the rows carry it.
+    fn past_window(&self, weight: Option<Weight>, recordings: &Recordings, scales: &Scales) -> Result<usize, IdentifyError> {
+        let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
+        // Thrice the regressors of one output; projections look as far ahead as back.
+        let double = if weight.is_some() { 2 } else { 1 };
+        let needed = |past: usize| 3 * (double * past * (m + l) + m);
+        let carried = |past: usize| recordings.rows(double * past) >= needed(past);
+        let longest = (1..=LONGEST.max(self.past.unwrap_or(0))).rev().find(|p| carried(*p)).unwrap_or(0);
+        let wanted = self.past.unwrap_or(1);
+        if longest < wanted {
+            let got = recordings.rows(double * wanted);
+            return Err(IdentifyError::TooFewRows { past: wanted, needed: needed(wanted), got, longest });
+        }
+        let least = self.order.map_or(8, |n| n.div_ceil(l) + 2);
+        Ok(self.past.unwrap_or_else(|| {
+            let searched = (longest.min(LONGEST) as f64 / BEYOND_AKAIKE) as usize;
+            let akaike = pbsidopt::past_by_akaike(recordings, scales, searched.max(1), least);
+            ((BEYOND_AKAIKE * akaike as f64).ceil() as usize).min(longest)
+        }))
+    }
+
+    fn identify(
+        &self,
+        method: &'static str,
+        weight: Option<Weight>,
+        recordings: &Recordings,
+        far: &HowFar,
+    ) -> Result<Identified, IdentifyError> {
+        self.check()?;
+        far.at(0.0, &"choosing the past window");
+        let scales = recordings.scales()?;
+        let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
+        let past = self.past_window(weight, recordings, &scales)?;
+        far.at(PAST, &"regression on the past");
+        let factor = recordings.factor(past, &scales);
+        let orders = factor.excitation(&recordings.inputs)?;
+        let most = (past * l).min(past * (m + l));
+        if let Some(order) = self.order.filter(|n| *n > most) {
+            return Err(IdentifyError::Order { order, past, most });
+        }
+        let poor = |needed: usize| orders.iter().position(|o| *o < needed.min(past)).map(|i| (i, orders[i]));
+        let least_rich = self.order.unwrap_or(1) + 1;
+        if let Some((i, orders)) = poor(least_rich) {
+            return Err(IdentifyError::NotRich { channel: recordings.inputs[i].name.clone(), orders, needed: self.order.unwrap_or(1) });
+        }
+        let predictor = Predictor::fit(&factor, self.direct);
+        let window = factor.layout.window();
+        let (predictions, right) = match weight {
+            None => (pbsidopt::predictions(&predictor.theta, &factor, past), factor.r.view((0, 0), (window, window)).into_owned()),
+            Some(weight) => n4sid::oblique(&recordings.factor(2 * past, &scales), weight),
+        };
+        let tried = self.order.unwrap_or(0).max(self.max_order).min(most);
+        let failed = |reason| IdentifyError::Numeric { method, reason };
+        let states = States::of(&predictions, &right, factor.rows, &predictor.noise, tried).ok_or_else(|| {
+            failed("the inputs and the past explain nothing of the outputs; check the channels, or record with a stronger excitation")
+        })?;
+        if let Some(order) = self.order.filter(|n| *n > states.rows.nrows()) {
+            return Err(IdentifyError::Order { order, past, most: states.rows.nrows() });
+        }
+        let y = factor.y();
+        let model_of = |order: usize| innovations::of_states(&factor, &y, &states.map(&predictions, order), self.direct).0;
+        let scaled: Vec<Stretch> = recordings.stretches.iter().map(|s| scales.scaled(s)).collect();
+        let (trying, drawing) = (far.part(STATES, ORDERS), far.part(ORDERS, 1.0));
+        let steps = trying.steps(states.rows.nrows(), "orders tried");
+        let loss = |order: usize| {
+            let loss = Some(model_of(order)).filter(InnovationsModel::is_finite).and_then(|m| order::log_loss(&m, &scaled, past));
+            steps.one_more();
+            loss
+        };
+        let losses: Vec<Option<f64>> = (1..=states.rows.nrows()).into_par_iter().map(loss).collect();
+        let order = order::choose(self.order, &losses, &states.singular, factor.rows, (m, l));
+        let mut notes = Vec::new();
+        if let Some((i, orders)) = poor(2 * order.order) {
+            let name = &recordings.inputs[i].name;
+            notes.push(format!(
+                "{name} is told apart from its past at {orders} lags only; twice the order would be safe: use a richer excitation"
+            ));
+        }
+        if weight.is_some() {
+            notes.push(format!("{method} is biased where the inputs depend on the outputs; under feedback use pbsidopt"));
+        }
+        let (model, residual) = innovations::of_states(&factor, &y, &states.map(&predictions, order.order), self.direct);
+        if !model.is_finite() {
+            return Err(failed("the regressions have no finite solution; choose a smaller order"));
+        }
+        let freedom = factor.rows.saturating_sub(predictor.parameters()).max(1) as f64;
+        let spread: Vec<f64> = scales.outputs.iter().map(|s| s.1).collect();
+        let covariance = residual.transpose() * residual / freedom;
+        drawing.at(0.0, &"drawing models for the intervals");
+        let draws = if self.bootstrap > 0 {
+            self.replicated(weight, recordings, &states, (past, order.order), &scales)
+        } else if weight.is_some() {
+            Draws::default()
+        } else {
+            self.drawn(&factor, &predictor, &states, order.order, &scales)
+        };
+        Ok(Identified {
+            method,
+            sample_time: recordings.sample_time,
+            inputs: recordings.inputs.clone(),
+            outputs: recordings.outputs.clone(),
+            model: model.in_units(&scales),
+            past,
+            rows: factor.rows,
+            order,
+            innovations: DMatrix::from_fn(l, l, |i, j| covariance[(i, j)] * spread[i] * spread[j]),
+            draws,
+            notes,
+            scales,
+            parametric: None,
+        })
+    }
+
+    /// Standard normal numbers of one draw.
+    fn normal(&self, draw: usize, predictor: &Predictor, outputs: usize) -> DMatrix<f64> {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        rng.set_stream(draw as u64);
+        DMatrix::from_fn(predictor.parameters(), outputs, |_, _| StandardNormal.sample(&mut rng))
+    }
+
+    fn drawn(&self, factor: &Factor, predictor: &Predictor, states: &States, order: usize, scales: &Scales) -> Draws {
+        let y = factor.y();
+        let draw = |i: usize, size: f64| {
+            let change = predictor.change(&self.normal(i, predictor, factor.layout.l)) * size;
+            let theta = &predictor.theta + &change;
+            // What would have been measured: the same innovations on another predictor.
+            let y = &y + factor.r.columns(0, change.nrows()) * &change;
+            let predictions = pbsidopt::predictions(&theta, factor, factor.layout.past);
+            innovations::of_states(factor, &y, &states.map(&predictions, order), self.direct).0.in_units(scales)
+        };
+        let all = |size: f64| (0..self.draws).into_par_iter().map(|i| draw(i, size)).filter(InnovationsModel::is_finite).collect();
+        Draws { whole: all(1.0), small: all(STEP), step: STEP, ..Draws::default() }
+    }
+
+    /// Models of replicates of a block bootstrap, in the states of the model.
+    fn replicated(
+        &self,
+        weight: Option<Weight>,
+        recordings: &Recordings,
+        states: &States,
+        (past, order): (usize, usize),
+        scales: &Scales,
+    ) -> Draws {
+        let pasts = if weight.is_some() { vec![past, 2 * past] } else { vec![past] };
+        let blocks = Blocks::of(recordings, &pasts, scales, self.seed);
+        let one = |number: usize| {
+            let factors = blocks.replicate(number);
+            let factor = factors.first()?;
+            let predictions = match (weight, factors.get(1)) {
+                (Some(weight), Some(double)) => n4sid::oblique(double, weight).0,
+                _ => pbsidopt::predictions(&Predictor::fit(factor, self.direct).theta, factor, past),
+            };
+            Some(innovations::of_states(factor, &factor.y(), &states.map(&predictions, order), self.direct).0.in_units(scales))
+        };
+        let whole: Vec<_> = (0..self.bootstrap).into_par_iter().filter_map(one).filter(InnovationsModel::is_finite).collect();
+        Draws { small: whole.clone(), whole, step: 1.0, ..Draws::default() }
+    }
+}
+
+impl Identified {
+    /// The model without its predictor, behind these input delays (samples).
+    ///
+    /// # Errors
+    /// [`ModelError::Count`] for another number of delays.
+    pub fn system(&self, delays: &[usize]) -> Result<StateSpace<Sampled>, ModelError> {
+        uncertainty::system(&self.model, self.sample_time, delays)
+    }
+
+    /// Independent deviations of A, B, C and D of one standard deviation each, row by row, A first; empty where the method gives no uncertainty.
+    #[must_use]
+    pub fn deviations(&self) -> Vec<Vec<f64>> {
+        uncertainty::deviations(&self.model, &self.draws)
+    }
+
+    /// The poles, with standard deviations from the draws.
+    #[must_use]
+    pub fn poles(&self) -> Vec<Root> {
+        let none = vec![0; self.inputs.len()];
+        let of = |m: &InnovationsModel| uncertainty::system(m, self.sample_time, &none).map(|s| s.poles()).unwrap_or_default();
+        let drawn: Vec<_> = self.draws.small.iter().map(of).collect();
+        uncertainty::roots(&of(&self.model), &drawn, self.draws.step, self.sample_time)
+    }
+
+    /// The invariant zeros, with standard deviations from the draws where their number does not change.
+    #[must_use]
+    pub fn zeros(&self) -> Vec<Root> {
+        let none = vec![0; self.inputs.len()];
+        let of = |m: &InnovationsModel| uncertainty::system(m, self.sample_time, &none).map(|s| s.zeros()).unwrap_or_default();
+        let drawn: Vec<_> = self.draws.small.iter().map(of).collect();
+        uncertainty::roots(&of(&self.model), &drawn, self.draws.step, self.sample_time)
+    }
+
+    /// Frequency responses of every pair behind these input delays, at `count` frequencies.
+    ///
+    /// # Errors
+    /// As [`Self::system`].
+    pub fn responses(&self, delays: &[usize], count: usize) -> Result<Vec<Response>, ModelError> {
+        let frequencies = uncertainty::frequencies(self.sample_time, self.rows, count);
+        let found = uncertainty::responses(&self.system(delays)?, &self.draws, &frequencies);
+        let mut responses = Vec::new();
+        for (input, of_input) in self.inputs.iter().zip(found) {
+            for (output, bands) in self.outputs.iter().zip(of_input) {
+                responses.push(Response { input: input.name.clone(), output: output.name.clone(), bands });
+            }
+        }
+        Ok(responses)
+    }
+
+    /// How the model does on records of the same channels (inputs behind the same delays).
+    #[must_use]
+    pub fn check(&self, recordings: &Recordings) -> Vec<OutputCheck> {
+        let centred: Vec<Stretch> = recordings.stretches.iter().map(|s| self.scales.centred(s)).collect();
+        // An integrator runs freely too: its start is estimated.
+        let edge = if self.parametric.is_some() { 1.0 + 1e-9 } else { 1.0 };
+        let runs = self.poles().iter().all(|p| p.re.hypot(p.im) < edge);
+        let noise = self.parametric.as_ref().map(|p| p.noise.as_slice());
+        validation::check((&self.model, noise), &centred, self.past, (&self.inputs, &self.outputs), runs)
+    }
+
+    /// The model file: sampled, or the continuous model behind a zero-order hold; always the continuous one where the structure is that.
+    ///
+    /// # Errors
+    /// [`ModelError::NoLogarithm`] where a sampled pole has no continuous counterpart, [`ModelError::Count`].
+    pub fn file(&self, name: &str, delays: &[usize], continuous: bool) -> Result<ModelFile, ModelError> {
+        let channel =
+            |named: &Named, mean: f64| Channel { operating: Operating::Value(mean), ..Channel::plain(&named.name, named.unit.as_deref()) };
+        let channels = |names: &[Named], scales: &[(f64, f64)]| names.iter().zip(scales).map(|(n, s)| channel(n, s.0)).collect::<Vec<_>>();
+        let (inputs, outputs) = (channels(&self.inputs, &self.scales.inputs), channels(&self.outputs, &self.scales.outputs));
+        let states = |order: usize| (1..=order).map(|i| State { name: format!("x{i}"), unit: None }).collect();
+        if let Some(own) = self.parametric.as_ref().and_then(|p| p.continuous.as_ref()) {
+            return ModelFile::from_continuous(name, own, inputs, states(own.order()), outputs);
+        }
+        let system = self.system(delays)?;
+        if continuous {
+            ModelFile::from_continuous(name, &d2c(&system)?, inputs, states(self.model.order()), outputs)
+        } else {
+            ModelFile::from_sampled(name, &system, inputs, Vec::new(), outputs)
+        }
+    }
+}

@@ -1,0 +1,28 @@
+//! A conversion from continuous to sampled time.
+
+use crate::error::ModelError;
+use crate::state_space::{Continuous, Sampled, StateSpace};
+use deadtime_signal::time::SampleTime;
+
+/// A conversion from continuous to sampled time; the implementor is its option struct.
+pub trait Conversion: Send + Sync {
+    /// The sampled model.
+    ///
+    /// # Errors
+    /// What the conversion cannot do for this model, as a [`ModelError`].
+    fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Result<StateSpace<Sampled>, ModelError>;
+
+    /// The first states of the sampled model are those of the continuous one at the sampling instants.
+    fn keeps_states(&self) -> bool {
+        false
+    }
+}
+
+/// The one input and output of a model, or the error that asks to select them.
+pub(super) fn single(method: &'static str, sys: &StateSpace<Continuous>) -> Result<(), ModelError> {
+    if (sys.inputs(), sys.outputs()) == (1, 1) {
+        Ok(())
+    } else {
+        Err(ModelError::NotSingle { method, inputs: sys.inputs(), outputs: sys.outputs() })
+    }
+}

@@ -1,0 +1,67 @@
+//! The list of effects.
+
+use super::definition::Effect;
+use super::error::EffectError;
+use super::{clock, dynamics, input, output};
+
+/// All effects, in the order of the format's table: of equals the first one leads.
+pub static EFFECTS: [&dyn Effect; 40] = [
+    &input::delay::InputDelay,
+    &input::delay_jump::DelayJump,
+    &input::delay_drift::DelayDrift,
+    &input::multi_rate::MultiRate,
+    &input::gain::InputGain,
+    &input::curve::InputCurve,
+    &input::gain_fade::GainFade,
+    &input::gain_jump::GainJump,
+    &input::offset::InputOffset,
+    &input::deadband::Deadband,
+    &input::backlash::Backlash,
+    &input::saturation::Saturation,
+    &input::rate_limit::RateLimit,
+    &input::actuator_lag::ActuatorLag,
+    &input::dropped_commands::DroppedCommands,
+    &input::delay_jitter::DelayJitter,
+    &dynamics::candidate::Candidate,
+    &dynamics::parameter_error::ParameterError,
+    &dynamics::parameter_jump::ParameterJump,
+    &dynamics::cross_coupling::CrossCoupling,
+    &dynamics::exchange::Exchange,
+    &dynamics::coulomb_friction::CoulombFriction,
+    &dynamics::stribeck_friction::StribeckFriction,
+    &dynamics::hysteresis::Hysteresis,
+    &dynamics::quadratic_drag::QuadraticDrag,
+    &dynamics::cubic_stiffness::CubicStiffness,
+    &dynamics::unmodelled_mode::UnmodelledMode,
+    &dynamics::constant_disturbance::ConstantDisturbance,
+    &dynamics::periodic_disturbance::PeriodicDisturbance,
+    &output::delay::OutputDelay,
+    &output::sensor_lag::SensorLag,
+    &output::static_nonlinearity::StaticNonlinearity,
+    &output::sensor_gain::SensorGain,
+    &output::sensor_bias::SensorBias,
+    &output::sensor_drift::SensorDrift,
+    &output::sensor_saturation::SensorSaturation,
+    &output::sensor_quantisation::SensorQuantisation,
+    &output::misalignment::Misalignment,
+    &clock::skew::ClockSkew,
+    &clock::offset::ClockOffset,
+];
+
+/// The place of an effect in the table.
+#[must_use]
+pub fn row(effect: &dyn Effect) -> usize {
+    EFFECTS.iter().position(|e| e.name() == effect.name()).unwrap_or(EFFECTS.len())
+}
+
+/// The effect called `name`.
+///
+/// # Errors
+/// [`EffectError::Unknown`], with the names there are.
+pub fn find(name: &str) -> Result<&'static dyn Effect, EffectError> {
+    EFFECTS
+        .iter()
+        .find(|e| e.name() == name)
+        .copied()
+        .ok_or_else(|| EffectError::Unknown { name: name.to_owned(), known: EFFECTS.iter().map(|e| e.name()).collect() })
+}

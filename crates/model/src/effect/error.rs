@@ -1,0 +1,87 @@
+//! Effects that cannot be applied.
+
+/// An effect that cannot be applied.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EffectError {
+    /// No effect has this name.
+    #[error("there is no effect `{name}`; there are: {known}", known = known.join(", "))]
+    Unknown {
+        /// The name given.
+        name: String,
+        /// The names there are.
+        known: Vec<&'static str>,
+    },
+    /// The effect cannot act on this channel.
+    #[error("{effect} cannot act on `{channel}`; its channels in this model are: {known}", known = known.join(", "))]
+    Channel {
+        /// The effect.
+        effect: &'static str,
+        /// The channel given.
+        channel: String,
+        /// The channels there are.
+        known: Vec<String>,
+    },
+    /// A dynamics effect on a sampled model.
+    #[error("{effect} acts on the dynamics of a continuous model; this one is sampled")]
+    Sampled {
+        /// The effect.
+        effect: &'static str,
+    },
+    /// A dynamics effect on a simulator that can only be called.
+    #[error("{effect} acts on the equations of a model; this simulator can only be called")]
+    BlackBox {
+        /// The effect.
+        effect: &'static str,
+    },
+    /// The effect has no such parameter.
+    #[error("{effect} on `{channel}` has no parameter `{parameter}`; it has: {known}", known = known.join(", "))]
+    UnknownParameter {
+        /// The effect.
+        effect: &'static str,
+        /// The channel.
+        channel: String,
+        /// The parameter given.
+        parameter: String,
+        /// The parameters there are.
+        known: Vec<String>,
+    },
+    /// A parameter that has no default is left out.
+    #[error("{effect} on `{channel}`: parameter `{parameter}` is missing; only a limit that does not act may be left out")]
+    MissingParameter {
+        /// The effect.
+        effect: &'static str,
+        /// The channel.
+        channel: String,
+        /// The parameter.
+        parameter: String,
+    },
+    /// A value outside its bounds.
+    #[error("{effect} on `{channel}`: {parameter} is {value}; it lies between {lower} and {upper}")]
+    Bounds {
+        /// The effect.
+        effect: &'static str,
+        /// The channel.
+        channel: String,
+        /// The parameter.
+        parameter: String,
+        /// The value given.
+        value: f64,
+        /// Smallest allowed.
+        lower: f64,
+        /// Largest allowed.
+        upper: f64,
+    },
+    /// Limits that leave nothing between them.
+    #[error("{effect} on `{channel}`: lower is {lower}, upper is {upper}; lower must be the smaller one")]
+    Limits {
+        /// The effect.
+        effect: &'static str,
+        /// The channel.
+        channel: String,
+        /// The lower limit.
+        lower: f64,
+        /// The upper limit.
+        upper: f64,
+    },
+}

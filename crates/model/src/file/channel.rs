@@ -1,0 +1,98 @@
+//! Channels and effects of a model file.
+
+use serde::{Deserialize, Serialize, Serializer};
+use std::collections::BTreeMap;
+
+/// The point at which a model was linearised: the matrices act on u − operating and give y − operating.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Operating {
+    /// A number in the channel's unit.
+    Value(f64),
+    /// The channel's mean over the training logs, written `"mean"`.
+    Mean(Mean),
+}
+
+/// The word `mean`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mean {
+    /// The channel's mean.
+    Mean,
+}
+
+impl Default for Operating {
+    fn default() -> Self {
+        Self::Value(0.0)
+    }
+}
+
+/// An input or output.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Channel {
+    /// The name that a log's column carries.
+    pub name: String,
+    /// Its unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// The operating point.
+    #[serde(default)]
+    pub operating: Operating,
+    /// The input whose slope this input is: a log that lacks the channel gets it from that input's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub derivative_of: Option<String>,
+    /// What its numbers are, where they are no plain ones.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<ChannelKind>,
+}
+
+/// What a channel's numbers are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ChannelKind {
+    /// An angle that may be logged within one turn, in rad or degrees: its whole turns are taken out of logs.
+    Angle,
+}
+
+impl Channel {
+    /// A plain channel about 0.
+    #[must_use]
+    pub fn plain(name: &str, unit: Option<&str>) -> Self {
+        Self { name: name.to_owned(), unit: unit.map(str::to_owned), operating: Operating::default(), derivative_of: None, kind: None }
+    }
+
+    /// A whole turn of an angle, in its unit; `None` for all else.
+    #[must_use]
+    pub fn turn(&self) -> Option<f64> {
+        self.kind.and_then(|ChannelKind::Angle| whole_turn(self.unit.as_deref()))
+    }
+}
+
+/// A whole turn in this unit, where it is one of angles.
+#[must_use]
+pub fn whole_turn(unit: Option<&str>) -> Option<f64> {
+    match unit {
+        Some("rad") => Some(std::f64::consts::TAU),
+        Some("deg" | "°" | "degree" | "degrees") => Some(360.0),
+        _ => None,
+    }
+}
+
+/// An effect that already belongs to the simulator, kept as it stands in the file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EffectEntry {
+    /// The effect's name.
+    pub effect: String,
+    /// Where it acts.
+    pub channel: String,
+    /// Its parameters. A limit that does not act is infinite; files leave it out, for JSON has no infinity.
+    #[serde(default, serialize_with = "acting")]
+    pub parameters: BTreeMap<String, f64>,
+}
+
+/// The parameters that are finite.
+pub(super) fn acting<S: Serializer>(parameters: &BTreeMap<String, f64>, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.collect_map(parameters.iter().filter(|(_, value)| value.is_finite()))
+}
