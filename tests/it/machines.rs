@@ -1,27 +1,19 @@
 //! Real machines whose simulator lacks an effect that physics knows: the verdict must name it. What is asserted is physics, with its own uncertainty.
 //!
-//! Without the logs every test says visibly that it was skipped.
+//! Without the logs every test is skipped.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use crate::support::outside::shared_data;
 use crate::support::program::{Folder, deadtime, text};
 use deadtime::diagnose::Diagnosis;
 use deadtime::model::ModelDocument;
 
-/// The diagnosis of one log against examples/machines/NAME.toml; `None`, and a line that says so, without the log.
+/// The diagnosis of one log against examples/machines/NAME.toml.
 fn diagnosis(name: &str, log: &str, more: &[&str]) -> Option<Diagnosis> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let logs = std::env::var_os("DEADTIME_REAL_DATA").map_or_else(|| root.join("../shared/data"), PathBuf::from);
-    let path = logs.join(log);
-    if !path.is_file() {
-        // Past the test harness, which keeps what a passing test prints to itself.
-        let mut terminal = std::io::stderr();
-        writeln!(terminal, "skipped: no real logs at {} (wanted {log})", logs.display()).unwrap();
-        return None;
-    }
+    let path = shared_data(log)?;
     let folder = Folder::new();
-    let model = root.join("examples/machines").join(format!("{name}.toml"));
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/machines").join(format!("{name}.toml"));
     let out = folder.path("out");
     let said = deadtime(&[&["gap", "--model", text(&model), "--log", text(&path), "--out", text(&out)], more].concat()).done();
     println!("{said}");
