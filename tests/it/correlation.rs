@@ -225,7 +225,9 @@ fn several_recordings_are_all_used() {
         let (narrow, wide) = (all.std_s.unwrap(), one.std_s.unwrap());
         println!("{name}: std {:.4} from one record, {:.4} from sixteen", wide / TS, narrow / TS);
         assert!(narrow < 0.4 * wide, "{name}: {narrow} and {wide}");
-        assert!((all.delay_s.unwrap() / TS - 6.4).abs() < 4.0 * narrow / TS, "{name}: {all:?}");
+        // Four standard deviations of the best estimate, and what the lines beside Nyquist cost.
+        let within = 4.0 * 1.4 * bound(Source::White, 16 * 300, 4.0);
+        assert!((all.delay_s.unwrap() / TS - 6.4).abs() < within, "{name}: {all:?}");
     }
 }
 
