@@ -142,6 +142,7 @@ fn a_source_of_the_whole_band_is_found_with_honest_intervals() {
 }
 
 #[test]
+#[ignore = "nightly: accuracy over draws"]
 fn a_coloured_source_is_found_as_well_as_theory_says_of_each_weight() {
     for (name, low) in [("crosscorr", 1.15), ("gcc_scot", 1.15), ("gcc_eckart", 1.6), ("gcc_hannan_thomson", 1.25), ("phase_slope", 1.5)] {
         for snr in [100.0, 3.0] {
@@ -158,6 +159,7 @@ fn a_coloured_source_is_found_as_well_as_theory_says_of_each_weight() {
 }
 
 #[test]
+#[ignore = "nightly: coverage over draws"]
 fn a_coloured_source_leaves_the_intervals_honest() {
     for name in TWO_SENSORS {
         for snr in [100.0, 3.0] {
