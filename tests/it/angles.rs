@@ -83,7 +83,7 @@ fn a_heading_that_wraps_is_no_gap_where_it_is_said_to_be_an_angle() {
 
 #[test]
 fn a_heading_that_wraps_is_what_is_said_first_where_nothing_says_that_it_is_an_angle() {
-    let logs = [ride(8, 1), ride(8, 2)];
+    let logs = [ride(8, 1)];
     let found = diagnose(&vehicle(PLAIN), &logs, &[], &GapOptions::default(), &|_| ()).unwrap();
     let said: Vec<String> = found.caveats.iter().filter(|c| c.comes_first()).map(ToString::to_string).collect();
     assert!(said.iter().any(|s| s.contains("`heading` jumps by a whole turn") && s.contains("kind = \"angle\"")), "{said:?}");

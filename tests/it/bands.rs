@@ -51,6 +51,7 @@ fn a_bootstrap_and_the_asymptotic_covariance_tell_about_the_same_deviations() {
 }
 
 #[test]
+#[ignore = "nightly: coverage over 60 draws"]
 fn n4sid_has_intervals_by_a_bootstrap_that_hold_the_truth_about_as_often_as_they_say() {
     let (mut poles, mut gains) = ([0, 0], [0, 0]);
     let pole = Complex::new(0.75, (0.7_f64 - 0.75 * 0.75).sqrt());
@@ -69,9 +70,13 @@ fn n4sid_has_intervals_by_a_bootstrap_that_hold_the_truth_about_as_often_as_they
     println!("bootstrap of n4sid: poles {:.3} of {}, gains {:.3} of {}", share(poles), poles[1], share(gains), gains[1]);
     // 60 records: three binomial deviations of 95 % are 8.4 %; gains of one record err together.
     assert!(share(poles) > 0.86 && share(gains) > 0.86 && share(gains) < 0.995, "{poles:?} {gains:?}");
-    // The same seed gives the same replicates; without them there are no intervals.
+}
+
+#[test]
+fn the_same_seed_gives_the_same_replicates_and_without_them_there_are_no_intervals() {
     let data = record(600, 1);
     let again = |count| N4sid(settings(count)).identify(&data, &HowFar::default()).unwrap().poles();
     assert_eq!(again(30), again(30));
+    assert!(again(30).iter().all(|p| p.std_re.is_some()));
     assert!(again(0).iter().all(|p| p.std_re.is_none() && p.ellipse95.is_none()));
 }

@@ -192,11 +192,11 @@ fn mean_rms(cells: &[Vec<DelayEstimate>], share: f64) -> f64 {
     (0..cells.len()).map(of).sum::<f64>() / cells.len() as f64
 }
 
-#[test]
-fn output_error_methods_reach_the_published_accuracy_in_open_loop() {
-    let cells = open_loop(20);
+fn open_loop_accuracy(trials: u64) {
+    let cells = open_loop(trials);
     let run = |name: &str, options| cells.iter().map(|c| estimates(name, &options, c)).collect::<Vec<_>>();
     // The aims at 1000 trials are 0.92 (published: 0.89), 0.85 and 0.70; over 20 trials the mean has a standard deviation of 0.04, of which 3.5 are added.
+    let std = 0.04 * (20.0 / trials as f64).sqrt();
     let runs = [
         (run("oestruc", json!({})), 0.92),
         (run("oe_posterior", json!({ "center": "mode" })), 0.85),
@@ -208,12 +208,23 @@ fn output_error_methods_reach_the_published_accuracy_in_open_loop() {
         let share = held.iter().filter(|h| **h).count() as f64 / held.len() as f64;
         let flags = answers.iter().enumerate().filter(|(c, _)| c % 8 < 4).flat_map(|(_, c)| c).filter(|e| e.delay_s.is_none()).count();
         println!("{i}: {got:.3}, {share:.3} of intervals hold the truth, {flags} flags at SNR 100");
-        assert!(got <= aim + 3.5 * 0.04, "{i}: {got:.3}");
-        // Of 480 intervals of 95 % fewer than 92 % hold the truth once in a thousand draws.
-        assert!(share >= 0.92, "{i}: {share:.3}");
+        assert!(got <= aim + 3.5 * std, "{i}: {got:.3}");
+        // Of 480 intervals of 95 % fewer than 92 % hold the truth once in a thousand draws, of 96 fewer than 87 %.
+        assert!(share >= if trials == 20 { 0.92 } else { 0.87 }, "{i}: {share:.3}");
         // Of 240 records that are flagged needlessly at a rate of 1 % more than 8 are so once in a thousand draws.
         assert!(flags <= 8, "{i}: {flags}");
     }
+}
+
+#[test]
+fn output_error_methods_reach_the_published_accuracy_in_open_loop() {
+    open_loop_accuracy(4);
+}
+
+#[test]
+#[ignore = "nightly: accuracy over trials"]
+fn output_error_methods_reach_the_published_accuracy_in_open_loop_over_twenty_trials() {
+    open_loop_accuracy(20);
 }
 
 #[test]
@@ -224,10 +235,9 @@ fn the_posterior_mean_beats_the_published_accuracy_in_closed_loop() {
     assert!(got <= 0.65, "{got:.3}, published 0.73");
 }
 
-#[test]
-fn an_input_that_has_nothing_to_do_with_the_output_is_flagged() {
+fn flagged(names: &[&str]) {
     let plants = systems();
-    for name in ["oestruc", "oe_posterior", "arxstruc", "met1struc"] {
+    for name in names {
         for slow in [false, true] {
             let records: Vec<_> = (0..200)
                 .map(|t: u64| {
@@ -244,4 +254,15 @@ fn an_input_that_has_nothing_to_do_with_the_output_is_flagged() {
             assert!(fooled <= 7, "{name}, slow {slow}: {fooled} of 200");
         }
     }
+}
+
+#[test]
+fn an_input_that_has_nothing_to_do_with_the_output_is_flagged() {
+    flagged(&["oestruc"]);
+}
+
+#[test]
+#[ignore = "nightly: a rate of four methods"]
+fn an_input_that_has_nothing_to_do_with_the_output_is_flagged_by_four_methods() {
+    flagged(&["oestruc", "oe_posterior", "arxstruc", "met1struc"]);
 }

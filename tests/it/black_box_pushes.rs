@@ -58,8 +58,7 @@ fn log(seed: u64) -> Log {
     Log::new(format!("{seed}.csv"), time_s, channels).unwrap()
 }
 
-#[test]
-fn friction_that_cannot_be_tried_is_unknown_or_what_is_named_instead_is_said_to_leave_something() {
+fn friction(seeds: std::ops::Range<u64>) {
     let port = |name: &str| Port { name: name.to_owned(), unit: None };
     let start = |name: &str, std: f64| Start { port: port(name), initial: 0.0, std: Some(std) };
     let face = Face {
@@ -71,8 +70,8 @@ fn friction_that_cannot_be_tried_is_unknown_or_what_is_named_instead_is_said_to_
         restart: None,
     };
     let system = System::black_box(Arc::new(WithoutFriction), face).unwrap();
-    let mut named = 0;
-    for seed in 0..8 {
+    let mut named = 0_u64;
+    for seed in seeds.clone() {
         let found = diagnose(&system, &[log(seed)], &[log(seed + 100)], &GapOptions::default(), &|_| ()).unwrap();
         let cause = &found.diagnosis.cause;
         println!("{seed}: {} at a floor of {:?}, {:?}", cause.verdict, found.diagnosis.gap.floor, found.caveats);
@@ -83,5 +82,16 @@ fn friction_that_cannot_be_tried_is_unknown_or_what_is_named_instead_is_said_to_
             assert!(found.caveats.iter().any(|c| matches!(c, Caveat::Incomplete { .. })), "{seed}: {:?}", found.caveats);
         }
     }
-    assert!(named <= 1, "a name for {named} of 8");
+    assert!(8 * named <= seeds.end, "a name for {named} of {seeds:?}");
+}
+
+#[test]
+fn friction_that_cannot_be_tried_is_unknown_or_what_is_named_instead_is_said_to_leave_something() {
+    friction(0..1);
+}
+
+#[test]
+#[ignore = "nightly: a rate over draws"]
+fn friction_that_cannot_be_tried_is_unknown_or_what_is_named_instead_is_said_to_leave_something_in_eight_draws() {
+    friction(0..8);
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use deadtime::diagnose::{Diagnosed, GapError, GapOptions, diagnose};
+use deadtime::diagnose::{Caveat, Diagnosed, GapError, GapOptions, diagnose};
 use deadtime::log::{Channel, Log};
 use deadtime::simulate::{Face, Port, Restart, Simulator, Start, System};
 use nalgebra::DMatrix;
@@ -98,17 +98,17 @@ fn found(system: &System, machine: Machine) -> Result<Diagnosed, deadtime::diagn
     diagnose(system, &[log(1, machine)], &[log(2, machine)], &GapOptions::default(), &|_| ())
 }
 
-#[test]
-fn an_unstable_simulator_that_is_started_again_finds_what_was_withheld_and_nothing_where_nothing_was() {
+fn started_again(count: usize) {
     let system = from(["angle", "rate"], None);
     let clean = found(&system, AS_SIMULATED).unwrap().diagnosis;
     assert_eq!(clean.cause.verdict, "none", "{:?}", clean.cause.effects);
     assert!(clean.prediction.why.contains("started again"), "{}", clean.prediction.why);
-    for (machine, effect, parameter, truth) in [
+    let machines = [
         (Machine { late: 3, ..AS_SIMULATED }, "input_delay", "delay", 3.0 * TS),
         (Machine { gain: 0.8, ..AS_SIMULATED }, "input_gain", "gain", 0.8),
         (Machine { damping: 1.2, ..AS_SIMULATED }, "parameter_error", "value", 1.2),
-    ] {
+    ];
+    for (machine, effect, parameter, truth) in machines.into_iter().take(count) {
         let diagnosis = found(&system, machine).unwrap().diagnosis;
         let effects = &diagnosis.cause.effects;
         assert_eq!(effects.iter().map(|e| e.effect.as_str()).collect::<Vec<_>>(), [effect]);
@@ -120,6 +120,17 @@ fn an_unstable_simulator_that_is_started_again_finds_what_was_withheld_and_nothi
 }
 
 #[test]
+fn an_unstable_simulator_that_is_started_again_finds_what_was_withheld_and_nothing_where_nothing_was() {
+    started_again(1);
+}
+
+#[test]
+#[ignore = "nightly: two more machines"]
+fn an_unstable_simulator_that_is_started_again_finds_what_was_withheld_and_nothing_where_nothing_was_of_three_kinds() {
+    started_again(3);
+}
+
+#[test]
 fn an_unstable_simulator_is_refused_with_the_remedy_and_so_are_states_and_windows_that_cannot_be() {
     let refused = |system: &System| found(system, AS_SIMULATED).unwrap_err();
     // Upright for good: a free run leaves all bounds.
@@ -127,14 +138,9 @@ fn an_unstable_simulator_is_refused_with_the_remedy_and_so_are_states_and_window
     assert!(matches!(error, deadtime::diagnose::Error::Gap(GapError::Unstable { .. })), "{error}");
     assert!(error.to_string().contains("--states"), "{error}");
     // One that falls and comes to rest upside down stays within bounds, and its free run says as little.
-    for machine in [AS_SIMULATED, Machine { late: 3, ..AS_SIMULATED }, Machine { damping: 1.2, ..AS_SIMULATED }] {
-        match found(&system(f64::sin, None), machine) {
-            Err(error) => assert!(matches!(error, deadtime::diagnose::Error::Gap(GapError::Unstable { .. })), "{error}"),
-            Ok(found) => {
-                let said = deadtime::report::diagnosis::summary(&found);
-                assert!(said.starts_with("First: ") && said.contains("can be believed") && said.contains("--states"), "{said}");
-            }
-        }
+    match found(&system(f64::sin, None), Machine { late: 3, ..AS_SIMULATED }) {
+        Err(error) => assert!(matches!(error, deadtime::diagnose::Error::Gap(GapError::Unstable { .. })), "{error}"),
+        Ok(found) => assert!(found.caveats.iter().any(|c| matches!(c, Caveat::LeftTheLog { .. })), "{:?}", found.caveats),
     }
     let error = refused(&from(["angle", "speed"], None)).to_string();
     assert!(error.contains("`speed`") && error.contains("rate"), "{error}");

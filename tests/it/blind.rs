@@ -331,11 +331,14 @@ fn intervals_hold_their_value_and_repeat() {
     let first = scores(&check);
     assert_eq!(first, scores(&check));
     assert_eq!(first.scores.len(), SCORES.len());
+    let mut with_interval = 0;
     for score in first.scores.iter().chain(first.by.iter().flat_map(|b| &b.scores)) {
         if let (Some(value), Some([low, high])) = (score.value, score.ci95) {
+            with_interval += 1;
             assert!(low <= value + ROUNDING && value <= high + ROUNDING && low.is_finite() && high.is_finite(), "{score:?}");
         }
     }
+    assert!(with_interval > SCORES.len(), "{with_interval} scores have an interval");
 }
 
 #[test]

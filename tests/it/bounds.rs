@@ -159,9 +159,8 @@ fn anomalies_are_as_frequent_as_a_draw_of_their_peaks() {
     assert_abs_diff_eq!(bound::with_anomalies(0.1, 12.0, 1.0), 12.0 / 12.0_f64.sqrt(), epsilon = 1e-12);
 }
 
-#[test]
-fn the_fit_of_two_poles_comes_near_the_bound() {
-    for (i, u) in inputs(1).iter().enumerate() {
+fn near_the_bound(count: usize) {
+    for (i, u) in inputs(1).iter().enumerate().take(count) {
         let plant = model(&[10.0, 1.0], 9.0);
         let slopes = plant.slopes(u, ts(1.0)).unwrap();
         let noise = std_dev(&slopes.response) / 10.0;
@@ -180,4 +179,15 @@ fn the_fit_of_two_poles_comes_near_the_bound() {
         // 150 draws know a standard deviation to 6 %.
         assert!(rms / best < 1.2, "{rms} {best}");
     }
+}
+
+#[test]
+fn the_fit_of_two_poles_comes_near_the_bound() {
+    near_the_bound(1);
+}
+
+#[test]
+#[ignore = "nightly: 150 fits of every input"]
+fn the_fit_of_two_poles_comes_near_the_bound_for_every_input() {
+    near_the_bound(3);
 }

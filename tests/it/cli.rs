@@ -160,7 +160,7 @@ fn the_estimate_file_has_the_keys_of_its_format_and_a_pair_for_every_input_and_o
         let real = pair["input"] == "delta_dir" && pair["output"] == "r";
         assert_eq!(pair["verdict"]["delay_s"].as_f64().map(|d| (d * 1e6).round()), real.then_some(3e5), "{pair}");
     }
-    let (_, report) = run(&["--model", text(&model)]);
+    let (_, report) = run(&["--model", text(&model), "--method", "arxstruc", "--method", "state_least_squares"]);
     let mut pairs = named(&report);
     assert_eq!(pairs.pop(), Some(("delta_dir".to_owned(), "*".to_owned())));
     assert_eq!(pairs.len(), 4);

@@ -39,10 +39,8 @@ fn inputs(seed: u64) -> Vec<(&'static str, Vec<f64>)> {
     ]
 }
 
-#[test]
-fn open_loop_records_seldom_pass_for_closed_ones_whatever_moves_them() {
+fn false_alarms(seeds: u64) {
     let mut false_alarms = Vec::new();
-    let seeds = SEEDS / 2;
     for seed in 0..seeds {
         for (name, u) in inputs(seed) {
             for (noise, colour) in [(0.01, 0.0), (0.1, 0.0), (0.1, 0.9), (1.0, 0.9)] {
@@ -68,16 +66,28 @@ fn open_loop_records_seldom_pass_for_closed_ones_whatever_moves_them() {
     let mut kinds: std::collections::BTreeMap<&String, usize> = std::collections::BTreeMap::new();
     false_alarms.iter().for_each(|f| *kinds.entry(f).or_default() += 1);
     println!("{} of {records} open-loop records pass for closed ones: {kinds:?}", false_alarms.len());
+    // One in a hundred.
     assert!(false_alarms.len() * 100 <= records);
 }
 
 #[test]
+fn open_loop_records_seldom_pass_for_closed_ones_whatever_moves_them() {
+    false_alarms(4);
+}
+
+#[test]
+#[ignore = "nightly: a rate over draws"]
+fn open_loop_records_seldom_pass_for_closed_ones_whatever_moves_them_in_thirty_draws() {
+    false_alarms(SEEDS / 2);
+}
+
+#[test]
 fn feedback_that_matters_is_found() {
-    // Noise as strong as the dither and half of it; a loop whose noise is a twentieth of the dither may pass for open, its bias is small.
-    for (level, least) in [(1.0, 57), (0.5, 57), (0.05, 0)] {
+    // Noise as strong as the dither, and half of it.
+    for level in [1.0, 0.5] {
         let hits = (0..SEEDS).filter(|s| found(&closed_loop([-0.85, 0.0], 0.1, [2.0, 0.0], level, *s), Condition::Feedback)).count();
         println!("noise {level}: found in {hits} of {SEEDS}");
-        assert!(hits >= least, "noise {level}: {hits} of {SEEDS}");
+        assert!(20 * hits >= 19 * SEEDS as usize, "noise {level}: {hits} of {SEEDS}");
     }
 }
 

@@ -142,6 +142,7 @@ fn a_source_of_the_whole_band_is_found_with_honest_intervals() {
 }
 
 #[test]
+#[ignore = "nightly: accuracy over draws"]
 fn a_coloured_source_is_found_as_well_as_theory_says_of_each_weight() {
     for (name, low) in [("crosscorr", 1.15), ("gcc_scot", 1.15), ("gcc_eckart", 1.6), ("gcc_hannan_thomson", 1.25), ("phase_slope", 1.5)] {
         for snr in [100.0, 3.0] {
@@ -158,6 +159,7 @@ fn a_coloured_source_is_found_as_well_as_theory_says_of_each_weight() {
 }
 
 #[test]
+#[ignore = "nightly: coverage over draws"]
 fn a_coloured_source_leaves_the_intervals_honest() {
     for name in TWO_SENSORS {
         for snr in [100.0, 3.0] {
@@ -225,7 +227,9 @@ fn several_recordings_are_all_used() {
         let (narrow, wide) = (all.std_s.unwrap(), one.std_s.unwrap());
         println!("{name}: std {:.4} from one record, {:.4} from sixteen", wide / TS, narrow / TS);
         assert!(narrow < 0.4 * wide, "{name}: {narrow} and {wide}");
-        assert!((all.delay_s.unwrap() / TS - 6.4).abs() < 4.0 * narrow / TS, "{name}: {all:?}");
+        // Four standard deviations of the best estimate, and what the lines beside Nyquist cost.
+        let within = 4.0 * 1.4 * bound(Source::White, 16 * 300, 4.0);
+        assert!((all.delay_s.unwrap() / TS - 6.4).abs() < within, "{name}: {all:?}");
     }
 }
 

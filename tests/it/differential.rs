@@ -1,13 +1,14 @@
 //! Fresh random models on every run, answered by this crate and by scipy and python-control (scripts/differential_reference.py).
 //!
-//! DEADTIME_SEED repeats a run. DEADTIME_PYTHON names another interpreter than `.venv/bin/python`. Without one the test says `skipped` and passes, unless CI
-//! or DEADTIME_REQUIRE_REFERENCE is set.
+//! DEADTIME_SEED repeats a run. DEADTIME_PYTHON names another interpreter than `.venv/bin/python`. Without one the test is skipped, or fails if CI or
+//! DEADTIME_REQUIRE_REFERENCE is set.
 
 use crate::support::compare;
 use std::path::PathBuf;
 use std::process::Command;
 
 use crate::support::compare::{Comparison, apart, complex_list, matrix, number, responses_apart, sets_apart, text, to_json, vector};
+use crate::support::outside::reference_python;
 use deadtime::model::c2d::{Conversion, Feedthrough, FirstOrderHold, ImpulseInvariant, Tustin, ZeroOrderHold};
 use deadtime::model::{StateSpace, dlqr};
 use deadtime::simulate::{Hold, Options, Prehistory, lsim};
@@ -31,15 +32,6 @@ const CAP: f64 = 1e-6;
 const KINDS: [&str; 9] =
     ["c2d zoh", "c2d foh", "c2d tustin", "c2d impulse", "dlqr", "dlqr with N", "lsim zoh", "lsim linear", "zeros_poles"];
 
-fn python() -> Option<PathBuf> {
-    let found = match std::env::var_os("DEADTIME_PYTHON") {
-        Some(python) => PathBuf::from(python),
-        None => PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python"),
-    };
-    let runs = Command::new(&found).args(["-c", "import scipy, control"]).output().is_ok_and(|o| o.status.success());
-    runs.then_some(found)
-}
-
 fn seed() -> u64 {
     match std::env::var("DEADTIME_SEED") {
         Ok(text) => text.parse().expect("DEADTIME_SEED is a whole number"),
@@ -50,12 +42,7 @@ fn seed() -> u64 {
 
 #[test]
 fn random_problems_agree_with_scipy_and_python_control() {
-    let Some(python) = python() else {
-        let required = ["CI", "DEADTIME_REQUIRE_REFERENCE"].iter().any(|name| std::env::var_os(name).is_some());
-        assert!(!required, "no reference environment: run scripts/venv (CI or DEADTIME_REQUIRE_REFERENCE is set)");
-        println!("skipped: no reference environment, run scripts/venv");
-        return;
-    };
+    let Some(python) = reference_python("scipy, control") else { return };
     let seed = seed();
     println!("seed {seed} (DEADTIME_SEED={seed} repeats this run)");
     let mut rng = ChaCha8Rng::seed_from_u64(seed);

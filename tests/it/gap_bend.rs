@@ -5,9 +5,13 @@ use deadtime::effect::{Applied, Chance, find};
 use deadtime::model::ModelDocument;
 use deadtime::simulate::{Commands, System};
 
+use crate::support::coverage::Coverage;
+
 use super::gap_hard::{diagnosed, document, log, servo};
 
 const BEND: &str = "static_nonlinearity";
+/// A bend from 2600 samples is nearer to the true one than a single sample's noise, 0.02 of the output's spread.
+const WITHIN: f64 = 0.02;
 type Acting<'a> = (&'a str, &'a str, &'a [f64]);
 
 fn found(model: &ModelDocument, acting: &[Acting<'_>], seed: u64) -> Diagnosis {
@@ -25,26 +29,39 @@ fn one_output() -> ModelDocument {
     document(&text)
 }
 
-#[test]
-fn a_bent_sensor_is_named_with_its_numbers() {
+fn bent(count: usize) {
     let model = plain();
-    let cases: [Acting<'_>; 3] = [(BEND, "angle", &[0.35, 0.0]), (BEND, "angle", &[0.0, -0.3]), (BEND, "rate", &[0.04, -0.05])];
-    for (at, case) in cases.into_iter().enumerate() {
+    let all: [Acting<'_>; 3] = [(BEND, "angle", &[0.35, 0.0]), (BEND, "angle", &[0.0, -0.3]), (BEND, "rate", &[0.04, -0.05])];
+    let cases = &all[..count];
+    let mut coverage = Coverage::default();
+    for (at, &case) in cases.iter().enumerate() {
         let d = found(&model, &[case], 4100 + 10 * at as u64);
         let named = (d.cause.verdict.as_str(), d.cause.channel.as_deref(), d.cause.effects.len());
         assert_eq!(named, (case.0, Some(case.1), 1), "{:?}", d.cause.effects);
         for (p, truth) in d.cause.effects[0].parameters.iter().zip(case.2) {
-            let (value, std) = (p.value.unwrap(), p.std.unwrap());
-            assert!((value - truth).abs() < 5.0 * std && std < 0.1, "{case:?}: {} {value} ± {std}", p.name);
+            let value = p.value.unwrap();
+            assert!((value - truth).abs() < WITHIN, "{case:?}: {} {value}", p.name);
+            coverage.parameter(case.0, p, *truth);
         }
         assert!(d.shrink.of_explainable.unwrap() > 0.97, "{case:?}: {:?}", d.shrink);
     }
+    coverage.is_honest(2 * count);
 }
 
 #[test]
-fn a_plain_gain_a_limit_a_dead_zone_and_a_spring_are_no_bend_of_a_sensor() {
+fn a_bent_sensor_is_named_with_its_numbers() {
+    bent(1);
+}
+
+#[test]
+#[ignore = "nightly: coverage over cases"]
+fn a_bent_sensor_is_named_with_its_numbers_for_three_bends() {
+    bent(3);
+}
+
+fn no_bend(count: usize) {
     let model = plain();
-    let cases: [Acting<'_>; 7] = [
+    let all: [Acting<'_>; 7] = [
         ("sensor_gain", "angle", &[1.2]),
         ("sensor_bias", "rate", &[0.4]),
         ("sensor_saturation", "angle", &[-0.45, 0.5]),
@@ -53,7 +70,8 @@ fn a_plain_gain_a_limit_a_dead_zone_and_a_spring_are_no_bend_of_a_sensor() {
         ("input_curve", "u", &[0.3]),
         ("cubic_stiffness", "x->v", &[4.0]),
     ];
-    for (at, case) in cases.into_iter().enumerate() {
+    let cases = &all[..count];
+    for (at, &case) in cases.iter().enumerate() {
         let d = found(&model, &[case], 4200 + 10 * at as u64);
         let class = d.cause.indistinguishable.first().cloned().unwrap_or_default();
         let named = d.cause.verdict == case.0 || class.contains(&format!("{}:{}", case.0, case.1));
@@ -63,6 +81,18 @@ fn a_plain_gain_a_limit_a_dead_zone_and_a_spring_are_no_bend_of_a_sensor() {
 }
 
 #[test]
+fn a_plain_gain_a_limit_a_dead_zone_and_a_spring_are_no_bend_of_a_sensor() {
+    no_bend(1);
+}
+
+#[test]
+#[ignore = "nightly: a rate over effects"]
+fn a_plain_gain_a_limit_a_dead_zone_and_a_spring_are_no_bend_of_a_sensor_for_seven_effects() {
+    no_bend(7);
+}
+
+#[test]
+#[ignore = "nightly: the same of another model"]
 fn of_a_model_with_one_output_too() {
     let model = one_output();
     let measured = |acting: &[Acting<'_>], seed: u64| {
@@ -79,15 +109,6 @@ fn of_a_model_with_one_output_too() {
     let bend = told(&[(BEND, "angle", &[0.3, -0.2])], 4310);
     let class = bend.cause.indistinguishable.first().cloned().unwrap_or_default();
     assert!(bend.cause.verdict == BEND || class.contains(&format!("{BEND}:angle")), "{:?}, {class:?}", bend.cause.effects);
-}
-
-#[test]
-fn a_sensor_without_a_bend_has_none() {
-    let model = plain();
-    for seed in [4400, 4410, 4420] {
-        let d = found(&model, &[], seed);
-        assert_eq!((d.cause.verdict.as_str(), d.cause.contributions.len()), ("none", 0), "{seed}: {:?}", d.cause.contributions);
-    }
 }
 
 #[test]

@@ -1,10 +1,12 @@
 //! `deadtime gap` where the simulator is coarse: an effect beside a slow misfit, and what is said where something else is left.
 
+use std::sync::LazyLock;
+
+use crate::support::coverage::Coverage;
 use deadtime::diagnose::{Diagnosed, GapOptions, diagnose};
 use deadtime::effect::{Applied, Chance, find};
 use deadtime::log::{Channel, Log};
 use deadtime::model::ModelDocument;
-use deadtime::report::diagnosis::summary;
 use deadtime::simulate::{Commands, System};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -13,6 +15,8 @@ use rand_distr::StandardNormal;
 
 const TS: f64 = 0.02;
 const DELAY_S: f64 = 0.05;
+/// A delay that is off by a fifth of a sample changes no step of a simulation at the log's rate.
+const WITHIN_S: f64 = 0.2 * TS;
 /// The autoregression of the slow misfit: it forgets within (1 + a)/(1 − a) = 39 samples, which passes for noise.
 const POLE: f64 = 0.95;
 
@@ -68,35 +72,62 @@ fn diagnosed(logs: &[Log; 3]) -> Diagnosed {
     diagnose(&model(), &logs[..2], &logs[2..], &GapOptions::default(), &|_| ()).unwrap()
 }
 
-#[test]
-fn a_dead_time_that_hardly_lowers_the_error_beside_a_slow_misfit_is_still_the_cause() {
-    for seed in [900, 910, 920] {
+fn hidden_delay(seeds: &[u64]) {
+    let mut coverage = Coverage::default();
+    for &seed in seeds {
         let found = diagnosed(&[0, 1, 2].map(|i| log(DELAY_S, 0.3, |_| 0.0, seed + i)));
         let cause = &found.diagnosis.cause;
         // The same delay of the output or of the clock cannot be told from it.
         let class = cause.indistinguishable.first().cloned().unwrap_or_default();
         assert!(cause.verdict == "input_delay" || class.iter().any(|e| e == "input_delay:u"), "{seed}: {} {class:?}", cause.verdict);
         let p = &cause.effects[0].parameters[0];
-        assert!((p.value.unwrap() - DELAY_S).abs() < 5.0 * p.std.unwrap(), "{seed}: {p:?}");
+        assert!((p.value.unwrap() - DELAY_S).abs() < WITHIN_S, "{seed}: {p:?}");
+        coverage.parameter("delay", p, DELAY_S);
         // By the error alone it would not matter: it falls by less than a factor of 1.3.
         let shrink = &found.diagnosis.shrink;
         assert!(shrink.before.unwrap() < 1.3 * shrink.after.unwrap(), "{seed}: the case is no test: {shrink:?}");
     }
+    coverage.is_honest(seeds.len());
 }
 
 #[test]
-fn a_slow_misfit_alone_is_no_effect() {
-    for seed in [930, 940, 950, 960, 970] {
+fn a_dead_time_that_hardly_lowers_the_error_beside_a_slow_misfit_is_still_the_cause() {
+    hidden_delay(&[900]);
+}
+
+#[test]
+#[ignore = "nightly: coverage over draws"]
+fn a_dead_time_that_hardly_lowers_the_error_beside_a_slow_misfit_is_still_the_cause_in_three_draws() {
+    hidden_delay(&[900, 910, 920]);
+}
+
+fn misfit_alone(seeds: &[u64]) {
+    for &seed in seeds {
         let found = diagnosed(&[0, 1, 2].map(|i| log(0.0, 0.3, |_| 0.0, seed + i)));
         assert!(found.diagnosis.cause.effects.is_empty(), "{seed}: {:?}", found.diagnosis.cause.effects);
     }
 }
 
 #[test]
-fn where_something_else_is_left_what_contributes_is_told_with_its_share() {
-    // A hum that comes and goes is in no catalogue; the dead time is there, too, and takes a good part of the error.
+fn a_slow_misfit_alone_is_no_effect() {
+    misfit_alone(&[930]);
+}
+
+#[test]
+#[ignore = "nightly: a rate over draws"]
+fn a_slow_misfit_alone_is_no_effect_in_five_draws() {
+    misfit_alone(&[930, 940, 950, 960, 970]);
+}
+
+/// A hum that comes and goes is in no catalogue; the dead time is there, too, and takes a good part of the error.
+pub(crate) static HUMMING: LazyLock<Diagnosed> = LazyLock::new(|| {
     let hum = |t: f64| if (t % 11.0) < 3.0 { 0.4 * (9.0 * t).sin() } else { 0.0 };
-    let found = diagnosed(&[0, 1, 2].map(|i| log(DELAY_S, 0.02, hum, 980 + i)));
+    diagnosed(&[0, 1, 2].map(|i| log(DELAY_S, 0.02, hum, 980 + i)))
+});
+
+#[test]
+fn where_something_else_is_left_what_contributes_is_told_with_its_share() {
+    let found = &*HUMMING;
     assert_eq!(found.diagnosis.cause.verdict, "unknown", "{:?}", found.diagnosis.cause.effects);
     let most = found.diagnosis.cause.contributions.first().expect("a dead time explains a part");
     assert_eq!((most.effect.as_str(), most.channel.as_str()), ("input_delay", "u"));
@@ -109,11 +140,4 @@ fn where_something_else_is_left_what_contributes_is_told_with_its_share() {
     let rest = found.diagnosis.cause.remainder.as_ref().unwrap();
     let shares: f64 = found.diagnosis.cause.contributions.iter().filter_map(|c| c.share.learnt).sum();
     assert!((shares + rest.share.learnt.unwrap() - 1.0).abs() < 1e-9 && rest.above_floor.unwrap() > 1.5, "{rest:?}");
-    let said = summary(&found);
-    assert_eq!(said.lines().count(), 6, "{said}");
-    assert!(said.contains("Cause: unknown in part") && said.contains("Budget: input_delay on `u` with delay = 0.0"), "{said}");
-    // Where an effect is the cause, nothing stays that is worth a line.
-    let clean = diagnosed(&[0, 1, 2].map(|i| log(DELAY_S, 0.02, |_| 0.0, 990 + i)));
-    assert_eq!(clean.diagnosis.cause.verdict, "input_delay");
-    assert_eq!(summary(&clean).lines().count(), 5);
 }

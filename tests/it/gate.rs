@@ -1,5 +1,6 @@
 //! The gate: what it must find, what it must pass over, and how often it is wrong.
 
+use crate::support::outside::skipped;
 use deadtime::delay::{METHODS, Scope};
 use deadtime::report::{gate, junit};
 use deadtime::study::{Gate, GateReport, Measured, Plan, Study};
@@ -154,10 +155,9 @@ fn alarms(pairs: u64, first: u64, trials: [usize; 2], change: &(dyn Fn(usize, us
         .collect()
 }
 
-#[test]
-fn equally_accurate_programs_fail_in_less_than_one_run_of_a_hundred() {
+fn false_alarms(sizes: &[[usize; 2]]) {
     let (mut all, mut false_alarms) = (0, 0);
-    for (number, trials) in [[100, 100], [20, 20], [8, 8], [300, 20], [20, 300], [8, 200], [200, 8]].into_iter().enumerate() {
+    for (number, &trials) in sizes.iter().enumerate() {
         let found = alarms(400, 1_000_000 * number as u64, trials, &|_, _, t| t);
         println!("{trials:?}: {} of 400", found.len());
         for report in &found {
@@ -169,6 +169,17 @@ fn equally_accurate_programs_fail_in_less_than_one_run_of_a_hundred() {
         false_alarms += found.len();
     }
     assert!(100 * false_alarms <= all, "{false_alarms} of {all}");
+}
+
+#[test]
+fn equally_accurate_programs_fail_in_less_than_one_run_of_a_hundred() {
+    false_alarms(&[[100, 100]]);
+}
+
+#[test]
+#[ignore = "nightly: a rate over pairs of studies"]
+fn equally_accurate_programs_fail_in_less_than_one_run_of_a_hundred_of_any_size() {
+    false_alarms(&[[100, 100], [20, 20], [8, 8], [300, 20], [20, 300], [8, 200], [200, 8]]);
 }
 
 #[test]
@@ -406,7 +417,7 @@ fn the_projects_own_baseline_is_of_its_plan_and_has_every_method() {
     assert!(logged(&|l| l.missing > 0.0) && logged(&|l| l.jitter > 0.0));
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/golden/study_ci");
     if !std::path::Path::new(path).exists() {
-        return; // The published crate comes without golden files.
+        return skipped("golden/study_ci, which the published crate lacks");
     }
     let baseline = Study::read(path.as_ref()).unwrap();
     assert_eq!((&baseline.plan, baseline.seed), (&plan.name, plan.seed));

@@ -121,27 +121,36 @@ fn identified(data: &Recordings, settings: Settings) -> Identified {
     Pbsidopt(settings).identify(data, &HowFar::default()).unwrap()
 }
 
-#[test]
-fn the_unstable_vehicle_in_its_loop_has_its_order_and_its_poles_within_their_intervals() {
-    let (mut covered, mut of, mut orders) = (0, 0, 0);
-    let trials = 40;
+fn vehicle(trials: u64) {
+    let (mut covered, mut of, mut orders) = (0_u64, 0_u64, 0_u64);
     for seed in 0..trials {
         let (data, a) = flight(2000, seed, 0);
         let settings = Settings { past: Some(40), direct: Direct::Free, draws: 60, ..Settings::default() };
         let found = identified(&data, settings.clone());
-        orders += usize::from(found.order.order == 3);
+        orders += u64::from(found.order.order == 3);
         let found = if found.order.order == 3 { found } else { identified(&data, Settings { order: Some(3), ..settings }) };
         for z in poles(&a).into_iter().filter(|z| z.im >= 0.0) {
             let ours = found.poles().into_iter().filter(|p| (p.im > 0.0) == (z.im > 0.0));
             let nearest = ours.min_by(|p, q| (p.re - z.re).hypot(p.im - z.im).total_cmp(&(q.re - z.re).hypot(q.im - z.im)));
-            covered += usize::from(nearest.is_some_and(|p| p.covers(z)));
+            covered += u64::from(nearest.is_some_and(|p| p.covers(z)));
             of += 1;
         }
     }
     println!("order 3 in {orders} of {trials}; {covered} of {of} poles within 95 %");
     // 95 % of 80: 4 are missed on average; more than 12 in one of a thousand such tests.
-    assert!(orders >= 36, "{orders}");
-    assert!(of == 80 && covered >= 68, "{covered} of {of}");
+    assert!(10 * orders >= 9 * trials - 5, "{orders}");
+    assert!(of == 2 * trials && 80 * covered >= 68 * of, "{covered} of {of}");
+}
+
+#[test]
+fn the_unstable_vehicle_in_its_loop_has_its_order_and_its_poles_within_their_intervals() {
+    vehicle(5);
+}
+
+#[test]
+#[ignore = "nightly: coverage over flights"]
+fn the_unstable_vehicle_in_its_loop_has_its_order_and_its_poles_within_their_intervals_in_forty_flights() {
+    vehicle(40);
 }
 
 #[test]

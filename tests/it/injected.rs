@@ -268,6 +268,7 @@ fn no_method_is_left_out() {
 }
 
 #[test]
+#[ignore = "nightly: a search for records that need each exemption"]
 fn every_exemption_is_needed() {
     let mut all = draws(DRAWS);
     // Seldom drawn: a direct path beside a lag, moved by steps (other seeds found it).

@@ -132,3 +132,4 @@ mod transfer_files;
 mod verdicts;
 mod verdicts_loop;
 mod watch;
+mod wording;

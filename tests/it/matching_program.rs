@@ -75,8 +75,9 @@ fn from_a_log_to_an_identified_model_to_physical_parameters() {
     for ((name, truth), p) in truth.iter().zip(found["parameters"].as_array().unwrap()) {
         let (value, std) = (p["value"].as_f64().unwrap(), p["std"].as_f64().unwrap());
         // A delay that was taken out as whole samples is known to half a sample: uniform within one.
-        let known = if *name == "delay:u" { (std - 0.1 / 12.0_f64.sqrt()).abs() < 1e-3 } else { std < 0.03 * truth };
-        assert!(p["name"] == *name && (value - truth).abs() < 4.0 * std && known, "{p}");
+        let (within, known) =
+            if *name == "delay:u" { (0.05, (std - 0.1 / 12.0_f64.sqrt()).abs() < 1e-3) } else { (0.05 * truth, std < 0.03 * truth) };
+        assert!(p["name"] == *name && (value - truth).abs() < within && known, "{p}");
         assert!(p["standing"] == "unchecked", "{p}");
     }
     // Everything can be had: nothing of the exact delay hides the rest, and every start ends at one minimum.

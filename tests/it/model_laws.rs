@@ -71,6 +71,7 @@ proptest! {
         // Modes that are all but hidden have Riccati equations that nobody solves: an error, never a number.
         let gap = |p: &StateSpace<Continuous>, q: &StateSpace<Continuous>| nu_gap(p, q).map(|g| g.value);
         let all = [gap(&one, &two), gap(&two, &one), gap(&one, &three), gap(&two, &three), gap(&one, &one)];
+        prop_assume!(all.iter().all(Result::is_ok));
         if let [Ok(there), Ok(back), Ok(on), Ok(from), Ok(own)] = all {
             prop_assert!((there - back).abs() < 1e-6 && own < 1e-6, "{there} {back} {own}");
             prop_assert!(on <= there + from + 1e-6, "{on} {there} {from}");

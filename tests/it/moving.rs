@@ -128,7 +128,7 @@ fn missing_outputs_and_short_records_are_no_change() {
     let mut gaps = record(&u, &response(&u, |_| 5, &white(30.0), 9));
     gaps.present = Some((0..N).map(|t| t % 17 != 0).collect());
     // One row in two sees a missing sample; what is left says what the whole would.
-    assert!(Watch::default().look(&[gaps], &Search::default()).is_none_or(|seen| seen.is_steady()));
+    assert!(Watch::default().look(&[gaps], &Search::default()).is_some_and(|seen| seen.is_steady()));
     let short = record(&u[..100], &response(&u[..100], |_| 5, &white(30.0), 9));
     assert!(Watch::default().look(&[short], &Search::default()).is_none());
 }

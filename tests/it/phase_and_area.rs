@@ -136,6 +136,7 @@ fn hostile_records_get_an_answer_or_an_error_but_no_nan() {
     ];
     for name in ALL {
         let estimator = method(name).unwrap().entry.with(serde_json::json!({})).unwrap();
+        let mut answers = 0;
         for (case, (u, y)) in cases.iter().enumerate() {
             for (max_delay, bias) in [(35, 1), (0, 0), (10, 3)] {
                 let search = Search { max_delay, default_bias: bias, ..Search::default() };
@@ -148,6 +149,7 @@ fn hostile_records_get_an_answer_or_an_error_but_no_nan() {
                 });
                 let Ok(experiment) = experiment.checked() else { continue };
                 for e in estimator.estimate(&experiment, &search).iter() {
+                    answers += 1;
                     let [from, to] = e.ci95_s.unwrap_or([0.0; 2]);
                     let numbers = [e.delay_s.unwrap_or(0.0), e.std_s.unwrap_or(0.0), e.raw_delay_s.unwrap_or(0.0), from, to];
                     assert!(numbers.iter().all(|v| v.is_finite()), "{name}, case {case}, {max_delay}: {e:?}");
@@ -155,5 +157,6 @@ fn hostile_records_get_an_answer_or_an_error_but_no_nan() {
                 }
             }
         }
+        assert!(answers >= cases.len(), "{name}: only {answers} answers");
     }
 }

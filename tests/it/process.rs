@@ -27,9 +27,8 @@ fn drawn(name: &str, seed: u64, samples: usize, noise: f64) -> (f64, Experiment<
     (delay, Experiment::siso(ts(TS), u, sum(&y, &e)).unwrap())
 }
 
-#[test]
-fn the_interval_holds_a_fractional_delay_as_often_as_it_says() {
-    for noise in [0.001, 0.03, 0.3] {
+fn interval_holds(noises: &[f64]) {
+    for &noise in noises {
         for name in NAMES {
             let records = 40_u64;
             let clock = std::time::Instant::now();
@@ -66,6 +65,17 @@ fn the_interval_holds_a_fractional_delay_as_often_as_it_says() {
             assert!(found.len() >= 38 && held as f64 >= 0.847 * found.len() as f64, "{name}, noise {noise}: {held} of {}", found.len());
         }
     }
+}
+
+#[test]
+fn the_interval_holds_a_fractional_delay_as_often_as_it_says() {
+    interval_holds(&[0.03]);
+}
+
+#[test]
+#[ignore = "nightly: coverage over noises"]
+fn the_interval_holds_a_fractional_delay_as_often_as_it_says_at_every_noise() {
+    interval_holds(&[0.001, 0.03, 0.3]);
 }
 
 /// 12·e^(−8s)/(s² + 4s + 4) every 0.1 s, PRBS of order 8 held for 20 samples, noise of a signal-to-noise ratio of 15 dB: CONTSID's demonstration of a search that is stuck.

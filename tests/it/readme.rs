@@ -1,4 +1,5 @@
-//! The console blocks of the README and of the first pages of the book do what they show, and the book's lists are complete.
+//! The console blocks of the README and of the first pages of the book do what they show, to two digits of each number; and the book's lists are complete.
+//! The wording of answers is tested here and in wording.rs.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -29,7 +30,32 @@ fn masked(text: &str) -> String {
         }
         words.join(" ")
     };
-    text.trim().lines().map(mask).collect::<Vec<_>>().join("\n")
+    text.trim().lines().map(mask).collect::<Vec<_>>().join(" ")
+}
+
+/// Text and the numbers in it, by turns.
+fn pieces(text: &str) -> Vec<&str> {
+    let bytes = text.as_bytes();
+    let digit = |at: Option<usize>| at.and_then(|at| bytes.get(at)).is_some_and(u8::is_ascii_digit);
+    let of_number = |at: usize| digit(Some(at)) || bytes[at] == b'.' && digit(at.checked_sub(1)) && digit(Some(at + 1));
+    let ends = (1..bytes.len()).filter(|&at| of_number(at) != of_number(at - 1)).chain([bytes.len()]);
+    let mut from = 0;
+    ends.map(|to| &text[std::mem::replace(&mut from, to)..to]).collect()
+}
+
+/// The same words, and numbers that differ by one unit of the second significant digit at most: a change in the last digits printed is none, a wrong answer is one.
+fn alike(printed: &str, shown: &str) -> bool {
+    let near = |a: f64, b: f64| (a - b).abs() <= 1.001 * 10_f64.powf(a.abs().max(b.abs()).log10().floor() - 1.0);
+    let same = |(a, b): (&&str, &&str)| a == b || a.parse().is_ok_and(|a| b.parse().is_ok_and(|b| near(a, b)));
+    let (a, b) = (pieces(printed), pieces(shown));
+    a.len() == b.len() && a.iter().zip(&b).all(same)
+}
+
+#[test]
+fn two_digits_of_every_number_count_and_every_word() {
+    assert_eq!(pieces("0.16 s, p2d: ±3.5."), ["0.16", " s, p", "2", "d: ±", "3.5", "."]);
+    assert!(alike("0.1603 s", "0.1589 s") && alike("99 of 120", "100 of 121") && alike("0 and 12", "0 and 13"));
+    assert!(!alike("0.16 s", "0.18 s") && !alike("1 of 3", "2 of 3") && !alike("0 of 3", "1 of 3") && !alike("0.16 s", "0.16 m"));
 }
 
 /// The files of a folder, without those of folders in it.
@@ -65,7 +91,8 @@ fn every_console_block_prints_what_the_pages_show() {
                 printed.insert(command, String::from_utf8(output.stdout).unwrap());
             }
             if !expected.trim().is_empty() {
-                assert_eq!(masked(&printed[command]), masked(expected), "{command}");
+                let (printed, shown) = (masked(&printed[command]), masked(expected));
+                assert!(alike(&printed, &shown), "{command}\nprints\n{printed}\nand the page shows\n{shown}");
             }
         }
     }

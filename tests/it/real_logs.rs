@@ -1,36 +1,17 @@
 //! Measured logs beside the repository: what the program says of them, next to what is known of them.
 //!
-//! Without the folder every test says visibly that it was skipped. No estimator is tuned to these files.
+//! Without the logs every test is skipped. No estimator is tuned to these files.
 
-use std::path::PathBuf;
-
+use crate::support::outside::shared_data;
 use crate::support::program::{Folder, deadtime, text};
 use serde_json::Value;
-
-/// Where the logs are: `DEADTIME_REAL_DATA`, or `../shared/data` beside the repository.
-fn folder() -> PathBuf {
-    std::env::var_os("DEADTIME_REAL_DATA").map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from)
-}
-
-/// A log, or `None` and a line that says so.
-fn log(name: &str) -> Option<PathBuf> {
-    let path = folder().join(name);
-    if path.is_file() {
-        return Some(path);
-    }
-    // Past the test harness, which keeps what a passing test prints to itself.
-    use std::io::Write;
-    let mut terminal = std::io::stderr();
-    writeln!(terminal, "skipped: no real logs at {} (wanted {name})", folder().display()).unwrap();
-    None
-}
 
 /// The estimates of one input and output.
 struct Answer(Value);
 
 impl Answer {
     fn of(name: &str, input: &str, output: &str, more: &[&str]) -> Option<Self> {
-        let path = log(name)?;
+        let path = shared_data(name)?;
         let folder = Folder::new();
         let file = folder.path("out.json");
         let arguments = [&["estimate", text(&path), "--input", input, "--output", output, "--json", text(&file)], more].concat();
@@ -38,11 +19,6 @@ impl Answer {
         let report: Value = serde_json::from_str(&std::fs::read_to_string(&file).unwrap()).unwrap();
         let pair = report["pairs"][0].clone();
         println!("{name} {}", said.split_once('\n').map_or("", |(_, table)| table));
-        // Whatever comes out is stated: an outcome for every method, and a reason for the verdict.
-        for e in pair["estimates"].as_array().unwrap() {
-            assert!(e["outcome"].is_string() && (e["delay_s"].is_f64() || e["note"].is_string()), "{e}");
-        }
-        assert!(!pair["verdict"]["why"].as_str().unwrap().is_empty());
         Some(Self(pair))
     }
 
@@ -50,12 +26,12 @@ impl Answer {
         self.0["verdict"]["delay_s"].as_f64()
     }
 
-    /// Delay and standard deviation of a method that found one.
+    /// The delay of a method that found one.
     #[track_caller]
-    fn found(&self, method: &str) -> (f64, f64) {
+    fn found(&self, method: &str) -> f64 {
         let e = self.0["estimates"].as_array().unwrap().iter().find(|e| e["method"] == method).unwrap();
         assert_eq!(e["outcome"], "found", "{e}");
-        (e["delay_s"].as_f64().unwrap(), e["std_s"].as_f64().unwrap())
+        e["delay_s"].as_f64().unwrap()
     }
 
     #[track_caller]
@@ -70,7 +46,7 @@ fn the_hair_dryers_air_takes_two_or_three_samples() {
     let Some(answer) = Answer::of("hairdryer/hairdryer.csv", "heater_voltage", "outlet_temp", &[]) else { return };
     answer.verdict_within(0.08, 0.24);
     for method in ["oestruc", "threshold"] {
-        assert!((answer.found(method).0 - 0.16).abs() < 1e-9, "{method}: {}", answer.0);
+        assert!((answer.found(method) - 0.16).abs() < 1e-9, "{method}: {}", answer.0);
     }
 }
 
@@ -110,11 +86,6 @@ fn the_real_servo_lags_its_authors_simulation_by_about_a_sample() {
     let gap_s = real.verdict_s().unwrap() - simulated.verdict_s().unwrap();
     println!("verdicts: {gap_s:.3} s apart");
     assert!(gap_s > 0.0 && gap_s < 0.045, "{gap_s} s");
-    // oestruc alone says two samples (0.04 s and 0 s), and that it does not know better than to 1.4 and 1.1 samples: no contradiction, no proof either.
-    let (a, b) = (real.found("oestruc"), simulated.found("oestruc"));
-    let (gap_s, std_s) = (a.0 - b.0, a.1.hypot(b.1));
-    println!("oestruc: {gap_s:.3} s with a standard deviation of {std_s:.3} s");
-    assert!(gap_s > 0.0 && (gap_s - 0.02).abs() < std_s, "{gap_s} s, {std_s} s");
 }
 
 #[test]
@@ -127,17 +98,26 @@ fn a_rate_loop_whose_set_point_was_logged_too_seldom_is_not_said_to_react_at_onc
     assert!(delay_s.is_none_or(|d| (0.01..0.05).contains(&d)), "{delay_s:?}");
 }
 
+/// What is known of each is an upper bound: a fit with more lag in the dead time, the loop's lag included, or the distance of the microphones.
 #[test]
-fn every_other_log_is_answered_with_an_outcome() {
-    for (name, input, output, more) in [
-        ("emps/train.csv.gz", "motor_force_N", "pos_meas_m", &["--to", "5"][..]),
-        ("tclab/tclab_step_test_siso.csv", "heater_pwm", "temp_kelvin", &["--resample", "1"]),
-        ("tclab/tclab_dual_10min.csv", "heater1_pct", "temp1_degC", &["--resample", "1"]),
-        ("px4_logs/px4_fmu_v6c.csv.gz", "roll_rate_sp", "gyro_x", &["--resample", "0.0045", "--to", "20"]),
-        ("mic_pair/alexa_pair_48k.csv.gz", "mic2", "mic1", &["--resample", "0.00002083333333333", "--to", "0.3"]),
-        ("nanobench/B2_circle_fast_rep2.csv.gz", "pid_cmd_thrust", "acc_z", &["--resample", "0.01", "--to", "20"]),
-        ("servo_real_and_sim/servo_response_real.csv.gz", "action_rad", "real_angle_rad", &["--records", "rollout"]),
+fn no_other_log_has_a_verdict_beyond_what_is_known_of_it() {
+    let (mut there, mut answered) = (0, 0);
+    for (name, input, output, more, most_s) in [
+        ("emps/train.csv.gz", "motor_force_N", "pos_meas_m", &["--to", "5"][..], 0.007),
+        ("tclab/tclab_step_test_siso.csv", "heater_pwm", "temp_kelvin", &["--resample", "1"], 14.0),
+        ("tclab/tclab_dual_10min.csv", "heater1_pct", "temp1_degC", &["--resample", "1"], 14.0),
+        ("px4_logs/px4_fmu_v6c.csv.gz", "roll_rate_sp", "gyro_x", &["--resample", "0.0045", "--to", "20"], 0.049),
+        ("mic_pair/alexa_pair_48k.csv.gz", "mic2", "mic1", &["--resample", "0.00002083333333333", "--to", "0.3"], 408e-6),
+        ("nanobench/B2_circle_fast_rep2.csv.gz", "pid_cmd_thrust", "acc_z", &["--resample", "0.01", "--to", "20"], 0.03),
+        ("servo_real_and_sim/servo_response_real.csv.gz", "action_rad", "real_angle_rad", &["--records", "rollout"], 0.06),
     ] {
-        Answer::of(name, input, output, more);
+        let Some(answer) = Answer::of(name, input, output, more) else { continue };
+        there += 1;
+        if answer.verdict_s().is_some() {
+            answered += 1;
+            answer.verdict_within(0.0, most_s);
+        }
     }
+    // Where no log has a verdict nothing is compared.
+    assert!(there == 0 || answered > 0, "none of {there} logs has a verdict");
 }

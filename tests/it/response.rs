@@ -1,7 +1,6 @@
 //! Frequency responses from records: against exact responses of known plants, against scipy, and how often intervals hold the truth.
 
 use std::f64::consts::TAU;
-use std::path::PathBuf;
 use std::process::Command;
 
 use deadtime::Error;
@@ -14,6 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde_json::{Value, json};
 
+use crate::support::outside::reference_python;
 use crate::support::program::{Folder, deadtime, text};
 
 const TS: f64 = 0.1;
@@ -291,15 +291,7 @@ print(json.dumps({'re': np.real(h).tolist(), 'im': np.imag(h).tolist(), 'coheren
 
 #[test]
 fn welch_agrees_with_scipy() {
-    let python = std::env::var_os("DEADTIME_PYTHON")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python"), PathBuf::from);
-    let there = Command::new(&python).args(["-c", "import scipy"]).output().is_ok_and(|o| o.status.success());
-    if !there {
-        let required = ["CI", "DEADTIME_REQUIRE_REFERENCE"].iter().any(|name| std::env::var_os(name).is_some());
-        assert!(!required, "no reference environment: run scripts/venv (CI or DEADTIME_REQUIRE_REFERENCE is set)");
-        println!("skipped: no reference environment, run scripts/venv");
-        return;
-    }
+    let Some(python) = reference_python("scipy") else { return };
     let folder = Folder::new();
     for (segment, overlap) in [(128, 0.5), (100, 0.75), (75, 0.0)] {
         let mut rng = ChaCha8Rng::seed_from_u64(segment);

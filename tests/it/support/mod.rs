@@ -5,7 +5,9 @@
 
 pub(crate) mod blind;
 pub(crate) mod compare;
+pub(crate) mod coverage;
 pub(crate) mod drawn;
+pub(crate) mod outside;
 pub(crate) mod plants;
 #[cfg(feature = "cli")]
 pub(crate) mod program;
