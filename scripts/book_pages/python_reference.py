@@ -62,7 +62,7 @@ def find(modules: dict[str, ast.Module], name: str, home: str | None) -> ast.Fun
 
 def native(root: Path, name: str) -> tuple[str | None, dict[str, str]]:
     """What the Rust sources say of a class of theirs and of its methods: their doc comments are the docstrings."""
-    for path in sorted((root / "src" / "python").glob("*.rs")):
+    for path in sorted((root / "crates" / "python" / "src").glob("*.rs")):
         text = path.read_text(encoding="utf-8")
         found = re.search(rf'((?:^///.*\n)+)^#\[pyclass\([^\n]*name = "{name}"', text, re.MULTILINE)
         if found:

@@ -65,7 +65,7 @@ def about(path: Path, root: Path, struct: str | None) -> About:
 def methods(root: Path) -> dict[str, About]:
     """Every method's text by its name."""
     found: dict[str, About] = {}
-    for path in sorted((root / "src" / "delay").glob("*/*.rs")):
+    for path in sorted((root / "crates" / "delay" / "src").glob("*/*.rs")):
         text = path.read_text(encoding="utf-8")
         for name in NAMED.findall(text):
             # The process models share the options, and so the text, of one struct.
@@ -77,7 +77,7 @@ def methods(root: Path) -> dict[str, About]:
 def effects(root: Path) -> dict[str, About]:
     """Every effect's text by its name."""
     found: dict[str, About] = {}
-    for path in sorted((root / "src" / "effect").glob("*/*.rs")):
+    for path in sorted((root / "crates" / "model" / "src" / "effect").glob("*/*.rs")):
         named = EFFECT.search(path.read_text(encoding="utf-8"))
         if named:
             found[named[1]] = about(path, root, None)

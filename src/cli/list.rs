@@ -51,7 +51,7 @@ enum What {
     Responses,
     /// What `deadtime export` can make of a diagnosis
     Targets,
-    /// The thresholds of a diagnosis, of which src/diagnose/input/criteria.rs tells the meaning and the origin
+    /// The thresholds of a diagnosis, of which crates/gap/src/input/criteria.rs tells the meaning and the origin
     Criteria,
 }
 
