@@ -205,6 +205,7 @@ fn flown(plant: &StateSpace<Sampled>, delay: usize, dither: &[f64], gusts: &[f64
 }
 
 #[test]
+#[ignore = "nightly: coverage over draws"]
 fn slow_noise_in_open_loop_leaves_instrumental_variables_honest() {
     let names = ["ivstruc", "armaxstruc", "oestruc"];
     let held = names.map(|name| {

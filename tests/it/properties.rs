@@ -158,6 +158,7 @@ fn of_delays_that_fit_alike_the_gain_does_not_choose() {
 }
 
 #[test]
+#[ignore = "nightly: a rate over draws; contract.rs has the law without noise"]
 fn delaying_a_noisy_output_moves_nearly_every_answer_by_as_much() {
     // The methods that read a phase keep the law on 97 of 100, the others on nearly all.
     let records = 60;

@@ -108,7 +108,6 @@ fn no_other_log_has_a_verdict_beyond_what_is_known_of_it() {
         ("tclab/tclab_dual_10min.csv", "heater1_pct", "temp1_degC", &["--resample", "1"], 14.0),
         ("px4_logs/px4_fmu_v6c.csv.gz", "roll_rate_sp", "gyro_x", &["--resample", "0.0045", "--to", "20"], 0.049),
         ("mic_pair/alexa_pair_48k.csv.gz", "mic2", "mic1", &["--resample", "0.00002083333333333", "--to", "0.3"], 408e-6),
-        ("nanobench/B2_circle_fast_rep2.csv.gz", "pid_cmd_thrust", "acc_z", &["--resample", "0.01", "--to", "20"], 0.03),
         ("servo_real_and_sim/servo_response_real.csv.gz", "action_rad", "real_angle_rad", &["--records", "rollout"], 0.06),
     ] {
         let Some(answer) = Answer::of(name, input, output, more) else { continue };

@@ -50,6 +50,7 @@ fn fractions(name: &str, noise: f64, records: u64) -> (f64, usize) {
 }
 
 #[test]
+#[ignore = "nightly: coverage over draws; injected.rs has its answers"]
 fn the_sampling_zero_tells_the_fraction_of_one_lag_and_its_interval_holds_it() {
     // 200 intervals of 95 %: fewer than 181 happen once in 200 draws.
     for (noise, worst) in [(0.01, 0.02), (0.1, 0.1)] {

@@ -204,6 +204,7 @@ fn a_transfer_function_of_two_inputs_has_its_coefficients_and_delays() {
 }
 
 #[test]
+#[ignore = "nightly: coverage over draws"]
 fn intervals_hold_the_truth_about_as_often_as_they_say_under_coloured_noise() {
     let records = 120_u64;
     let held = |method: &'static str, truth: &[(&str, f64)], make: &(dyn Fn(u64) -> Recordings + Sync)| {
