@@ -6,6 +6,7 @@ use super::Out;
 use super::progress::Bar;
 use super::simulator::{Simulated, SimulatorArgs};
 use super::source::Reading;
+use super::words::option;
 use crate::diagnose::{clocks, inspect};
 use crate::file::write_atomic;
 use crate::log::Log;
@@ -46,6 +47,7 @@ impl Check {
         let bar = Bar::new(to);
         let mut found = inspect(&subject, &logs, &Stop::default(), bar.far())?;
         found.clocks = seen;
+        found.not_run = found.not_run.map(|why| why.worded(option).into());
         drop(bar);
         to.json(&found)?;
         if let Some(path) = &self.html {

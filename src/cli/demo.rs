@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::Out;
 use super::estimate::draw;
 use super::show::write_json;
-use super::words::in_options;
+use super::words::option;
 use crate::delay::{Class, Job, METHODS, Method, Scope};
 use crate::diagnose::{GapOptions, diagnose};
 use crate::file::write_atomic;
@@ -73,7 +73,7 @@ impl Demo {
         );
         let logs = vec![log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?];
         let job = Job { model: Some(model.clone()), ..Job::new(logs, ["r"], ["p", "ay"]) };
-        let report = in_options(job.run()?);
+        let report = job.run()?.worded(option);
         to.styled(&short(&report))?;
         write_json(&self.out.join("estimate.json"), &report)?;
         draw(&job, &report, &self.out.join("estimate.svg"))?;

@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::Out;
 use super::progress::Bar;
 use super::source::{Needed, Reading};
-use super::words::in_options;
+use super::words::option;
 use crate::delay::report::Report;
 use crate::delay::{Detrend, EventsJob, Feedback, Job, ResponseJob, STEP_METHODS, Scope, chosen};
 use crate::file::write_atomic;
@@ -110,7 +110,7 @@ impl Estimate {
                 let mut job = if self.step_table.is_some() { self.job_of_step(to)? } else { self.job(to)? };
                 let bar = Bar::new(to);
                 job.far = bar.far().clone();
-                (in_options(job.run()?), Some(job))
+                (job.run()?.worded(option), Some(job))
             }
         };
         // The files first: whoever closes the pipe still gets them.
@@ -144,7 +144,7 @@ impl Estimate {
             max_delay_s: self.max_delay,
             ..ResponseJob::new(response)
         };
-        Ok(in_options(job.run()?))
+        Ok(job.run()?.worded(option))
     }
 
     fn job(&self, to: &Out<'_>) -> anyhow::Result<Job> {
@@ -195,7 +195,7 @@ impl Estimate {
         };
         let events = self.reading.events(self.log()?, [a, b])?;
         let job = EventsJob { methods, max_delay_s: self.max_delay, ..EventsJob::new(self.log()?.display().to_string(), [a, b], events) };
-        Ok(in_options(job.run()?))
+        Ok(job.run()?.worded(option))
     }
 }
 

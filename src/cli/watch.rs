@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::Out;
 use super::source::Clock;
-use super::words::with_options;
+use super::words::{option, worded};
 use crate::delay::track::{Live, LiveOptions, Told, TrackerOptions};
 use crate::diagnose::{ActingEffect, FoundParameter, GapOptions, GapTold, GapWatch};
 use crate::log::{Follower, News, Row, reader};
@@ -188,7 +188,7 @@ impl Said<'_> {
             }
             News::Bad(error) => {
                 self.skipped += 1;
-                let why = with_options(&error.to_string());
+                let why = worded(&error);
                 self.line(&Line::RowSkipped { why: &why })?;
                 if self.skipped <= NAMED {
                     eprintln!("{}; skipped", crate::text::message(&why));
@@ -214,7 +214,10 @@ impl Said<'_> {
 
     /// Every stretch as JSON, on the terminal what changed.
     fn gap(&mut self, told: Option<GapTold>) -> anyhow::Result<()> {
-        let Some(told) = told else { return Ok(()) };
+        let Some(mut told) = told else { return Ok(()) };
+        if let GapTold::GapNotTold { why, .. } = &mut told {
+            *why = why.worded(option).into();
+        }
         self.line(&told)?;
         gap_said(&told).map_or(Ok(()), |text| self.to.line(&text))
     }

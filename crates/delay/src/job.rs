@@ -24,6 +24,7 @@ use deadtime_model::c2d::{Conversion, ZeroOrderHold};
 use deadtime_model::{ModelFile, Operating, Sampled, StateSpace};
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::registry::RegistryError;
+use deadtime_signal::remedy::{Message, Remedied, Remedy};
 use deadtime_signal::stats::{self, NORMAL_95};
 use deadtime_signal::stop::Stop;
 use deadtime_signal::time::SampleTime;
@@ -45,7 +46,7 @@ pub enum Feedback {
 impl Feedback {
     /// What the user says of the log, as a finding.
     fn said(self) -> Option<Finding> {
-        let evidence = "the log is said to be of a closed loop".to_owned();
+        let evidence = Message::from(Remedy::ClosedLoop);
         (self == Self::Closed).then_some(Finding { condition: Condition::Feedback, evidence })
     }
 }
@@ -311,7 +312,7 @@ impl Job {
                         Ok(estimate) => estimate,
                         // What was typed wrong stops the work.
                         Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => return Err(e.into()),
-                        Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+                        Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
                     };
                     steps.one_more();
                     Ok(Answer { method: ready.method, estimate, predicted, time_s: clock.elapsed().as_secs_f64() })
@@ -437,7 +438,7 @@ impl Job {
                         .get(i)
                         .cloned()
                         .unwrap_or_else(|| DelayEstimate::without(Outcome::NotApplicable, "no answer for this input")),
-                    Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+                    Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
                 };
                 let answer = Answer { method: ready.method, estimate, predicted: None, time_s };
                 let facts = RecordFacts { early_s: self.early_s(), ..RecordFacts::default() };
@@ -687,7 +688,7 @@ impl EventsJob {
             let estimate = match ready.estimator.estimate(&experiment, &search) {
                 Ok(estimate) => estimate,
                 Err(DelayError::Stopped) => return Err(DelayError::Stopped.into()),
-                Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+                Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
             };
             answers.push(Answer { method: ready.method, estimate, predicted: None, time_s: clock.elapsed().as_secs_f64() });
         }

@@ -32,7 +32,7 @@ mod watched;
 pub use area::{Area1, Area2, Area3, Moment};
 pub use conditions::{Finding, conditions, moving_together, standing_off};
 pub use correlation::{Crosscorr, GccEckart, GccHannanThomson, GccPhat, GccRoth, GccScot};
-pub use error::{DelayError, Error, Result};
+pub use error::{DelayError, Error, LengthRemedy, Result};
 pub use estimate::{DelayEstimate, Outcome};
 pub use events::{
     DelayQuantile, EventAverageDifference, EventCorrelation, EventDelayVariance, EventQuadraticDifference, EventVarianceDifference, Events,

@@ -3,6 +3,7 @@
 use super::report::Pair;
 use super::track::{Anchor, AtOneDelay, Kind, Moving, Watch, tracked};
 use super::{DelayError, DelayEstimate, Experiment, Grounds, Outcome, Ready, RecordFacts, Recording, Search, Series, Verdict, verdict};
+use deadtime_signal::remedy::Remedied;
 use deadtime_signal::time::SampleTime;
 
 /// What is wanted beside the test.
@@ -83,7 +84,7 @@ fn straight_verdict(
         answers.push(match ready.estimator.estimate(straight, search) {
             Ok(answer) => answer,
             Err(DelayError::Stopped) => return Err(DelayError::Stopped),
-            Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+            Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
         });
     }
     let said: Vec<_> = ask.iter().zip(&answers).map(|(r, a)| (r.method, a, None)).collect();

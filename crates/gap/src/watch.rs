@@ -11,6 +11,7 @@ use crate::input::options::GapOptions;
 use crate::pipeline::{Diagnosed, diagnose};
 use deadtime_log::{Channel, Log};
 use deadtime_model::ModelDocument;
+use deadtime_signal::remedy::{Message, Remedied};
 use deadtime_signal::time::SampleTime;
 
 /// Rows below which a stretch is not diagnosed.
@@ -68,7 +69,7 @@ pub enum GapTold {
         /// Time of its last row, s.
         to_s: f64,
         /// The reason.
-        why: String,
+        why: Message,
     },
 }
 
@@ -128,7 +129,7 @@ impl GapWatch {
         let told = match self.diagnosed() {
             Ok(found) => self.told(from_s, to_s, &found),
             Err(stopped @ crate::Error::Stopped(_)) => return Err(stopped),
-            Err(error) => GapTold::GapNotTold { from_s, to_s, why: error.to_string() },
+            Err(error) => GapTold::GapNotTold { from_s, to_s, why: error.message() },
         };
         self.restart();
         Ok(told)

@@ -9,6 +9,7 @@ use sha2::{Digest, Sha256};
 use super::StudyError;
 use super::estimates::Row;
 use deadtime_signal::file::write_atomic;
+use deadtime_signal::remedy::{Message, Remedy};
 
 /// What begins the last line.
 const MARK: &str = "# deadtime block";
@@ -85,7 +86,10 @@ impl BlockFile<'_> {
     /// # Errors
     /// [`StudyError::Results`] where it is damaged; [`crate::Error::Io`].
     pub(super) fn read(&self, path: &Path) -> crate::Result<Vec<Row>> {
-        let wrong = |detail: String| StudyError::Results { path: path.to_owned(), detail: format!("{detail}; --resume makes it again") };
+        let wrong = |detail: String| StudyError::Results {
+            path: path.to_owned(),
+            detail: Message::from(detail).and("; ").and(Remedy::Resume).and(" makes it again"),
+        };
         let body = self.body(path)?.map_err(wrong)?;
         let rows: Vec<Row> = csv::Reader::from_reader(body.as_slice())
             .into_deserialize()

@@ -20,6 +20,7 @@ use super::StudyError;
 use super::estimates::{Field, Row, Sink};
 use deadtime_delay::Outcome;
 use deadtime_signal::file::{named, temporary};
+use deadtime_signal::remedy::{Message, Remedy};
 
 /// Rows that are held before they are written together.
 const GROUP: usize = 65_536;
@@ -304,7 +305,7 @@ impl Reader {
 
 /// A file that cannot be used.
 pub(super) fn unread(path: &Path, detail: &str) -> crate::Error {
-    let detail = format!("{detail}; go on where it was (`resume`): a damaged part is made again");
+    let detail = Message::from(detail).and("; go on where it was (").and(Remedy::Resume).and("): a damaged part is made again");
     StudyError::Results { path: path.to_owned(), detail }.into()
 }
 

@@ -23,6 +23,7 @@ pub use jitter::{DelayQuantile, Jitter};
 pub use quadratic_delay_difference::EventQuadraticDifference;
 pub use variance_delay_difference::EventVarianceDifference;
 
+use deadtime_signal::remedy::{Message, Remedy};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
@@ -185,7 +186,7 @@ fn check(method: &'static str, units: Units, experiment: &Experiment) -> Result<
     let got = experiment.events().iter().map(|e| e.first.len().min(e.second.len())).max().unwrap_or(0);
     let needed = LEAST + 2;
     if got < needed {
-        return Err(DelayError::TooShort { method, needed, got, remedy: "record more events at both places" });
+        return Err(DelayError::TooShort { method, needed, got, remedy: crate::error::LengthRemedy::Events });
     }
     Ok(())
 }
@@ -219,7 +220,7 @@ struct Shown {
 }
 
 /// That, or why it says nothing.
-type Answer = Result<Shown, (Outcome, String)>;
+type Answer = Result<Shown, (Outcome, Message)>;
 
 fn one(events: &Events, units: Units, criterion: fn(&Paired<'_>) -> f64, window: f64) -> Answer {
     let other_units = units == Units::Standardise && matches!(&events.units, [Some(a), Some(b)] if a != b);
@@ -255,13 +256,15 @@ struct Matched<'a> {
 
 impl<'a> Matched<'a> {
     /// By the offset with the smallest criterion; why there is none.
-    fn of(first: &'a [f64], second: &'a [f64], criterion: fn(&Paired<'_>) -> f64, window: Option<f64>) -> Result<Self, (Outcome, String)> {
+    fn of(first: &'a [f64], second: &'a [f64], criterion: fn(&Paired<'_>) -> f64, window: Option<f64>) -> Result<Self, (Outcome, Message)> {
         let typical_interval = median(first.windows(2).map(|w| w[1] - w[0]).collect());
         let offsets = offsets(first, second, window, typical_interval);
         let paired = |k: isize| Paired::new((first, second), k);
         let Some(best) = offsets.iter().map(|&k| (criterion(&paired(k)), k)).min_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1) else {
-            let note = "no offset puts the second sequence behind the first by a delay of the window: search a longer `max_delay`, or exchange them";
-            return Err((Outcome::NotVisible, note.into()));
+            let note = Message::from("no offset puts the second sequence behind the first by a delay of the window: search a longer ")
+                .and(Remedy::MaxDelay)
+                .and(", or exchange them");
+            return Err((Outcome::NotVisible, note));
         };
         let pairs = paired(best);
         if pairs.correlation() == 0.0 {
@@ -274,7 +277,7 @@ impl<'a> Matched<'a> {
                 "the intervals of the two sequences are not alike at the best offset ({best}: correlation {:.2}, {limit:.1} standard deviations of chance needed): they do not show the same events, or too many are missing",
                 pairs.correlation()
             );
-            return Err((Outcome::NotVisible, note));
+            return Err((Outcome::NotVisible, note.into()));
         }
         let [typical, apart] = pairs.typical();
         let gate = GATE * typical_interval;
@@ -284,13 +287,13 @@ impl<'a> Matched<'a> {
                 (delay - typical).abs() > gate && difference <= AS_CLOSE * apart
             });
         if let Some(k) = rival {
-            return Err((Outcome::Flat, format!("offsets {best} and {k} pair the events equally well")));
+            return Err((Outcome::Flat, format!("offsets {best} and {k} pair the events equally well").into()));
         }
         let by_time = partners(first, second, typical, gate);
         let possible = first.len().min(second.len());
         if by_time.len() < LEAST || 2 * by_time.len() < possible {
             let note = format!("only {} of {possible} events have a partner {typical:.6} later", by_time.len());
-            return Err((Outcome::NotVisible, note));
+            return Err((Outcome::NotVisible, note.into()));
         }
         Ok(Self { pairs, by_time, typical, gate })
     }

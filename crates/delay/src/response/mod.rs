@@ -19,6 +19,7 @@ use super::{Class, DelayError, DelayEstimate, Grounds, Outcome, Verdict};
 use crate::error::Result;
 use deadtime_log::FrequencyResponse;
 use deadtime_signal::registry::{Entry, RegistryError};
+use deadtime_signal::remedy::Remedied;
 use deadtime_signal::stop::Stop;
 
 /// How far to search.
@@ -112,7 +113,7 @@ impl ResponseJob {
             let estimate = match estimator.estimate(response, &search) {
                 Ok(estimate) => estimate,
                 Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => return Err(e.into()),
-                Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+                Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
             };
             answers.push((method, estimate, clock.elapsed().as_secs_f64()));
         }

@@ -24,6 +24,7 @@ use crate::Diagnosis;
 use crate::error::Result;
 use deadtime_model::ModelDocument;
 use deadtime_signal::registry::{Entry, entry, find};
+use deadtime_signal::remedy::{Message, Remedied, Remedy};
 
 /// What an export is made of.
 #[derive(Debug, Clone, Copy)]
@@ -85,13 +86,13 @@ pub enum Syntax {
 #[non_exhaustive]
 pub enum ExportError {
     /// The target needs a model.
-    #[error("{target} needs the model: give `model`, such as the model_with_effects.toml that stands beside the diagnosis")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     NeedsModel {
         /// The target.
         target: &'static str,
     },
     /// The target needs an option.
-    #[error("{target} needs the option {option}: {why}")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     NeedsOption {
         /// The target.
         target: &'static str,
@@ -122,4 +123,20 @@ pub enum ExportError {
         /// The model.
         model: String,
     },
+}
+
+impl Remedied for ExportError {
+    fn remedied(&self) -> Option<Message> {
+        match self {
+            Self::NeedsModel { target } => Some(
+                Message::from(format!("{target} needs the model: give "))
+                    .and(Remedy::Model)
+                    .and(", such as the model_with_effects.toml that stands beside the diagnosis"),
+            ),
+            Self::NeedsOption { target, option, why } => {
+                Some(Message::from(format!("{target} needs ")).and(Remedy::ExportOption { name: option }).and(format!(": {why}")))
+            }
+            _ => None,
+        }
+    }
 }
