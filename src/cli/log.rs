@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use super::Out;
 use super::progress::Bar;
 use super::source::Clock;
+use super::words::option;
 use crate::log::open;
 use crate::report::log::text;
 
@@ -30,6 +31,7 @@ impl Log {
         let bar = Bar::new(to);
         let mut listing = open(&self.log, &self.clock.options(bar.far()))?.listing();
         drop(bar);
+        listing.notes = listing.notes.worded(option);
         if !self.topic.is_empty() {
             listing.topics.retain(|topic| self.topic.iter().any(|part| topic.name.contains(part.as_str())));
         }

@@ -6,6 +6,7 @@ use anyhow::bail;
 
 use super::Out;
 use super::progress::Bar;
+use super::words::option;
 use crate::log::{EventTimes, Log, ReadOptions, Recording, Stamps, TimeUnit, Wanted, csv, open, read_events, reader};
 use crate::model::{Derived, ModelDocument};
 use crate::progress::HowFar;
@@ -206,7 +207,7 @@ impl Reading {
         };
         drop(bar);
         for note in notes {
-            eprintln!("{}: {note}", log.display());
+            eprintln!("{}: {}", log.display(), note.worded(option));
         }
         let held: Vec<&str> = needed.inputs.iter().map(String::as_str).collect();
         logs.into_iter()

@@ -197,7 +197,7 @@ impl Said<'_> {
                     eprintln!("{}: more rows that are skipped are counted, not named", crate::text::shown(&self.log));
                 }
             }
-            News::Note(note) => eprintln!("{}", crate::text::message(&format!("{}: {note}", self.log))),
+            News::Note(note) => eprintln!("{}", crate::text::message(&format!("{}: {}", self.log, note.worded(option)))),
             News::Replaced => {
                 self.line(&Line::Replaced {})?;
                 eprintln!("{}: cut, or another file stands in its place: read from its beginning", crate::text::shown(&self.log));

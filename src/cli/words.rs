@@ -21,6 +21,7 @@ pub(super) fn option(remedy: &Remedy) -> String {
         Remedy::ResampleAt { seconds } => return format!("`--resample {seconds}`"),
         Remedy::TimeColumn => "`--time COLUMN`",
         Remedy::TimeUnit => "`--time-unit s|ms|us|ns|iso`",
+        Remedy::HeaderStamps => "--stamps header",
         Remedy::ClosedLoop => "--loop closed",
         Remedy::Delay => "--delay",
         Remedy::States => "--states \"NAME=CHANNEL,…\"",

@@ -116,14 +116,14 @@ pub enum LogError {
         what: String,
     },
     /// A file of topics without a single number.
-    #[error("{file}: {format}: no topic with numbers{}", why(notes))]
+    #[error("{}", self.remedied().unwrap_or_default())]
     NoTopics {
         /// The log.
         file: String,
         /// What the file is.
         format: &'static str,
         /// What was said while it was read.
-        notes: Vec<String>,
+        notes: crate::Notes,
     },
     /// A channel in another unit than the model's.
     #[error("{file}: `{channel}` is in {logged} here and in {modelled} in the model; convert one of them")]
@@ -483,6 +483,7 @@ impl Remedied for LogError {
             Self::TimeUnit { file, row, unit } => {
                 said(format!("{file}, row {row}: time is in `{unit}`; convert it to seconds, or say the unit with ")).and(Remedy::TimeUnit)
             }
+            Self::NoTopics { file, format, notes } => said(format!("{file}: {format}: no topic with numbers")).and(why(notes)),
             Self::TimeRunsBack { file, place, before_s, time_s } => {
                 let back = said(format!("{file}, {place}: channel `time` runs back from {before_s} s to {time_s} s; "));
                 match place {
@@ -545,8 +546,9 @@ impl Place {
 /// Names in a message beyond this many are counted, not listed.
 const LISTED: usize = 40;
 
-fn why(notes: &[String]) -> String {
-    if notes.is_empty() { String::new() } else { format!(" ({})", notes.join("; ")) }
+fn why(notes: &[Message]) -> Message {
+    let Some((first, others)) = notes.split_first() else { return Message::default() };
+    others.iter().fold(Message::from(" (").and(first.clone()), |all, note| all.and("; ").and(note.clone())).and(")")
 }
 
 fn suggestion(closest: Option<&str>) -> String {

@@ -8,6 +8,7 @@ use super::counted::Counted;
 use super::recording::{ReadOptions, Recording};
 use super::{LogError, mcap, rosbag2};
 use crate::error::Error;
+use deadtime_signal::remedy::Message;
 
 const NAME: &str = "a bag of ROS 2";
 /// What names the files.
@@ -40,7 +41,7 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
         }
         if parts.len() > 1 {
             let name = part.file_name().unwrap_or_default().to_string_lossy();
-            bag.notes.iter_mut().skip(before).for_each(|note| *note = format!("{name}: {note}"));
+            bag.notes.iter_mut().skip(before).for_each(|note| *note = Message::from(format!("{name}: ")).and(note.clone()));
         }
     }
     if parts.is_empty() {

@@ -24,6 +24,7 @@ mod listing;
 mod mat;
 mod mcap;
 mod mcos;
+mod notes;
 mod numbers;
 #[cfg(feature = "tables")]
 mod parquet;
@@ -52,6 +53,7 @@ pub use self::csv::{EventTimes, name_and_unit, read_events, read_records};
 pub use self::error::{Error, LogError};
 pub use self::frequency::{FrequencyError, FrequencyResponse, Quality};
 pub use self::listing::{ChannelListing, GapListing, Listing, TopicListing};
+pub use self::notes::Notes;
 pub use self::reader::{READERS, Reader, open, read, reader};
 pub use self::recording::{ReadOptions, Recording, Stamps, TimeUnit, Topic};
 pub use self::step::STEP;

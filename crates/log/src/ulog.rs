@@ -313,7 +313,7 @@ struct Ulog {
     dropouts: (usize, f64),
     short: usize,
     strange: usize,
-    notes: Vec<String>,
+    notes: crate::Notes,
     refused: Option<String>,
 }
 

@@ -219,7 +219,7 @@ fn linear(py: Python<'_>, model: &Model) -> PyResult<ModelFile> {
 }
 
 fn told<'py>(py: Python<'py>, report: &Report) -> PyResult<Told<'py>> {
-    let report = &report.clone().worded(call);
+    let report = report.clone().worded(call);
     let file = serde_json::to_string_pretty(&report).map_err(|e| PyValueError::new_err(e.to_string()))?;
     let row = |e: &Estimate| json!({ "class_": e.class, "counts": e.counts(), "distrust": e.distrust, "contradicted": e.contradicted });
     let pair = |p: &Pair| {

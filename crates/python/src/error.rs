@@ -86,7 +86,7 @@ fn os_message(source: &std::io::Error) -> String {
 pub(super) fn call(remedy: &Remedy) -> String {
     let call = match remedy {
         Remedy::MaxDelay => "max_delay=",
-        Remedy::StepTime => "step_time=",
+        Remedy::StepTime => "time=",
         Remedy::Model => "model=",
         Remedy::Rename => "`log.rename({name: column})`",
         Remedy::ColumnOf { channel } => return format!("`log.rename({{\"{channel}\": column}})`"),
@@ -99,6 +99,7 @@ pub(super) fn call(remedy: &Remedy) -> String {
         Remedy::ResampleAt { seconds } => return format!("`log.resample({seconds})`"),
         Remedy::TimeColumn => "time=",
         Remedy::TimeUnit => "time_unit=",
+        Remedy::HeaderStamps => "stamps=\"header\"",
         Remedy::ClosedLoop => "loop=\"closed\"",
         Remedy::Delay => "delay=",
         Remedy::States => "states={name: (channel, std)}",

@@ -40,6 +40,8 @@ pub enum Remedy {
     TimeColumn,
     /// The unit of time.
     TimeUnit,
+    /// The senders' stamps in place of the recorder's.
+    HeaderStamps,
     /// The declaration that the log is of a closed loop.
     ClosedLoop,
     /// The dead times that an identification is given.
@@ -83,6 +85,7 @@ impl fmt::Display for Remedy {
             Self::ResampleAt { seconds } => return write!(f, "`resample({seconds})`"),
             Self::TimeColumn => "`time`",
             Self::TimeUnit => "`time_unit`",
+            Self::HeaderStamps => "`stamps` of the header",
             Self::ClosedLoop => "the log is declared to be of a closed loop",
             Self::Delay => "`delay`",
             Self::States => "`states`",
@@ -110,7 +113,11 @@ pub type Words = fn(&Remedy) -> String;
 /// assert_eq!(message.worded(|_| "--max-delay".into()), "no delay within the window: give a longer --max-delay, or exchange them");
 /// ```
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Message {
+pub struct Message(Box<Parts>);
+
+/// A message's parts; on the heap, so that results with a message in their errors stay small.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct Parts {
     text: String,
     /// Where in the text each remedy begins, in order.
     remedies: Vec<(usize, Remedy)>,
@@ -121,22 +128,22 @@ impl Message {
     #[must_use]
     pub fn and(mut self, more: impl Into<Self>) -> Self {
         let more = more.into();
-        let from = self.text.len();
-        self.text += &more.text;
-        self.remedies.extend(more.remedies.into_iter().map(|(at, remedy)| (from + at, remedy)));
+        let from = self.0.text.len();
+        self.0.text += &more.0.text;
+        self.0.remedies.extend(more.0.remedies.into_iter().map(|(at, remedy)| (from + at, remedy)));
         self
     }
 
     /// The text in the words of a face.
     #[must_use]
     pub fn worded(&self, words: Words) -> String {
-        let (mut text, mut done) = (String::with_capacity(self.text.len()), 0);
-        for (at, remedy) in &self.remedies {
-            text += self.text.get(done..*at).unwrap_or_default();
+        let (mut text, mut done) = (String::with_capacity(self.0.text.len()), 0);
+        for (at, remedy) in &self.0.remedies {
+            text += self.0.text.get(done..*at).unwrap_or_default();
             text += &words(remedy);
             done = at + remedy.to_string().len();
         }
-        text + self.text.get(done..).unwrap_or_default()
+        text + self.0.text.get(done..).unwrap_or_default()
     }
 }
 
@@ -148,13 +155,19 @@ impl From<&str> for Message {
 
 impl From<String> for Message {
     fn from(text: String) -> Self {
-        Self { text, remedies: Vec::new() }
+        Self(Box::new(Parts { text, remedies: Vec::new() }))
     }
 }
 
 impl From<Remedy> for Message {
     fn from(remedy: Remedy) -> Self {
-        Self { text: remedy.to_string(), remedies: vec![(0, remedy)] }
+        Self(Box::new(Parts { text: remedy.to_string(), remedies: vec![(0, remedy)] }))
+    }
+}
+
+impl std::borrow::Borrow<str> for Message {
+    fn borrow(&self) -> &str {
+        &self.0.text
     }
 }
 
@@ -162,19 +175,19 @@ impl Deref for Message {
     type Target = str;
 
     fn deref(&self) -> &str {
-        &self.text
+        &self.0.text
     }
 }
 
 impl fmt::Display for Message {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.text)
+        f.write_str(&self.0.text)
     }
 }
 
 impl serde::Serialize for Message {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(&self.text)
+        serializer.serialize_str(&self.0.text)
     }
 }
 

@@ -13,6 +13,7 @@ use super::utf16::byte_order;
 use super::{GZIP_MAGIC, Header};
 use crate::error::Error;
 use crate::{LogError, Place, ReadOptions, time_follows};
+use deadtime_signal::remedy::Message;
 
 /// Bytes that are read at once.
 const CHUNK: u64 = 1 << 20;
@@ -42,7 +43,7 @@ pub enum News {
     /// A row that is no sample, and why.
     Bad(LogError),
     /// What was guessed, a sentence.
-    Note(String),
+    Note(Message),
     /// The file was cut, or another one stands in its place: it is read from its beginning.
     Replaced,
     /// Time runs back for good: the recorder began again.
@@ -243,7 +244,7 @@ impl Follower {
             }
         }
         self.lines += whole.iter().filter(|byte| **byte == b'\n').count();
-        news.extend(header.notes.drain(..).map(News::Note));
+        news.extend(std::mem::take(&mut header.notes).into_iter().map(News::Note));
         self.header = Some((header, places));
         Ok(())
     }
@@ -326,7 +327,7 @@ impl Follower {
         }
         let raw: Vec<f64> = self.time.waiting.iter().map(|row| row.time_s).collect();
         let scale = header.settle(&self.time.stamps, &raw).per_second();
-        news.extend(header.notes.drain(..).map(News::Note));
+        news.extend(std::mem::take(&mut header.notes).into_iter().map(News::Note));
         self.time.per_second = Some(scale);
         let rows = std::mem::take(&mut self.time.waiting);
         news.extend(rows.into_iter().map(|row| News::Row(Row { time_s: row.time_s / scale, ..row })));
