@@ -190,7 +190,7 @@ mod tests {
     }
 
     fn read(variables: Vec<(String, Array)>, options: &ReadOptions) -> Recording {
-        assemble("a.mat", "mat", "MAT 5", variables, Vec::new(), options).unwrap()
+        assemble("a.mat", "mat", "MAT 5", variables, crate::Notes::default(), options).unwrap()
     }
 
     #[test]

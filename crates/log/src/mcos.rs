@@ -428,7 +428,7 @@ mod tests {
         vec![numbers(&metadata), Array::Other, value, Array::Other, numbers(&[0.0]), Array::List(Vec::new())]
     }
 
-    fn resolved(cells: Option<Vec<Array>>) -> (Array, Vec<String>) {
+    fn resolved(cells: Option<Vec<Array>>) -> (Array, crate::Notes) {
         let Array::Numbers { values, .. } = reference(1.0) else { unreachable!() };
         let (mut variables, mut notes) = (vec![("x".to_owned(), Array::Object(values))], crate::Notes::default());
         resolve(&mut variables, cells, &mut notes);
