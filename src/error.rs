@@ -18,6 +18,7 @@ use deadtime_signal::SignalError;
 use deadtime_signal::file::FileError;
 use deadtime_signal::flatten;
 use deadtime_signal::registry::RegistryError;
+use deadtime_signal::remedied;
 use deadtime_signal::stop::Stopped;
 use deadtime_signal::time::TimeError;
 use deadtime_study::StudyError;
@@ -85,6 +86,7 @@ pub enum Error {
     Stopped(#[from] Stopped),
 }
 
+remedied!(Error { Log, Identify, Gap, Delay, Export, Blind, Study });
 flatten!(deadtime_log::Error => Error { Log, File, Time });
 flatten!(deadtime_model::Error => Error { Model, Derived, Simulate, Effect, Signal, Log, File, Time });
 flatten!(deadtime_identify::Error => Error { Identify, Structured, Matching, Model, Derived, Simulate, Effect, Signal, Log, File, Time, Registry, Stopped });

@@ -14,7 +14,7 @@ pub use deadtime_log as log;
 pub use deadtime_model as model;
 pub use deadtime_model::{effect, simulate};
 pub use deadtime_signal as signal;
-pub use deadtime_signal::{file, fit, progress, registry, stop, text, threads, time};
+pub use deadtime_signal::{file, fit, progress, registry, remedy, stop, text, threads, time};
 pub use deadtime_study as study;
 pub use deadtime_study::{blind, compare};
 

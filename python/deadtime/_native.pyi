@@ -9,7 +9,7 @@ import pandas
 import polars
 from numpy.typing import ArrayLike
 
-from .models import Array, ComplexArray, TimeResponse
+from .arrays import Array, ComplexArray, TimeResponse
 
 __version__: str
 ERROR_CLASSES: list[str]

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 import numpy
 from numpy.typing import ArrayLike, NDArray
 
-from . import _native
+from . import _native, plotting
 from ._native import Log
 from .arguments import perhaps
+from .errors import RegistryError
 from .logs import LogLike, as_logs
 from .models import ModelLike, as_model
 from .results import FileResult
@@ -307,8 +308,6 @@ class Estimates(FileResult):
         return frame.astype(dict.fromkeys([n for n in numbers if n in frame.columns], "float64"))
 
     def _repr_html_(self) -> str:
-        from . import plotting
-
         answers = [f"{p.input} → {'the states' if p.output == '*' else p.output}: {_believed(p)}" for p in self.pairs]
         # A figure for each of many pairs would be a page of its own.
         picture = plotting.image(self.plot, "; ".join(answers)) if len(self.pairs) <= _PICTURES else ""
@@ -362,10 +361,14 @@ class Estimates(FileResult):
         ImportError
             matplotlib is not there: `pip install deadtime[plot]`.
         """
-        from . import plotting
+        return plotting.estimates([_drawn(pair, self._response(pair)) for pair in self.pairs], self.sample_time_s)
 
-        return plotting.estimates(self)
 
+
+def _drawn(pair: Pair, response: _Response | None) -> plotting.PairAnswers:
+    """What a figure shows of a pair."""
+    answers = [plotting.Answer(e.method, e.outcome, e.delay_s, e.ci95_s, e.raw_delay_s, e.counts) for e in pair.estimates]
+    return plotting.PairAnswers(pair.input, pair.output, answers, pair.verdict.delay_s, pair.verdict.ci95_s, response)
 
 
 #: As many pairs as one picture holds.
@@ -917,8 +920,6 @@ def methods() -> Methods:
 def _known(name: str) -> Method:
     there = methods()
     if name not in there:
-        from .errors import RegistryError
-
         raise RegistryError(f"there is no method `{name}`; there are: {', '.join(there)}")
     return there[name]
 

@@ -431,7 +431,7 @@ class Isolability(FileResult):
         ImportError
             matplotlib is not there, and how to get it.
         """
-        return plotting.isolability(self)
+        return plotting.isolability(self.effects, self.cosines)
 
     def _repr_html_(self) -> str:
         return plotting.folded(plotting.image(self.plot, "which effects these logs can tell apart"), f"<pre>{escape(repr(self))}</pre>")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 import numpy
 from numpy.typing import ArrayLike, NDArray
 
-from . import _native
+from . import _native, plotting
 from ._native import Log
 from .errors import LogError
 
@@ -381,7 +381,6 @@ def _html(log: Log) -> str:
         numbers = [f"{f(there):.6g}" if len(there) else "–" for f in (numpy.min, numpy.mean, numpy.max)]
         cells = [escape(name), escape(log.units.get(name, "")), *numbers, str(len(values) - len(there))]
         rows.append("<tr>" + "".join(f"<td>{c}</td>" for c in cells) + "</tr>")
-    from . import plotting
-
-    picture = plotting.image(lambda: plotting.log(log), f"the course of {', '.join(log.channels)}")
+    channels = {name: log[name] for name in log.channels}
+    picture = plotting.image(lambda: plotting.log(log.time, channels, log.units), f"the course of {', '.join(log.channels)}")
     return f"<p>{text}</p>" + plotting.folded(picture, f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>")

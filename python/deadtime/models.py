@@ -18,14 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native, errors
 from ._native import Log, Model, StateSpace, TransferFunction
+from .arrays import Array, ComplexArray, TimeResponse
 from .logs import LogLike, as_log
 
 if TYPE_CHECKING:
     import control
     import scipy.signal
 
-Array: TypeAlias = "NDArray[numpy.float64]"
-ComplexArray: TypeAlias = "NDArray[numpy.complex128]"
 #: What passes for a model: a `Model`, the path of a model file, a dict with its keys, or a linear system.
 ModelLike: TypeAlias = "Model | str | os.PathLike[str] | Mapping[str, Any] | SystemLike"
 #: What passes for a linear system: ours, those of python-control and scipy, and tuples as scipy has them.
@@ -511,15 +510,6 @@ def lsim(
     if stamps is None:
         stamps = _grid(len(signal), sample_time or ours.sample_time or 1.0)
     return Response(stamps, signal, y[:, 0] if ours.outputs == 1 else y, x)
-
-
-class TimeResponse(NamedTuple):
-    """A response from rest, one for every pair of output and input."""
-
-    #: s, shape (N,).
-    time: Array
-    #: Shape (N, p, m): output i under input j alone; (N,) where there is one of each.
-    y: Array
 
 
 def step_response(system: SystemLike, duration: float | None = None, sample_time: float | None = None) -> TimeResponse:

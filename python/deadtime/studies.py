@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 
 import numpy as np
 
-from . import _native
+from . import _native, plotting
 from ._native import Plan
 from .arguments import perhaps
 from .results import FileResult
@@ -339,9 +339,7 @@ class Study(FileResult):
         ImportError
             matplotlib is not installed: `pip install deadtime[plot]`.
         """
-        from . import plotting
-
-        return plotting.study(self)
+        return plotting.study(self.name, self.seed, self.cells)
 
     def __str__(self) -> str:
         return self._native.text(self._plan).rstrip()
@@ -350,8 +348,6 @@ class Study(FileResult):
         return self._native.headline().rstrip()
 
     def _repr_html_(self) -> str:
-        from . import plotting
-
         picture = plotting.image(self.plot, f"RMS error by method and coverage of the intervals in {self.name}")
         return f"<p>{_escaped(self.name)}: {_escaped(self.about)}</p>{plotting.folded(picture, self._native.html())}"
 

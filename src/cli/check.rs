@@ -1,5 +1,6 @@
 //! `deadtime check`: whether a model and logs fit, before anyone diagnoses.
 
+use super::words::option;
 use std::path::PathBuf;
 
 use super::progress::Bar;
@@ -46,6 +47,7 @@ impl Check {
         let bar = Bar::new(to);
         let mut found = inspect(&subject, &logs, &Stop::default(), bar.far())?;
         found.clocks = seen;
+        found.not_run = found.not_run.map(|why| why.worded(option).into());
         drop(bar);
         to.json(&found)?;
         if let Some(path) = &self.html {

@@ -1,11 +1,11 @@
 //! `deadtime demo`: the main job on a simulated flight that ships with the program.
 
+use super::words::option;
 use std::path::PathBuf;
 
 use super::estimate::draw;
 use super::show::Out;
 use super::show::write_json;
-use super::words::in_options;
 use crate::report::diagnosis::{ranking, summary};
 use crate::report::folder::{save, save_study};
 use crate::report::study::cells;
@@ -73,7 +73,7 @@ impl Demo {
         );
         let logs = vec![log::csv::read_from("uav_flight.csv", FLIGHT.as_bytes())?];
         let job = Job { model: Some(model.clone()), ..Job::new(logs, ["r"], ["p", "ay"]) };
-        let report = in_options(job.run()?);
+        let report = job.run()?.worded(option);
         to.styled(&short(&report))?;
         write_json(&self.out.join("estimate.json"), &report)?;
         draw(&job, &report, &self.out.join("estimate.svg"))?;

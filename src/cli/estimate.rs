@@ -1,5 +1,6 @@
 //! `deadtime estimate`: the dead time in a measured log, by every method.
 
+use super::words::option;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -9,7 +10,6 @@ use serde_json::Value;
 use super::progress::Bar;
 use super::show::Out;
 use super::source::{Needed, Reading};
-use super::words::in_options;
 use crate::report::estimate::full;
 use crate::report::page;
 use crate::report::picture::{Shown, svg};
@@ -110,7 +110,7 @@ impl Estimate {
                 let mut job = if self.step_table.is_some() { self.job_of_step(to)? } else { self.job(to)? };
                 let bar = Bar::new(to);
                 job.far = bar.far().clone();
-                (in_options(job.run()?), Some(job))
+                (job.run()?.worded(option), Some(job))
             }
         };
         // The files first: whoever closes the pipe still gets them.
@@ -144,7 +144,7 @@ impl Estimate {
             max_delay_s: self.max_delay,
             ..ResponseJob::new(response)
         };
-        Ok(in_options(job.run()?))
+        Ok(job.run()?.worded(option))
     }
 
     fn job(&self, to: &Out<'_>) -> anyhow::Result<Job> {
@@ -195,7 +195,7 @@ impl Estimate {
         };
         let events = self.reading.events(self.log()?, [a, b])?;
         let job = EventsJob { methods, max_delay_s: self.max_delay, ..EventsJob::new(self.log()?.display().to_string(), [a, b], events) };
-        Ok(in_options(job.run()?))
+        Ok(job.run()?.worded(option))
     }
 }
 

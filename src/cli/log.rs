@@ -1,5 +1,6 @@
 //! `deadtime log`: what a log file holds.
 
+use super::words::option;
 use std::path::PathBuf;
 
 use super::progress::Bar;
@@ -30,6 +31,7 @@ impl Log {
         let bar = Bar::new(to);
         let mut listing = open(&self.log, &self.clock.options(bar.far()))?.listing();
         drop(bar);
+        listing.notes = listing.notes.worded(option);
         if !self.topic.is_empty() {
             listing.topics.retain(|topic| self.topic.iter().any(|part| topic.name.contains(part.as_str())));
         }

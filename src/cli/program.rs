@@ -144,7 +144,7 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> u8 {
         // Whoever read our output has seen enough.
         Err(e) if e.chain().any(closed) => 0,
         Err(e) => {
-            eprintln!("deadtime: {}", message(&words::with_options(&said(&e))));
+            eprintln!("deadtime: {}", message(&said(&e)));
             if e.is::<LimitNotMet>() { 1 } else { 2 }
         }
     }
@@ -153,7 +153,7 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> u8 {
 /// The error and its causes, each said once: some messages already end with their cause.
 pub(super) fn said(error: &anyhow::Error) -> String {
     let mut text = String::new();
-    for cause in error.chain().map(ToString::to_string).filter(|c| !c.is_empty()) {
+    for cause in error.chain().map(words::worded).filter(|c| !c.is_empty()) {
         if text.is_empty() {
             text = cause;
         } else if !text.ends_with(&cause) {

@@ -1,5 +1,6 @@
 //! The options that say which log to read and which part of it.
 
+use super::words::option;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
@@ -206,7 +207,7 @@ impl Reading {
         };
         drop(bar);
         for note in notes {
-            eprintln!("{}: {note}", log.display());
+            eprintln!("{}: {}", log.display(), note.worded(option));
         }
         let held: Vec<&str> = needed.inputs.iter().map(String::as_str).collect();
         logs.into_iter()

@@ -1,5 +1,6 @@
 //! `deadtime watch`: the dead time of a machine whose log still grows, and its gap to a model.
 
+use super::words::{option, worded};
 use std::fs::File;
 use std::io::{Write, stdout};
 use std::path::{Path, PathBuf};
@@ -10,7 +11,6 @@ use serde::Serialize;
 
 use super::show::Out;
 use super::source::Clock;
-use super::words::with_options;
 use deadtime_delay::track::{Live, LiveOptions, Told, TrackerOptions};
 use deadtime_gap::{ActingEffect, FoundParameter, GapOptions, GapTold, GapWatch};
 use deadtime_log::{Follower, News, Row, reader};
@@ -188,7 +188,7 @@ impl Said<'_> {
             }
             News::Bad(error) => {
                 self.skipped += 1;
-                let why = with_options(&error.to_string());
+                let why = worded(&error);
                 self.line(&Line::RowSkipped { why: &why })?;
                 if self.skipped <= NAMED {
                     eprintln!("{}; skipped", deadtime_signal::text::message(&why));
@@ -197,7 +197,7 @@ impl Said<'_> {
                     eprintln!("{}: more rows that are skipped are counted, not named", deadtime_signal::text::shown(&self.log));
                 }
             }
-            News::Note(note) => eprintln!("{}", deadtime_signal::text::message(&format!("{}: {note}", self.log))),
+            News::Note(note) => eprintln!("{}", deadtime_signal::text::message(&format!("{}: {}", self.log, note.worded(option)))),
             News::Replaced => {
                 self.line(&Line::Replaced {})?;
                 eprintln!("{}: cut, or another file stands in its place: read from its beginning", deadtime_signal::text::shown(&self.log));
@@ -214,7 +214,10 @@ impl Said<'_> {
 
     /// Every stretch as JSON, on the terminal what changed.
     fn gap(&mut self, told: Option<GapTold>) -> anyhow::Result<()> {
-        let Some(told) = told else { return Ok(()) };
+        let Some(mut told) = told else { return Ok(()) };
+        if let GapTold::GapNotTold { why, .. } = &mut told {
+            *why = why.worded(option).into();
+        }
         self.line(&told)?;
         gap_said(&told).map_or(Ok(()), |text| self.to.line(&text))
     }

@@ -1,68 +1,83 @@
-//! What the library names, as options of the command line.
+//! What the library's messages name, as options of the command line.
 
-use deadtime_delay::report::Report;
+use std::error::Error;
 
-/// Words of the library's messages, and the option that a reader of the command line has for each.
-const OPTIONS: [(&str, &str); 21] = [
-    ("the new names make two columns called", "`--map` makes two columns called"),
-    ("`max_delay`", "--max-delay"),
-    ("`step_time`", "--step-time"),
-    ("give a `model` and", "give --model and"),
-    ("(`rename`)", "(--map)"),
-    ("give two sequences of them", "give --events A,B"),
-    ("give `model`, such as", "give --model, such as"),
-    ("needs the option physics_dt", "needs --set physics_dt=SECONDS"),
-    ("give the option inertia={", "give --set inertia={"),
-    ("give an input and an output", "give --input and --output"),
-    ("to `read_records`", "with `--records COLUMN`"),
-    ("take another `window` of the log", "cut the log with `--from S --to S`"),
-    ("a wider `window`", "a wider `--from S --to S`"),
-    ("choose a `window`", "choose `--from S --to S`"),
-    ("`resample(sample_time)`", "`--resample TS`"),
-    ("give `resample` a larger", "give `--resample TS` a larger"),
-    ("`rename` each column once", "give each column one `--map model_name=column`"),
-    ("`resume`", "`--resume`"),
-    ("`update`", "`--update`"),
-    ("the folder of the `cases`", "the folder of the cases by --cases"),
-    ("the log is said to be of a closed loop", "--loop closed"),
-];
+use crate::remedy::{Message, Remedied, Remedy};
 
-/// A message with the options that it is about.
-pub(super) fn with_options(message: &str) -> String {
-    let mut text = OPTIONS.iter().fold(message.to_owned(), |text, (words, option)| text.replace(words, option));
-    // `resample(0.1)`, of a sample time that is suggested.
-    while let Some((before, after)) = text.split_once("`resample(")
-        && let Some((seconds, rest)) = after.split_once(")`")
-    {
-        text = format!("{before}`--resample {seconds}`{rest}");
-    }
-    text
+/// The option of a remedy, as it is typed.
+pub(super) fn option(remedy: &Remedy) -> String {
+    let option = match remedy {
+        Remedy::MaxDelay => "--max-delay",
+        Remedy::StepTime => "--step-time",
+        Remedy::Model => "--model",
+        Remedy::Rename => "`--map NAME=COLUMN`",
+        Remedy::ColumnOf { channel } => return format!("`--map {channel}=COLUMN`"),
+        Remedy::NewNames => "`--map` makes",
+        Remedy::Events => "--events A,B",
+        Remedy::Channels => "--input and --output",
+        Remedy::Records => "with `--records COLUMN`",
+        Remedy::Window => "`--from S --to S`",
+        Remedy::Resample => "`--resample TS`",
+        Remedy::ResampleAt { seconds } => return format!("`--resample {seconds}`"),
+        Remedy::TimeColumn => "`--time COLUMN`",
+        Remedy::TimeUnit => "`--time-unit s|ms|us|ns|iso`",
+        Remedy::HeaderStamps => "--stamps header",
+        Remedy::ClosedLoop => "--loop closed",
+        Remedy::Delay => "--delay",
+        Remedy::States => "--states \"NAME=CHANNEL,…\"",
+        Remedy::RestartEvery => "--restart-every",
+        Remedy::LookAt => "--look-at",
+        Remedy::ExportOption { name } => return format!("--set {name}=VALUE"),
+        Remedy::Resume => "`--resume`",
+        Remedy::Update => "`--update`",
+        Remedy::Cases => "--cases",
+        Remedy::MaxMemory => "--max-memory-gb",
+        Remedy::MaxDisk => "--max-disk-gb",
+    };
+    option.to_owned()
 }
 
-/// A report whose notes name options.
-pub(super) fn in_options(mut report: Report) -> Report {
-    for pair in &mut report.pairs {
-        pair.findings.iter_mut().for_each(|f| f.evidence = with_options(&f.evidence));
-        pair.estimates.iter_mut().for_each(|e| e.note = e.note.as_deref().map(with_options));
+/// The message of an error with the options that it is about.
+pub(super) fn worded(error: &(dyn Error + 'static)) -> String {
+    macro_rules! first_of {
+        ($($kind:ty),+ $(,)?) => {
+            None$(.or_else(|| error.downcast_ref::<$kind>().map(Remedied::message)))+
+        };
     }
-    report
+    let message: Option<Message> = first_of!(
+        crate::Error,
+        deadtime_log::Error,
+        deadtime_model::Error,
+        deadtime_identify::Error,
+        deadtime_delay::Error,
+        deadtime_gap::Error,
+        deadtime_study::Error,
+        crate::log::LogError,
+        crate::identify::IdentifyError,
+        crate::delay::DelayError,
+        crate::diagnose::GapError,
+        crate::export::ExportError,
+        crate::study::StudyError,
+        crate::blind::BlindError,
+    );
+    message.map_or_else(|| error.to_string(), |message| message.worded(option))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::with_options;
-    use deadtime_delay::DelayError;
-    use deadtime_log::{LogError, Place};
+    use super::{option, worded};
+    use crate::delay::DelayError;
+    use crate::log::{LogError, Place};
+    use crate::remedy::{Message, Remedy};
 
     #[test]
     fn a_remedy_names_the_option_that_is_typed() {
         let window = DelayError::MaxDelay { seconds: 9.0, step_s: 0.1, samples: 50 };
-        assert!(with_options(&window.to_string()).starts_with("--max-delay 9 s: give"), "{window}");
+        assert!(worded(&window).starts_with("--max-delay 9 s: give"), "{window}");
         let uneven =
             LogError::UnevenTime { file: "a.csv".into(), place: Place::Row(7), time_s: 0.5, deviation_samples: 0.3, suggested_s: 0.125 };
-        let said = with_options(&uneven.to_string());
-        assert!(said.ends_with("with `--resample TS`, for instance `--resample 0.125`"), "{said}");
-        let closed = with_options("the log is said to be of a closed loop");
-        assert_eq!(closed, "--loop closed");
+        let text = worded(&crate::Error::from(uneven));
+        assert!(text.ends_with("with `--resample TS`, for instance `--resample 0.125`"), "{text}");
+        assert_eq!(Message::from(Remedy::ClosedLoop).worded(option), "--loop closed");
     }
 }

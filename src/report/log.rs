@@ -13,7 +13,7 @@ pub fn text(listing: &Listing) -> String {
     let topics = listing.topics.iter().filter(|t| !t.name.is_empty()).count();
     let held = if topics > 0 { format!("{topics} topics, {channels} channels") } else { format!("{channels} channels") };
     let mut text = format!("{}: {}, {held}\n", listing.file, listing.reader);
-    for note in &listing.notes {
+    for note in listing.notes.iter() {
         text += &format!("note: {note}\n");
     }
     for topic in &listing.topics {

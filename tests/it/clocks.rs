@@ -55,7 +55,7 @@ fn topic(name: &str, rng: &mut ChaCha8Rng, step_s: f64, late_s: f64, noise: f64,
 
 fn found(topics: Vec<Topic>) -> ClockOffset {
     let wanted: Vec<Wanted> = topics.iter().map(|t| Wanted { name: format!("{}.x", t.name), held: false, required: false }).collect();
-    let recording = Recording { source: "flight".into(), format: "test", topics, notes: Vec::new() };
+    let recording = Recording { source: "flight".into(), format: "test", topics, notes: deadtime::log::Notes::default() };
     let mut found = clocks(&recording, &wanted);
     assert_eq!((found.topics.len(), found.offsets.len()), (2, 1));
     found.offsets.remove(0)
@@ -112,7 +112,12 @@ fn what_cannot_be_told_is_said_with_the_reason() {
 fn the_steps_of_every_topic_are_reported_by_their_quantiles() {
     let time_s = vec![0.0, 0.1, 0.2, 0.31, 0.4, 0.5, 0.6, 0.7, 0.8, 1.8];
     let log = Log::new("a", time_s, vec![Channel::new("x", None, vec![0.0; 10])]).unwrap();
-    let recording = Recording { source: "a".into(), format: "csv", topics: vec![Topic { name: String::new(), log }], notes: Vec::new() };
+    let recording = Recording {
+        source: "a".into(),
+        format: "csv",
+        topics: vec![Topic { name: String::new(), log }],
+        notes: deadtime::log::Notes::default(),
+    };
     let found = clocks(
         &recording,
         &[Wanted { name: "x".into(), held: true, required: true }, Wanted { name: "y".into(), held: false, required: false }],

@@ -78,6 +78,32 @@ def test_remedies_are_those_of_python(tmp_path: Path) -> None:
         deadtime.read(folded)
 
 
+#: A call that is refused, and the arguments or calls that its message names.
+REMEDIES: list[tuple[Callable[[], object], str]] = [
+    (lambda: _log().rename({"a": "u", "b": "u"}), "`log.rename({name: column})`"),
+    (lambda: _log().window(100.0, 200.0), "choose `log.window(start, stop)` within 0 s"),
+    (lambda: _log().resample(1e-12), "give `log.resample(sample_time)` a larger"),
+    (lambda: deadtime.estimate_events(_TIME, _TIME + 0.05, method="oestruc"), "give input= and output="),
+    (lambda: deadtime.step_log({"time": _TIME, "level": _TIME}, time=0.05), "the time of a row as time="),
+]
+
+
+@pytest.mark.parametrize(("call", "remedy"), REMEDIES)
+def test_a_message_names_what_python_has(call: Callable[[], object], remedy: str) -> None:
+    with pytest.raises(errors.DeadtimeError) as raised:
+        call()
+    assert remedy in str(raised.value)
+    assert "--" not in str(raised.value)
+
+
+def test_a_guessed_unit_of_time_is_a_warning_that_names_the_arguments(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("stamp_ms,u\n0,1\n100,2\n200,3\n", encoding="utf-8")
+    with pytest.warns(UserWarning, match="time= and time_unit= say it otherwise") as warned:
+        deadtime.read(path)
+    assert not [w for w in warned if "--" in str(w.message)]
+
+
 def test_notes_of_answers_name_arguments_too() -> None:
     short = deadtime.Log(_TIME[:30], {"u": _WAVE[:30], "y": numpy.roll(_WAVE, 3)[:30]})
     notes = [answer.note for answer in deadtime.estimate(short, "u", "y").pair.estimates if answer.note]

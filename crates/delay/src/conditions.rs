@@ -6,6 +6,7 @@ use super::feedback::{in_loop, lags, residual};
 use super::method::Condition;
 use crate::parametric::arxstruc::Arxstruc;
 use deadtime_identify::{Record, Regression, arx_scan, largest_pole};
+use deadtime_signal::remedy::Message;
 
 /// A complication that a record shows, and what shows it.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,7 +14,7 @@ pub struct Finding {
     /// The complication.
     pub condition: Condition,
     /// The evidence, in words that follow the condition's own.
-    pub evidence: String,
+    pub evidence: Message,
 }
 
 /// Coefficients after which a response that lasts is cut off.
@@ -45,7 +46,7 @@ pub(super) fn of_the_plant(records: &[Record], max_delay: usize) -> Vec<Finding>
     let mut found = Vec::new();
     let missing: usize = records.iter().filter_map(|r| r.present.as_ref()).map(|p| p.iter().filter(|p| !**p).count()).sum();
     if missing > 0 {
-        found.push(Finding { condition: Condition::MissingOutputs, evidence: format!("{missing} output samples are missing") });
+        found.push(Finding { condition: Condition::MissingOutputs, evidence: format!("{missing} output samples are missing").into() });
     }
     let Arxstruc { na, nb, .. } = Arxstruc::default();
     let scan = arx_scan(records, na, nb, max_delay);
@@ -56,11 +57,11 @@ pub(super) fn of_the_plant(records: &[Record], max_delay: usize) -> Vec<Finding>
     let a: Vec<f64> = coefficients[..na].iter().map(|c| -c).collect();
     let pole = largest_pole(&a);
     if pole > 1.0 + 3.0 / rows {
-        found.push(Finding { condition: Condition::UnstablePlant, evidence: format!("a pole at |z| = {pole:.4}") });
+        found.push(Finding { condition: Condition::UnstablePlant, evidence: format!("a pole at |z| = {pole:.4}").into() });
     }
     let lag = lag(&a, &coefficients[na..]);
     if lag > LAG {
-        found.push(Finding { condition: Condition::Dynamics, evidence: format!("the response lasts {lag:.1} samples on average") });
+        found.push(Finding { condition: Condition::Dynamics, evidence: format!("the response lasts {lag:.1} samples on average").into() });
     }
     found.extend(colour(records, na, max_delay));
     found
@@ -115,7 +116,7 @@ pub fn moving_together(experiment: &Experiment<'_>, max_delay: usize) -> Option<
     };
     let others = (1..experiment.inputs().len()).map(|other| (other, correlation(other)));
     let (other, most) = others.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, most)| *most > TOGETHER)?;
-    let evidence = format!("`{}` is correlated with it by {most:.2}", experiment.inputs()[other]);
+    let evidence = format!("`{}` is correlated with it by {most:.2}", experiment.inputs()[other]).into();
     Some(Finding { condition: Condition::OtherInputs, evidence })
 }
 
@@ -145,6 +146,6 @@ fn colour(records: &[Record], na: usize, max_delay: usize) -> Option<Finding> {
     let ratio = free / (rows - lags) as f64 / (white / (fewer - lags - na) as f64).max(f64::MIN_POSITIVE);
     (ratio > COLOURED && ratio.is_finite()).then(|| Finding {
         condition: Condition::ColouredNoise,
-        evidence: format!("past outputs lower the error of {lags} free coefficients {ratio:.1} times"),
+        evidence: format!("past outputs lower the error of {lags} free coefficients {ratio:.1} times").into(),
     })
 }

@@ -12,6 +12,8 @@ use deadtime_signal::SignalError;
 use deadtime_signal::file::FileError;
 use deadtime_signal::flatten;
 use deadtime_signal::registry::RegistryError;
+use deadtime_signal::remedied;
+use deadtime_signal::remedy::{Message, Remedied, Remedy};
 use deadtime_signal::stop::Stopped;
 use deadtime_signal::time::TimeError;
 
@@ -83,7 +85,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[non_exhaustive]
 pub enum DelayError {
     /// Fewer samples than the regression needs.
-    #[error("{method} needs at least {needed} samples for these orders and this search window, the longest record has {got}; {remedy}")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     TooShort {
         /// The method.
         method: &'static str,
@@ -92,7 +94,7 @@ pub enum DelayError {
         /// Samples of the longest record.
         got: usize,
         /// Which options would make it fit.
-        remedy: &'static str,
+        remedy: LengthRemedy,
     },
     /// A channel that never changes.
     #[error("{role} `{channel}` never changes (it is {value} throughout); a dead time shows only where it moves")]
@@ -145,9 +147,7 @@ pub enum DelayError {
         method: &'static str,
     },
     /// A method that needs a model and measured states got none.
-    #[error(
-        "{method} needs a model and a measured channel for each of its states; give a `model` and name the columns as the states are named (`rename`)"
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     NoStates {
         /// The method.
         method: &'static str,
@@ -181,7 +181,7 @@ pub enum DelayError {
         channel: String,
     },
     /// What is wrong with a log's channels.
-    #[error("{log}: {error}")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     In {
         /// The log.
         log: String,
@@ -189,7 +189,7 @@ pub enum DelayError {
         error: Box<DelayError>,
     },
     /// A search window of nothing, or of more than there is.
-    #[error("`max_delay` {seconds} s: give at least one sample ({step_s} s) and less than the log is long ({samples} samples)")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     MaxDelay {
         /// The window asked for, s.
         seconds: f64,
@@ -207,9 +207,7 @@ pub enum DelayError {
         inputs: Vec<String>,
     },
     /// A search window of a frequency response that is none, or longer than its frequencies tell delays apart.
-    #[error(
-        "`max_delay` {seconds} s: give more than 0 and at most {unambiguous_s:.4} s, as delays that far apart look alike at these frequencies"
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     Turns {
         /// The window asked for, s.
         seconds: f64,
@@ -217,10 +215,10 @@ pub enum DelayError {
         unambiguous_s: f64,
     },
     /// A search window of nothing, for event times.
-    #[error("the window holds no delay: give a longer `max_delay`")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     NoWindow,
     /// A method that looks at something else than was given.
-    #[error("{method} looks at {}", if *events { "event times: give two sequences of them" } else { "samples: give an input and an output" })]
+    #[error("{}", self.remedied().unwrap_or_default())]
     WrongScope {
         /// The method.
         method: &'static str,
@@ -262,4 +260,50 @@ pub enum DelayError {
     /// Nobody waits for the answer any more.
     #[error("stopped before it was done")]
     Stopped,
+}
+
+/// What makes a record long enough.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LengthRemedy {
+    /// A shorter search window.
+    Window,
+    /// A shorter search window, or these options of the method.
+    WindowOr(&'static str),
+    /// More events at both places.
+    Events,
+}
+
+remedied!(Error { Delay, Identify, Log });
+
+impl Remedied for DelayError {
+    fn remedied(&self) -> Option<Message> {
+        let said = |text: String| Message::from(text);
+        Some(match self {
+            Self::TooShort { method, needed, got, remedy } => {
+                let short = said(format!(
+                    "{method} needs at least {needed} samples for these orders and this search window, the longest record has {got}; "
+                ));
+                match remedy {
+                    LengthRemedy::Window => short.and("search a shorter ").and(Remedy::MaxDelay),
+                    LengthRemedy::WindowOr(options) => short.and("search a shorter ").and(Remedy::MaxDelay).and(format!(", or {options}")),
+                    LengthRemedy::Events => short.and("record more events at both places"),
+                }
+            }
+            Self::NoStates { method } => said(format!("{method} needs a model and a measured channel for each of its states; give "))
+                .and(Remedy::Model)
+                .and(" and name the columns as the states are named (")
+                .and(Remedy::Rename)
+                .and(")"),
+            Self::In { log, error } => said(format!("{log}: ")).and(error.message()),
+            Self::MaxDelay { seconds, step_s, samples } => Message::from(Remedy::MaxDelay)
+                .and(format!(" {seconds} s: give at least one sample ({step_s} s) and less than the log is long ({samples} samples)")),
+            Self::Turns { seconds, unambiguous_s } => Message::from(Remedy::MaxDelay).and(format!(
+                " {seconds} s: give more than 0 and at most {unambiguous_s:.4} s, as delays that far apart look alike at these frequencies"
+            )),
+            Self::NoWindow => Message::from("the window holds no delay: give a longer ").and(Remedy::MaxDelay),
+            Self::WrongScope { method, events: true } => said(format!("{method} looks at event times: give ")).and(Remedy::Events),
+            Self::WrongScope { method, events: false } => said(format!("{method} looks at samples: give ")).and(Remedy::Channels),
+            _ => return None,
+        })
+    }
 }

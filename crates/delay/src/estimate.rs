@@ -1,6 +1,7 @@
 //! What an estimator answers.
 
 use crate::process::orders::Misfit;
+use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::time::SampleTime;
 
 /// What came of an estimation.
@@ -64,7 +65,7 @@ pub struct DelayEstimate {
     /// Samples that were taken off the raw value: the relative degree of the sampled plant.
     pub degree_bias_samples: f64,
     /// What a reader must know besides.
-    pub note: Option<String>,
+    pub note: Option<Message>,
     /// What the method leaves over shows that its own model is not that of the data: its interval then says less than it seems to.
     pub contradicted: bool,
     /// How well the method's model fits, where models of other orders fit the same.
@@ -75,10 +76,14 @@ pub struct DelayEstimate {
     pub open_part: bool,
 }
 
+fn longest_searched() -> Message {
+    Message::from("the best delay is the longest searched: give a longer ").and(Remedy::MaxDelay)
+}
+
 impl DelayEstimate {
     /// An answer without a delay.
     #[must_use]
-    pub fn without(outcome: Outcome, note: impl Into<String>) -> Self {
+    pub fn without(outcome: Outcome, note: impl Into<Message>) -> Self {
         Self {
             outcome,
             delay_s: None,
@@ -119,7 +124,7 @@ impl DelayEstimate {
             misfit: None,
             enough_poles: false,
             open_part: false,
-            note: at_edge.then(|| "the best delay is the longest searched: give a longer `max_delay`".to_owned()),
+            note: at_edge.then(longest_searched),
         }
     }
 
@@ -139,7 +144,7 @@ impl DelayEstimate {
             misfit: None,
             enough_poles: false,
             open_part: false,
-            note: at_edge.then(|| "the best delay is the longest searched: give a longer `max_delay`".to_owned()),
+            note: at_edge.then(longest_searched),
         }
     }
 
@@ -170,9 +175,9 @@ impl DelayEstimate {
 
     /// Adds a sentence to the note.
     #[must_use]
-    pub(super) fn noting(mut self, more: Option<String>) -> Self {
-        self.note = match (self.note, more) {
-            (Some(a), Some(b)) => Some(format!("{a}; {b}")),
+    pub(super) fn noting(mut self, more: Option<impl Into<Message>>) -> Self {
+        self.note = match (self.note, more.map(Into::into)) {
+            (Some(a), Some(b)) => Some(a.and("; ").and(b)),
             (a, b) => a.or(b),
         };
         self

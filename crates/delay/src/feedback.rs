@@ -77,7 +77,7 @@ impl InLoop {
         if let Some(correlation) = self.same_sample {
             evidence.push(format!("innovations of both go together within the sample by {correlation:.2}, and the plant is not the cause"));
         }
-        (!evidence.is_empty()).then(|| Finding { condition: Condition::Feedback, evidence: evidence.join("; ") })
+        (!evidence.is_empty()).then(|| Finding { condition: Condition::Feedback, evidence: evidence.join("; ").into() })
     }
 }
 

@@ -1,5 +1,6 @@
 //! The whole estimation: the methods asked for, on every pair of a log, with what the record shows, what was to be expected and what to believe.
 
+use deadtime_signal::remedy::{Message, Remedied, Remedy};
 use std::collections::BTreeMap;
 use std::time::Instant;
 
@@ -57,7 +58,7 @@ pub enum Feedback {
 impl Feedback {
     /// What the user says of the log, as a finding.
     fn said(self) -> Option<Finding> {
-        let evidence = "the log is said to be of a closed loop".to_owned();
+        let evidence = Message::from(Remedy::ClosedLoop);
         (self == Self::Closed).then_some(Finding { condition: Condition::Feedback, evidence })
     }
 }
@@ -323,7 +324,7 @@ impl Job {
                         Ok(estimate) => estimate,
                         // What was typed wrong stops the work.
                         Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => return Err(e.into()),
-                        Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+                        Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
                     };
                     steps.one_more();
                     Ok(Answer { method: ready.method, estimate, predicted, time_s: clock.elapsed().as_secs_f64() })
@@ -449,7 +450,7 @@ impl Job {
                         .get(i)
                         .cloned()
                         .unwrap_or_else(|| DelayEstimate::without(Outcome::NotApplicable, "no answer for this input")),
-                    Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+                    Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
                 };
                 let answer = Answer { method: ready.method, estimate, predicted: None, time_s };
                 let facts = RecordFacts { early_s: self.early_s(), ..RecordFacts::default() };
@@ -699,7 +700,7 @@ impl EventsJob {
             let estimate = match ready.estimator.estimate(&experiment, &search) {
                 Ok(estimate) => estimate,
                 Err(DelayError::Stopped) => return Err(DelayError::Stopped.into()),
-                Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+                Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
             };
             answers.push(Answer { method: ready.method, estimate, predicted: None, time_s: clock.elapsed().as_secs_f64() });
         }

@@ -83,7 +83,7 @@ pub use crate::threshold::response::{Prewindow, Records};
 pub use crate::threshold::step::Step;
 pub use conditions::{Finding, conditions, moving_together, standing_off};
 pub use deadtime_identify::{Initial, Record};
-pub use error::{DelayError, Error, Result};
+pub use error::{DelayError, Error, LengthRemedy, Result};
 pub use estimate::{DelayEstimate, Outcome};
 pub use estimator::{DelayEstimator, Search};
 pub use evidence::{Correlated, Evidence, Phase, Scan, evidence, impulse_response};

@@ -1,5 +1,6 @@
 //! What an estimation says, as the file `deadtime/estimate@1` has it, and what a reader is told beside it.
 
+use deadtime_signal::remedy::{Message, Words};
 use serde::Serialize;
 
 use super::conditions::Finding;
@@ -29,7 +30,7 @@ pub struct Estimate {
     #[serde(serialize_with = "whole_if_it_is")]
     pub degree_bias_samples: f64,
     /// What a reader must know besides.
-    pub note: Option<String>,
+    pub note: Option<Message>,
     /// The standard deviation that was to be expected of the method before it ran, s ([`super::richness::richness`]).
     pub predicted_std_s: Option<f64>,
     /// Run time, s.
@@ -136,6 +137,18 @@ pub struct Report {
     /// In what.
     #[serde(skip)]
     pub searched: Searched,
+}
+
+impl Report {
+    /// The report with its notes and findings in the words of a face.
+    #[must_use]
+    pub fn worded(mut self, words: Words) -> Self {
+        for pair in &mut self.pairs {
+            pair.findings.iter_mut().for_each(|f| f.evidence = f.evidence.worded(words).into());
+            pair.estimates.iter_mut().for_each(|e| e.note = e.note.as_ref().map(|note| note.worded(words).into()));
+        }
+        self
+    }
 }
 
 /// What was searched for a dead time, and what was assumed.

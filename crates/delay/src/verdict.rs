@@ -393,7 +393,7 @@ mod tests {
     }
 
     fn shows(condition: Condition) -> Vec<Finding> {
-        vec![Finding { condition, evidence: String::new() }]
+        vec![Finding { condition, evidence: String::new().into() }]
     }
 
     #[test]

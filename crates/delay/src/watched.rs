@@ -9,6 +9,7 @@ use super::report::Pair;
 use super::verdict::{Grounds, RecordFacts, Verdict, verdict};
 use crate::track::answer::{Anchor, AtOneDelay, Kind, Moving, tracked};
 use crate::track::watch::Watch;
+use deadtime_signal::remedy::Remedied;
 use deadtime_signal::time::SampleTime;
 
 /// What is wanted beside the test.
@@ -89,7 +90,7 @@ fn straight_verdict(
         answers.push(match ready.estimator.estimate(straight, search) {
             Ok(answer) => answer,
             Err(DelayError::Stopped) => return Err(DelayError::Stopped),
-            Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+            Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
         });
     }
     let said: Vec<_> = ask.iter().zip(&answers).map(|(r, a)| (r.method, a, None)).collect();

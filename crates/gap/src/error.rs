@@ -12,6 +12,7 @@ use deadtime_signal::SignalError;
 use deadtime_signal::file::FileError;
 use deadtime_signal::flatten;
 use deadtime_signal::registry::RegistryError;
+use deadtime_signal::remedied;
 use deadtime_signal::stop::Stopped;
 use deadtime_signal::time::TimeError;
 
@@ -59,6 +60,7 @@ pub enum Error {
     Stopped(#[from] Stopped),
 }
 
+remedied!(Error { Gap, Export, Log });
 flatten!(deadtime_log::Error => Error { Log, File, Time });
 flatten!(deadtime_model::Error => Error { Model, Derived, Simulate, Effect, Signal, Log, File, Time });
 

@@ -3,6 +3,7 @@
 //! How it can be wrong: what acts in part of a stretch is diluted there; the start of a stretch is estimated from it, so what a long memory kept from before is
 //! not seen; a stretch in which the inputs hardly move names nothing, which is told as such.
 
+use deadtime_signal::remedy::{Message, Remedied};
 use serde::Serialize;
 
 use super::error::Result;
@@ -68,7 +69,7 @@ pub enum GapTold {
         /// Time of its last row, s.
         to_s: f64,
         /// The reason.
-        why: String,
+        why: Message,
     },
 }
 
@@ -128,7 +129,7 @@ impl GapWatch {
         let told = match self.diagnosed() {
             Ok(found) => self.told(from_s, to_s, &found),
             Err(stopped @ super::error::Error::Stopped(_)) => return Err(stopped),
-            Err(error) => GapTold::GapNotTold { from_s, to_s, why: error.to_string() },
+            Err(error) => GapTold::GapNotTold { from_s, to_s, why: error.message() },
         };
         self.restart();
         Ok(told)

@@ -11,6 +11,8 @@ use deadtime_signal::SignalError;
 use deadtime_signal::file::FileError;
 use deadtime_signal::flatten;
 use deadtime_signal::registry::RegistryError;
+use deadtime_signal::remedied;
+use deadtime_signal::remedy::{Message, Remedied, Remedy};
 use deadtime_signal::stop::Stopped;
 use deadtime_signal::time::TimeError;
 
@@ -89,7 +91,7 @@ pub enum IdentifyError {
         remedy: &'static str,
     },
     /// Logs of different sample times.
-    #[error("{file}: its sample time is {found_s} s, that of the first record {first_s} s; resample one of them (--resample)")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     SampleTimes {
         /// The log.
         file: String,
@@ -208,9 +210,7 @@ pub enum IdentifyError {
         inputs: usize,
     },
     /// A delay given to a method that finds the delays itself.
-    #[error(
-        "{method} finds the dead times itself, so none is taken out first: leave --delay out; of riv `nk=[LAG,…]` in samples says what is known"
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     OwnDelays {
         /// The method.
         method: &'static str,
@@ -231,6 +231,26 @@ pub enum IdentifyError {
         /// What went wrong.
         reason: &'static str,
     },
+}
+
+remedied!(Error { Identify, Log });
+
+impl Remedied for IdentifyError {
+    fn remedied(&self) -> Option<Message> {
+        Some(match self {
+            Self::SampleTimes { file, found_s, first_s } => Message::from(format!(
+                "{file}: its sample time is {found_s} s, that of the first record {first_s} s; resample one of them ("
+            ))
+            .and(Remedy::Resample)
+            .and(")"),
+            Self::OwnDelays { method } => {
+                Message::from(format!("{method} finds the dead times itself, so none is taken out first: leave "))
+                    .and(Remedy::Delay)
+                    .and(" out; of riv `nk=[LAG,…]` in samples says what is known")
+            }
+            _ => return None,
+        })
+    }
 }
 
 fn remedy(longest: usize) -> String {

@@ -417,7 +417,8 @@ mod tests {
     }
 
     fn both(command: Topic, output: Topic, grid: Option<f64>) -> (Log, String) {
-        let recording = Recording { source: "a.ulg".into(), format: "ulog", topics: vec![command, output], notes: Vec::new() };
+        let recording =
+            Recording { source: "a.ulg".into(), format: "ulog", topics: vec![command, output], notes: crate::notes::Notes::default() };
         let wanted = [("u", true), ("y", false)].map(|(name, held)| Wanted { name: name.into(), held, required: true });
         let (log, notes) = recording.together(&wanted, grid.map(|step| SampleTime::new(step).unwrap())).unwrap();
         (log, notes.join("|"))

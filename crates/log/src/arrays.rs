@@ -5,6 +5,7 @@ use super::error::LogError;
 use super::numbers::Numbers;
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
 use crate::csv::clock::{Times, named_time, seconds};
+use deadtime_signal::remedy::{Message, Remedy};
 
 /// What a variable holds; arrays run column by column.
 #[derive(Debug, Clone)]
@@ -43,7 +44,7 @@ pub(super) fn assemble(
     format: &'static str,
     title: &'static str,
     variables: Vec<(String, Array)>,
-    mut notes: Vec<String>,
+    mut notes: crate::notes::Notes,
     options: &ReadOptions,
 ) -> Result<Recording, Error> {
     let mut found = Vec::new();
@@ -56,7 +57,7 @@ pub(super) fn assemble(
     }
     if topics.is_empty() {
         if variables.iter().any(|(_, array)| matches!(array, Array::Numbers { .. } | Array::Struct(_) | Array::List(_))) {
-            notes.push("no vector of time was found: call one `time` or `t`, or name it with --time".into());
+            notes.push(Message::from("no vector of time was found: call one `time` or `t`, or name it with ").and(Remedy::TimeColumn));
         }
         return Err(LogError::NoTopics { file: source.into(), format: title, notes }.into());
     }
@@ -84,7 +85,13 @@ impl Found<'_> {
     }
 }
 
-fn collect<'a>(name: &str, fields: &'a [(String, Array)], found: &mut Vec<Found<'a>>, notes: &mut Vec<String>, options: &ReadOptions) {
+fn collect<'a>(
+    name: &str,
+    fields: &'a [(String, Array)],
+    found: &mut Vec<Found<'a>>,
+    notes: &mut crate::notes::Notes,
+    options: &ReadOptions,
+) {
     let vectors = || fields.iter().filter_map(|(field, array)| vector(array).map(|(values, unit)| (field.as_str(), values, unit)));
     let stamps = || vectors().find(|(_, _, unit)| unit.is_some());
     let time = match &options.time {
@@ -99,7 +106,7 @@ fn collect<'a>(name: &str, fields: &'a [(String, Array)], found: &mut Vec<Found<
         let plain = matches!(clock, "time" | "t" | "tout");
         let times = seconds(stamps.iter().map(f64::to_string), known, plain);
         if !plain || times.unit != TimeUnit::S || !times.told.is_empty() {
-            notes.push(format!("{}time is `{clock}`, in {}{}", prefix(name), times.unit.words(), times.told));
+            notes.push(Message::from(format!("{}time is `{clock}`, in {}", prefix(name), times.unit.words())).and(times.told.clone()));
         }
         let mut columns: Vec<(String, &[f64])> = Vec::new();
         for (field, array) in fields.iter().filter(|(field, _)| field != clock) {
@@ -114,7 +121,7 @@ fn collect<'a>(name: &str, fields: &'a [(String, Array)], found: &mut Vec<Found<
 }
 
 /// Structs within structs, and in cells by their number.
-fn nested<'a>(path: &str, array: &'a Array, found: &mut Vec<Found<'a>>, notes: &mut Vec<String>, options: &ReadOptions) {
+fn nested<'a>(path: &str, array: &'a Array, found: &mut Vec<Found<'a>>, notes: &mut crate::notes::Notes, options: &ReadOptions) {
     match array {
         Array::Struct(inner) => collect(path, inner, found, notes, options),
         Array::List(elements) => {
@@ -140,7 +147,7 @@ fn vector(array: &Array) -> Option<(&[f64], Option<TimeUnit>)> {
 }
 
 /// The columns of an array that has one value, or several, a time stamp.
-fn channels<'a>(field: &str, array: &'a Array, rows: usize, columns: &mut Vec<(String, &'a [f64])>, notes: &mut Vec<String>) {
+fn channels<'a>(field: &str, array: &'a Array, rows: usize, columns: &mut Vec<(String, &'a [f64])>, notes: &mut crate::notes::Notes) {
     match array {
         Array::Numbers { values, .. } if values.len() == rows => columns.push((field.to_owned(), values)),
         // Time runs along the first dimension.
@@ -190,7 +197,7 @@ mod tests {
     }
 
     fn read(variables: Vec<(String, Array)>, options: &ReadOptions) -> Recording {
-        assemble("a.mat", "mat", "MAT 5", variables, Vec::new(), options).unwrap()
+        assemble("a.mat", "mat", "MAT 5", variables, crate::notes::Notes::default(), options).unwrap()
     }
 
     #[test]
@@ -202,7 +209,7 @@ mod tests {
         let none = ReadOptions::default();
         let (time_s, notes) = found(timed("u", 0.0, 10_000.0), &none);
         assert_eq!(time_s, [0.0, 0.01, 0.02, 0.03, 0.04]);
-        assert!(notes.contains("`time`, in microseconds by the size of its numbers; --time-unit"), "{notes}");
+        assert!(notes.contains("`time`, in microseconds by the size of its numbers; `time_unit`"), "{notes}");
         let (time_s, notes) = found(timed("u", 1.7e15, 10_000.0), &none);
         assert_eq!(time_s, [0.0, 0.01, 0.02, 0.03, 0.04]);
         assert!(notes.contains("counted from the first (1700000000000000)"), "{notes}");

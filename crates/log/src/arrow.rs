@@ -44,7 +44,7 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
     let bytes = whole(path, &options.far).map_err(|e| Error::io(path, e))?;
     options.far.at(READING, &"taking it apart");
     let begin = if bytes.starts_with(MAGIC) { HEAD } else { 0 };
-    let mut notes = Vec::new();
+    let mut notes = crate::notes::Notes::default();
     let end = sound(&bytes, begin, &mut notes);
     let refused = |what: String| LogError::Format { file: source.to_owned(), format: NAME, what };
     let stream = bytes.get(begin..end).unwrap_or_default();
@@ -66,7 +66,7 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
 }
 
 /// Where the messages end that are whole, and that do not ask for more memory than their size allows; why not all are, as a note.
-fn sound(bytes: &[u8], begin: usize, notes: &mut Vec<String>) -> usize {
+fn sound(bytes: &[u8], begin: usize, notes: &mut crate::notes::Notes) -> usize {
     let mut at = begin;
     loop {
         let number = |from: usize| bytes.get(from..from + 4).and_then(|b| b.try_into().ok()).map(i32::from_le_bytes);
@@ -120,7 +120,7 @@ fn modest(message: &Message<'_>, body: &[u8]) -> bool {
 }
 
 /// The columns of a field before any is read: of a struct one for each of its fields.
-fn empty(name: &str, kind: &DataType, depth: usize, columns: &mut Vec<Column>, notes: &mut Vec<String>) {
+fn empty(name: &str, kind: &DataType, depth: usize, columns: &mut Vec<Column>, notes: &mut crate::notes::Notes) {
     let unit = |unit: &Unit| match unit {
         Unit::Second => TimeUnit::S,
         Unit::Millisecond => TimeUnit::Ms,
@@ -163,7 +163,7 @@ fn of_array(array: &ArrayRef, depth: usize, columns: &mut [Column], at: &mut usi
         }
         return;
     }
-    let (mut none, mut unused) = (Vec::new(), Vec::new());
+    let (mut none, mut unused) = (Vec::new(), crate::notes::Notes::default());
     // What has no column was left out when the schema was looked at.
     empty("", array.data_type(), depth, &mut none, &mut unused);
     if none.is_empty() {

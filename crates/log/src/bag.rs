@@ -1,5 +1,6 @@
 //! Topics of bags (MCAP, rosbag2): messages of several encodings, stamped by the recorder or by their senders.
 
+use deadtime_signal::remedy::{Message, Remedy};
 use std::collections::{BTreeMap, HashMap};
 
 use serde_json::Value;
@@ -30,7 +31,7 @@ pub(super) struct Bag {
     streams: BTreeMap<u64, Stream>,
     /// Channels that go into the stream of another one: of several senders of one topic.
     same: HashMap<u64, u64>,
-    pub(super) notes: Vec<String>,
+    pub(super) notes: crate::notes::Notes,
 }
 
 struct Stream {
@@ -59,7 +60,7 @@ enum How {
 
 impl Bag {
     pub(super) fn new(stamps: Stamps) -> Self {
-        Self { stamps, part: 0, origin_ns: None, streams: BTreeMap::new(), same: HashMap::new(), notes: Vec::new() }
+        Self { stamps, part: 0, origin_ns: None, streams: BTreeMap::new(), same: HashMap::new(), notes: crate::notes::Notes::default() }
     }
 
     /// Begins another file of the same bag.
@@ -85,8 +86,8 @@ impl Bag {
                 (**first, format!("{name}: several channels of one definition are read as one topic, as from several senders"));
             self.same.insert(id, first);
             // In another file the topic only goes on.
-            if self.part == 0 && !self.notes.contains(&note) {
-                self.notes.push(note);
+            if self.part == 0 {
+                self.notes.push_once(note);
             }
             return;
         }
@@ -187,11 +188,13 @@ impl Bag {
             if !late_s.is_empty() {
                 let median_s = *late_s.select_nth_unstable_by(middle, f64::total_cmp).1;
                 let used = match self.stamps {
-                    Stamps::Arrival => "the recorder's stamps are used, for the same clock everywhere (--stamps header takes the senders')",
-                    Stamps::Header => "the sender's stamps are used",
+                    Stamps::Arrival => Message::from("the recorder's stamps are used, for the same clock everywhere (")
+                        .and(Remedy::HeaderStamps)
+                        .and(" takes the senders')"),
+                    Stamps::Header => "the sender's stamps are used".into(),
                 };
                 let stamp = stream.header.map_or("header.stamp", |h| h.0);
-                self.notes.push(format!("{name}: recorded {median_s:.6} s after {stamp} (median); {used}"));
+                self.notes.push(Message::from(format!("{name}: recorded {median_s:.6} s after {stamp} (median); ")).and(used));
             } else if self.stamps == Stamps::Header && stream.messages > stream.broken {
                 self.notes.push(format!("{name}: has no stamp of its sender (header.stamp or timestamp); the recorder's stamps are used"));
             }

@@ -4,6 +4,7 @@ use super::error::Error;
 use super::error::LogError;
 use super::recording::{ReadOptions, Recording, Table, TimeUnit};
 use crate::csv::clock::{named_time, seconds};
+use deadtime_signal::remedy::{Message, Remedy};
 
 /// What a reader of another crate found, or that it gave up in the middle: some stop the program where parts of a damaged file lie outside of it.
 pub(super) fn guarded<T>(source: &str, format: &'static str, read: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
@@ -69,7 +70,7 @@ pub(super) fn assemble(
     format: &'static str,
     title: &'static str,
     columns: Vec<Column>,
-    mut notes: Vec<String>,
+    mut notes: crate::notes::Notes,
     options: &ReadOptions,
 ) -> Result<Recording, Error> {
     let place = |test: &dyn Fn(&Column) -> bool| columns.iter().position(test);
@@ -82,13 +83,14 @@ pub(super) fn assemble(
     };
     let Some((time, clock)) = time.and_then(|at| Some((at, columns.get(at)?))) else {
         let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
-        notes.push(format!("no column of time was found among {}: call one `time`, or name it with --time", names.join(", ")));
+        let missing = format!("no column of time was found among {}: call one `time`, or name it with ", names.join(", "));
+        notes.push(Message::from(missing).and(Remedy::TimeColumn));
         return Err(LogError::NoTopics { file: source.into(), format: title, notes }.into());
     };
     let known = options.time_unit.or(clock.cells.unit()).or_else(|| named_time(&clock.name).flatten());
     let times = seconds((0..clock.cells.len()).map(|row| clock.cells.text(row)), known, clock.name == "time");
     if clock.name != "time" || times.unit != TimeUnit::S || !times.told.is_empty() {
-        notes.push(format!("time is `{}`, in {}{}", clock.name, times.unit.words(), times.told));
+        notes.push(Message::from(format!("time is `{}`, in {}", clock.name, times.unit.words())).and(times.told.clone()));
     }
     let mut table = Table::new("");
     let mut channels = Vec::new();

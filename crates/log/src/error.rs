@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use deadtime_signal::file::FileError;
+use deadtime_signal::remedied;
+use deadtime_signal::remedy::{Message, Remedied, Remedy};
 use deadtime_signal::time::TimeError;
 
 use super::log::Place;
@@ -76,9 +78,7 @@ pub enum LogError {
         reason: String,
     },
     /// No column can be the time.
-    #[error(
-        "{file}, row {row}: no column is called `time` (the first is `{found}`); call it `time`, or say which it is with `--time COLUMN`"
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     FirstColumn {
         /// The log.
         file: String,
@@ -88,7 +88,7 @@ pub enum LogError {
         found: String,
     },
     /// Time in a unit that is not known.
-    #[error("{file}, row {row}: time is in `{unit}`; convert it to seconds, or say the unit with `--time-unit s|ms|us|ns|iso`")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     TimeUnit {
         /// The log.
         file: String,
@@ -116,14 +116,14 @@ pub enum LogError {
         what: String,
     },
     /// A file of topics without a single number.
-    #[error("{file}: {format}: no topic with numbers{}", why(notes))]
+    #[error("{}", self.remedied().unwrap_or_default())]
     NoTopics {
         /// The log.
         file: String,
         /// What the file is.
         format: &'static str,
         /// What was said while it was read.
-        notes: Vec<String>,
+        notes: crate::notes::Notes,
     },
     /// A channel in another unit than the model's.
     #[error("{file}: `{channel}` is in {logged} here and in {modelled} in the model; convert one of them")]
@@ -295,13 +295,7 @@ pub enum LogError {
         time_s: f64,
     },
     /// A time stamp before its predecessor.
-    #[error(
-        "{file}, {place}: channel `time` runs back from {before_s} s to {time_s} s; {}",
-        place.either(
-            "sort the rows, or, if the file holds several records, name the column that tells them apart to `read_records`",
-            "sort the samples by time, or, if they are of several records, make a log of each"
-        )
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     TimeRunsBack {
         /// The log.
         file: String,
@@ -321,9 +315,7 @@ pub enum LogError {
         error: super::frequency::FrequencyError,
     },
     /// A step that a table of its response cannot have.
-    #[error(
-        "{file}: the step at {at_s} s is not at a row of the table, which reaches from {first_s} s to {last_s} s, a row every {step_s} s; give the time of a row as `step_time`"
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     StepTime {
         /// The table.
         file: String,
@@ -377,13 +369,7 @@ pub enum LogError {
         spans: Vec<(String, f64, f64)>,
     },
     /// An input must be known at every sample.
-    #[error(
-        "{file}, {place}: input `{channel}` has no sample at {time_s} s; {} (only outputs may miss samples)",
-        place.either(
-            "fill the cell, delete the row, or take another `window` of the log",
-            "fill it in, leave the sample out, or take another `window` of the log"
-        )
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     MissingInput {
         /// The log.
         file: String,
@@ -403,7 +389,7 @@ pub enum LogError {
         channel: String,
     },
     /// A grid needs two samples.
-    #[error("{file}: {found} samples, at least {needed} are needed; give a longer log or a wider `window`")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     TooShort {
         /// The log.
         file: String,
@@ -413,11 +399,7 @@ pub enum LogError {
         found: usize,
     },
     /// Time stamps off the straight line through all of them.
-    #[error(
-        "{file}, {place}: time is uneven: the stamp {time_s} s is {deviation_samples:.3} samples from the straight \
-         line through all stamps \
-         (at most 0.05 counts as even); put the log on an even grid with `resample(sample_time)`, for instance `resample({suggested_s})`"
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     UnevenTime {
         /// The log.
         file: String,
@@ -431,10 +413,7 @@ pub enum LogError {
         suggested_s: f64,
     },
     /// A window that holds no sample.
-    #[error(
-        "{file}: no sample from {from_s} s to {to_s} s; choose a `window` within 0 s to {duration_s} s, \
-         counted from the first sample"
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     EmptyWindow {
         /// The log.
         file: String,
@@ -446,7 +425,7 @@ pub enum LogError {
         duration_s: f64,
     },
     /// A resampled log that would not fit.
-    #[error("{file}: a sample time of {sample_time_s} s makes {samples:e} samples of {duration_s} s; give `resample` a larger sample time")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     TooFine {
         /// The log.
         file: String,
@@ -470,7 +449,7 @@ pub enum LogError {
         gb: f64,
     },
     /// A column is given two names.
-    #[error("{file}: column `{channel}` is mapped twice, to `{first}` and to `{second}`; `rename` each column once")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     MappedTwice {
         /// The log.
         file: String,
@@ -482,16 +461,76 @@ pub enum LogError {
         second: String,
     },
     /// Two columns would have the same name.
-    #[error(
-        "{file}: the new names make two columns called `{channel}`; give each column a name of its own, and map an \
-         existing `{channel}` to another name"
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     NameTaken {
         /// The log.
         file: String,
         /// The name.
         channel: String,
     },
+}
+
+remedied!(Error { Log });
+
+impl Remedied for LogError {
+    fn remedied(&self) -> Option<Message> {
+        let said = |text: String| Message::from(text);
+        Some(match self {
+            Self::FirstColumn { file, row, found } => {
+                said(format!("{file}, row {row}: no column is called `time` (the first is `{found}`); call it `time`, or say which it is with "))
+                    .and(Remedy::TimeColumn)
+            }
+            Self::TimeUnit { file, row, unit } => {
+                said(format!("{file}, row {row}: time is in `{unit}`; convert it to seconds, or say the unit with ")).and(Remedy::TimeUnit)
+            }
+            Self::NoTopics { file, format, notes } => said(format!("{file}: {format}: no topic with numbers")).and(why(notes)),
+            Self::TimeRunsBack { file, place, before_s, time_s } => {
+                let back = said(format!("{file}, {place}: channel `time` runs back from {before_s} s to {time_s} s; "));
+                match place {
+                    Place::Row(_) => back
+                        .and("sort the rows, or, if the file holds several records, name the column that tells them apart ")
+                        .and(Remedy::Records),
+                    Place::Sample(_) => back.and("sort the samples by time, or, if they are of several records, make a log of each"),
+                }
+            }
+            Self::StepTime { file, at_s, first_s, last_s, step_s } => said(format!(
+                "{file}: the step at {at_s} s is not at a row of the table, which reaches from {first_s} s to {last_s} s, a row every {step_s} s; give the time of a row as "
+            ))
+            .and(Remedy::StepTime),
+            Self::MissingInput { file, place, channel, time_s } => {
+                let fill = place.either("fill the cell, delete the row", "fill it in, leave the sample out");
+                said(format!("{file}, {place}: input `{channel}` has no sample at {time_s} s; {fill}, or choose another part of the log by "))
+                    .and(Remedy::Window)
+                    .and(" (only outputs may miss samples)")
+            }
+            Self::TooShort { file, needed, found } => {
+                said(format!("{file}: {found} samples, at least {needed} are needed; give a longer log or a wider ")).and(Remedy::Window)
+            }
+            Self::UnevenTime { file, place, time_s, deviation_samples, suggested_s } => said(format!(
+                "{file}, {place}: time is uneven: the stamp {time_s} s is {deviation_samples:.3} samples from the straight \
+                 line through all stamps (at most 0.05 counts as even); put the log on an even grid with "
+            ))
+            .and(Remedy::Resample)
+            .and(", for instance ")
+            .and(Remedy::ResampleAt { seconds: *suggested_s }),
+            Self::EmptyWindow { file, from_s, to_s, duration_s } => said(format!("{file}: no sample from {from_s} s to {to_s} s; choose "))
+                .and(Remedy::Window)
+                .and(format!(" within 0 s to {duration_s} s, counted from the first sample")),
+            Self::TooFine { file, sample_time_s, samples, duration_s } => {
+                said(format!("{file}: a sample time of {sample_time_s} s makes {samples:e} samples of {duration_s} s; give "))
+                    .and(Remedy::Resample)
+                    .and(" a larger sample time")
+            }
+            Self::MappedTwice { file, channel, first, second } => {
+                said(format!("{file}: column `{channel}` is mapped twice, to `{first}` and to `{second}`; give each column one new name by "))
+                    .and(Remedy::Rename)
+            }
+            Self::NameTaken { file, channel } => said(format!("{file}: ")).and(Remedy::NewNames).and(format!(
+                " two columns called `{channel}`; give each column a name of its own, and map an existing `{channel}` to another name"
+            )),
+            _ => return None,
+        })
+    }
 }
 
 impl Place {
@@ -507,8 +546,9 @@ impl Place {
 /// Names in a message beyond this many are counted, not listed.
 const LISTED: usize = 40;
 
-fn why(notes: &[String]) -> String {
-    if notes.is_empty() { String::new() } else { format!(" ({})", notes.join("; ")) }
+fn why(notes: &[Message]) -> Message {
+    let Some((first, others)) = notes.split_first() else { return Message::default() };
+    others.iter().fold(Message::from(" (").and(first.clone()), |all, note| all.and("; ").and(note.clone())).and(")")
 }
 
 fn suggestion(closest: Option<&str>) -> String {

@@ -1,5 +1,6 @@
 //! A bag of ROS 2 as its recorder leaves it: a folder of one or more files, and `metadata.yaml`, which names them in order.
 
+use deadtime_signal::remedy::Message;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
@@ -41,7 +42,7 @@ pub(super) fn open(path: &Path, options: &ReadOptions) -> Result<Recording, Erro
         }
         if parts.len() > 1 {
             let name = part.file_name().unwrap_or_default().to_string_lossy();
-            bag.notes.iter_mut().skip(before).for_each(|note| *note = format!("{name}: {note}"));
+            bag.notes.iter_mut().skip(before).for_each(|note| *note = Message::from(format!("{name}: ")).and(note.clone()));
         }
     }
     if parts.is_empty() {

@@ -65,7 +65,7 @@ struct Parts {
     /// What was not read yet of what cells refer to, by its place: each is read once, so that no file holds itself.
     referred: HashMap<u64, Referred>,
     read: HashSet<u64>,
-    notes: Vec<String>,
+    notes: crate::notes::Notes,
 }
 
 impl Parts {

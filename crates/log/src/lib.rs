@@ -25,6 +25,7 @@ mod log;
 mod mat;
 mod mcap;
 mod mcos;
+mod notes;
 mod numbers;
 #[cfg(feature = "tables")]
 mod parquet;
@@ -49,6 +50,7 @@ pub use error::{Error, LogError};
 pub use frequency::{FrequencyError, FrequencyResponse, Quality};
 pub use listing::{ChannelListing, GapListing, Listing, TopicListing};
 pub use log::{Channel, Log, Output, Place, neighbours};
+pub use notes::Notes;
 pub use reader::{READERS, Reader, open, read, reader};
 pub use recording::{ReadOptions, Recording, Stamps, TimeUnit, Topic};
 pub use step::STEP;

@@ -26,7 +26,7 @@ pub struct Listing {
     /// The reader that read it.
     pub reader: &'static str,
     /// What was guessed, left out or cut off.
-    pub notes: Vec<String>,
+    pub notes: crate::notes::Notes,
     /// Its topics.
     pub topics: Vec<TopicListing>,
 }

@@ -21,7 +21,7 @@ pub(super) fn refers(values: &[f64]) -> bool {
 }
 
 /// Puts objects in the place of what refers to them.
-pub(super) fn resolve(variables: &mut [(String, Array)], cells: Option<Vec<Array>>, notes: &mut Vec<String>) {
+pub(super) fn resolve(variables: &mut [(String, Array)], cells: Option<Vec<Array>>, notes: &mut crate::notes::Notes) {
     let wrapper = cells.and_then(Wrapper::new);
     let left = wrapper.as_ref().map_or(0, |w| SHARED * w.values.iter().map(size).sum::<usize>() + 10_000);
     let mut objects = Objects { wrapper: wrapper.as_ref(), left, notes };
@@ -190,7 +190,7 @@ struct Objects<'a, 'n> {
     wrapper: Option<&'a Wrapper>,
     /// How much may still be taken out of the wrapper.
     left: usize,
-    notes: &'n mut Vec<String>,
+    notes: &'n mut crate::notes::Notes,
 }
 
 impl<'a> Objects<'a, '_> {
@@ -428,9 +428,9 @@ mod tests {
         vec![numbers(&metadata), Array::Other, value, Array::Other, numbers(&[0.0]), Array::List(Vec::new())]
     }
 
-    fn resolved(cells: Option<Vec<Array>>) -> (Array, Vec<String>) {
+    fn resolved(cells: Option<Vec<Array>>) -> (Array, crate::notes::Notes) {
         let Array::Numbers { values, .. } = reference(1.0) else { unreachable!() };
-        let (mut variables, mut notes) = (vec![("x".to_owned(), Array::Object(values))], Vec::new());
+        let (mut variables, mut notes) = (vec![("x".to_owned(), Array::Object(values))], crate::notes::Notes::default());
         resolve(&mut variables, cells, &mut notes);
         (variables.pop().unwrap().1, notes)
     }

@@ -34,7 +34,7 @@ fn whole_file(path: &Path, source: &str, options: &ReadOptions) -> Result<Record
     assemble(source, "parquet", NAME, columns, notes, options)
 }
 
-fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, Vec<String>), ParquetError> {
+fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, crate::notes::Notes), ParquetError> {
     let reader = SerializedFileReader::new(file)?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let packed = reader.metadata().row_groups().iter().flat_map(|group| group.columns().iter().map(|column| column.compression()));
@@ -42,7 +42,7 @@ fn read(file: File, far: &HowFar) -> Result<(Vec<Column>, Vec<String>), ParquetE
         let remedy = "write it again with compression=\"zstd\", \"snappy\" or \"gzip\"";
         return Err(ParquetError::General(format!("compressed by {name}, which is not read; {remedy}")));
     }
-    let (mut columns, mut notes) = (Vec::new(), Vec::new());
+    let (mut columns, mut notes) = (Vec::new(), crate::notes::Notes::default());
     let steps = far.steps(schema.num_columns(), "reading columns");
     for (at, leaf) in schema.columns().iter().enumerate() {
         let name = leaf.path().string();

@@ -79,7 +79,7 @@ pub struct Recording {
     /// What it holds, in the file's order.
     pub topics: Vec<Topic>,
     /// What was guessed, left out, or cut off, a sentence each.
-    pub notes: Vec<String>,
+    pub notes: crate::notes::Notes,
 }
 
 /// Channels that share their time stamps.
@@ -93,7 +93,7 @@ pub struct Topic {
 
 impl Recording {
     /// A file without topics.
-    pub(super) fn single(format: &'static str, log: Log, notes: Vec<String>) -> Self {
+    pub(super) fn single(format: &'static str, log: Log, notes: crate::notes::Notes) -> Self {
         Self { source: log.source.clone(), format, topics: vec![Topic { name: String::new(), log }], notes }
     }
 
@@ -263,7 +263,7 @@ impl Table {
     }
 
     /// The topic: rows in order of time, of rows with the same stamp the first, columns without a number left out; notes say what went. `None` when nothing is left.
-    pub(super) fn finish(mut self, source: &str, notes: &mut Vec<String>) -> Result<Option<Topic>, LogError> {
+    pub(super) fn finish(mut self, source: &str, notes: &mut crate::notes::Notes) -> Result<Option<Topic>, LogError> {
         let rows = self.time_s.len();
         let what = if self.name.is_empty() { String::new() } else { format!("{}: ", self.name) };
         for column in &mut self.columns {

@@ -132,11 +132,11 @@ fn a_column_of_time_is_needed_in_a_known_unit() {
     for (text, found) in [("0,1\n1,1\n", "`0`"), ("speed,t\n0,1\n", "`speed`"), ("u;v\n0;1\n", "`u`")] {
         let error = refusal(text);
         assert!(matches!(error, LogError::FirstColumn { .. }));
-        says(&error, &["a.csv", "row 1", found, "`time`", "--time COLUMN"]);
+        says(&error, &["a.csv", "row 1", found, "`time`", "which it is with `time`"]);
     }
     let error = refusal("# made by hand\ntime [min],u\n0,1\n");
     assert!(matches!(&error, LogError::TimeUnit { unit, row: 2, .. } if unit == "min"));
-    says(&error, &["a.csv", "row 2", "`min`", "convert it to seconds", "--time-unit"]);
+    says(&error, &["a.csv", "row 2", "`min`", "convert it to seconds", "`time_unit`"]);
 }
 
 // Dialects.
@@ -185,7 +185,7 @@ fn the_unit_of_time_is_guessed_and_said() {
         ("%time,u\n1700000000000000000,1\n1700000000010000001,1\n1700000000020000000,1\n", [0.0, 0.010_000_001, 0.02], "nanoseconds"),
         ("stamp,u\n1700000000123,1\n1700000000133,1\n1700000000143,1\n", [0.0, 0.01, 0.02], "counted from the first (1700000000123)"),
         ("u;date\n1;2024-03-01T10:00:00Z\n1;2024-03-01T10:00:00,5Z\n1;2024-03-01T11:00:01+01:00\n", [0.0, 0.5, 1.0], "dates"),
-        ("time,u\n0,1\n10,1\n20,1\n", [0.0, 10.0, 20.0], "taken in seconds, a sample every 10 s; --time COLUMN"),
+        ("time,u\n0,1\n10,1\n20,1\n", [0.0, 10.0, 20.0], "taken in seconds, a sample every 10 s; `time` and `time_unit`"),
         ("time,u\n0,1\n3600,1\n7200,1\n", [0.0, 3600.0, 7200.0], "taken in seconds"),
         ("t,u\n0,1\n0.1,1\n0.2,1\n", [0.0, 0.1, 0.2], "column `t`, taken in seconds"),
         ("time,u\n1700000000.25,1\n1700000000.26,1\n1700000000.27,1\n", [0.25, 0.26, 0.27], "taken in seconds, counted from 1700000000"),

@@ -315,7 +315,7 @@ struct Ulog {
     dropouts: (usize, f64),
     short: usize,
     strange: usize,
-    notes: Vec<String>,
+    notes: crate::notes::Notes,
     refused: Option<String>,
 }
 

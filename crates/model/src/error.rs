@@ -4,6 +4,7 @@ use deadtime_log::LogError;
 use deadtime_signal::SignalError;
 use deadtime_signal::file::FileError;
 use deadtime_signal::flatten;
+use deadtime_signal::remedied;
 use deadtime_signal::time::TimeError;
 
 use super::derived::DerivedError;
@@ -40,6 +41,7 @@ pub enum Error {
     Time(#[from] TimeError),
 }
 
+remedied!(Error { Log });
 flatten!(deadtime_log::Error => Error { Log, File, Time });
 
 /// The result of work on models.

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
 use super::convert::{Numbers, array1, json as from_python, object, vector};
-use super::error::{OrRaise, in_python};
+use super::error::{OrRaise, call};
 use super::log::{Log, channel};
 use super::model::Model;
 use super::work::long;
@@ -219,11 +219,7 @@ fn linear(py: Python<'_>, model: &Model) -> PyResult<ModelFile> {
 }
 
 fn told<'py>(py: Python<'py>, report: &Report) -> PyResult<Told<'py>> {
-    let mut report = report.clone();
-    for pair in &mut report.pairs {
-        pair.findings.iter_mut().for_each(|f| f.evidence = in_python(&f.evidence));
-        pair.estimates.iter_mut().for_each(|e| e.note = e.note.as_deref().map(in_python));
-    }
+    let report = report.clone().worded(call);
     let file = serde_json::to_string_pretty(&report).map_err(|e| PyValueError::new_err(e.to_string()))?;
     let row = |e: &Estimate| json!({ "class_": e.class, "counts": e.counts(), "distrust": e.distrust, "contradicted": e.contradicted });
     let pair = |p: &Pair| {

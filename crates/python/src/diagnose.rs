@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 
 use super::convert::{Numbers, Table, array1, matrix, object, vector};
-use super::error::{OrRaise, raise};
+use super::error::{OrRaise, call, raise};
 use super::log::{Log, channels};
 use super::model::Model;
 use super::work::long;
@@ -409,6 +409,7 @@ fn _check(
         for file in &files {
             found.clocks.push(clocks(&open(file, &ReadOptions::default())?, &wanted));
         }
+        found.not_run = found.not_run.map(|why| why.worded(call).into());
         Ok(found)
     };
     let found = raised.over(py, long(py, threads, work))?;

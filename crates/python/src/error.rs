@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyType;
 
 use deadtime::Error;
+use deadtime::remedy::{Remedied, Remedy};
 
 /// The classes of `deadtime.errors`, beside their base `DeadtimeError`; a test holds them against the module.
 const CLASSES: [&str; 13] = [
@@ -55,7 +56,7 @@ pub(super) fn raise(py: Python<'_>, error: impl Into<Error>) -> PyErr {
         (Ok(class), Error::File(deadtime::file::FileError::Io { path, source })) => {
             PyErr::from_type(class, (source.raw_os_error(), os_message(source), path.clone().into_os_string()))
         }
-        (Ok(class), _) => PyErr::from_type(class, in_python(&deadtime::text::message(&error.to_string()))),
+        (Ok(class), _) => PyErr::from_type(class, deadtime::text::message(&error.message().worded(call))),
         (Err(missing), _) => missing,
     }
 }
@@ -81,51 +82,35 @@ fn os_message(source: &std::io::Error) -> String {
     text.split(" (os error").next().unwrap_or(&text).to_owned()
 }
 
-/// Words of the library's messages, and what a reader of Python has for each.
-const REMEDIES: [(&str, &str); 18] = [
-    ("`max_delay`", "max_delay="),
-    ("give a `model` and", "give model= and"),
-    ("(`rename`)", "(log.rename)"),
-    ("give two sequences of them", "give deadtime.estimate_events"),
-    ("give `model`, such as", "give model=, such as"),
-    ("give the option inertia={", "give inertia={"),
-    ("give an input and an output", "give input= and output="),
-    ("to `read_records`", "with `deadtime.read_records(path, column)`"),
-    ("take another `window` of the log", "take another `log.window(start, stop)`"),
-    ("a wider `window`", "a wider `log.window(start, stop)`"),
-    ("choose a `window`", "choose `log.window(start, stop)`"),
-    ("`resample(", "`log.resample("),
-    ("give `resample` a larger", "give `log.resample(sample_time)` a larger"),
-    ("`rename` each column once", "give each column one `log.rename({model_name: column})`"),
-    ("`resume`", "resume=True"),
-    ("`update`", "update=True"),
-    ("the folder of the `cases`", "the folder of the cases by cases="),
-    ("the log is said to be of a closed loop", "loop=\"closed\""),
-];
-
-/// A message with the remedies of Python: options are arguments, called alike.
-pub(super) fn in_python(message: &str) -> String {
-    let mut text = REMEDIES.iter().fold(message.to_owned(), |text, (option, call)| text.replace(option, call));
-    // `--map NAME=COLUMN` of a name that is known.
-    while let Some((before, after)) = text.split_once("--map ")
-        && let Some((name, rest)) = after.split_once("=COLUMN")
-    {
-        text = format!("{before}log.rename({{\"{name}\": column}}){rest}");
-    }
-    let mut plain = String::with_capacity(text.len());
-    let mut rest = text.as_str();
-    while let Some((before, after)) = rest.split_once("--") {
-        let name: String = after.chars().take_while(|c| c.is_ascii_lowercase() || *c == '-').collect();
-        let begins = before.chars().next_back().is_none_or(|c| !c.is_ascii_alphanumeric() && c != '-');
-        plain.push_str(before);
-        if begins && name.starts_with(|c: char| c.is_ascii_lowercase()) {
-            plain.push_str(&name.replace('-', "_"));
-            plain.push('=');
-        } else {
-            plain.push_str("--");
-            plain.push_str(&name);
-        }
-        rest = &after[name.len()..];
-    }
-    plain + rest
+/// The argument or the call of a remedy.
+pub(super) fn call(remedy: &Remedy) -> String {
+    let call = match remedy {
+        Remedy::MaxDelay => "max_delay=",
+        Remedy::StepTime => "time=",
+        Remedy::Model => "model=",
+        Remedy::Rename => "`log.rename({name: column})`",
+        Remedy::ColumnOf { channel } => return format!("`log.rename({{\"{channel}\": column}})`"),
+        Remedy::NewNames => "the new names make",
+        Remedy::Events => "them to deadtime.estimate_events",
+        Remedy::Channels => "input= and output=",
+        Remedy::Records => "with `deadtime.read_records(path, column)`",
+        Remedy::Window => "`log.window(start, stop)`",
+        Remedy::Resample => "`log.resample(sample_time)`",
+        Remedy::ResampleAt { seconds } => return format!("`log.resample({seconds})`"),
+        Remedy::TimeColumn => "time=",
+        Remedy::TimeUnit => "time_unit=",
+        Remedy::HeaderStamps => "stamps=\"header\"",
+        Remedy::ClosedLoop => "loop=\"closed\"",
+        Remedy::Delay => "delay=",
+        Remedy::States => "states={name: (channel, std)}",
+        Remedy::RestartEvery => "restart_every=",
+        Remedy::LookAt => "rows=",
+        Remedy::ExportOption { name } => return format!("{name}="),
+        Remedy::Resume => "resume=True",
+        Remedy::Update => "update=True",
+        Remedy::Cases => "cases=",
+        Remedy::MaxMemory => "max_memory_gb=",
+        Remedy::MaxDisk => "max_disk_gb=",
+    };
+    call.to_owned()
 }

@@ -5,7 +5,6 @@ use pyo3::prelude::*;
 use serde_json::Value;
 
 use super::convert::json as from_python;
-use super::error::in_python;
 use super::log::Log;
 use super::model::Model;
 use super::work::long;
@@ -74,7 +73,7 @@ fn _identify(
         Ok((file, report.data()?, report.text()))
     })?;
     let data = serde_json::to_string_pretty(&data).map_err(|e| PyValueError::new_err(e.to_string()))?;
-    Ok((Model(ModelDocument::Lti(file)), data, in_python(text.trim_end())))
+    Ok((Model(ModelDocument::Lti(file)), data, text.trim_end().to_owned()))
 }
 
 pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::convert::{Numbers, array1, vector};
-use super::error::OrRaise;
+use super::error::{OrRaise, call};
 use deadtime::log::{Channel, Log as Inner, ReadOptions, Stamps, TimeUnit, Wanted, csv, name_and_unit, open};
 use deadtime::model::Derived;
 use deadtime::time::SampleTime;
@@ -119,7 +119,7 @@ impl Log {
         let (logs, notes) = py.detach(read).or_raise(py)?;
         // What was guessed is said.
         for note in notes {
-            py.import("warnings")?.call_method1("warn", (format!("{}: {note}", path.display()),))?;
+            py.import("warnings")?.call_method1("warn", (format!("{}: {}", path.display(), note.worded(call)),))?;
         }
         Ok(logs.into_iter().map(Self).collect())
     }
@@ -128,7 +128,8 @@ impl Log {
     #[staticmethod]
     fn _listing(py: Python<'_>, path: PathBuf, clock: (Option<String>, Option<String>, String)) -> PyResult<String> {
         let options = read_options(clock)?;
-        let listing = py.detach(|| open(&path, &options).map(|recording| recording.listing())).or_raise(py)?;
+        let mut listing = py.detach(|| open(&path, &options).map(|recording| recording.listing())).or_raise(py)?;
+        listing.notes = listing.notes.worded(call);
         serde_json::to_string(&listing).map_err(|e| PyValueError::new_err(e.to_string()))
     }
 

@@ -5,7 +5,6 @@ use pyo3::prelude::*;
 use serde_json::Value;
 
 use super::convert::json as from_python;
-use super::error::in_python;
 use super::log::Log;
 use super::work::long;
 use deadtime::identify::response::frequency_responses;
@@ -30,7 +29,7 @@ fn _frequency_response(
         Ok((report.data(), report.text()))
     })?;
     let data = serde_json::to_string(&data).map_err(|e| PyValueError::new_err(e.to_string()))?;
-    Ok((data, in_python(text.trim_end())))
+    Ok((data, text.trim_end().to_owned()))
 }
 
 pub(super) fn add(m: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -6,7 +6,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde::Serialize;
 
-use super::error::{OrRaise, in_python};
+use super::error::OrRaise;
 use super::log::Log;
 use super::model::Model;
 use super::work::long;
@@ -55,7 +55,7 @@ type Found = (Model, String, String);
 fn found(model: Option<EquationsFile>, data: &impl Serialize, text: &str) -> PyResult<Found> {
     let data = serde_json::to_string(data).map_err(|e| PyValueError::new_err(e.to_string()))?;
     let model = model.ok_or_else(|| PyValueError::new_err("the fit gave no model"))?;
-    Ok((Model(ModelDocument::Equations(model)), data, in_python(text.trim_end())))
+    Ok((Model(ModelDocument::Equations(model)), data, text.trim_end().to_owned()))
 }
 
 /// The fitted model, the text of `deadtime/structure@1`, and what the command line prints.

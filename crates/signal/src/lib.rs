@@ -13,6 +13,7 @@ mod noise;
 mod polynomial;
 pub mod progress;
 pub mod registry;
+pub mod remedy;
 mod spectra;
 mod spectral_matrix;
 pub mod stats;

@@ -2,6 +2,7 @@
 //!
 //! The last line is computed from the rows and compared as a whole, so that any byte that is lost, changed or another file's makes the block one that is not done.
 
+use deadtime_signal::remedy::{Message, Remedy};
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
@@ -85,7 +86,10 @@ impl BlockFile<'_> {
     /// # Errors
     /// [`StudyError::Results`] where it is damaged; [`super::error::Error::Io`].
     pub(super) fn read(&self, path: &Path) -> super::error::Result<Vec<Row>> {
-        let wrong = |detail: String| StudyError::Results { path: path.to_owned(), detail: format!("{detail}; --resume makes it again") };
+        let wrong = |detail: String| StudyError::Results {
+            path: path.to_owned(),
+            detail: Message::from(detail).and("; ").and(Remedy::Resume).and(" makes it again"),
+        };
         let body = self.body(path)?.map_err(wrong)?;
         let rows: Vec<Row> = csv::Reader::from_reader(body.as_slice())
             .into_deserialize()

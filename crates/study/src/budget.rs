@@ -4,6 +4,7 @@ use std::cmp::Ordering;
 
 use super::error::StudyError;
 use super::plan::{Grid, Loop, Plan, spelt};
+use deadtime_signal::remedy::Remedy;
 
 /// Bytes in a gigabyte.
 const GB: f64 = 1e9;
@@ -106,10 +107,10 @@ impl Budget {
         // A limit that is no number allows nothing.
         let within = |needed_gb: f64, limit_gb: f64| matches!(needed_gb.partial_cmp(&limit_gb), Some(Ordering::Less | Ordering::Equal));
         if !within(memory_gb, self.memory_gb) {
-            return Err(refused("memory", memory_gb, self.memory_gb, "--max-memory-gb"));
+            return Err(refused("memory", memory_gb, self.memory_gb, Remedy::MaxMemory));
         }
         if !within(disk_gb, self.disk_gb) {
-            return Err(refused("room on the disk", disk_gb, self.disk_gb, "--max-disk-gb"));
+            return Err(refused("room on the disk", disk_gb, self.disk_gb, Remedy::MaxDisk));
         }
         Ok(())
     }

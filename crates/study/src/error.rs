@@ -21,6 +21,8 @@ use deadtime_signal::SignalError;
 use deadtime_signal::file::FileError;
 use deadtime_signal::flatten;
 use deadtime_signal::registry::RegistryError;
+use deadtime_signal::remedied;
+use deadtime_signal::remedy::{Message, Remedied, Remedy};
 use deadtime_signal::stop::Stopped;
 use deadtime_signal::time::TimeError;
 
@@ -86,6 +88,7 @@ pub enum Error {
     Stopped(#[from] Stopped),
 }
 
+remedied!(Error { Study, Blind, Gap, Export, Delay, Identify, Log });
 flatten!(deadtime_log::Error => Error { Log, File, Time });
 flatten!(deadtime_model::Error => Error { Model, Derived, Simulate, Effect, Signal, Log, File, Time });
 flatten!(deadtime_identify::Error => Error { Identify, Structured, Matching, Model, Derived, Simulate, Effect, Signal, Log, File, Time, Registry, Stopped });
@@ -129,27 +132,23 @@ pub enum StudyError {
         detail: String,
     },
     /// The folder holds another study, or one that was stopped.
-    #[error("{folder}: {detail}", folder = folder.display())]
+    #[error("{}", self.remedied().unwrap_or_default())]
     Folder {
         /// The folder.
         folder: PathBuf,
         /// What is there, and the remedy.
-        detail: String,
+        detail: Message,
     },
     /// A file of results that cannot be read.
-    #[error("{path}: {detail}", path = path.display())]
+    #[error("{}", self.remedied().unwrap_or_default())]
     Results {
         /// The file.
         path: PathBuf,
         /// What is wrong, and the remedy.
-        detail: String,
+        detail: Message,
     },
     /// A plan that needs more than it may.
-    #[error(
-        "plan {plan}: {settings} settings, {cells} cells and {estimates} estimates need about {needed_gb:.1} GB of {what}, at most {limit_gb} GB are allowed; \
-         ask for less, or lift the limit by {option} {lifted}",
-        plan = shown(plan), lifted = (1.1 * needed_gb).ceil()
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     Budget {
         /// The plan's name.
         plan: String,
@@ -166,7 +165,7 @@ pub enum StudyError {
         /// 10⁹ bytes allowed.
         limit_gb: f64,
         /// The option that lifts the limit.
-        option: &'static str,
+        option: Remedy,
     },
     /// The operating system gives no threads, or one stopped.
     #[error("no worker thread: {detail}")]
@@ -175,13 +174,13 @@ pub enum StudyError {
         detail: String,
     },
     /// Two studies that cannot be compared.
-    #[error("{detail}")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     Gate {
         /// What is wrong with which of them, and the remedy.
-        detail: String,
+        detail: Message,
     },
     /// A record that cannot be made.
-    #[error("plan {plan}, {setting}, trial {trial} (seed {seed}): {source}")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     Record {
         /// The plan's name.
         plan: String,
@@ -194,4 +193,25 @@ pub enum StudyError {
         /// Why not.
         source: Box<Error>,
     },
+}
+
+impl Remedied for StudyError {
+    fn remedied(&self) -> Option<Message> {
+        Some(match self {
+            Self::Folder { folder, detail } => Message::from(format!("{}: ", folder.display())).and(detail.clone()),
+            Self::Results { path, detail } => Message::from(format!("{}: ", path.display())).and(detail.clone()),
+            Self::Budget { plan, settings, cells, estimates, what, needed_gb, limit_gb, option } => Message::from(format!(
+                "plan {}: {settings} settings, {cells} cells and {estimates} estimates need about {needed_gb:.1} GB of {what}, at most {limit_gb} GB are allowed; \
+                 ask for less, or lift the limit by ",
+                shown(plan)
+            ))
+            .and(option.clone())
+            .and(format!(" {}", (1.1 * needed_gb).ceil())),
+            Self::Gate { detail } => detail.clone(),
+            Self::Record { plan, setting, trial, seed, source } => {
+                Message::from(format!("plan {plan}, {setting}, trial {trial} (seed {seed}): ")).and(source.message())
+            }
+            _ => return None,
+        })
+    }
 }

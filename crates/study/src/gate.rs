@@ -26,6 +26,7 @@ use statrs::function::factorial::ln_binomial;
 use super::error::StudyError;
 use super::plan::{Delay, Place};
 use super::results::{Cell, Study};
+use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stats::NORMAL_95_EXACT;
 
 /// The format of what a gate found.
@@ -264,7 +265,7 @@ impl Gate {
 
     fn check(&self) -> Result<(), StudyError> {
         let Self { alpha, margin, margin_samples, margin_share } = *self;
-        let wrong = |detail: String| Err(StudyError::Gate { detail });
+        let wrong = |detail: String| Err(StudyError::Gate { detail: detail.into() });
         if !(alpha > 0.0 && alpha < 1.0) {
             return wrong(format!("alpha is {alpha}: give a chance between 0 and 1"));
         }
@@ -420,7 +421,7 @@ impl Frame {
 
 /// Cells by key, after a look at what they hold.
 fn index<'a>(study: &'a Study, which: &str) -> Result<BTreeMap<String, &'a Cell>, StudyError> {
-    let wrong = |detail: String| StudyError::Gate { detail: format!("{which}: {detail}; run the study again") };
+    let wrong = |detail: String| StudyError::Gate { detail: format!("{which}: {detail}; run the study again").into() };
     let mut cells = BTreeMap::new();
     for cell in &study.cells {
         let positive = |v: Option<f64>| v.is_none_or(|v| v.is_finite() && v >= 0.0);
@@ -451,26 +452,28 @@ fn comparable(
     before: &BTreeMap<String, &Cell>,
     after: &BTreeMap<String, &Cell>,
 ) -> Result<(), StudyError> {
-    let wrong = |detail: String| Err(StudyError::Gate { detail });
-    let remedy = "compare runs of one plan, or make a new baseline (`update`)";
+    let wrong = |fault: String| {
+        let detail = Message::from(fault).and(": compare runs of one plan, or make a new baseline (").and(Remedy::Update).and(")");
+        Err(StudyError::Gate { detail })
+    };
     if results.plan != baseline.plan {
-        return wrong(format!("the baseline is of plan `{}`, the results are of plan `{}`: {remedy}", baseline.plan, results.plan));
+        return wrong(format!("the baseline is of plan `{}`, the results are of plan `{}`", baseline.plan, results.plan));
     }
     let mut shared = before.iter().filter_map(|(key, b)| Some((key, *b, *after.get(key)?))).peekable();
     if shared.peek().is_none() {
-        return wrong(format!("the results have none of the baseline's cells: {remedy}"));
+        return wrong("the results have none of the baseline's cells".to_owned());
     }
     for (key, b, a) in shared {
         if b.truth != a.truth {
             return wrong(format!(
-                "`{key}` is scored against `truth = \"{}\"` in the baseline and `\"{}\"` in the results: {remedy}",
+                "`{key}` is scored against `truth = \"{}\"` in the baseline and `\"{}\"` in the results",
                 b.truth.name(),
                 a.truth.name()
             ));
         }
         if b.definition != a.definition && !b.definition.is_empty() && !a.definition.is_empty() {
             return wrong(format!(
-                "the names in `{key}` (excitation, noise, controller, model file) or its scoring stand for something else in the baseline: {remedy}"
+                "the names in `{key}` (excitation, noise, controller, model file) or its scoring stand for something else in the baseline"
             ));
         }
     }

@@ -1,5 +1,6 @@
 //! Estimates as Parquet, the columns of `estimates.csv` with types: one file, or parts of one.
 
+use deadtime_signal::remedy::{Message, Remedy};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;
@@ -304,7 +305,7 @@ impl Reader {
 
 /// A file that cannot be used.
 pub(super) fn unread(path: &Path, detail: &str) -> super::error::Error {
-    let detail = format!("{detail}; go on where it was (`resume`): a damaged part is made again");
+    let detail = Message::from(detail).and("; go on where it was (").and(Remedy::Resume).and("): a damaged part is made again");
     StudyError::Results { path: path.to_owned(), detail }.into()
 }
 

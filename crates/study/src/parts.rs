@@ -22,6 +22,7 @@ use super::seal;
 use super::setting::Setting;
 use super::tally::Tally;
 use deadtime_signal::file::{read_text, sweep, write_atomic};
+use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stop::Stop;
 
 /// The format of `tasks.json`.
@@ -188,21 +189,27 @@ impl Tasks {
     /// [`StudyError::Folder`] where the folder holds another study, or this one without `resume`; [`super::error::Error::Io`].
     pub fn open(runner: &Runner, folder: &Path, resume: bool) -> super::error::Result<Option<Self>> {
         let path = folder.join(TASKS);
-        let refused = |detail: &str| Err(StudyError::Folder { folder: folder.to_owned(), detail: detail.to_owned() }.into());
+        let refused = |detail: Message| Err(StudyError::Folder { folder: folder.to_owned(), detail }.into());
         if !path.exists() {
             let full = std::fs::read_dir(folder.join(ESTIMATES)).is_ok_and(|mut entries| entries.next().is_some());
-            return if full { refused("has a folder `estimates` that is no part of this study; give another folder") } else { Ok(None) };
+            return if full {
+                refused("has a folder `estimates` that is no part of this study; give another folder".into())
+            } else {
+                Ok(None)
+            };
         }
         let text = read_text(&path)?;
         let saved: Saved = serde_json::from_str(&text).map_err(|e| unread(&path, &format!("no {FORMAT}: {e}")))?;
         if saved.stamp != runner.stamp() || saved.format != FORMAT || !tile(&saved.ends, runner.blocks()) {
             return refused(
-                "holds the parts of another study (other trials, seed or program version included); give another folder, or remove its tasks.json and estimates",
+                "holds the parts of another study (other trials, seed or program version included); give another folder, or remove its tasks.json and estimates".into(),
             );
         }
         if !resume {
             return refused(
-                "holds parts of this study; resume=True goes on where it was, removing its tasks.json and estimates starts anew",
+                Message::from("holds parts of this study; ")
+                    .and(Remedy::Resume)
+                    .and(" goes on where it was, removing its tasks.json and estimates starts anew"),
             );
         }
         Ok(Some(Self { folder: folder.to_owned(), stamp: saved.stamp, ends: saved.ends }))
@@ -214,9 +221,7 @@ impl Tasks {
     /// [`StudyError::Folder`] where these tasks do not hold every block once; [`super::error::Error::Io`].
     pub fn new(runner: &Runner, folder: &Path, ends: Vec<usize>) -> super::error::Result<Self> {
         if !tile(&ends, runner.blocks()) {
-            return Err(
-                StudyError::Folder { folder: folder.to_owned(), detail: "the tasks do not hold every block once".to_owned() }.into()
-            );
+            return Err(StudyError::Folder { folder: folder.to_owned(), detail: "the tasks do not hold every block once".into() }.into());
         }
         let (path, parts) = (folder.join(TASKS), folder.join(ESTIMATES));
         std::fs::create_dir_all(&parts).map_err(|e| super::error::Error::io(&parts, e))?;

@@ -242,7 +242,7 @@ impl Study {
     pub fn read(path: &Path) -> super::error::Result<Self> {
         let path = if path.is_dir() { path.join("study.json") } else { path.to_owned() };
         let text = read_text(&path)?;
-        let wrong = |detail: String| StudyError::Results { path: path.clone(), detail };
+        let wrong = |detail: String| StudyError::Results { path: path.clone(), detail: detail.into() };
         let study: Self = serde_json::from_str(&text).map_err(|e| wrong(format!("no {FORMAT}: {e}")))?;
         if study.format != FORMAT {
             return Err(wrong(format!("format is `{}`; this program reads `{FORMAT}`", study.format)).into());
@@ -270,7 +270,7 @@ impl Study {
                 self.seed
             ))
         };
-        let whole = whole().map_err(|e| StudyError::Results { path: path.clone(), detail: e.to_string() })?;
+        let whole = whole().map_err(|e| StudyError::Results { path: path.clone(), detail: e.to_string().into() })?;
         Ok(write_atomic(&path, |out| writeln!(out, "{whole}"))?)
     }
 
@@ -279,7 +279,8 @@ impl Study {
     /// # Errors
     /// [`super::error::Error::Io`].
     pub fn write(&self, path: &Path) -> super::error::Result<()> {
-        let text = serde_json::to_string_pretty(self).map_err(|e| StudyError::Results { path: path.to_owned(), detail: e.to_string() })?;
+        let text =
+            serde_json::to_string_pretty(self).map_err(|e| StudyError::Results { path: path.to_owned(), detail: e.to_string().into() })?;
         Ok(write_atomic(path, |out| writeln!(out, "{text}"))?)
     }
 }

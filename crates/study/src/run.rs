@@ -20,6 +20,7 @@ use super::plan::{Delay, PLAIN, Plan};
 use super::results::{Cell, FORMAT, Kept, Score, Study};
 use super::tally::{Tally, kept};
 use deadtime_signal::file::{Lock, sweep, write_atomic};
+use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stats;
 use deadtime_signal::stop::Stop;
 
@@ -177,13 +178,15 @@ impl Runner {
             }
             let theirs = fs::read_to_string(&stamp).unwrap_or_default();
             let detail = if theirs.trim() != mine {
-                "holds the unfinished study of another plan (other trials, seed or program version included); give another folder, or remove its folder `parts`"
+                "holds the unfinished study of another plan (other trials, seed or program version included); give another folder, or remove its folder `parts`".into()
             } else if !resume {
-                "holds this study unfinished; `resume` goes on where it was, removing its folder `parts` starts anew"
+                Message::from("holds this study unfinished; ")
+                    .and(Remedy::Resume)
+                    .and(" goes on where it was, removing its folder `parts` starts anew")
             } else {
                 return Ok(parts);
             };
-            return Err(StudyError::Folder { folder: folder.to_owned(), detail: detail.to_owned() }.into());
+            return Err(StudyError::Folder { folder: folder.to_owned(), detail }.into());
         }
         write_atomic(&stamp, |out| writeln!(out, "{mine}"))?;
         Ok(parts)
@@ -367,7 +370,7 @@ impl Begun<'_> {
             let path = part(parts, number);
             for row in runner.block_file(number).read(&path)? {
                 let Some((tally, key)) = tallies.get_mut(row.cell).zip(keys.get(row.cell)) else {
-                    return Err(StudyError::Results { path, detail: format!("cell {} is none of this study", row.cell) }.into());
+                    return Err(StudyError::Results { path, detail: format!("cell {} is none of this study", row.cell).into() }.into());
                 };
                 runner.count(tally, &row);
                 let values = value_fields(&row);

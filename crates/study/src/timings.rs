@@ -121,7 +121,7 @@ impl Timings {
     }
 
     fn from_csv(text: impl Read, path: &Path) -> Result<Self, StudyError> {
-        let wrong = |detail: String| StudyError::Results { path: path.to_owned(), detail };
+        let wrong = |detail: String| StudyError::Results { path: path.to_owned(), detail: detail.into() };
         let remedy = "give a CSV with the columns bench, before_s and after_s, a line a pair of runs";
         let mut pairs = Vec::new();
         for (at, pair) in csv::Reader::from_reader(text).into_deserialize::<TimedPair>().enumerate() {
@@ -155,7 +155,7 @@ impl SpeedGate {
     /// [`StudyError::Gate`] for options that cannot be, and where a bench has too few pairs for anything to be found.
     pub fn judge(&self, timings: &Timings) -> Result<SpeedReport, StudyError> {
         let Self { alpha, margin } = *self;
-        let wrong = |detail: String| Err(StudyError::Gate { detail });
+        let wrong = |detail: String| Err(StudyError::Gate { detail: detail.into() });
         if !(alpha > 0.0 && alpha < 1.0) {
             return wrong(format!("alpha is {alpha}: give a chance between 0 and 1"));
         }

@@ -106,7 +106,11 @@ fn methods(pair: &Pair, step_s: f64) -> Markup {
         let label = format!("{value} s, interval {interval} s");
         let texts = [Cell::Words(e.method.clone()), Cell::Number(value), Cell::Number(interval)];
         let mut cells: Vec<Cell> = texts.into();
-        cells.extend([Cell::Drawn(bar(&label, &drawn)), Cell::Words(counts), Cell::Words(e.note.clone().unwrap_or_default())]);
+        cells.extend([
+            Cell::Drawn(bar(&label, &drawn)),
+            Cell::Words(counts),
+            Cell::Words(e.note.as_deref().unwrap_or_default().to_owned()),
+        ]);
         cells
     };
     let all = |counting: bool| pair.estimates.iter().filter(|e| e.counts() == counting).map(row).collect::<Vec<Vec<Cell>>>();

@@ -141,7 +141,12 @@ impl Area1 {
         let held = self.held.max(max_delay + BEYOND);
         let (needed, got) = (REST + held, experiment.longest());
         if got < needed {
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter `max_delay`, or set a smaller held" });
+            return Err(DelayError::TooShort {
+                method: NAME,
+                needed,
+                got,
+                remedy: crate::error::LengthRemedy::WindowOr("set a smaller held"),
+            });
         }
         let none = |outcome, note: String| Ok(DelayEstimate::without(outcome, note));
         if records.iter().any(|r| r.present.is_some()) {

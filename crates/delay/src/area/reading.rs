@@ -110,7 +110,7 @@ pub(super) fn pulse_response(
     let taps = taps.max(max_delay + BEYOND);
     let (needed, got) = (2 * taps + 1, experiment.longest());
     if got < needed {
-        return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter `max_delay`, or set fewer taps" });
+        return Err(DelayError::TooShort { method: name, needed, got, remedy: crate::error::LengthRemedy::WindowOr("set fewer taps") });
     }
     let fir = match fir_or_rank(records, taps) {
         Ok(fir) => fir,

@@ -133,7 +133,7 @@ pub(crate) fn enough(method: &'static str, segment: usize, got: usize, max_delay
     }
     let needed = max_delay + LEAST.max(segment);
     if got < needed {
-        return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter `max_delay`" });
+        return Err(DelayError::TooShort { method, needed, got, remedy: crate::error::LengthRemedy::Window });
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ use crate::estimator::Search;
 use crate::experiment::Experiment;
 use crate::method::Law;
 use crate::posterior;
+use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stats;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
@@ -172,7 +173,7 @@ pub(super) fn check(method: &'static str, units: Units, experiment: &Experiment)
     let got = experiment.events().iter().map(|e| e.first.len().min(e.second.len())).max().unwrap_or(0);
     let needed = LEAST + 2;
     if got < needed {
-        return Err(DelayError::TooShort { method, needed, got, remedy: "record more events at both places" });
+        return Err(DelayError::TooShort { method, needed, got, remedy: crate::error::LengthRemedy::Events });
     }
     Ok(())
 }
@@ -206,7 +207,7 @@ pub(super) struct Shown {
 }
 
 /// That, or why it says nothing.
-pub(super) type Answer = Result<Shown, (Outcome, String)>;
+pub(super) type Answer = Result<Shown, (Outcome, Message)>;
 
 pub(super) fn one(events: &Events, units: Units, criterion: fn(&Paired<'_>) -> f64, window: f64) -> Answer {
     let other_units = units == Units::Standardise && matches!(&events.units, [Some(a), Some(b)] if a != b);
@@ -247,13 +248,15 @@ impl<'a> Matched<'a> {
         second: &'a [f64],
         criterion: fn(&Paired<'_>) -> f64,
         window: Option<f64>,
-    ) -> Result<Self, (Outcome, String)> {
+    ) -> Result<Self, (Outcome, Message)> {
         let typical_interval = median(first.windows(2).map(|w| w[1] - w[0]).collect());
         let offsets = offsets(first, second, window, typical_interval);
         let paired = |k: isize| Paired::new((first, second), k);
         let Some(best) = offsets.iter().map(|&k| (criterion(&paired(k)), k)).min_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1) else {
-            let note = "no offset puts the second sequence behind the first by a delay of the window: search a longer `max_delay`, or exchange them";
-            return Err((Outcome::NotVisible, note.into()));
+            let note = Message::from("no offset puts the second sequence behind the first by a delay of the window: search a longer ")
+                .and(Remedy::MaxDelay)
+                .and(", or exchange them");
+            return Err((Outcome::NotVisible, note));
         };
         let pairs = paired(best);
         if pairs.correlation() == 0.0 {
@@ -266,7 +269,7 @@ impl<'a> Matched<'a> {
                 "the intervals of the two sequences are not alike at the best offset ({best}: correlation {:.2}, {limit:.1} standard deviations of chance needed): they do not show the same events, or too many are missing",
                 pairs.correlation()
             );
-            return Err((Outcome::NotVisible, note));
+            return Err((Outcome::NotVisible, note.into()));
         }
         let [typical, apart] = pairs.typical();
         let gate = GATE * typical_interval;
@@ -276,13 +279,13 @@ impl<'a> Matched<'a> {
                 (delay - typical).abs() > gate && difference <= AS_CLOSE * apart
             });
         if let Some(k) = rival {
-            return Err((Outcome::Flat, format!("offsets {best} and {k} pair the events equally well")));
+            return Err((Outcome::Flat, format!("offsets {best} and {k} pair the events equally well").into()));
         }
         let by_time = partners(first, second, typical, gate);
         let possible = first.len().min(second.len());
         if by_time.len() < LEAST || 2 * by_time.len() < possible {
             let note = format!("only {} of {possible} events have a partner {typical:.6} later", by_time.len());
-            return Err((Outcome::NotVisible, note));
+            return Err((Outcome::NotVisible, note.into()));
         }
         Ok(Self { pairs, by_time, typical, gate })
     }

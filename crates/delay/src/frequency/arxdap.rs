@@ -89,7 +89,7 @@ impl Arxdap {
         let regression = Regression { na: self.na, lags };
         let (needed, got) = (bias + regression.first_row() + 2 * regression.columns(), experiment.longest());
         if got < needed {
-            let remedy = "search a shorter `max_delay`, or set smaller na and nb";
+            let remedy = crate::error::LengthRemedy::WindowOr("set smaller na and nb");
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
         }
         let ahead: Vec<Record> = records.iter().map(|r| r.ahead(bias)).collect();

@@ -90,7 +90,7 @@ impl Firdap {
         let taps = self.taps.max(max_delay + BEYOND);
         let (needed, got) = (bias + 2 * taps + 1, experiment.longest());
         if got < needed {
-            let remedy = "search a shorter `max_delay`, or set fewer taps";
+            let remedy = crate::error::LengthRemedy::WindowOr("set fewer taps");
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
         }
         let ahead: Vec<Record> = records.iter().map(|r| r.ahead(bias)).collect();

@@ -95,7 +95,7 @@ impl Oedap {
         let lags = max_delay + self.nb;
         let (needed, got) = (bias + self.nf.max(lags - 1) + 2 * (self.nf + lags), experiment.longest().min(self.max_samples));
         if got < needed {
-            let remedy = "search a shorter `max_delay`, or set a smaller nb or a larger max_samples";
+            let remedy = crate::error::LengthRemedy::WindowOr("set a smaller nb or a larger max_samples");
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
         }
         if records.iter().any(|r| r.present.is_some()) {

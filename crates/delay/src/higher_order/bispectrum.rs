@@ -113,7 +113,7 @@ impl Bispectrum {
                 method: NAME,
                 needed,
                 got,
-                remedy: "search a shorter `max_delay`, or set a shorter segment",
+                remedy: crate::error::LengthRemedy::WindowOr("set a shorter segment"),
             });
         }
         // No longer part than the cap, but never so short that the window does not fit.

@@ -94,7 +94,12 @@ impl Fischer {
     fn pair(&self, records: &[Record], max_delay: usize, bias: usize, experiment: &Experiment) -> Result<DelayEstimate, DelayError> {
         let (needed, got) = (max_delay + 2 * self.order, experiment.longest());
         if got < needed {
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter `max_delay`, or set a smaller order" });
+            return Err(DelayError::TooShort {
+                method: NAME,
+                needed,
+                got,
+                remedy: crate::error::LengthRemedy::WindowOr("set a smaller order"),
+            });
         }
         if records.iter().any(|r| r.present.is_some()) {
             return Ok(DelayEstimate::without(Outcome::NotApplicable, "output samples are missing, and sums over all of them are needed"));

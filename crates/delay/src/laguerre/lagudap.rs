@@ -110,7 +110,7 @@ impl Lagudap {
         let order = self.order.unwrap_or(LEAST.max(max_delay + BEYOND));
         let (needed, got) = (max_delay + 4 * order, experiment.longest().min(self.max_samples));
         if got < needed {
-            let remedy = "search a shorter `max_delay`, or set a smaller order or a larger max_samples";
+            let remedy = crate::error::LengthRemedy::WindowOr("set a smaller order or a larger max_samples");
             return Err(DelayError::TooShort { method: NAME, needed, got, remedy });
         }
         let cut: Vec<Record> = records.iter().map(|r| r.head(self.max_samples)).collect();

@@ -133,7 +133,7 @@ impl Armaxstruc {
                 method: NAME,
                 needed: self.na.max(max_delay + self.nb - 1) + orders.rows_needed(),
                 got: experiment.longest().min(self.max_samples),
-                remedy: "search a shorter `max_delay`, or set smaller na, nb and nc",
+                remedy: crate::error::LengthRemedy::WindowOr("set smaller na, nb and nc"),
             });
         }
         let losses: Vec<Vec<f64>> =

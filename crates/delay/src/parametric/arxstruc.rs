@@ -142,7 +142,7 @@ impl Arxstruc {
                 method: name,
                 needed: self.na.max(max_delay + self.nb - 1) + rows_needed,
                 got: experiment.longest(),
-                remedy: "search a shorter `max_delay`, or set smaller na and nb",
+                remedy: crate::error::LengthRemedy::WindowOr("set smaller na and nb"),
             });
         }
         // Each input alone first: the descent starts where the pairs' answers are.
@@ -188,7 +188,7 @@ impl Arxstruc {
                 method: name,
                 needed: self.na.max(max_delay + self.nb - 1) + rows_needed,
                 got: experiment.longest(),
-                remedy: "search a shorter `max_delay`, or set smaller na and nb",
+                remedy: crate::error::LengthRemedy::WindowOr("set smaller na and nb"),
             });
         }
         Ok(answer(&scan, self.nb, max_delay, bias, experiment))

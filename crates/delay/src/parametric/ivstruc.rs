@@ -120,7 +120,7 @@ impl Ivstruc {
                 method: NAME,
                 needed,
                 got: got.min(self.max_samples),
-                remedy: "search a shorter `max_delay`",
+                remedy: crate::error::LengthRemedy::Window,
             });
         }
         if records.iter().any(|r| r.present.as_ref().is_some_and(|p| p.contains(&false))) {

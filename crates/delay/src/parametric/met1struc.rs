@@ -116,7 +116,12 @@ impl Met1struc {
         let needed = scanned.max(max_delay + self.past + subspace.rows_needed());
         let got = experiment.longest().min(self.max_samples);
         if got < needed {
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter `max_delay`, or set a shorter past" });
+            return Err(DelayError::TooShort {
+                method: NAME,
+                needed,
+                got,
+                remedy: crate::error::LengthRemedy::WindowOr("set a shorter past"),
+            });
         }
         if records.iter().any(|r| r.present.as_ref().is_some_and(|p| p.contains(&false))) {
             return Ok(DelayEstimate::without(Outcome::NotApplicable, "missing output samples: the noise filter needs every one"));

@@ -76,7 +76,7 @@ pub(super) fn profile<'a>(
     let needed = max_delay + orders.nb + 3 * parameters;
     let got = records.iter().map(Record::len).max().unwrap_or(0);
     if got < needed {
-        return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter `max_delay`" });
+        return Err(DelayError::TooShort { method: name, needed, got, remedy: crate::error::LengthRemedy::Window });
     }
     let (records, note) = shortened(records, max_samples);
     let fits = orders.scan_until(&records, max_delay, stop);

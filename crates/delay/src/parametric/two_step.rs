@@ -99,7 +99,7 @@ impl DelayEstimator for TwoStep {
         one_pair(experiment, search, |records, max_delay, bias| {
             let (needed, got) = (max_delay + 1 + ROWS, experiment.longest());
             if got < needed {
-                return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter `max_delay`" });
+                return Err(DelayError::TooShort { method: NAME, needed, got, remedy: crate::error::LengthRemedy::Window });
             }
             if let Some(note) = posterior::unseen(records, max_delay) {
                 return Ok(DelayEstimate::without(Outcome::NotVisible, note));

@@ -263,7 +263,7 @@ impl Process {
         let needed = max_delay + 3 * (shape.denominator() + (shape.numerator() + 1) * (1 + others.len()) + start);
         let got = experiment.longest();
         if got < needed {
-            return Err(DelayError::TooShort { method, needed, got, remedy: "search a shorter `max_delay`" });
+            return Err(DelayError::TooShort { method, needed, got, remedy: crate::error::LengthRemedy::Window });
         }
         let cut: Vec<Record>;
         let shortened = got > self.max_samples;

@@ -444,7 +444,7 @@ impl ProcessOptions {
             (_, Some(Ok(started))) => (started, &moving, Initial::Estimated),
             (Some(Ok(rest)), _) => (rest, &resting, Initial::Zero),
             (Some(Err(said)), _) | (_, Some(Err(said))) => {
-                let why = said.note.unwrap_or_else(|| "no model fits".to_owned());
+                let why = said.note.unwrap_or_else(|| "no model fits".into());
                 let integrates = matches!(said.outcome, Outcome::NotConverged | Outcome::NotVisible);
                 let remedy = if integrates { "; if the plant integrates, use p0di or p1di" } else { "" };
                 return Err(unfit(format!("{why}{remedy}")));

@@ -9,6 +9,7 @@ use crate::report::{Estimate, FORMAT, Pair, Report, Searched};
 use crate::verdict::{Grounds, Verdict};
 use deadtime_log::FrequencyResponse;
 use deadtime_signal::registry::RegistryError;
+use deadtime_signal::remedy::Remedied;
 use deadtime_signal::stop::Stop;
 use serde_json::Value;
 use std::time::Instant;
@@ -72,7 +73,7 @@ impl ResponseJob {
             let estimate = match estimator.estimate(response, &search) {
                 Ok(estimate) => estimate,
                 Err(e @ (DelayError::Option { .. } | DelayError::Stopped)) => return Err(e.into()),
-                Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.to_string()),
+                Err(e) => DelayEstimate::without(Outcome::NotApplicable, e.message()),
             };
             answers.push((method, estimate, clock.elapsed().as_secs_f64()));
         }

@@ -397,7 +397,7 @@ impl Found {
             misfit: None,
             enough_poles: false,
             open_part: false,
-            note: Some(note),
+            note: Some(note.into()),
         }
         .noting(apart)
         .noting(together)
@@ -449,7 +449,7 @@ fn enough(experiment: &Experiment, plant: &Plant, samples: usize, first: usize, 
         method: NAME,
         needed: first + 1 + needed_rows,
         got: experiment.longest(),
-        remedy: "search a shorter `max_delay`",
+        remedy: crate::error::LengthRemedy::Window,
     })
 }
 

@@ -106,7 +106,7 @@ impl Impulseest {
         let taps = self.taps.max(max_delay + 1);
         let (needed, got) = (taps - 1 + ROWS, experiment.longest());
         if got < needed {
-            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: "search a shorter `max_delay`, or set fewer taps" });
+            return Err(DelayError::TooShort { method: NAME, needed, got, remedy: crate::error::LengthRemedy::WindowOr("set fewer taps") });
         }
         let Some(evidence) = Evidence::new(records, taps) else {
             let note = format!("the input never moves within {taps} samples of a measured output");

@@ -69,7 +69,7 @@ pub(super) fn response(
     let needed = taps + 2 + if prewindow == Prewindow::Rest { 0 } else { taps - 1 };
     let got = records.iter().map(Record::len).max().unwrap_or(0);
     if got < needed {
-        return Err(DelayError::TooShort { method: name, needed, got, remedy: "search a shorter `max_delay`, or set fewer taps" });
+        return Err(DelayError::TooShort { method: name, needed, got, remedy: crate::error::LengthRemedy::WindowOr("set fewer taps") });
     }
     let rested;
     let records = if prewindow == Prewindow::Rest {

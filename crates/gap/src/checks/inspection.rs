@@ -1,5 +1,6 @@
 //! Whether a model and logs fit at all, before anyone diagnoses: names, units, time stamps, missing samples, then all checks.
 
+use deadtime_signal::remedy::{Message, Remedied};
 use serde::{Deserialize, Serialize};
 
 use super::every;
@@ -45,7 +46,7 @@ pub struct Inspection {
     #[serde(default)]
     pub clocks: Vec<LogClocks>,
     /// Why the checks could not be run; missing where they were.
-    pub not_run: Option<String>,
+    pub not_run: Option<Message>,
     /// The checks of `deadtime/diagnosis@1`.
     pub checks: Vec<Check>,
 }
@@ -206,12 +207,12 @@ fn look(subject: Subject<'_>, logs: &[Log], stop: &Stop, far: &HowFar) -> Result
     };
     let lost = found.logs.iter().flat_map(|l| l.channels.iter().map(move |c| (l, c))).find(|(_, c)| c.role == Role::Input && !c.ok);
     if let Some((log, c)) = lost {
-        found.not_run = Some(format!("{}: without the command `{}` nothing can be compared", log.log, c.channel));
+        found.not_run = Some(format!("{}: without the command `{}` nothing can be compared", log.log, c.channel).into());
     } else {
         match checks(subject, logs, &found.logs, (stop, far)) {
             Ok(checks) => found.checks = checks,
             // What is wrong with the model itself is an error; what is wrong with a log is the answer.
-            Err(e @ (crate::error::Error::Gap(_) | crate::error::Error::Log(_))) => found.not_run = Some(e.to_string()),
+            Err(e @ (crate::error::Error::Gap(_) | crate::error::Error::Log(_))) => found.not_run = Some(e.message()),
             Err(other) => return Err(other),
         }
     }

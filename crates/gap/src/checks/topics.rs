@@ -198,7 +198,7 @@ fn together(sides: [&Side<'_>; 2], ts: SampleTime, moved_s: f64) -> Result<Log, 
         };
         topics.push(Topic { name: name.to_owned(), log: Log::new(name, stamps, vec![channel]).map_err(|e| e.to_string())? });
     }
-    let recording = Recording { source: "log".to_owned(), format: "", topics, notes: Vec::new() };
+    let recording = Recording { source: "log".to_owned(), format: "", topics, notes: deadtime_log::Notes::default() };
     let wanted = ["first.x", "second.x"].map(|name| Wanted { name: name.to_owned(), held: false, required: true });
     recording.together(&wanted, Some(ts)).map(|(log, _)| log).map_err(|e| e.to_string())
 }

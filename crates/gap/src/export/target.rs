@@ -5,6 +5,7 @@ use super::ranges::Ranges;
 use crate::error::Result;
 use crate::format::diagnosis::Diagnosis;
 use deadtime_model::ModelDocument;
+use deadtime_signal::remedy::{Message, Remedied, Remedy};
 use serde::{Deserialize, Serialize};
 
 /// What an export is made of.
@@ -45,13 +46,13 @@ pub enum Syntax {
 #[non_exhaustive]
 pub enum ExportError {
     /// The target needs a model.
-    #[error("{target} needs the model: give `model`, such as the model_with_effects.toml that stands beside the diagnosis")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     NeedsModel {
         /// The target.
         target: &'static str,
     },
     /// The target needs an option.
-    #[error("{target} needs the option {option}: {why}")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     NeedsOption {
         /// The target.
         target: &'static str,
@@ -82,4 +83,20 @@ pub enum ExportError {
         /// The model.
         model: String,
     },
+}
+
+impl Remedied for ExportError {
+    fn remedied(&self) -> Option<Message> {
+        match self {
+            Self::NeedsModel { target } => Some(
+                Message::from(format!("{target} needs the model: give "))
+                    .and(Remedy::Model)
+                    .and(", such as the model_with_effects.toml that stands beside the diagnosis"),
+            ),
+            Self::NeedsOption { target, option, why } => {
+                Some(Message::from(format!("{target} needs ")).and(Remedy::ExportOption { name: option }).and(format!(": {why}")))
+            }
+            _ => None,
+        }
+    }
 }

@@ -1,5 +1,7 @@
 //! A diagnosis that cannot be begun.
 
+use deadtime_signal::remedy::{Message, Remedied, Remedy};
+
 /// Why a gap cannot be diagnosed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -15,7 +17,7 @@ pub enum GapError {
         log_s: f64,
     },
     /// A channel of the model that a log does not have.
-    #[error("{found}; say which column it is with `--map {channel}=COLUMN`")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     Channel {
         /// What the log has.
         found: Box<deadtime_log::LogError>,
@@ -76,10 +78,7 @@ pub enum GapError {
         second: f64,
     },
     /// A simulator whose free run says nothing.
-    #[error(
-        "{log}: what a small push does to the simulator grows {factor:.0e}-fold over the log, so that no free run says anything; \
-         name the log's channels of its states, from which it is then started again and again (--states \"NAME=CHANNEL,…\"), or close the loop inside the simulator"
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     Unstable {
         /// The log.
         log: String,
@@ -87,9 +86,7 @@ pub enum GapError {
         factor: f64,
     },
     /// A state without a sample in the log.
-    #[error(
-        "{log}: `{channel}`, from which the simulator is to be started again, has no sample; name another channel of that state in --states"
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     NoState {
         /// The log.
         log: String,
@@ -97,7 +94,7 @@ pub enum GapError {
         channel: String,
     },
     /// Starts that follow each other too fast.
-    #[error("{log}: a start every {given_s} s leaves {got} samples between two; give {least_s:.3} s or more (--restart-every)")]
+    #[error("{}", self.remedied().unwrap_or_default())]
     RestartsTooOften {
         /// The log.
         log: String,
@@ -109,9 +106,7 @@ pub enum GapError {
         least_s: f64,
     },
     /// More starts than can be fitted.
-    #[error(
-        "{log}: started again every {every_s:.3} s, the simulator has {got} starts to fit, more than {most}; look at fewer rows (--look-at), or give a longer time between starts (--restart-every)"
-    )]
+    #[error("{}", self.remedied().unwrap_or_default())]
     TooManyStarts {
         /// The log.
         log: String,
@@ -140,4 +135,39 @@ pub enum GapError {
         /// What stopped it.
         why: String,
     },
+}
+
+impl Remedied for GapError {
+    fn remedied(&self) -> Option<Message> {
+        let said = |text: String| Message::from(text);
+        Some(match self {
+            Self::Channel { found, channel } => {
+                found.message().and("; say which column it is with ").and(Remedy::ColumnOf { channel: channel.clone() })
+            }
+            Self::Unstable { log, factor } => said(format!(
+                "{log}: what a small push does to the simulator grows {factor:.0e}-fold over the log, so that no free run says anything; \
+                 name the log's channels of its states, from which it is then started again and again ("
+            ))
+            .and(Remedy::States)
+            .and("), or close the loop inside the simulator"),
+            Self::NoState { log, channel } => said(format!(
+                "{log}: `{channel}`, from which the simulator is to be started again, has no sample; name another channel of that state ("
+            ))
+            .and(Remedy::States)
+            .and(")"),
+            Self::RestartsTooOften { log, given_s, got, least_s } => {
+                said(format!("{log}: a start every {given_s} s leaves {got} samples between two; give {least_s:.3} s or more ("))
+                    .and(Remedy::RestartEvery)
+                    .and(")")
+            }
+            Self::TooManyStarts { log, every_s, got, most } => said(format!(
+                "{log}: started again every {every_s:.3} s, the simulator has {got} starts to fit, more than {most}; look at fewer rows ("
+            ))
+            .and(Remedy::LookAt)
+            .and("), or give a longer time between starts (")
+            .and(Remedy::RestartEvery)
+            .and(")"),
+            _ => return None,
+        })
+    }
 }

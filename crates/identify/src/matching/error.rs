@@ -74,7 +74,7 @@ pub enum MatchingError {
         remedy: &'static str,
     },
     /// The file is no linear model.
-    #[error("{path}: {found} is no identified model; give what `deadtime identify` wrote, the model file or its --json", path = path.display())]
+    #[error("{path}: {found} is no identified model; give the model file that an identification wrote, or its report", path = path.display())]
     NotIdentified {
         /// The file.
         path: std::path::PathBuf,

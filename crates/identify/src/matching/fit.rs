@@ -248,7 +248,7 @@ impl Matched {
         }
         if !self.uncertainty {
             self.notes.push(
-                "the identified model's file says nothing of its uncertainty, so there are no intervals; match the --json of `deadtime identify` (pbsidopt) to have them"
+                "the identified model's file says nothing of its uncertainty, so there are no intervals; match the report of an identification by pbsidopt to have them"
                     .to_owned(),
             );
         } else if self.misfit.size > MISFIT {

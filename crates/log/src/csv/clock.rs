@@ -2,6 +2,7 @@
 
 use crate::log::neighbours;
 use crate::recording::TimeUnit;
+use deadtime_signal::remedy::{Message, Remedy};
 
 /// Whole numbers beyond this are counted from the first stamp, so that differences of nanoseconds since 1970 keep every digit; seconds since 1970 are, too.
 const COUNTED_FROM_FIRST: i128 = 100_000_000_000;
@@ -68,7 +69,7 @@ pub(crate) struct Times {
     /// What they count from, nanoseconds.
     pub(crate) origin_ns: Option<i128>,
     /// How the unit was found out, where its size told it, and what the stamps count from: the end of a sentence.
-    pub(crate) told: String,
+    pub(crate) told: Message,
 }
 
 /// Stamps of any format, each as text would have it; they are understood as a text file's. `plain` says that whole numbers of seconds may stand there.
@@ -80,15 +81,16 @@ pub(crate) fn seconds(cells: impl Iterator<Item = String>, unit: Option<TimeUnit
     let time_s: Vec<f64> = raw.iter().map(|stamp| stamp / unit.per_second()).collect();
     let size = if why == Why::Size { " by the size of its numbers" } else { "" };
     let again = match why {
-        Why::Size => "; --time-unit s|ms|us|ns|iso says it otherwise".to_owned(),
+        Why::Size => Message::from("; ").and(Remedy::TimeUnit).and(" says it otherwise"),
         Why::Rule if median_step(&time_s) >= 2.0 => {
-            format!(", a sample every {} s; --time-unit s|ms|us|ns|iso says it otherwise", super::table::shortest(median_step(&time_s)))
+            let every = format!(", a sample every {} s; ", super::table::shortest(median_step(&time_s)));
+            Message::from(every).and(Remedy::TimeUnit).and(" says it otherwise")
         }
-        _ => String::new(),
+        _ => Message::default(),
     };
     let per_unit = (1e9 / unit.per_second()) as i128;
     let origin_ns = stamps.origin.map(|origin| origin.saturating_mul(per_unit));
-    Times { time_s, unit, origin_ns, told: format!("{size}{}{again}", stamps.counted_from(unit)) }
+    Times { time_s, unit, origin_ns, told: Message::from(format!("{size}{}", stamps.counted_from(unit))).and(again) }
 }
 
 /// How the unit of the time came about.

@@ -3,6 +3,7 @@
 //! Wrong when: a file is written anew with the same first kilobyte and at least as many bytes as were read (it counts as the same file); stamps of a file that
 //! takes the place of another count from another origin than the column's first.
 
+use deadtime_signal::remedy::Message;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -44,7 +45,7 @@ pub enum News {
     /// A row that is no sample, and why.
     Bad(LogError),
     /// What was guessed, a sentence.
-    Note(String),
+    Note(Message),
     /// The file was cut, or another one stands in its place: it is read from its beginning.
     Replaced,
     /// Time runs back for good: the recorder began again.
@@ -245,7 +246,7 @@ impl Follower {
             }
         }
         self.lines += whole.iter().filter(|byte| **byte == b'\n').count();
-        news.extend(header.notes.drain(..).map(News::Note));
+        news.extend(std::mem::take(&mut header.notes).into_iter().map(News::Note));
         self.header = Some((header, places));
         Ok(())
     }
@@ -328,7 +329,7 @@ impl Follower {
         }
         let raw: Vec<f64> = self.time.waiting.iter().map(|row| row.time_s).collect();
         let scale = header.settle(&self.time.stamps, &raw).per_second();
-        news.extend(header.notes.drain(..).map(News::Note));
+        news.extend(std::mem::take(&mut header.notes).into_iter().map(News::Note));
         self.time.per_second = Some(scale);
         let rows = std::mem::take(&mut self.time.waiting);
         news.extend(rows.into_iter().map(|row| News::Row(Row { time_s: row.time_s / scale, ..row })));

@@ -12,6 +12,7 @@ use crate::log::{Channel, Log, Origin, Place, Rows, Unusable, time_follows};
 use crate::recording::{ReadOptions, Recording, TimeUnit};
 use deadtime_signal::file::write_atomic;
 use deadtime_signal::progress::HowFar;
+use deadtime_signal::remedy::{Message, Remedy};
 use std::fmt::Write as _;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -154,11 +155,16 @@ pub fn read_records_from(source: &str, bytes: impl Read, column: &str) -> Result
 ///
 /// # Errors
 /// As [`read_records`].
-pub fn records(path: &Path, column: &str, options: &ReadOptions) -> Result<(Vec<Log>, Vec<String>), Error> {
+pub fn records(path: &Path, column: &str, options: &ReadOptions) -> Result<(Vec<Log>, crate::notes::Notes), Error> {
     records_from(&path.display().to_string(), open(path, &options.far)?, column, options)
 }
 
-pub(super) fn records_from(source: &str, bytes: impl Read, column: &str, options: &ReadOptions) -> Result<(Vec<Log>, Vec<String>), Error> {
+pub(super) fn records_from(
+    source: &str,
+    bytes: impl Read,
+    column: &str,
+    options: &ReadOptions,
+) -> Result<(Vec<Log>, crate::notes::Notes), Error> {
     let mut lines = Lines::to_break(source, bytes)?;
     let mut header = Header::read(&mut lines, options)?;
     let place = header.place(source, column)?;
@@ -290,7 +296,7 @@ pub(super) struct Header {
     cells: usize,
     /// Its line, where a separator stands behind its last name.
     trailing: Option<usize>,
-    pub(super) notes: Vec<String>,
+    pub(super) notes: crate::notes::Notes,
 }
 
 /// What is known of the time before its stamps are read.
@@ -304,7 +310,7 @@ pub(super) struct Clock {
 pub(super) type Names = Vec<(String, Option<String>)>;
 
 /// The cells of the current line as names and units; in Latin-1 where they are no UTF-8, which is said.
-pub(super) fn names(lines: &Lines<'_>, notes: &mut Vec<String>) -> Result<Names, LogError> {
+pub(super) fn names(lines: &Lines<'_>, notes: &mut crate::notes::Notes) -> Result<Names, LogError> {
     let mut names = Vec::with_capacity(lines.len());
     for place in 0..lines.len() {
         let cell = lines.cell(place);
@@ -313,9 +319,7 @@ pub(super) fn names(lines: &Lines<'_>, notes: &mut Vec<String>) -> Result<Names,
             // What are signs there and in the code pages of Western Europe; the rest are control characters in one of them.
             Err(_) if cell.iter().all(|byte| byte.is_ascii() || *byte >= 0xa0) => {
                 let note = format!("row {} is no UTF-8: its names are read as Latin-1", lines.row);
-                if !notes.contains(&note) {
-                    notes.push(note);
-                }
+                notes.push_once(note);
                 cell.iter().map(|byte| char::from(*byte)).collect()
             }
             Err(_) => return Err(LogError::NotText { file: lines.file.into(), row: lines.row }),
@@ -359,7 +363,7 @@ impl Header {
         if !lines.header()? {
             return Err(lines.nothing(LogError::Empty { file: file.into() }).into());
         }
-        let mut notes = Vec::new();
+        let mut notes = crate::notes::Notes::default();
         let mut names = names(lines, &mut notes)?;
         let trailing = (names.len() > 1 && names.last().is_some_and(|last| *last == Default::default())).then(|| {
             names.pop();
@@ -476,20 +480,22 @@ impl Header {
         let step_s = median_step(raw) / unit.per_second();
         let column = &self.clock.column;
         let every = if step_s > 0.0 { format!(", a sample every {} s", shortest(step_s)) } else { String::new() };
-        let again = "; --time COLUMN and --time-unit s|ms|us|ns|iso say it otherwise";
+        let again = |note: String| {
+            Some(Message::from(note).and("; ").and(Remedy::TimeColumn).and(" and ").and(Remedy::TimeUnit).and(" say it otherwise"))
+        };
         let from = stamps.counted_from(unit);
         let note = match why {
             Why::Given => None,
             Why::Named if plain && unit == TimeUnit::S => None,
-            Why::Named => Some(format!("time is the column `{column}` in {} by its name{every}{from}{again}", unit.words())),
-            Why::Size => Some(format!("time is the column `{column}` in {} by the size of its numbers{every}{from}{again}", unit.words())),
-            Why::Written => Some(format!("time is the column `{column}`, {}{every}{from}", unit.words())),
-            Why::Rule if !plain => Some(format!("time is the column `{column}`, taken in seconds{every}{from}{again}")),
-            Why::Rule if step_s >= 2.0 => Some(format!("time is taken in seconds{every}{from}{again}")),
-            Why::Rule if !from.is_empty() => Some(format!("time is taken in seconds{from}")),
+            Why::Named => again(format!("time is the column `{column}` in {} by its name{every}{from}", unit.words())),
+            Why::Size => again(format!("time is the column `{column}` in {} by the size of its numbers{every}{from}", unit.words())),
+            Why::Written => Some(format!("time is the column `{column}`, {}{every}{from}", unit.words()).into()),
+            Why::Rule if !plain => again(format!("time is the column `{column}`, taken in seconds{every}{from}")),
+            Why::Rule if step_s >= 2.0 => again(format!("time is taken in seconds{every}{from}")),
+            Why::Rule if !from.is_empty() => Some(format!("time is taken in seconds{from}").into()),
             Why::Rule => None,
         };
-        self.notes.extend(note.filter(|n| !self.notes.contains(n)));
+        note.into_iter().for_each(|note| self.notes.push_once(note));
         unit
     }
 }
@@ -536,7 +542,7 @@ pub(super) fn time_column(
 }
 
 /// Deals with a first column without a name, as pandas writes its index: it is the time where it holds dates and no other column is the time. Whether it counts the rows.
-pub(super) fn unnamed_first(names: &mut Names, below: &[u8], options: &ReadOptions, notes: &mut Vec<String>) -> bool {
+pub(super) fn unnamed_first(names: &mut Names, below: &[u8], options: &ReadOptions, notes: &mut crate::notes::Notes) -> bool {
     let time = names.iter().enumerate().any(|(place, (name, _))| clock::named(name, place == 0).is_some());
     let Some((name, None)) = names.first_mut() else { return false };
     if !name.is_empty() || names_time(options, "") {

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use deadtime_signal::remedy::{Message, Remedied, Remedy};
+
 /// Blind cases, verdicts or labels that cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -99,7 +101,7 @@ pub enum BlindError {
         found: String,
     },
     /// No commitment for these cases.
-    #[error("no commitment.txt for case {ids}; give the folder of the `cases`", ids = ids.join(", "))]
+    #[error("{}", self.remedied().unwrap_or_default())]
     NoCommitment {
         /// The cases.
         ids: Vec<String>,
@@ -149,4 +151,16 @@ pub enum BlindError {
         /// The names there are.
         known: Vec<&'static str>,
     },
+}
+
+impl Remedied for BlindError {
+    fn remedied(&self) -> Option<Message> {
+        match self {
+            Self::NoCommitment { ids } => Some(
+                Message::from(format!("no commitment.txt for case {}; give the folder of the cases by ", ids.join(", ")))
+                    .and(Remedy::Cases),
+            ),
+            _ => None,
+        }
+    }
 }
